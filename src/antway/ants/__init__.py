@@ -1,0 +1,1 @@
+"""Ant colonies: on the travelling salesman problem and on grids."""

@@ -1,0 +1,1 @@
+"""Every planner on the same seeded episodes, measured against the clairvoyant optimum."""

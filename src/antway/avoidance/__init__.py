@@ -1,0 +1,1 @@
+"""Going round what moves: prediction, encounters, ants in space and time, and the guard."""

@@ -1,0 +1,140 @@
+"""Checks of input at the boundary: each returns the value in the type it is used in, or raises a `BadInput`."""
+
+from __future__ import annotations
+
+import math
+import numbers
+import operator
+from collections.abc import Iterable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.errors import BadInput, BadParameter
+
+T = TypeVar("T")
+
+
+def number(
+    field: str,
+    value: object,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    open_low: bool = False,
+    infinite: bool = False,
+    unit: str = "",
+    error: type[BadInput] = BadParameter,
+    where: str = "",
+) -> float:
+    """Return `value` as a float in [low, high] ((low, high] where `open_low`); infinite only where allowed, never NaN.
+
+    Examples
+    --------
+    >>> number("radius", 1, low=0.0, unit="m")
+    1.0
+    """
+    allowed = f"a {'' if infinite else 'finite '}number{_range(low, high, open_low)}{f' ({unit})' if unit else ''}"
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (numbers.Real, np.number)):
+        raise error(field, value, allowed, where=where)
+    try:
+        result = float(value)
+    except (OverflowError, TypeError):
+        raise error(field, value, allowed, where=where) from None
+    outside = result < low or result > high or (open_low and result == low)
+    if math.isnan(result) or outside or (math.isinf(result) and not infinite):
+        raise error(field, value, allowed, where=where)
+    return result
+
+
+def integer(
+    field: str,
+    value: object,
+    *,
+    low: int | None = None,
+    high: int | None = None,
+    error: type[BadInput] = BadParameter,
+    where: str = "",
+) -> int:
+    """Return `value` as an int in [low, high]; booleans, floats and strings are refused.
+
+    Examples
+    --------
+    >>> integer("ants", 50, low=1)
+    50
+    """
+    span = _range(-math.inf if low is None else low, math.inf if high is None else high, False)
+    if isinstance(value, (bool, np.bool_)):
+        raise error(field, value, f"an integer{span}", where=where)
+    try:
+        result = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        raise error(field, value, f"an integer{span}", where=where) from None
+    if (low is not None and result < low) or (high is not None and result > high):
+        raise error(field, value, f"an integer{span}", where=where)
+    return result
+
+
+def seed(value: object) -> int:
+    """Return `value` as a seed, an integer in [0, 2**64 - 1]."""
+    return integer("seed", value, low=0, high=2**64 - 1)
+
+
+def choice(
+    field: str,
+    value: object,
+    allowed: Iterable[str],
+    *,
+    error: type[BadInput] = BadParameter,
+    where: str = "",
+) -> str:
+    """Return `value`, one of the `allowed` names."""
+    names = list(allowed)
+    if not isinstance(value, str) or value not in names:
+        raise error(field, value, f"one of {', '.join(names)}", where=where)
+    return value
+
+
+def instance(field: str, value: object, kind: type[T]) -> T:
+    """Return `value` if it is a `kind`."""
+    if not isinstance(value, kind):
+        raise BadParameter(field, value, f"a {kind.__name__}")
+    return value
+
+
+def point(
+    field: str, value: object, *, size: int = 2, error: type[BadInput] = BadParameter, where: str = ""
+) -> tuple[float, ...]:
+    """Return `value` as a tuple of `size` finite floats, such as (x, y) in m."""
+    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)):
+        raise error(field, value, f"{size} finite numbers", where=where)
+    parts = list(value)
+    if len(parts) != size:
+        raise error(field, value, f"{size} finite numbers", where=where)
+    return tuple(number(f"{field}[{i}]", part, error=error, where=where) for i, part in enumerate(parts))
+
+
+def array(field: str, value: object, shape: tuple[int | None, ...], *, finite: bool = True) -> NDArray[np.float64]:
+    """Return `value` as a fresh read-only float64 array of `shape` (None: any length); finite unless said otherwise."""
+    wanted = "x".join("N" if n is None else str(n) for n in shape)
+    try:
+        result = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise BadParameter(field, value, f"an array of numbers of shape {wanted}") from None
+    if result.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, result.shape)):
+        raise BadParameter(f"{field}.shape", result.shape, wanted)
+    if finite and not np.isfinite(result).all():
+        raise BadParameter(field, float(result[~np.isfinite(result)][0]), "finite throughout")
+    result.flags.writeable = False
+    return result
+
+
+def _range(low: float, high: float, open_low: bool) -> str:
+    if math.isinf(low) and math.isinf(high):
+        return ""
+    if math.isinf(high):
+        return f" {'>' if open_low else '>='} {low:g}"
+    if math.isinf(low):
+        return f" <= {high:g}"
+    return f" in {'(' if open_low else '['}{low:g}, {high:g}]"

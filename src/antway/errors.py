@@ -1,0 +1,78 @@
+"""The one tree of errors: wrong input raises a `BadInput`; outcomes of a search are `Status` values, never exceptions."""
+
+from __future__ import annotations
+
+
+class AntwayError(Exception):
+    """Whatever antway raises on purpose."""
+
+
+class BadInput(AntwayError, ValueError):
+    """Input that antway refuses: names the field, the value it had and what is allowed.
+
+    Parameters
+    ----------
+    field : str
+        Name of the argument, key or file part that is wrong.
+    value : object
+        What it was; shortened in the message.
+    allowed : str
+        What it must be, as the end of a sentence that begins with "must be".
+    where : str
+        File, line or call the field stands in, if any.
+
+    Examples
+    --------
+    >>> str(BadParameter("resolution", -1.0, "a finite number > 0 (m per cell)"))
+    'resolution = -1.0: must be a finite number > 0 (m per cell)'
+    """
+
+    def __init__(self, field: str, value: object, allowed: str, *, where: str = "") -> None:
+        self.field, self.value, self.allowed, self.where = field, value, allowed, where
+        super().__init__(field, value, allowed, where)
+
+    def __str__(self) -> str:
+        shown = repr(self.value)
+        if len(shown) > 80:
+            shown = shown[:60] + "..." + shown[-15:]
+        place = f"{self.where}: " if self.where else ""
+        return f"{place}{self.field} = {shown}: must be {self.allowed}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return _rebuild, (type(self), self.field, self.value, self.allowed, self.where)
+
+
+def _rebuild(kind: type[BadInput], field: str, value: object, allowed: str, where: str) -> BadInput:
+    return kind(field, value, allowed, where=where)
+
+
+class BadMap(BadInput):
+    """A map file, or a part of one, that cannot be read as a map."""
+
+
+class BadScenario(BadInput):
+    """A scenario, track or trace file that cannot be read."""
+
+
+class BadParameter(BadInput):
+    """A number, name or array argument outside what it may be."""
+
+
+class OutOfBounds(BadInput):
+    """A cell or point outside the map."""
+
+
+class CellBlocked(BadInput):
+    """A start or goal that stands in an obstacle."""
+
+
+class TooLarge(BadInput):
+    """An input larger than the limit for its kind; refused before any memory is taken for it."""
+
+
+class InvalidPlan(AntwayError):
+    """A plan or episode that breaks a rule; holds every violation found."""
+
+    def __init__(self, violations: list[str]) -> None:
+        self.violations = tuple(violations)
+        super().__init__("; ".join(violations))

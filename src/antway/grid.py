@@ -1,0 +1,237 @@
+"""The map: an immutable grid of free and blocked cells, its place in the world, and the moves a robot makes on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.errors import BadParameter, OutOfBounds
+
+Cell = tuple[int, int]  # (row, col)
+
+
+class Moves(Enum):
+    """The moves between cells, and when a move is legal.
+
+    `FOUR` and `EIGHT` are the neighbours; a diagonal of `EIGHT` needs both side cells free (no corner cutting, the only rule
+    that is safe for a body), of `EIGHT_NOSQUEEZE` at least one, of `EIGHT_CUT` none. `SIXTEEN` and `THIRTY_TWO` add longer
+    moves; each needs every cell free whose closed square the straight segment between the cell centres touches, which for a
+    diagonal is the rule of `EIGHT`.
+
+    Examples
+    --------
+    >>> Moves.EIGHT.lengths.round(3).tolist()
+    [1.0, 1.0, 1.0, 1.0, 1.414, 1.414, 1.414, 1.414]
+    """
+
+    FOUR = "four"
+    EIGHT = "eight"
+    EIGHT_NOSQUEEZE = "eight-nosqueeze"
+    EIGHT_CUT = "eight-cut"
+    SIXTEEN = "sixteen"
+    THIRTY_TWO = "thirty-two"
+
+    @cached_property
+    def offsets(self) -> NDArray[np.int32]:
+        """(d_row, d_col) of each move, int32[K, 2]: the 4 straight ones first, then the diagonals, then longer ones."""
+        rows = [(0, 1), (1, 0), (0, -1), (-1, 0)]
+        if self is not Moves.FOUR:
+            rows += [(1, 1), (1, -1), (-1, -1), (-1, 1)]
+        longer = {Moves.SIXTEEN: [(1, 2)], Moves.THIRTY_TWO: [(1, 2), (1, 3), (2, 3)]}
+        for a, b in longer.get(self, []):
+            rows += [(s * i, t * j) for i, j in ((a, b), (b, a)) for s in (1, -1) for t in (1, -1)]
+        return _read_only(np.array(rows, dtype=np.int32))
+
+    @cached_property
+    def lengths(self) -> NDArray[np.float64]:
+        """Length of each move in cells, float64[K]."""
+        return _read_only(np.hypot(self.offsets[:, 0], self.offsets[:, 1]).astype(np.float64))
+
+    @cached_property
+    def touched(self) -> tuple[tuple[Cell, ...], ...]:
+        """For each move the relative cells other than its two ends that its segment touches; all must be free (see above)."""
+        return tuple(_touched(int(dr), int(dc)) for dr, dc in self.offsets)
+
+
+def _touched(dr: int, dc: int) -> tuple[Cell, ...]:
+    """Cells, without the ends, whose closed squares the segment from the centre of (0, 0) to that of (dr, dc) touches.
+
+    A closed square [r-1/2, r+1/2] x [c-1/2, c+1/2] meets the segment exactly where its four corners are not all strictly on one
+    side of the line and it lies within the segment's bounding box; cross products in halves are exact integers.
+    """
+    rows = range(min(0, dr), max(0, dr) + 1)
+    cols = range(min(0, dc), max(0, dc) + 1)
+    found = []
+    for r in rows:
+        for c in cols:
+            corners = [dr * (2 * c + sc) - dc * (2 * r + sr) for sr in (-1, 1) for sc in (-1, 1)]
+            if min(corners) <= 0 <= max(corners) and (r, c) not in ((0, 0), (dr, dc)):
+                found.append((r, c))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """An occupancy grid; immutable, so that nothing derived from it can go stale.
+
+    Parameters
+    ----------
+    blocked : bool[H, W]
+        True where the robot cannot be. Row 0 is the row of the origin: lowest y of a ROS map, first line of a text map.
+    resolution : float
+        Edge of a cell in m, > 0.
+    origin : (x, y, yaw)
+        Pose of the outer corner of cell (0, 0) in m, m, rad.
+    unknown : bool[H, W] or None
+        True where a blocked cell is blocked only because nothing is known of it.
+
+    Raises
+    ------
+    BadParameter
+        For arrays that are not two-dimensional and boolean (or 0 and 1), empty ones, and numbers out of range.
+
+    Examples
+    --------
+    >>> grid = Grid(np.zeros((3, 4), dtype=bool), resolution=0.5)
+    >>> grid.cell_at((1.9, 0.2)), grid.centre((0, 3))
+    ((0, 3), (1.75, 0.25))
+    """
+
+    blocked: NDArray[np.bool_]
+    resolution: float = 1.0
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    unknown: NDArray[np.bool_] | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        blocked = _bool_array("blocked", self.blocked)
+        set_ = object.__setattr__
+        set_(self, "blocked", blocked)
+        set_(self, "resolution", checks.number("resolution", self.resolution, low=1e-6, high=1e6, unit="m per cell"))
+        x, y, yaw = checks.point("origin", self.origin, size=3)
+        for name, value in (("origin[0]", x), ("origin[1]", y)):
+            checks.number(name, value, low=-1e9, high=1e9, unit="m")
+        set_(self, "origin", (x, y, yaw))
+        if self.unknown is not None:
+            unknown = _bool_array("unknown", self.unknown)
+            if unknown.shape != blocked.shape:
+                raise BadParameter("unknown.shape", unknown.shape, f"that of blocked, {blocked.shape}")
+            set_(self, "unknown", unknown)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return self.blocked.shape[0], self.blocked.shape[1]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Grid):
+            return NotImplemented
+        same_unknown = (self.unknown is None) == (other.unknown is None) and (
+            self.unknown is None or other.unknown is None or np.array_equal(self.unknown, other.unknown)
+        )
+        return (
+            self.resolution == other.resolution
+            and self.origin == other.origin
+            and np.array_equal(self.blocked, other.blocked)
+            and same_unknown
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def contains(self, cell: Cell) -> bool:
+        """Tell whether `cell` lies on the map."""
+        return 0 <= cell[0] < self.blocked.shape[0] and 0 <= cell[1] < self.blocked.shape[1]
+
+    def is_free(self, cell: Cell) -> bool:
+        """Tell whether `cell` lies on the map and is not blocked."""
+        return self.contains(cell) and not bool(self.blocked[cell])
+
+    def centre(self, cell: Cell) -> tuple[float, float]:
+        """Return the (x, y) in m of the centre of `cell`."""
+        x, y = self.to_xy(np.array([cell], dtype=np.float64))[0]
+        return float(x), float(y)
+
+    def to_xy(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Map (row, col) points, float[N, 2] with integers at cell centres, to (x, y) in m, float64[N, 2]."""
+        p = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        u, v = (p[:, 1] + 0.5) * self.resolution, (p[:, 0] + 0.5) * self.resolution
+        x, y, yaw = self.origin
+        if yaw == 0.0:
+            return np.column_stack((x + u, y + v))
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        return np.column_stack((x + cos * u - sin * v, y + sin * u + cos * v))
+
+    def to_points(self, xy: ArrayLike) -> NDArray[np.float64]:
+        """Map (x, y) in m, float[N, 2], to real-valued (row, col) points with integers at cell centres: `to_xy` undone."""
+        p = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+        x, y, yaw = self.origin
+        dx, dy = p[:, 0] - x, p[:, 1] - y
+        if yaw != 0.0:
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            dx, dy = cos * dx + sin * dy, cos * dy - sin * dx
+        return np.column_stack((dy / self.resolution - 0.5, dx / self.resolution - 0.5))
+
+    def cell_at(self, xy: Iterable[float]) -> Cell:
+        """Return the cell that holds the point (x, y) in m; a point on an edge belongs to the cell of higher index.
+
+        Raises
+        ------
+        OutOfBounds
+            If the point is not on the map.
+        """
+        x, y = checks.point("xy", xy)
+        row, col = np.floor(self.to_points((x, y))[0] + 0.5)
+        rows, cols = self.shape
+        if not (0 <= row < rows and 0 <= col < cols):
+            raise OutOfBounds("xy", (x, y), f"on the map of {cols} x {rows} cells of {self.resolution:g} m at {self.origin}")
+        return int(row), int(col)
+
+    def clearance(self) -> NDArray[np.float64]:
+        """Return for each cell centre the exact distance in m to the nearest blocked square or edge of the map, float64[H, W].
+
+        Distances to squares are distances between points of the doubled lattice, where the nearest point always lies.
+        """
+        from scipy.ndimage import distance_transform_edt
+
+        rows, cols = self.shape
+        free = np.zeros((2 * rows + 1, 2 * cols + 1), dtype=bool)
+        free[1:-1, 1:-1] = True
+        r, c = np.nonzero(self.blocked)
+        for dr in range(3):
+            for dc in range(3):
+                free[2 * r + dr, 2 * c + dc] = False
+        distance: NDArray[np.float64] = distance_transform_edt(free)
+        return np.ascontiguousarray(distance[1::2, 1::2]) * (self.resolution / 2)
+
+    def inflate(self, radius: float) -> Grid:
+        """Return the grid on which a disc of `radius` m may be wherever a point may: cells with less clearance are blocked.
+
+        What lies off the map counts as blocked; touching is allowed.
+        """
+        radius = checks.number("robot_radius", radius, low=0.0, unit="m")
+        if radius == 0.0:
+            return self
+        return replace(self, blocked=self.blocked | (self.clearance() < radius * (1 - 1e-12)))
+
+
+def _bool_array(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise BadParameter(name, type(value).__name__, "a two-dimensional array of booleans") from None
+    if array.ndim != 2 or 0 in array.shape:
+        raise BadParameter(f"{name}.shape", array.shape, "(rows, columns), both at least 1")
+    if array.dtype != np.bool_ and not (np.issubdtype(array.dtype, np.integer) and ((array == 0) | (array == 1)).all()):
+        raise BadParameter(f"{name}.dtype", str(array.dtype), "bool, or integers that are 0 or 1")
+    return _read_only(array.astype(np.bool_, copy=True, order="C"))
+
+
+def _read_only(array: NDArray[np.generic]) -> NDArray:  # type: ignore[type-arg]
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,15 @@
+"""The one way a kernel is compiled: cached on disk, without the global lock, IEEE arithmetic in program order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+from numba import njit
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def kernel(function: F) -> F:
+    """Compile `function` with Numba at its first call; no fastmath, so that results are the same everywhere."""
+    return cast(F, njit(cache=True, nogil=True, error_model="numpy")(function))

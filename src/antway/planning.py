@@ -1,0 +1,279 @@
+"""A problem, a plan, the budget of a planner, and the one table of planners."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import Enum
+from importlib.metadata import entry_points
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.grid import Cell, Grid, Moves
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Go from `start` to `goal`, both (row, col), on `grid` by `moves`.
+
+    Raises
+    ------
+    OutOfBounds, CellBlocked, BadParameter
+        If an end is not on the map, is blocked, or is no pair of integers.
+
+    Examples
+    --------
+    >>> Problem(Grid(np.zeros((2, 2), dtype=bool)), (0, 0), (5, 0))
+    Traceback (most recent call last):
+    antway.errors.OutOfBounds: goal = (5, 0): must be on the map of 2 rows and 2 columns
+    """
+
+    grid: Grid
+    start: Cell
+    goal: Cell
+    moves: Moves = Moves.EIGHT
+
+    def __post_init__(self) -> None:
+        checks.instance("grid", self.grid, Grid)
+        checks.instance("moves", self.moves, Moves)
+        for name in ("start", "goal"):
+            object.__setattr__(self, name, free_cell(name, getattr(self, name), self.grid))
+
+
+def free_cell(name: str, value: object, grid: Grid) -> Cell:
+    """Return `value` as a free (row, col) of `grid`, or raise what is wrong with it."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
+        raise BadParameter(name, value, "a cell (row, col)")
+    parts = list(value)
+    if len(parts) != 2:
+        raise BadParameter(name, value, "a cell (row, col)")
+    cell = (checks.integer(f"{name}[0]", parts[0]), checks.integer(f"{name}[1]", parts[1]))
+    if not grid.contains(cell):
+        raise OutOfBounds(name, cell, f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns")
+    if grid.blocked[cell]:
+        raise CellBlocked(name, cell, "a free cell; this one is blocked")
+    return cell
+
+
+class Status(Enum):
+    """How a search ended: with a path, with the proof that there is none, or out of budget (a path found so far is kept)."""
+
+    FOUND = "found"
+    NO_PATH = "no-path"
+    BUDGET = "budget"
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """When a planner stops: after `seconds` (None: no limit), after `cycles` of a colony, or when `cancel` is set.
+
+    A planner calls `start()` once and then asks the returned clock; the two tests cost about 0.1 microseconds.
+
+    Examples
+    --------
+    >>> Budget(seconds=0.0).start().spent()
+    True
+    """
+
+    seconds: float | None = None
+    cycles: int | None = None
+    cancel: threading.Event | None = None
+
+    def __post_init__(self) -> None:
+        if self.seconds is not None:
+            object.__setattr__(self, "seconds", checks.number("time_limit", self.seconds, low=0.0, infinite=True, unit="s"))
+        if self.cycles is not None:
+            checks.integer("cycles", self.cycles, low=0)
+
+    def start(self) -> Clock:
+        """Start the time."""
+        begun = time.perf_counter()
+        return Clock(begun, math.inf if self.seconds is None else begun + self.seconds, self.cancel)
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """A running budget."""
+
+    begun: float
+    end: float
+    cancel: threading.Event | None
+
+    def spent(self) -> bool:
+        """Tell whether time is up or the work was cancelled."""
+        return time.perf_counter() >= self.end or (self.cancel is not None and self.cancel.is_set())
+
+    def elapsed(self) -> float:
+        """Return the seconds since the start."""
+        return time.perf_counter() - self.begun
+
+
+_NO_CELLS = np.empty((0, 2), dtype=np.int32)
+_NO_CELLS.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A planner's answer.
+
+    Attributes
+    ----------
+    status : Status
+    cells : int32[N, 2]
+        (row, col) from start to goal, consecutive ones a move apart; empty unless a path was found.
+    length : float
+        Length in m (moves times resolution); infinite without a path.
+    optimal : bool
+        True only where the planner proves it for its moves.
+    expanded : int
+        Nodes expanded, or ant steps made.
+    elapsed : float
+        Time taken in s.
+    lower_bound : float
+        No path is shorter, m; length / lower_bound - 1 is a certified gap.
+    points : float64[M, 2] or None
+        For an any-angle path its vertices as real-valued (row, col), integers at cell centres; `cells` then lists the cells
+        of the vertices' neighbourhood from start to goal and `length` is that of the polyline.
+    """
+
+    status: Status
+    cells: NDArray[np.int32] = field(default_factory=lambda: _NO_CELLS)
+    length: float = math.inf
+    optimal: bool = False
+    expanded: int = 0
+    elapsed: float = 0.0
+    lower_bound: float = 0.0
+    points: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.cells, self.points):
+            if array is not None:
+                array.flags.writeable = False
+
+    def xy(self, grid: Grid) -> NDArray[np.float64]:
+        """Return the path's vertices in m, float64[N, 2]."""
+        return grid.to_xy(self.cells if self.points is None else self.points)
+
+    @property
+    def gap(self) -> float:
+        """The certified gap: the length is at most (1 + gap) times the shortest; infinite where nothing is certified."""
+        if self.length == self.lower_bound:
+            return 0.0
+        return self.length / self.lower_bound - 1 if self.lower_bound > 0 else math.inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedPath:
+    """A path in time: at `t[i]` s (increasing) at `xy[i]` m, straight and at constant speed in between."""
+
+    t: NDArray[np.float64]
+    xy: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        self.t.flags.writeable = False
+        self.xy.flags.writeable = False
+
+    def at(self, t: float) -> tuple[float, float]:
+        """Return the place at time `t` s; before the first and after the last knot, that knot."""
+        return float(np.interp(t, self.t, self.xy[:, 0])), float(np.interp(t, self.t, self.xy[:, 1]))
+
+
+class Planner(Protocol):
+    """What a planner is: a function of a problem, a seed and a budget (and its own keyword options) that returns a plan."""
+
+    def __call__(self, problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan: ...
+
+
+PLANNERS: dict[str, str] = {
+    "dijkstra": "antway.search.dijkstra:dijkstra",
+    "astar": "antway.search.astar:astar",
+    "jps": "antway.search.jps:jps",
+    "anyangle": "antway.search.anyangle:anyangle",
+    "dstarlite": "antway.search.dstarlite:dstarlite",
+    "ants": "antway.ants.gridpath:ants",
+}
+
+
+def find(kind: str, name: object, table: dict[str, str], group: str) -> Any:
+    """Return what `table`, or a third party's entry point of `group`, has under `name`; imported at first use."""
+    if isinstance(name, str) and name not in table:
+        for point in entry_points(group=group, name=name):
+            return point.load()
+    module, _, attribute = table[checks.choice(kind, name, table)].partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: float | None = None, **options: Any) -> Plan:
+    """Solve `problem` with the planner of that name.
+
+    Parameters
+    ----------
+    problem : Problem
+    planner : str
+        A name of `PLANNERS`, or of an entry point in the group `antway.planners`.
+    seed : int
+        In [0, 2**64 - 1]; exact planners ignore it.
+    time_limit : float or None
+        Seconds, >= 0; None for no limit. 0 is a limit.
+    **options
+        The planner's own.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    BadParameter
+        For an unknown planner, seed, limit or option.
+
+    Examples
+    --------
+    >>> grid = Grid(np.zeros((3, 3), dtype=bool))
+    >>> solve(Problem(grid, (0, 0), (0, 2)), planner="dijkstra").length
+    2.0
+    """
+    checks.instance("problem", problem, Problem)
+    run = cast(Planner, find("planner", planner, PLANNERS, "antway.planners"))
+    return run(problem, seed=checks.seed(seed), budget=Budget(seconds=time_limit), **options)
+
+
+def plan(
+    grid: Grid,
+    start: Iterable[float],
+    goal: Iterable[float],
+    *,
+    robot_radius: float = 0.0,
+    planner: str = "jps",
+    moves: Moves = Moves.EIGHT,
+    seed: int = 0,
+    time_limit: float | None = None,
+    **options: Any,
+) -> Plan:
+    """Plan from `start` to `goal`, both (x, y) in m, for a disc robot of `robot_radius` m; otherwise as `solve`.
+
+    The plan's cells are those of `grid`; the ends are the centres of the cells that hold the points.
+
+    Examples
+    --------
+    >>> grid = Grid(np.zeros((20, 20), dtype=bool), resolution=0.1)
+    >>> plan(grid, (0.55, 0.55), (1.55, 0.55), robot_radius=0.2, planner="dijkstra").length
+    1.0
+    """
+    checks.instance("grid", grid, Grid)
+    room = grid.inflate(robot_radius)
+    return solve(
+        Problem(room, room.cell_at(start), room.cell_at(goal), moves),
+        planner,
+        seed=seed,
+        time_limit=time_limit,
+        **options,
+    )

@@ -1,0 +1,1 @@
+"""antway as a ROS 2 node; only this package imports rclpy."""

@@ -1,0 +1,1 @@
+"""The simulated place: a static map, moving obstacles, a robot with a sensor, and the episode they play."""

@@ -1,0 +1,238 @@
+"""The contract between a world and what steers the robot: Task and Observation in, Command and Decision out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.planning import TimedPath, find
+
+XY = tuple[float, float]  # m, or m/s
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSpec:
+    """A disc robot.
+
+    Parameters
+    ----------
+    radius : float
+        m, > 0.
+    v_max, a_max : float
+        Speed limit in m/s, > 0, and acceleration limit in m/s^2, > 0 (infinite: speed changes at once).
+    drive : str
+        "holonomic" or "differential".
+    dt : float
+        Control period in s, > 0.
+    sensor_range : float
+        How far the robot senses moving obstacles, m, > 0.
+    turn_rate : float
+        Limit of a differential drive's turn rate in rad/s, > 0.
+    """
+
+    radius: float = 0.3
+    v_max: float = 1.0
+    a_max: float = math.inf
+    drive: str = "holonomic"
+    dt: float = 0.1
+    sensor_range: float = 4.0
+    turn_rate: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("radius", "m"), ("v_max", "m/s"), ("dt", "s")):
+            value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, unit=unit)
+            object.__setattr__(self, name, value)
+        for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s")):
+            value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, infinite=True, unit=unit)
+            object.__setattr__(self, name, value)
+        checks.choice("robot.drive", self.drive, ("holonomic", "differential"))
+
+    @property
+    def stop_time(self) -> float:
+        """Time to stand from full speed, s."""
+        return self.v_max / self.a_max
+
+    @property
+    def stop_distance(self) -> float:
+        """Way to stand from full speed, m: v_max^2 / 2 a_max."""
+        return self.v_max**2 / (2 * self.a_max)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a policy is told before an episode: the known map, the robot, both ends, and how fast an obstacle may be.
+
+    Attributes
+    ----------
+    grid : Grid
+        The static map as it is (not inflated); yaw must be 0.
+    robot : RobotSpec
+    start, goal : (x, y)
+        m; the robot's disc must be free of the map's blocked cells at both.
+    goal_tolerance : float
+        The goal is reached within this distance, m, > 0.
+    obstacle_speed : float
+        Declared bound on the speed of moving obstacles, m/s, >= 0 (an assumption of the guard's promise).
+    """
+
+    grid: Grid
+    robot: RobotSpec
+    start: XY
+    goal: XY
+    goal_tolerance: float = 0.2
+    obstacle_speed: float = 1.5
+
+    def __post_init__(self) -> None:
+        checks.instance("grid", self.grid, Grid)
+        checks.instance("robot", self.robot, RobotSpec)
+        if self.grid.origin[2] != 0.0:
+            raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw; turn the map first)")
+        for name in ("start", "goal"):
+            object.__setattr__(self, name, checks.point(name, getattr(self, name)))
+        checks.number("goal_tolerance", self.goal_tolerance, low=0.0, open_low=True, unit="m")
+        checks.number("obstacle_speed", self.obstacle_speed, low=0.0, unit="m/s")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """Moving obstacles as sensed: K discs.
+
+    Attributes
+    ----------
+    id : int64[K]
+        The same obstacle keeps its number from one observation to the next.
+    xy, velocity : float64[K, 2]
+        m, m/s.
+    radius : float64[K]
+        m, > 0.
+    covariance : float64[K, 4, 4] or None
+        Of (x, y, vx, vy), where the sensor is noisy.
+    """
+
+    id: NDArray[np.int64]
+    xy: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    covariance: NDArray[np.float64] | None = None
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @staticmethod
+    def none() -> Tracks:
+        """Return no tracks."""
+        return Tracks(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """What the robot knows at time `t`: its own state, and the tracks sensed at `stamp` (`t` unless the sensor lags)."""
+
+    t: float  # s
+    xy: XY  # m
+    velocity: XY  # m/s
+    heading: float  # rad
+    tracks: Tracks
+    stamp: float = math.nan  # s; NaN: sensed now
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """The velocity to drive with until the next cycle, (vx, vy) in m/s in the world's frame."""
+
+    velocity: XY
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """Why a policy does what it does in one cycle; every field but the first two may be empty.
+
+    Attributes
+    ----------
+    action : str
+        follow, avoid, wait, step-back, brake, step-aside, arrived or stuck.
+    reason : str
+        One sentence for people.
+    obstacle : int or None
+        Id of the track that matters.
+    encounter : str
+        head-on, crossing-left, crossing-right, overtaking, standing, or empty.
+    time_to_closest, distance_at_closest : float
+        Of the closest approach to that obstacle on the present course, s and m between the discs' edges; NaN if none.
+    local_target : (x, y) or None
+        Where the way round leads, m.
+    path : TimedPath or None
+        The motion planned from here on.
+    alternatives : tuple of (name, cost in s)
+        What else was weighed.
+    gap : float
+        Certified gap of the choice (0.01 is 1 %), NaN if nothing is certified.
+    guard : str
+        What the guard did: free, slowed, braked, stepped-aside, or empty.
+    pheromone : (row0, col0, float32[h, w]) or None
+        The ants' pheromone by cell in the window with that corner, for pictures.
+    history : float64[C, 4] or None
+        By ant cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats).
+    """
+
+    action: str
+    reason: str
+    obstacle: int | None = None
+    encounter: str = ""
+    time_to_closest: float = math.nan
+    distance_at_closest: float = math.nan
+    local_target: XY | None = None
+    path: TimedPath | None = None
+    alternatives: tuple[tuple[str, float], ...] = ()
+    gap: float = math.nan
+    guard: str = ""
+    pheromone: tuple[int, int, NDArray[np.float32]] | None = None
+    history: NDArray[np.float64] | None = field(default=None)
+
+
+class Policy(Protocol):
+    """What steers a robot. One instance plays one episode at a time; `reset` begins each."""
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Forget everything and prepare for `task`."""
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+
+    def explain(self) -> Decision:
+        """Return why the last command was what it was."""
+
+
+POLICIES: dict[str, str] = {
+    "paper": "antway.avoidance.paper:PaperPolicy",
+    "antway": "antway.avoidance.policy:AntwayPolicy",
+    "follow": "antway.rivals.replan:Follow",
+    "stop": "antway.rivals.replan:Stop",
+    "replan": "antway.rivals.replan:Replan",
+    "dstarlite": "antway.rivals.replan:DStarLite",
+    "sipp": "antway.rivals.replan:Sipp",
+    "potential-field": "antway.rivals.potential_field:PotentialField",
+    "neural": "antway.rivals.neural:Neural",
+    "glasius": "antway.rivals.neural:Glasius",
+    "dwa": "antway.rivals.dwa:Dwa",
+    "orca": "antway.rivals.orca:Orca",
+    "oracle": "antway.rivals.oracle:Oracle",
+}
+
+
+def make_policy(name: str, **options: Any) -> Policy:
+    """Return a new policy of that name: one of `POLICIES`, or of the entry points in the group `antway.policies`.
+
+    Raises
+    ------
+    BadParameter
+        For an unknown name or option.
+    """
+    return cast(Policy, find("policy", name, POLICIES, "antway.policies")(**options))

@@ -1,0 +1,31 @@
+"""What the tests share: how large they run, where the test data lies, random grids."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import Grid
+
+SCALE = float(os.environ.get("ANTWAY_TEST_SCALE", "1"))
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+needs_data = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no test data at {SHARED}")
+
+
+def cases(pull_request: int, nightly: int | None = None) -> int:
+    """How many cases to run: `pull_request` in `make test`; SCALE times as many, up to `nightly`, in `make nightly`."""
+    return max(1, int(min(pull_request * SCALE, nightly or pull_request * SCALE)))
+
+
+def random_grid(rng: np.random.Generator, low: int = 2, high: int = 64, density: tuple[float, float] = (0.0, 0.6)) -> Grid:
+    """A seeded random grid of `low` to `high` cells a side with a random share of blocked cells."""
+    rows, cols = rng.integers(low, high + 1, size=2)
+    return Grid(rng.random((rows, cols)) < rng.uniform(*density))
+
+
+def free_cells(grid: Grid) -> np.ndarray:
+    """The free cells of `grid`, int[N, 2]."""
+    return np.argwhere(~grid.blocked)
