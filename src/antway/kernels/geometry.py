@@ -1,0 +1,228 @@
+"""Exact swept tests in closed form: disc against disc, disc against blocked squares, disc against a timeline.
+
+Contact is a distance below the reach by more than `TOUCH`; touching is legal. All lengths of one call share one unit; the tests
+against cells work in (row, col) points, integers at cell centres, so that lengths there are in cells.
+
+A *timeline* is the piecewise linear course of a moving disc: at `knot_t[i]` s (strictly increasing) at `knot_xy[i]`, straight
+and at constant speed in between, standing before its first and after its last knot. Many share one pair of arrays: disc k has
+the knots `first[k]:first[k + 1]`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+
+TOUCH = 1e-9  # by how much a distance must fall short to be a contact
+
+
+@kernel
+def swept_discs(px: float, py: float, vx: float, vy: float, reach: float, dt: float) -> tuple[float, float, float]:
+    """First contact and closest approach over [0, dt] of two discs in uniform linear motion.
+
+    Parameters
+    ----------
+    px, py : float
+        Place of the second disc's centre seen from the first's, at time 0.
+    vx, vy : float
+        Velocity of the second relative to the first.
+    reach : float
+        Sum of the radii.
+    dt : float
+        Length of the step in s, >= 0.
+
+    Returns
+    -------
+    first : float
+        Time of the first contact in s, infinite if there is none: the smaller root of |p + v t|^2 = reach^2.
+    distance : float
+        Least distance of the centres.
+    when : float
+        Time of that least distance in s: -p.v / v.v held within [0, dt].
+    """
+    vv = vx * vx + vy * vy
+    pv = px * vx + py * vy
+    when = min(max(-pv / vv, 0.0), dt) if vv > 0.0 else 0.0
+    distance = math.hypot(px + vx * when, py + vy * when)
+    if distance >= reach - TOUCH:
+        return math.inf, distance, when
+    now = math.hypot(px, py)
+    if now < reach - TOUCH:
+        return 0.0, distance, when
+    cross = px * vy - py * vx
+    # |p| >= reach here, or within TOUCH of it, and p.v < 0: this form of the smaller root loses no digits.
+    first = (now - reach) * (now + reach) / (-pv + math.sqrt(max(vv * reach * reach - cross * cross, 0.0)))
+    return min(max(first, 0.0), when), distance, when
+
+
+@kernel
+def swept_timeline(
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    t0: float,
+    t1: float,
+    reach: float,
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    low: int,
+    high: int,
+) -> tuple[float, float, float]:
+    """First contact and closest approach of a disc going from (ax, ay) at t0 to (bx, by) at t1 with one timeline.
+
+    Parameters
+    ----------
+    ax, ay, bx, by, t0, t1 : float
+        The straight step at constant speed, t0 <= t1; with t0 == t1 the disc stands at (ax, ay).
+    reach : float
+        Sum of the radii.
+    knot_t, knot_xy, low, high
+        The timeline: knots low:high, at least one.
+
+    Returns
+    -------
+    first, distance, when : float
+        As `swept_discs`, with absolute times.
+    """
+    span = t1 - t0
+    ux, uy = ((bx - ax) / span, (by - ay) / span) if span > 0.0 else (0.0, 0.0)
+    first, distance, when = math.inf, math.inf, t0
+    i = low + int(np.searchsorted(knot_t[low:high], t0, side="right"))  # the first knot after t0
+    t = t0
+    while True:
+        end = min(t1, knot_t[i]) if i < high else t1
+        ox, oy, vx, vy = _place(knot_t, knot_xy, low, high, i, t)
+        step = swept_discs(ox - ax - ux * (t - t0), oy - ay - uy * (t - t0), vx - ux, vy - uy, reach, end - t)
+        if step[1] < distance:
+            distance, when = step[1], min(t + step[2], end)
+        if step[0] < math.inf and first == math.inf:
+            first = min(t + step[0], end)
+        if end >= t1:
+            return first, distance, when
+        t = end
+        i += 1
+
+
+@kernel
+def _place(
+    knot_t: NDArray[np.float64], knot_xy: NDArray[np.float64], low: int, high: int, i: int, t: float
+) -> tuple[float, float, float, float]:
+    """Place and velocity at time t on the piece that ends at knot i."""
+    if i in (low, high):
+        j = min(i, high - 1)
+        return knot_xy[j, 0], knot_xy[j, 1], 0.0, 0.0
+    span = knot_t[i] - knot_t[i - 1]
+    vx = (knot_xy[i, 0] - knot_xy[i - 1, 0]) / span
+    vy = (knot_xy[i, 1] - knot_xy[i - 1, 1]) / span
+    s = t - knot_t[i - 1]
+    return knot_xy[i - 1, 0] + vx * s, knot_xy[i - 1, 1] + vy * s, vx, vy
+
+
+@kernel
+def timeline_at(
+    t: float, knot_t: NDArray[np.float64], knot_xy: NDArray[np.float64], low: int, high: int
+) -> tuple[float, float, float, float]:
+    """Place and velocity (x, y, vx, vy) at time t of the timeline with knots low:high; at a knot, of the piece that begins."""
+    return _place(knot_t, knot_xy, low, high, low + int(np.searchsorted(knot_t[low:high], t, side="right")), t)
+
+
+@kernel
+def segment_square_distance(ar: float, ac: float, br: float, bc: float, row: float, col: float, half: float) -> float:
+    """Exact distance of the segment from (ar, ac) to (br, bc) from the closed square of half edge `half` around (row, col).
+
+    0 where they meet; else it is taken at an end of the segment or at a corner of the square.
+    """
+    if _enters(ar, ac, br, bc, row, col, half):
+        return 0.0
+    least = min(_point_square(ar - row, ac - col, half), _point_square(br - row, bc - col, half))
+    dr, dc = br - ar, bc - ac
+    dd = dr * dr + dc * dc
+    for k in range(4):
+        pr = row + (half if k & 1 else -half) - ar
+        pc = col + (half if k & 2 else -half) - ac
+        s = min(max((pr * dr + pc * dc) / dd, 0.0), 1.0) if dd > 0.0 else 0.0
+        least = min(least, math.hypot(pr - s * dr, pc - s * dc))
+    return least
+
+
+@kernel
+def _point_square(r: float, c: float, half: float) -> float:
+    return math.hypot(max(abs(r) - half, 0.0), max(abs(c) - half, 0.0))
+
+
+@kernel
+def _enters(ar: float, ac: float, br: float, bc: float, row: float, col: float, half: float) -> bool:
+    """Tell whether the segment meets the closed square (method of slabs)."""
+    enter, leave = 0.0, 1.0
+    for p, d in ((ar - row, br - ar), (ac - col, bc - ac)):
+        if d == 0.0:
+            if abs(p) > half:
+                return False
+        else:
+            s, t = (-half - p) / d, (half - p) / d
+            enter, leave = max(enter, min(s, t)), min(leave, max(s, t))
+    return enter <= leave
+
+
+@kernel
+def segment_hits_square(ar: float, ac: float, br: float, bc: float, row: float, col: float, radius: float) -> bool:
+    """Tell whether a disc whose centre runs from (ar, ac) to (br, bc) comes into contact with the cell (row, col).
+
+    A disc of radius 0 is a point: it may run along edges and through corners, not through the inside.
+    """
+    if radius <= 2 * TOUCH:
+        return _enters(ar, ac, br, bc, row, col, 0.5 - TOUCH)
+    return segment_square_distance(ar, ac, br, bc, row, col, 0.5) < radius - TOUCH
+
+
+@kernel
+def segment_hits_cells(
+    blocked: NDArray[np.bool_], ar: float, ac: float, br: float, bc: float, radius: float, walled: bool
+) -> bool:
+    """Tell whether a disc whose centre runs from (ar, ac) to (br, bc) comes into contact with a blocked cell.
+
+    Parameters
+    ----------
+    blocked : bool[H, W]
+    ar, ac, br, bc : float
+        Real-valued (row, col), integers at cell centres.
+    radius : float
+        In cells, >= 0.
+    walled : bool
+        Whether what lies off the map counts as blocked.
+
+    Returns
+    -------
+    bool
+        Only the cells near the segment are looked at, row by row.
+    """
+    rows, cols = blocked.shape
+    least, most = radius - TOUCH - 0.5, 0.5 - radius + TOUCH
+    if walled and (
+        min(ar, br) < least or max(ar, br) > rows - 1 + most or min(ac, bc) < least or max(ac, bc) > cols - 1 + most
+    ):
+        return True
+    margin = radius + 0.5
+    dr, dc = br - ar, bc - ac
+    for row in range(max(math.ceil(min(ar, br) - margin), 0), min(math.floor(max(ar, br) + margin), rows - 1) + 1):
+        # Of the segment only the part whose row is within `margin` of this row can come near it.
+        s, t = 0.0, 1.0
+        if dr != 0.0:
+            p, q = (row - margin - ar) / dr, (row + margin - ar) / dr
+            s, t = min(max(min(p, q), 0.0), 1.0), min(max(max(p, q), 0.0), 1.0)
+        c0, c1 = ac + s * dc, ac + t * dc
+        for col in range(max(math.ceil(min(c0, c1) - margin), 0), min(math.floor(max(c0, c1) + margin), cols - 1) + 1):
+            if blocked[row, col] and segment_hits_square(ar, ac, br, bc, row, col, radius):
+                return True
+    return False
+
+
+@kernel
+def line_of_sight(blocked: NDArray[np.bool_], ar: float, ac: float, br: float, bc: float) -> bool:
+    """Tell whether the segment keeps on the map and out of the inside of blocked cells; it may touch edges and corners."""
+    return not segment_hits_cells(blocked, ar, ac, br, bc, 0.0, True)
