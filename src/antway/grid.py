@@ -186,7 +186,8 @@ class Grid:
             If the point is not on the map.
         """
         x, y = checks.point("xy", xy)
-        row, col = np.floor(self.to_points((x, y))[0] + 0.5)
+        with np.errstate(over="ignore"):  # a point so far off that it has no cell at all
+            row, col = np.floor(self.to_points((x, y))[0] + 0.5)
         rows, cols = self.shape
         if not (0 <= row < rows and 0 <= col < cols):
             raise OutOfBounds("xy", (x, y), f"on the map of {cols} x {rows} cells of {self.resolution:g} m at {self.origin}")

@@ -242,8 +242,9 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     2.0
     """
     checks.instance("problem", problem, Problem)
+    seed, budget = checks.seed(seed), Budget(seconds=time_limit)
     run = cast(Planner, find("planner", planner, PLANNERS, "antway.planners"))
-    return run(problem, seed=checks.seed(seed), budget=Budget(seconds=time_limit), **options)
+    return run(problem, seed=seed, budget=budget, **options)
 
 
 def plan(

@@ -1,0 +1,135 @@
+"""Problem, Budget, solve and plan check their input once, at the door (C9, C17, C22)."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import antway
+from antway import BadInput, BadParameter, Budget, CellBlocked, Grid, Moves, OutOfBounds, Plan, Problem, Status
+from antway.errors import TooLarge
+
+OPEN = Grid(np.zeros((4, 5), dtype=bool), resolution=0.5)
+NASTY: list[object] = [math.nan, math.inf, -math.inf, 1e308, -1, 10**30, True, "3", None, b"x", [], {}, 1 + 2j, object()]
+
+
+@pytest.mark.parametrize("value", NASTY, ids=repr)
+@pytest.mark.parametrize("place", ["start", "goal"])
+def test_a_problem_refuses_bad_ends(place: str, value: object) -> None:
+    """Whatever is no pair of integers on the map is a typed error that names the end."""
+    for bad in (value, (value, 0), (0, value), (0, 0, 0)):
+        ends: dict[str, object] = {"start": (0, 0), "goal": (1, 1), place: bad}
+        with pytest.raises(BadInput) as caught:
+            Problem(OPEN, **ends)  # type: ignore[arg-type]
+        assert caught.value.field.startswith(place)
+        assert caught.value.allowed in str(caught.value)
+
+
+def test_a_problem_names_what_is_wrong_with_an_end() -> None:
+    """Off the map and blocked are errors of their own; negative indices never wrap round."""
+    with pytest.raises(OutOfBounds, match=r"goal = \(4, 0\)"):
+        Problem(OPEN, (0, 0), (4, 0))
+    with pytest.raises(OutOfBounds):
+        Problem(OPEN, (-1, 0), (0, 0))
+    with pytest.raises(CellBlocked):
+        Problem(Grid(np.eye(3, dtype=bool)), (0, 0), (0, 1))
+
+
+@pytest.mark.parametrize("value", [v for v in NASTY if v not in (1e308, math.inf, None)], ids=repr)
+def test_time_limits_are_checked(value: object) -> None:
+    """A time limit is a number >= 0 or None, nothing else."""
+    if value == 10**30:
+        assert Budget(seconds=10**30).seconds == 1e30  # type: ignore[arg-type]
+        return
+    with pytest.raises(BadParameter) as caught:
+        antway.solve(Problem(OPEN, (0, 0), (1, 1)), planner="dijkstra", time_limit=value)  # type: ignore[arg-type]
+    assert caught.value.field == "time_limit"
+
+
+def test_no_time_is_not_no_limit() -> None:
+    """A limit of 0 s is spent at once; None never; a cancelled budget always."""
+    assert Budget(seconds=0).start().spent()
+    assert not Budget().start().spent()
+    cancel = threading.Event()
+    clock = Budget(cancel=cancel).start()
+    assert not clock.spent()
+    cancel.set()
+    assert clock.spent()
+
+
+@pytest.mark.parametrize("value", [v for v in NASTY if v != 10**30 and v is not True] + [True, 2**64], ids=repr)
+def test_seeds_are_checked(value: object) -> None:
+    """A seed is an integer of 64 bits."""
+    with pytest.raises(BadParameter) as caught:
+        antway.solve(Problem(OPEN, (0, 0), (1, 1)), planner="dijkstra", seed=value)  # type: ignore[arg-type]
+    assert caught.value.field == "seed"
+
+
+def test_unknown_planners_are_named() -> None:
+    """An unknown name is refused with the list of those allowed."""
+    for name in ("nope", 3, None):
+        with pytest.raises(BadParameter, match="dijkstra"):
+            antway.solve(Problem(OPEN, (0, 0), (1, 1)), planner=name)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", NASTY, ids=repr)
+def test_plan_refuses_bad_metres(value: object) -> None:
+    """Points and radii that are no finite numbers, or off the map, are typed errors."""
+    for bad in (value, (value, 0.5)):
+        with pytest.raises(BadInput):
+            antway.plan(OPEN, bad, (0.5, 0.5), planner="dijkstra")  # type: ignore[arg-type]
+    if value not in (1e308, 10**30):
+        with pytest.raises(BadParameter) as caught:
+            antway.plan(OPEN, (0.5, 0.5), (0.6, 0.6), robot_radius=value, planner="dijkstra")  # type: ignore[arg-type]
+        assert caught.value.field == "robot_radius"
+
+
+def test_a_robot_too_large_for_its_start_is_blocked() -> None:
+    """A radius larger than the clearance of the start is a blocked start, not a path."""
+    with pytest.raises(CellBlocked):
+        antway.plan(OPEN, (0.3, 0.3), (2.0, 0.3), robot_radius=0.4, planner="dijkstra")
+
+
+def test_every_error_is_one_of_the_tree_and_travels() -> None:
+    """Each kind of wrong input is a BadInput and a ValueError, keeps its fields through pickling, and shortens long values."""
+    for kind in (antway.BadMap, antway.BadScenario, BadParameter, OutOfBounds, CellBlocked, TooLarge):
+        error = kind("field", "v" * 500, "short", where="file.yaml")
+        assert isinstance(error, BadInput) and isinstance(error, ValueError)
+        again = pickle.loads(pickle.dumps(error))
+        assert type(again) is kind and str(again) == str(error) and len(str(error)) < 200
+
+
+def test_arrays_of_answers_cannot_be_written() -> None:
+    """A grid copies what it is given; grids and plans are read-only."""
+    blocked = np.zeros((2, 2), dtype=bool)
+    grid = Grid(blocked)
+    blocked[0, 0] = True
+    assert not grid.blocked.any()
+    with pytest.raises(ValueError):
+        grid.blocked[0, 0] = True
+    plan = Plan(Status.FOUND, np.array([[0, 0]], np.int32), 0.0)
+    with pytest.raises(ValueError):
+        plan.cells[0, 0] = 1
+    with pytest.raises(AttributeError):
+        grid.resolution = 2.0  # type: ignore[misc]
+
+
+def test_moves_name_their_offsets() -> None:
+    """Offsets come in pairs of opposites, straight ones first, and 8, 16, 32 of them as named."""
+    for moves, count in ((Moves.FOUR, 4), (Moves.EIGHT, 8), (Moves.SIXTEEN, 16), (Moves.THIRTY_TWO, 32)):
+        rows = {tuple(row) for row in moves.offsets.tolist()}
+        assert len(rows) == count == len(moves.lengths)
+        assert all((-r, -c) in rows for r, c in rows)
+        assert (moves.lengths[:4] == 1).all()
+
+
+def test_a_plan_knows_its_metres_and_its_gap() -> None:
+    """Cells become metres through the grid; the gap is 0 at the bound and infinite without one."""
+    plan = Plan(Status.FOUND, np.array([[0, 0], [0, 1]], np.int32), 0.5, lower_bound=0.5)
+    assert plan.xy(OPEN).tolist() == [[0.25, 0.25], [0.75, 0.25]]
+    assert plan.gap == 0.0
+    assert Plan(Status.FOUND, plan.cells, 0.5).gap == math.inf

@@ -1,0 +1,182 @@
+"""check_plan accepts every legal plan and rejects every broken one (C8)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway.errors import InvalidPlan
+from antway.grid import Cell, Grid, Moves
+from antway.planning import Plan, Problem, Status
+from antway.verify import check_plan
+from common import cases, free_cells, random_grid
+
+RULES = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT, Moves.SIXTEEN, Moves.THIRTY_TWO)
+
+
+def some_plan(rng: np.random.Generator, problem: Problem) -> Plan | None:
+    """A legal plan by breadth-first search over the moves, or None where there is none."""
+    grid, moves = problem.grid, problem.moves
+    parent: dict[Cell, Cell] = {problem.start: problem.start}
+    queue = deque([problem.start])
+    while queue:
+        cell = queue.popleft()
+        for k in rng.permutation(len(moves.offsets)):
+            dr, dc = moves.offsets[k]
+            to = (cell[0] + int(dr), cell[1] + int(dc))
+            sides = [grid.is_free((cell[0] + r, cell[1] + c)) for r, c in moves.touched[k]]
+            if moves is Moves.EIGHT_CUT:
+                sides = []
+            elif moves is Moves.EIGHT_NOSQUEEZE:
+                sides = [any(sides)] if sides else []
+            if grid.is_free(to) and all(sides) and to not in parent:
+                parent[to] = cell
+                queue.append(to)
+    if problem.goal not in parent:
+        return None
+    cells = [problem.goal]
+    while cells[-1] != problem.start:
+        cells.append(parent[cells[-1]])
+    array = np.array(cells[::-1], dtype=np.int32)
+    length = math.fsum(np.hypot(*np.diff(array, axis=0).T.astype(float))) * grid.resolution
+    return Plan(Status.FOUND, array, length)
+
+
+def with_cells(plan: Plan, cells: np.ndarray) -> Plan:
+    length = math.fsum(np.hypot(*np.diff(cells, axis=0).T.astype(float)))
+    return replace(plan, cells=cells.astype(np.int32), length=length)
+
+
+def jump(problem: Problem, plan: Plan) -> Plan:
+    return with_cells(plan, np.vstack((plan.cells[:1], plan.cells[:1] + 9, plan.cells[1:])))
+
+
+def off_map(problem: Problem, plan: Plan) -> Plan:
+    return with_cells(plan, np.vstack((plan.cells[:1], [[-1, 0]], plan.cells[1:])))
+
+
+def through_wall(problem: Problem, plan: Plan) -> Plan:
+    wall = np.argwhere(problem.grid.blocked)[:1]
+    return with_cells(plan, np.vstack((plan.cells[:1], wall, plan.cells[1:])))
+
+
+BREAK: dict[str, Callable[[Problem, Plan], Plan]] = {
+    "jump": jump,
+    "off the map": off_map,
+    "through a wall": through_wall,
+    "wrong start": lambda problem, plan: with_cells(plan, plan.cells[1:]),
+    "wrong end": lambda problem, plan: with_cells(plan, plan.cells[:-1]),
+    "reversed": lambda problem, plan: with_cells(plan, plan.cells[::-1].copy()),
+    "stays in place": lambda problem, plan: with_cells(plan, np.repeat(plan.cells, 2, axis=0)),
+    "NaN length": lambda problem, plan: replace(plan, length=math.nan),
+    "too short a length": lambda problem, plan: replace(plan, length=plan.length * 0.999),
+    "too long a length": lambda problem, plan: replace(plan, length=plan.length * 1.001),
+    "found but empty": lambda problem, plan: replace(plan, cells=np.empty((0, 2), np.int32)),
+    "optimal without a bound": lambda problem, plan: replace(plan, optimal=True, lower_bound=plan.length * 0.9),
+    "bound above the length": lambda problem, plan: replace(plan, lower_bound=plan.length * 1.1),
+    "no path, but cells": lambda problem, plan: replace(plan, status=Status.NO_PATH),
+    "floats for cells": lambda problem, plan: replace(plan, cells=plan.cells.astype(float)),
+    "negative expanded": lambda problem, plan: replace(plan, expanded=-1),
+}
+
+
+def legal_plans(count: int) -> list[tuple[Problem, Plan]]:
+    rng = np.random.default_rng(8)
+    found: list[tuple[Problem, Plan]] = []
+    while len(found) < count:
+        grid = random_grid(rng, 4, 16, (0.05, 0.4))
+        free = free_cells(grid)
+        if len(free) < 2 or not grid.blocked.any():
+            continue
+        start, goal = (tuple(map(int, c)) for c in rng.choice(free, 2, replace=False))
+        problem = Problem(grid, start, goal, RULES[len(found) % len(RULES)])
+        plan = some_plan(rng, problem)
+        if plan is not None:
+            found.append((problem, plan))
+    return found
+
+
+PLANS = legal_plans(cases(500, 5000))
+
+
+def test_accepts_every_legal_plan() -> None:
+    """No legal plan under any move rule is rejected."""
+    for problem, plan in PLANS:
+        check_plan(problem, plan)
+
+
+@pytest.mark.parametrize("fault", BREAK)
+def test_rejects_every_broken_plan(fault: str) -> None:
+    """A legal plan broken in this one way is rejected, always."""
+    for problem, plan in PLANS:
+        with pytest.raises(InvalidPlan):
+            check_plan(problem, BREAK[fault](problem, plan))
+
+
+@pytest.mark.parametrize(
+    ("moves", "side", "legal"),
+    [
+        (Moves.EIGHT, 0, True),
+        (Moves.EIGHT, 1, False),
+        (Moves.EIGHT, 2, False),
+        (Moves.EIGHT_NOSQUEEZE, 1, True),
+        (Moves.EIGHT_NOSQUEEZE, 2, False),
+        (Moves.EIGHT_CUT, 2, True),
+        (Moves.FOUR, 0, False),
+        (Moves.THIRTY_TWO, 1, False),
+    ],
+)
+def test_corner_rules(moves: Moves, side: int, legal: bool) -> None:
+    """A diagonal step past `side` blocked side cells is legal exactly where the rule says so."""
+    blocked = np.zeros((2, 2), dtype=bool)
+    blocked[0, 1] = side > 0
+    blocked[1, 0] = side > 1
+    plan = Plan(Status.FOUND, np.array([[0, 0], [1, 1]], np.int32), math.sqrt(2))
+    problem = Problem(Grid(blocked), (0, 0), (1, 1), moves)
+    if legal:
+        check_plan(problem, plan)
+    else:
+        with pytest.raises(InvalidPlan):
+            check_plan(problem, plan)
+
+
+def test_a_long_move_needs_every_touched_cell() -> None:
+    """A (2, 3) move is rejected exactly when a cell that its segment touches is blocked."""
+    k = next(i for i, (r, c) in enumerate(Moves.THIRTY_TWO.offsets.tolist()) if (r, c) == (2, 3))
+    touched = set(Moves.THIRTY_TWO.touched[k])
+    line = np.linspace(0, 1, 10001)
+    sampled = {(int(r), int(c)) for r, c in np.floor(np.column_stack((2 * line, 3 * line)) + 0.5)} - {(0, 0), (2, 3)}
+    assert sampled <= touched
+    plan = Plan(Status.FOUND, np.array([[0, 0], [2, 3]], np.int32), math.hypot(2, 3))
+    for r in range(3):
+        for c in range(4):
+            if (r, c) in ((0, 0), (2, 3)):
+                continue
+            blocked = np.zeros((3, 4), dtype=bool)
+            blocked[r, c] = True
+            problem = Problem(Grid(blocked), (0, 0), (2, 3), Moves.THIRTY_TWO)
+            if (r, c) in touched:
+                with pytest.raises(InvalidPlan, match="touches"):
+                    check_plan(problem, plan)
+            else:
+                check_plan(problem, plan)
+
+
+def test_says_every_violation() -> None:
+    """All faults of a plan are in the error, not only the first."""
+    problem = Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2))
+    plan = Plan(Status.FOUND, np.array([[1, 1], [1, 1]], np.int32), 5.0, lower_bound=9.0)
+    with pytest.raises(InvalidPlan) as caught:
+        check_plan(problem, plan)
+    assert len(caught.value.violations) == 5
+
+
+def test_start_is_goal() -> None:
+    """A path of one cell and no length is legal where the ends coincide."""
+    problem = Problem(Grid(np.zeros((1, 1), dtype=bool)), (0, 0), (0, 0))
+    check_plan(problem, Plan(Status.FOUND, np.array([[0, 0]], np.int32), 0.0, optimal=True))
