@@ -1,0 +1,116 @@
+"""How much pheromone outlives a cycle: tau <- rho tau + dtau, rho the persistence (1 - rho evaporates), Eq. (2).
+
+A policy is a frozen dataclass; `numbers()` turns it into the float64[4] that `kernels.colony.persistence` reads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.kernels import colony as kernel
+
+
+class Persistence(Protocol):
+    """A persistence policy: plain numbers for the kernels."""
+
+    def numbers(self) -> NDArray[np.float64]:
+        """Return (kind, a, b, c), float64[4]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """rho_ij = rho, in [0, 1].
+
+    Examples
+    --------
+    >>> Constant(1.5)
+    Traceback (most recent call last):
+    antway.errors.BadParameter: rho = 1.5: must be a finite number in [0, 1]
+    """
+
+    rho: float = 0.5
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rho", checks.number("rho", self.rho, low=0.0, high=1.0))
+
+    def numbers(self) -> NDArray[np.float64]:
+        return np.array([kernel.CONSTANT, self.rho, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Adaptive:
+    """The paper's III.D with its lost minus sign restored: rho_ij = clip(exp(-tau_min / tau_ij) + exp(-t), lo, hi).
+
+    tau_min is the least pheromone on any edge, t the number of cycles done. Strong edges persist more than weak ones.
+    """
+
+    lo: float = 0.1
+    hi: float = 0.9
+
+    def __post_init__(self) -> None:
+        _span(self)
+
+    def numbers(self) -> NDArray[np.float64]:
+        return np.array([kernel.ADAPTIVE, self.lo, self.hi, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """The paper's III.D as printed: rho_ij = exp(tau_min / tau_ij) + exp(-t). It diverges and is here to show that.
+
+    rho_ij > 1 always, so every edge gains pheromone without any ant, the weakest fastest; the differences vanish and, after
+    some 700 cycles, the numbers overflow. Rules with limits clip it back each cycle.
+    """
+
+    def numbers(self) -> NDArray[np.float64]:
+        return np.array([kernel.PRINTED, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Decay:
+    """rho_t = max(lo, first * factor**t): the colony remembers long at first and forgets faster later, t in cycles."""
+
+    first: float = 0.95
+    factor: float = 0.99
+    lo: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("first", "factor", "lo"):
+            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=1.0))
+
+    def numbers(self) -> NDArray[np.float64]:
+        return np.array([kernel.DECAY, self.first, self.factor, self.lo])
+
+
+@dataclass(frozen=True, slots=True)
+class ByQuality:
+    """rho_t = lo + (hi - lo) exp(-(L_cycle / L_best - 1) / spread): the worse a cycle's best, the more is forgotten.
+
+    L_cycle is the length of the cycle's best solution, L_best that of the best so far; spread > 0 is a relative length.
+    """
+
+    lo: float = 0.5
+    hi: float = 0.95
+    spread: float = 0.05
+
+    def __post_init__(self) -> None:
+        _span(self)
+        object.__setattr__(self, "spread", checks.number("spread", self.spread, low=0.0, open_low=True))
+
+    def numbers(self) -> NDArray[np.float64]:
+        return np.array([kernel.BY_QUALITY, self.lo, self.hi, self.spread])
+
+
+def _span(policy: Adaptive | ByQuality) -> None:
+    """Check 0 <= lo <= hi <= 1."""
+    for name in ("lo", "hi"):
+        object.__setattr__(policy, name, checks.number(name, getattr(policy, name), low=0.0, high=1.0))
+    if policy.lo > policy.hi:
+        raise BadParameter("lo", policy.lo, f"at most hi = {policy.hi}")

@@ -1,0 +1,224 @@
+"""The classical colonies. A rule says how an ant chooses and who deposits how much; one loop runs them all.
+
+Dorigo, Stuetzle: Ant Colony Optimization, MIT Press 2004, chapter 3; the defaults are those of its table 3.1. Every rule holds
+the weights alpha (of pheromone) and beta (of the heuristic) of Eq. (1), the deposit's Q of Eq. (2), the number of ants
+(None: left to the problem) and a persistence policy; `numbers()` turns it into what the kernels read.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from antway import checks
+from antway.ants.persistence import Constant, Persistence
+from antway.errors import BadParameter
+from antway.kernels.colony import Numbers
+
+
+class Rule(Protocol):
+    """A colony's rule."""
+
+    @property
+    def ants(self) -> int | None: ...
+    @property
+    def persistence(self) -> Persistence: ...
+    def numbers(self, ants: int) -> Numbers:
+        """Return the rule for `ants` ants as plain numbers and arrays."""
+        ...
+
+    def initial(self, ants: int, nodes: int, length: float) -> float:
+        """Return the first pheromone, given the length > 0 of a greedy solution and the number of nodes in one."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class AntSystem:
+    """Every ant deposits Q / L_k (Dorigo, Maniezzo, Colorni 1996); the paper's III.B."""
+
+    ants: int | None = None
+    alpha: float = 1.0
+    beta: float = 5.0
+    q: float = 1.0
+    persistence: Persistence = field(default=Constant(0.5))
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    def numbers(self, ants: int) -> Numbers:
+        return _numbers(self, share=np.ones(ants))
+
+    def initial(self, ants: int, nodes: int, length: float) -> float:
+        return ants * self.q / length
+
+
+@dataclass(frozen=True, slots=True)
+class ElitistAntSystem:
+    """As Ant System, and the best solution so far deposits `elite` times Q / L_best (None: as many times as there are ants)."""
+
+    ants: int | None = None
+    alpha: float = 1.0
+    beta: float = 5.0
+    q: float = 1.0
+    elite: float | None = None
+    persistence: Persistence = field(default=Constant(0.5))
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if self.elite is not None:
+            object.__setattr__(self, "elite", checks.number("elite", self.elite, low=0.0))
+
+    def numbers(self, ants: int) -> Numbers:
+        return _numbers(self, share=np.ones(ants), elite=self._weight(ants))
+
+    def initial(self, ants: int, nodes: int, length: float) -> float:
+        return (self._weight(ants) + ants) * self.q / length
+
+    def _weight(self, ants: int) -> float:
+        return float(ants) if self.elite is None else self.elite
+
+
+@dataclass(frozen=True, slots=True)
+class RankBasedAntSystem:
+    """The r-th best ant of a cycle deposits (ranks - r) Q / L_r, the best so far ranks Q / L_best (Bullnheimer et al. 1999)."""
+
+    ants: int | None = None
+    alpha: float = 1.0
+    beta: float = 5.0
+    q: float = 1.0
+    ranks: int = 6
+    persistence: Persistence = field(default=Constant(0.9))
+
+    def __post_init__(self) -> None:
+        _check(self)
+        checks.integer("ranks", self.ranks, low=1)
+
+    def numbers(self, ants: int) -> Numbers:
+        return _numbers(self, share=np.maximum(self.ranks - 1.0 - np.arange(ants), 0.0), elite=float(self.ranks))
+
+    def initial(self, ants: int, nodes: int, length: float) -> float:
+        return 0.5 * self.ranks * (self.ranks - 1.0 if self.ranks > 1 else 1.0) * self.q / length
+
+
+@dataclass(frozen=True, slots=True)
+class MaxMinAntSystem:
+    """One ant deposits and pheromone keeps within limits (Stuetzle, Hoos 2000).
+
+    tau_max = Q / ((1 - rho) L_best); tau_min is such that a converged colony builds its best with probability `p_best`.
+
+    Parameters
+    ----------
+    schedule : tuple of (cycle, every)
+        From `cycle` on, the best so far deposits every so many cycles, in the others the cycle's best; the first is cycle 0.
+    p_best : float
+        In (0, 1).
+    restart : int
+        Pheromone goes back to tau_max and the search begins anew (the best is kept) after so many cycles without a better
+        solution since the last restart; 0: never.
+    """
+
+    ants: int | None = None
+    alpha: float = 1.0
+    beta: float = 2.0
+    q: float = 1.0
+    p_best: float = 0.05
+    schedule: tuple[tuple[int, int], ...] = ((0, 25),)
+    restart: int = 0
+    persistence: Persistence = field(default=Constant(0.98))
+
+    def __post_init__(self) -> None:
+        _check(self)
+        object.__setattr__(self, "p_best", checks.number("p_best", self.p_best, low=1e-300, high=1.0 - 1e-9))
+        checks.integer("restart", self.restart, low=0)
+        cycles = [cycle for cycle, _ in self.schedule]
+        if cycles[:1] != [0] or cycles != sorted(cycles):
+            raise BadParameter("schedule", self.schedule, "(cycle, every) pairs of rising cycles from 0")
+        for _, every in self.schedule:
+            checks.integer("schedule", every, low=1)
+
+    def numbers(self, ants: int) -> Numbers:
+        schedule = np.array(self.schedule, dtype=np.int64)
+        share = (np.arange(ants) == 0).astype(np.float64)
+        return _numbers(self, share=share, elite=1.0, schedule=schedule, p_best=self.p_best, restart=self.restart)
+
+    def initial(self, ants: int, nodes: int, length: float) -> float:
+        return self.q / length
+
+
+@dataclass(frozen=True, slots=True)
+class AntColonySystem:
+    """Pseudo-random proportional choice, local update, and only the best tour's edges change (Dorigo, Gambardella 1997).
+
+    With probability `q0` an ant takes the best edge, else it draws. An edge taken becomes tau <- (1 - xi) tau + xi tau_0.
+    After a cycle the best so far's edges become tau <- rho tau + (1 - rho) Q / L_best.
+    """
+
+    ants: int | None = 10
+    alpha: float = 1.0
+    beta: float = 2.0
+    q: float = 1.0
+    q0: float = 0.9
+    xi: float = 0.1
+    persistence: Persistence = field(default=Constant(0.9))
+
+    def __post_init__(self) -> None:
+        _check(self)
+        for name in ("q0", "xi"):
+            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=1.0))
+
+    def numbers(self, ants: int) -> Numbers:
+        return _numbers(self, share=np.zeros(ants), elite=1.0, q0=self.q0, xi=self.xi, best_only=True)
+
+    def initial(self, ants: int, nodes: int, length: float) -> float:
+        return self.q / (nodes * length)
+
+
+RULES: dict[str, type[Any]] = {
+    "as": AntSystem,
+    "eas": ElitistAntSystem,
+    "rank": RankBasedAntSystem,
+    "mmas": MaxMinAntSystem,
+    "acs": AntColonySystem,
+}
+
+
+def make_rule(rule: object, **changes: object) -> Rule:
+    """Return `rule`, a name of `RULES` or a rule, with those `changes` that are not None.
+
+    Examples
+    --------
+    >>> make_rule("acs", ants=20).ants
+    20
+    """
+    found: Any = rule if isinstance(rule, tuple(RULES.values())) else RULES[checks.choice("rule", rule, RULES)]()
+    result: Rule = replace(found, **{name: value for name, value in changes.items() if value is not None})
+    return result
+
+
+_NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
+
+
+def _check(rule: Any) -> None:
+    """Check what every rule has."""
+    if rule.ants is not None:
+        checks.integer("ants", rule.ants, low=1, high=1_000_000)
+    for name in ("alpha", "beta"):
+        object.__setattr__(rule, name, checks.number(name, getattr(rule, name), low=0.0, high=100.0))
+    object.__setattr__(rule, "q", checks.number("q", rule.q, low=0.0, open_low=True))
+    if not hasattr(rule.persistence, "numbers"):
+        raise BadParameter("persistence", rule.persistence, "a persistence policy such as Constant(0.9)")
+
+
+def _numbers(rule: Any, **own: Any) -> Numbers:
+    fields: dict[str, Any] = {
+        "elite": 0.0,
+        "schedule": _NO_SCHEDULE,
+        "p_best": 0.0,
+        "restart": 0,
+        "q0": 0.0,
+        "xi": 0.0,
+        "best_only": False,
+    }
+    return Numbers(alpha=rule.alpha, beta=rule.beta, q=rule.q, fade=rule.persistence.numbers(), **(fields | own))

@@ -1,0 +1,94 @@
+"""Pheromone on edges, the same for every graph: tau[n, k] lies on the k candidate edges that leave each of n nodes."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+
+CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)
+
+
+class Numbers(NamedTuple):
+    """A colony's rule as kernels take it; the fields are the same for every rule, those that it does not use are 0 or empty."""
+
+    alpha: float  # exponent of pheromone, Eq. (1)
+    beta: float  # exponent of the heuristic, Eq. (1)
+    q: float  # Q of the deposit Q / L_k, Eq. (2)
+    fade: NDArray[np.float64]  # [4] persistence policy: kind and its parameters
+    share: NDArray[np.float64]  # [ants] times Q / L_r that the r-th best ant of a cycle deposits
+    elite: float  # times Q / L_best that the best so far deposits, every cycle
+    schedule: NDArray[
+        np.int64
+    ]  # [s, 2] MMAS: from this cycle on, the best so far deposits in place of `share` every so many cycles
+    p_best: float  # MMAS: > 0 where pheromone has limits
+    restart: int  # MMAS: cycles without a better solution before pheromone is reset; 0: never
+    q0: float  # ACS: probability of taking the best edge
+    xi: float  # ACS: share of tau_0 in the local update
+    best_only: bool  # ACS: only the edges of the best so far fade
+
+
+@kernel
+def persistence(fade: NDArray[np.float64], tau: float, tau_min: float, t: int, excess: float) -> float:
+    """Return rho of an edge with pheromone `tau` after `t` cycles.
+
+    tau_min is the least pheromone on any edge; excess is L_cycle / L_best - 1 >= 0.
+    """
+    kind, a, b, c = float(fade[0]), float(fade[1]), float(fade[2]), float(fade[3])
+    if kind == CONSTANT:
+        return a
+    if kind == ADAPTIVE:
+        return min(max(math.exp(-tau_min / tau) + math.exp(-t), a), b)
+    if kind == PRINTED:
+        return math.exp(tau_min / tau) + math.exp(-t)
+    if kind == DECAY:
+        return max(c, a * math.pow(b, t))
+    return a + (b - a) * math.exp(-excess / c)
+
+
+@kernel
+def evaporate(tau: NDArray[np.float64], fade: NDArray[np.float64], t: int, excess: float) -> None:
+    """tau <- rho tau on all edges (tau: [n, k], in place); see `persistence`."""
+    flat = tau.reshape(tau.size)
+    if fade[0] == ADAPTIVE or fade[0] == PRINTED:
+        tau_min = flat.min()
+        for e in range(flat.size):
+            flat[e] *= persistence(fade, flat[e], tau_min, t, excess)
+    else:
+        rho = persistence(fade, 1.0, 1.0, t, excess)
+        for e in range(flat.size):
+            flat[e] *= rho
+
+
+@kernel
+def limits(numbers: Numbers, rho: float, best: float, nodes: int, choices: float) -> tuple[float, float]:
+    """Return MMAS's (tau_min, tau_max) for a best length > 0 in `nodes` steps of `choices` alternatives on average.
+
+    rho is that of the strongest edge; a colony that forgets less than 1/1000 a cycle has the limits of one that forgets that.
+    tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p) with p = p_best ** (1 / nodes) (Stuetzle, Hoos 2000).
+    """
+    tau_max = numbers.q / (max(1.0 - rho, 1e-3) * best)
+    p = numbers.p_best ** (1.0 / nodes)
+    return min(tau_max, tau_max * (1.0 - p) / (max(choices - 1.0, 1e-9) * p)), tau_max
+
+
+@kernel
+def best_deposits(schedule: NDArray[np.int64], cycle: int) -> bool:
+    """Tell whether MMAS's best so far deposits in this cycle (counted from 0 since the last restart)."""
+    every = 0
+    for row in range(len(schedule)):
+        if cycle >= schedule[row, 0]:
+            every = schedule[row, 1]
+    return every > 0 and (cycle + 1) % every == 0
+
+
+@kernel
+def clip(tau: NDArray[np.float64], low: float, high: float) -> None:
+    """Keep pheromone within [low, high] (tau: [n, k], in place)."""
+    flat = tau.reshape(tau.size)
+    for e in range(flat.size):
+        flat[e] = min(max(flat[e], low), high)
