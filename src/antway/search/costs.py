@@ -1,0 +1,70 @@
+"""Cost maps: what a metre costs in each cell.
+
+A move costs its length times the mean of the costs of the two cells it joins. Costs are finite and positive; where the map is
+free a cost of 1 is plain distance, 3 a zone to be crossed only where the way round is three times as long.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.grid import Grid
+
+LEAST = 1e-6  # a cost below this would make A* as slow as Dijkstra, and zero would make lengths meaningless
+MOST = 1e6
+
+
+def checked_costs(costs: ArrayLike, grid: Grid) -> NDArray[np.float64]:
+    """Return `costs` as float64[H, W] if each lies in [1e-6, 1e6]; blocked cells too, so that a typing error shows."""
+    result = checks.array("costs", costs, grid.shape)
+    low, high = float(result.min()), float(result.max())
+    if low < LEAST or high > MOST:
+        raise BadParameter("costs", low if low < LEAST else high, f"in [{LEAST:g}, {MOST:g}] throughout")
+    return result
+
+
+def inflation_costs(
+    grid: Grid, radius: float, inflation_radius: float, scaling: float = 10.0, most: float = 253.0
+) -> NDArray[np.float64]:
+    """Return costs that fall off with the distance d to the nearest obstacle, as in the inflation layer of Nav2.
+
+    1 + (most - 1) exp(-scaling (d - radius)) for d in [radius, inflation_radius], `most` below, 1 beyond.
+
+    Parameters
+    ----------
+    grid : Grid
+    radius : float
+        The robot's (inscribed) radius, m, >= 0.
+    inflation_radius : float
+        Beyond it nothing is inflated, m, >= radius.
+    scaling : float
+        Decay, 1/m, >= 0; `cost_scaling_factor` in Nav2.
+    most : float
+        Cost at the robot's radius, in [1, 1e6].
+
+    Returns
+    -------
+    float64[H, W]
+
+    Examples
+    --------
+    >>> blocked = np.zeros((1, 4), dtype=bool); blocked[0, 0] = True
+    >>> inflation_costs(Grid(blocked), 0.5, 3.0, scaling=1.0, most=3.0).round(2).tolist()
+    [[3.0, 3.0, 3.0, 3.0]]
+    """
+    checks.instance("grid", grid, Grid)
+    radius = checks.number("radius", radius, low=0.0, unit="m")
+    inflation_radius = checks.number("inflation_radius", inflation_radius, low=radius, infinite=True, unit="m")
+    scaling = checks.number("scaling", scaling, low=0.0, unit="1/m")
+    most = checks.number("most", most, low=1.0, high=MOST)
+    d = grid.clearance()
+    costs = 1 + (most - 1) * np.exp(-scaling * np.maximum(d - radius, 0.0))
+    costs[d > inflation_radius] = 1.0
+    if not math.isfinite(float(costs.max())):
+        raise BadParameter("most", most, "finite")
+    return costs

@@ -1,0 +1,68 @@
+"""What is derived from a grid once and kept for as long as the grid lives; a grid never changes, so it never goes stale."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.grid import Cell, Grid, Moves
+from antway.kernels.bestfirst import legal_moves
+
+T = TypeVar("T")
+_KEPT: dict[int, dict[object, Any]] = {}  # by id of the grid's read-only array
+
+
+def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
+    """Return what `make` returned the first time it was asked for under `name` for this grid."""
+    key = id(grid.blocked)
+    if key not in _KEPT:
+        weakref.finalize(grid.blocked, _KEPT.pop, key, None)
+    known = _KEPT.setdefault(key, {})
+    if name not in known:
+        known[name] = make()
+    return cast(T, known[name])
+
+
+class Graph(NamedTuple):
+    """The flat map with a margin: cell (r, c) has index (r + margin) * width + c + margin."""
+
+    legal: NDArray[np.uint32]  # the moves of each cell, bit k for move k
+    offsets: NDArray[np.int64]  # flat
+    lengths: NDArray[np.float64]  # cells
+    width: int
+    margin: int
+
+    def at(self, cell: Cell) -> int:
+        """Return the flat index of `cell`."""
+        return (cell[0] + self.margin) * self.width + cell[1] + self.margin
+
+    def inner(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """Return the map's own part of a flat array."""
+        m = self.margin
+        return flat.reshape(-1, self.width)[m : flat.size // self.width - m, m : self.width - m]
+
+
+def graph(grid: Grid, moves: Moves) -> Graph:
+    """Return the graph of `grid` under `moves`."""
+    return kept(grid, ("graph", moves), lambda: _graph(grid, moves))
+
+
+def _graph(grid: Grid, moves: Moves) -> Graph:
+    margin = int(np.abs(moves.offsets).max())
+    free = np.pad(~grid.blocked, margin).astype(np.uint8)
+    width = free.shape[1]
+    need = {Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 0}
+    touched = [[r * width + c for r, c in cells] for cells in moves.touched]
+    offsets = (moves.offsets[:, 0].astype(np.int64) * width + moves.offsets[:, 1]).astype(np.int64)
+    legal = legal_moves(
+        free.ravel(),
+        offsets,
+        np.array([t for cells in touched for t in cells], dtype=np.int64),
+        np.cumsum([0, *(len(cells) for cells in touched)], dtype=np.int64),
+        np.array([min(len(cells), need.get(moves, len(cells))) for cells in touched], dtype=np.int64),
+    )
+    return Graph(legal, offsets, moves.lengths, width, margin)
