@@ -1,0 +1,119 @@
+"""Where moving obstacles are at every instant: discs on piecewise linear courses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.errors import BadScenario
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timeline:
+    """The courses of K discs, exact at every instant; the layout that every kernel takes.
+
+    Disc k is at `knot_xy[i]` at time `knot_t[i]` for its knots `first[k] <= i < first[k + 1]`, moves straight and at constant
+    speed in between, and stands before its first and after its last knot.
+
+    Attributes
+    ----------
+    id : int64[K]
+        Distinct.
+    radius : float64[K]
+        m, > 0.
+    knot_t : float64[M]
+        s, strictly increasing within a disc.
+    knot_xy : float64[M, 2]
+        m.
+    first : int64[K + 1]
+        first[0] = 0, first[K] = M; each disc has at least one knot.
+
+    Raises
+    ------
+    BadScenario
+        If the arrays do not fit together or hold other than finite numbers.
+
+    Examples
+    --------
+    >>> course = Timeline.of([7], [0.3], [([0.0, 2.0], [(0.0, 0.0), (4.0, 0.0)])])
+    >>> course.at(0.5)[0].tolist()
+    [[1.0, 0.0]]
+    """
+
+    id: NDArray[np.int64]
+    radius: NDArray[np.float64]
+    knot_t: NDArray[np.float64]
+    knot_xy: NDArray[np.float64]
+    first: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, np.int64))
+
+    def __post_init__(self) -> None:
+        for name, kind in (("id", np.int64), ("radius", np.float64), ("knot_t", np.float64), ("knot_xy", np.float64)):
+            _take(self, name, kind)
+        _take(self, "first", np.int64)
+        count, knots = len(self.id), len(self.knot_t)
+        shapes = {"id": (count,), "radius": (count,), "knot_t": (knots,), "knot_xy": (knots, 2), "first": (count + 1,)}
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise BadScenario(f"timeline.{name}.shape", getattr(self, name).shape, str(shape))
+        if len(np.unique(self.id)) != count:
+            raise BadScenario("timeline.id", self.id.tolist(), "distinct")
+        if not (np.isfinite(self.radius).all() and (self.radius > 0).all()):
+            raise BadScenario("timeline.radius", self.radius.tolist(), "finite and > 0 (m)")
+        if self.first[0] != 0 or self.first[-1] != knots or (np.diff(self.first) < 1).any():
+            raise BadScenario("timeline.first", self.first.tolist(), f"increasing from 0 to {knots}")
+        if not (np.isfinite(self.knot_t).all() and np.isfinite(self.knot_xy).all()):
+            raise BadScenario("timeline.knot_xy", "a number that is not finite", "finite throughout (s, m)")
+        rising = np.diff(self.knot_t) > 0
+        rising[self.first[1:-1] - 1] = True
+        if not rising.all():
+            raise BadScenario("timeline.knot_t", float(self.knot_t[int(np.argmin(rising)) + 1]), "strictly increasing (s)")
+
+    @staticmethod
+    def of(
+        ids: list[int],
+        radii: list[float],
+        courses: list[tuple[NDArray[np.float64] | list[float], NDArray[np.float64] | list[tuple[float, float]]]],
+    ) -> Timeline:
+        """Return the timeline of discs with these ids, radii (m) and courses (t in s, xy in m), each a list of knots."""
+        t = [np.asarray(course[0], np.float64) for course in courses]
+        xy = [np.asarray(course[1], np.float64).reshape(-1, 2) for course in courses]
+        return Timeline(
+            np.array(ids, np.int64),
+            np.array(radii, np.float64),
+            np.concatenate(t) if t else np.empty(0),
+            np.concatenate(xy) if xy else np.empty((0, 2)),
+            np.cumsum([0, *map(len, t)], dtype=np.int64),
+        )
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    def course(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the knots of disc number k: t float64[m] in s, xy float64[m, 2] in m."""
+        low, high = self.first[k], self.first[k + 1]
+        return self.knot_t[low:high], self.knot_xy[low:high]
+
+    def at(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return places in m and velocities in m/s at time t, float64[K, 2] each."""
+        from antway.kernels.geometry import timeline_at
+
+        states = [timeline_at(float(t), self.knot_t, self.knot_xy, self.first[k], self.first[k + 1]) for k in range(len(self))]
+        both = np.array(states, np.float64).reshape(-1, 4)
+        return both[:, :2], both[:, 2:]
+
+    def places(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the places at all times `t`, float64[N, K, 2] in m."""
+        out = np.empty((len(t), len(self), 2))
+        for k in range(len(self)):
+            knot_t, knot_xy = self.course(k)
+            for axis in (0, 1):
+                out[:, k, axis] = np.interp(t, knot_t, knot_xy[:, axis])
+        return out
+
+
+def _take(owner: Timeline, name: str, kind: type) -> None:
+    array: NDArray[np.generic] = np.ascontiguousarray(getattr(owner, name), dtype=kind)
+    array.flags.writeable = False
+    object.__setattr__(owner, name, array)

@@ -1,0 +1,143 @@
+"""The record of an episode: exact enough to replay it bit for bit, and a file that reads safely."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.world.policy import Decision, Task
+from antway.world.timeline import Timeline
+
+
+class Outcome(Enum):
+    """How an episode ended.
+
+    A contact is `HIT_MOVING` if the robot moved at that instant, `HIT_STANDING` if it was at rest. `TIMEOUT`: the horizon
+    came first. `ERROR`: the policy failed; the robot was braked.
+    """
+
+    REACHED = "reached"
+    HIT_MOVING = "hit-moving"
+    HIT_STANDING = "hit-standing"
+    HIT_WALL = "hit-wall"
+    TIMEOUT = "timeout"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """An episode of N control steps among K obstacles.
+
+    Attributes
+    ----------
+    task : Task
+    policy, scenario : str
+        Names.
+    seed : int
+    t : float64[N + 1]
+        Increasing from 0, s. Steps are `task.robot.dt` apart; the last may be cut short by the goal or a contact.
+    xy, velocity : float64[N + 1, 2]
+        The robot's centre in m, and the velocity in m/s at which it arrived there: constant over the step before.
+    heading : float64[N + 1]
+        rad.
+    command : float64[N, 2]
+        What was asked for in each step, m/s, before the robot's limits; NaN where the policy gave none.
+    timeline : Timeline
+        Where every obstacle was, exactly.
+    sensed : bool[N + 1, K]
+        Which obstacles the robot had a track of when it decided at t[i] (the last row repeats the one before).
+    decisions : tuple of (step, Decision)
+        What the policy said, at each step where it said something new.
+    cycle_ms : float64[N]
+        Wall time that the policy took, ms. The one part that differs between two equal runs.
+    outcome : Outcome
+    reason : str
+        One sentence on the outcome.
+    config : mapping
+        How the episode was set up, as JSON values: version, policy options, sensor, horizon.
+    """
+
+    task: Task
+    policy: str
+    seed: int
+    scenario: str
+    t: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    command: NDArray[np.float64]
+    timeline: Timeline
+    sensed: NDArray[np.bool_]
+    decisions: tuple[tuple[int, Decision], ...]
+    cycle_ms: NDArray[np.float64]
+    outcome: Outcome
+    reason: str = ""
+    config: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.xy, self.velocity, self.heading, self.command, self.sensed, self.cycle_ms):
+            array.flags.writeable = False
+
+    def __len__(self) -> int:
+        """Return the number of control steps."""
+        return len(self.command)
+
+    @property
+    def obstacle_id(self) -> NDArray[np.int64]:
+        """int64[K]."""
+        return self.timeline.id
+
+    @property
+    def obstacle_radius(self) -> NDArray[np.float64]:
+        """float64[K], m."""
+        return self.timeline.radius
+
+    @cached_property
+    def obstacle_xy(self) -> NDArray[np.float64]:
+        """The obstacles' places at each `t`, float64[N + 1, K, 2], m."""
+        places = self.timeline.places(self.t)
+        places.flags.writeable = False
+        return places
+
+    @property
+    def length(self) -> float:
+        """Way driven, m."""
+        return math.fsum(np.hypot(*np.diff(self.xy, axis=0).T).tolist())
+
+    def decision_at(self, step: int) -> Decision | None:
+        """Return the decision that stood in control step `step`, if any."""
+        return next((decision for i, decision in reversed(self.decisions) if i <= step), None)
+
+    def digest(self) -> str:
+        """Return the SHA-256 of everything but `cycle_ms`: two runs are the same exactly if these agree."""
+        from antway.world.tracefile import to_json
+
+        return hashlib.sha256(to_json(self, timing=False).encode()).hexdigest()
+
+    def save(self, path: str | Path) -> None:
+        """Write the trace as JSON; every number is kept exactly."""
+        from antway.world.tracefile import to_json
+
+        Path(path).write_text(to_json(self) + "\n", encoding="utf-8")
+
+    @staticmethod
+    def load(path: str | Path) -> Trace:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        BadScenario, TooLarge
+            If the file cannot be read as a trace, naming the key, or is larger than the limit.
+        """
+        from antway.world.tracefile import read_trace
+
+        return read_trace(Path(path))

@@ -1,0 +1,299 @@
+"""Traces as JSON: lists of numbers for what people read, packed bytes for maps and pheromone; strict about what it reads."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadInput, BadScenario, TooLarge
+from antway.grid import Grid
+from antway.planning import TimedPath
+from antway.world.policy import Decision, RobotSpec, Task
+from antway.world.timeline import Timeline
+from antway.world.trace import Outcome, Trace
+
+FORMAT = "antway-trace"
+VERSION = 1
+MAX_BYTES = 512 * 2**20
+MAX_NUMBERS = 50_000_000  # in one array
+
+_ARRAYS = {"t": 1, "xy": 2, "velocity": 2, "heading": 1, "command": 2}
+_TIMELINE = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
+_ROBOT = ("radius", "v_max", "a_max", "drive", "dt", "sensor_range", "turn_rate")
+_TEXTS = ("action", "reason", "encounter", "guard")
+_NUMBERS = ("time_to_closest", "distance_at_closest", "gap")
+
+
+def to_json(trace: Trace, *, timing: bool = True) -> str:
+    """Return `trace` as JSON text, without `cycle_ms` unless `timing`."""
+    task, grid = trace.task, trace.task.grid
+    record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "policy": trace.policy,
+        "scenario": trace.scenario,
+        "seed": trace.seed,
+        "outcome": trace.outcome.value,
+        "reason": trace.reason,
+        "config": dict(trace.config),
+        "task": {
+            "grid": {
+                "resolution": grid.resolution,
+                "origin": list(grid.origin),
+                "blocked": _pack(grid.blocked),
+                "unknown": None if grid.unknown is None else _pack(grid.unknown),
+            },
+            "robot": {name: getattr(task.robot, name) for name in _ROBOT},
+            "start": list(task.start),
+            "goal": list(task.goal),
+            "goal_tolerance": task.goal_tolerance,
+            "obstacle_speed": task.obstacle_speed,
+        },
+        **{name: getattr(trace, name).tolist() for name in _ARRAYS},
+        "timeline": {name: getattr(trace.timeline, name).tolist() for name in _TIMELINE},
+        "sensed": _pack(trace.sensed),
+        "decisions": [{"step": step, **_decision_record(decision)} for step, decision in trace.decisions],
+    }
+    if timing:
+        record["cycle_ms"] = trace.cycle_ms.tolist()
+    return json.dumps(_finite(record), allow_nan=False, separators=(",", ":"))
+
+
+def _decision_record(decision: Decision) -> dict[str, Any]:
+    path, pheromone = decision.path, decision.pheromone
+    return {
+        **{name: getattr(decision, name) for name in (*_TEXTS, *_NUMBERS)},
+        "obstacle": None if decision.obstacle is None else int(decision.obstacle),
+        "local_target": None if decision.local_target is None else list(decision.local_target),
+        "path": None if path is None else {"t": path.t.tolist(), "xy": path.xy.tolist()},
+        "alternatives": [[name, cost] for name, cost in decision.alternatives],
+        "pheromone": None if pheromone is None else [int(pheromone[0]), int(pheromone[1]), _pack(pheromone[2])],
+        "history": None if decision.history is None else decision.history.tolist(),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """Numbers that JSON lacks become the strings "nan", "inf" and "-inf"; NumPy's numbers become Python's."""
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(part) for part in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return value if not isinstance(value, float) or math.isfinite(value) else str(value)
+
+
+def _pack(array: NDArray[Any]) -> dict[str, Any]:
+    little = np.ascontiguousarray(array).astype(array.dtype.newbyteorder("<"))
+    data = base64.b64encode(zlib.compress(little.tobytes(), 6)).decode()
+    return {"dtype": little.dtype.str, "shape": list(array.shape), "zlib": data}
+
+
+def read_trace(path: Path) -> Trace:
+    """Read a trace file; every fault is a `BadScenario` (or `TooLarge`) that names the file and the key."""
+    where = str(path)
+    try:
+        size = path.stat().st_size if path.is_file() else -1
+        if size > MAX_BYTES:
+            raise TooLarge("size", size, f"at most {MAX_BYTES} bytes", where=where)
+        if size < 0:
+            raise BadScenario("trace", where, "an existing regular file", where=where)
+        record = json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_no_constant)
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadScenario("trace", str(error), "JSON text in UTF-8", where=where) from None
+    return _Reader(where).trace(record)
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(f"the constant {name} is not JSON")
+
+
+class _Reader:
+    """Turns a parsed record into a trace; `where` is the file that errors name."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+
+    def trace(self, record: object) -> Trace:
+        top = self.table(
+            "trace", record, "format version policy scenario seed outcome reason config task timeline sensed decisions"
+        )
+        if top["format"] != FORMAT or top["version"] != VERSION:
+            raise self.bad("format", (top["format"], top["version"]), f"{FORMAT!r} of version {VERSION}")
+        arrays = {name: self.floats(name, top.get(name), (None, 2)[:ndim]) for name, ndim in _ARRAYS.items()}
+        rows = len(arrays["t"])
+        for name, array in arrays.items():
+            if len(array) != rows - (name == "command"):
+                raise self.bad(f"{name}.length", len(array), str(rows - (name == "command")))
+            if name != "command" and not np.isfinite(array).all():
+                raise self.bad(name, "a number that is not finite", "finite throughout")
+        timeline = self.timeline(top["timeline"])
+        sensed = self.unpack("sensed", top["sensed"], "|b1", 2)
+        if sensed.shape != (rows, len(timeline)):
+            raise self.bad("sensed.shape", sensed.shape, str((rows, len(timeline))))
+        cycle_ms = self.floats("cycle_ms", top.get("cycle_ms", [0.0] * (rows - 1)), (rows - 1,))
+        if not isinstance(top["decisions"], list):
+            raise self.bad("decisions", top["decisions"], "a list")
+        return Trace(
+            task=self.task(top["task"]),
+            policy=self.text("policy", top["policy"]),
+            seed=checks.integer("seed", top["seed"], low=0, high=2**64 - 1, error=BadScenario, where=self.where),
+            scenario=self.text("scenario", top["scenario"]),
+            timeline=timeline,
+            sensed=sensed,
+            decisions=tuple(self.decision(f"decisions[{i}]", one, rows) for i, one in enumerate(top["decisions"])),
+            cycle_ms=cycle_ms,
+            outcome=Outcome(
+                checks.choice("outcome", top["outcome"], [o.value for o in Outcome], error=BadScenario, where=self.where)
+            ),
+            reason=self.text("reason", top["reason"]),
+            config=self.table("config", top["config"], ""),
+            **arrays,
+        )
+
+    def task(self, record: object) -> Task:
+        parts = self.table("task", record, "grid robot start goal goal_tolerance obstacle_speed")
+        grid = self.table("task.grid", parts["grid"], "resolution origin blocked unknown")
+        robot = self.table("task.robot", parts["robot"], " ".join(_ROBOT))
+        values: dict[str, Any] = {k: robot[k] if k == "drive" else self.real(f"task.robot.{k}", robot[k]) for k in _ROBOT}
+        try:
+            return Task(
+                grid=Grid(
+                    self.unpack("task.grid.blocked", grid["blocked"], "|b1", 2),
+                    self.real("task.grid.resolution", grid["resolution"]),
+                    tuple(self.real("task.grid.origin", part) for part in _list(grid["origin"])),  # type: ignore[arg-type]
+                    None if grid["unknown"] is None else self.unpack("task.grid.unknown", grid["unknown"], "|b1", 2),
+                ),
+                robot=RobotSpec(**values),
+                start=parts["start"],
+                goal=parts["goal"],
+                goal_tolerance=self.real("task.goal_tolerance", parts["goal_tolerance"]),
+                obstacle_speed=self.real("task.obstacle_speed", parts["obstacle_speed"]),
+            )
+        except BadScenario:
+            raise
+        except BadInput as error:
+            raise self.bad(f"task.{error.field}", error.value, error.allowed) from None
+
+    def timeline(self, record: object) -> Timeline:
+        parts = self.table("timeline", record, " ".join(_TIMELINE))
+        columns: dict[str, Any] = {}
+        for name, kind in _TIMELINE.items():
+            array = self.floats(f"timeline.{name}", parts[name], (None, 2) if name == "knot_xy" else (None,))
+            if kind is np.int64 and not (array == np.round(array)).all():
+                raise self.bad(f"timeline.{name}", parts[name], "integers")
+            columns[name] = array.astype(kind)
+        try:
+            return Timeline(**columns)
+        except BadScenario as error:
+            raise self.bad(error.field, error.value, error.allowed) from None
+
+    def decision(self, name: str, record: object, rows: int) -> tuple[int, Decision]:
+        parts = self.table(
+            name, record, "step obstacle local_target path alternatives pheromone history " + " ".join((*_TEXTS, *_NUMBERS))
+        )
+        step = checks.integer(f"{name}.step", parts["step"], low=0, high=rows, error=BadScenario, where=self.where)
+        obstacle, target, path, pheromone, history = (
+            parts[key] for key in ("obstacle", "local_target", "path", "pheromone", "history")
+        )
+        if path is not None:
+            path = self.table(f"{name}.path", path, "t xy")
+            t, xy = self.floats(f"{name}.path.t", path["t"], (None,)), self.floats(f"{name}.path.xy", path["xy"], (None, 2))
+            if len(t) != len(xy):
+                raise self.bad(f"{name}.path.xy.length", len(xy), str(len(t)))
+            path = TimedPath(t, xy)
+        if pheromone is not None:
+            if len(_list(pheromone)) != 3:
+                raise self.bad(f"{name}.pheromone", pheromone, "a row, a column and an array")
+            corner = [
+                checks.integer(f"{name}.pheromone[{i}]", pheromone[i], error=BadScenario, where=self.where) for i in (0, 1)
+            ]
+            pheromone = (corner[0], corner[1], self.unpack(f"{name}.pheromone[2]", pheromone[2], "<f4", 2))
+        if obstacle is not None:
+            obstacle = checks.integer(f"{name}.obstacle", obstacle, error=BadScenario, where=self.where)
+        if target is not None:
+            target = checks.point(f"{name}.local_target", target, error=BadScenario, where=self.where)
+        alternatives = []
+        for pair in _list(parts["alternatives"]):
+            if len(_list(pair)) != 2:
+                raise self.bad(f"{name}.alternatives", pair, "pairs of a name and a cost")
+            alternatives.append((self.text(f"{name}.alternatives", pair[0]), self.real(f"{name}.alternatives", pair[1])))
+        return step, Decision(
+            **{key: self.text(f"{name}.{key}", parts[key]) for key in _TEXTS},  # type: ignore[arg-type]
+            **{key: self.real(f"{name}.{key}", parts[key]) for key in _NUMBERS},  # type: ignore[arg-type]
+            obstacle=obstacle,
+            local_target=target,
+            path=path,
+            alternatives=tuple(alternatives),
+            pheromone=pheromone,
+            history=None if history is None else self.floats(f"{name}.history", history, (None, 4)),
+        )
+
+    def table(self, name: str, value: object, keys: str) -> Mapping[str, Any]:
+        if not isinstance(value, dict):
+            raise self.bad(name, value, "a table")
+        for key in keys.split():
+            if key not in value:
+                raise self.bad(f"{name}.{key}", None, "present")
+        return value
+
+    def text(self, name: str, value: object) -> str:
+        if not isinstance(value, str):
+            raise self.bad(name, value, "a text")
+        return value
+
+    def real(self, name: str, value: object) -> float:
+        if value in ("nan", "inf", "-inf"):
+            return float(str(value))
+        return checks.number(name, value, error=BadScenario, where=self.where)
+
+    def floats(self, name: str, value: object, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
+        wanted = "x".join("N" if n is None else str(n) for n in shape)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise self.bad(name, value, f"an array of numbers of shape {wanted}") from None
+        if len(shape) == 2 and array.size == 0:
+            array = array.reshape(0, 2 if shape[1] is None else shape[1])
+        if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape)):
+            raise self.bad(f"{name}.shape", array.shape, wanted)
+        return array
+
+    def unpack(self, name: str, value: object, dtype: str, ndim: int) -> NDArray[Any]:
+        parts = self.table(name, value, "dtype shape zlib")
+        shape = tuple(
+            checks.integer(f"{name}.shape", n, low=0, error=BadScenario, where=self.where) for n in _list(parts["shape"])
+        )
+        if parts["dtype"] != dtype or len(shape) != ndim:
+            raise self.bad(f"{name}.dtype", (parts["dtype"], shape), f"{dtype} with {ndim} dimensions")
+        size = math.prod(shape)
+        if size > MAX_NUMBERS:
+            raise TooLarge(f"{name}.shape", shape, f"at most {MAX_NUMBERS} elements", where=self.where)
+        kind = np.dtype(dtype)
+        try:
+            packed = base64.b64decode(self.text(name, parts["zlib"]), validate=True)
+            data = zlib.decompressobj().decompress(packed, size * kind.itemsize + 1)
+        except (ValueError, zlib.error) as error:
+            raise self.bad(f"{name}.zlib", str(error), "bytes packed by zlib and base64") from None
+        if len(data) != size * kind.itemsize:
+            raise self.bad(f"{name}.zlib", f"{len(data)} bytes", f"{size * kind.itemsize} bytes")
+        raw: NDArray[Any] = np.frombuffer(data, np.uint8 if dtype == "|b1" else kind).reshape(shape)
+        return raw != 0 if dtype == "|b1" else raw.astype(kind.newbyteorder("="))
+
+    def bad(self, name: str, value: object, allowed: str) -> BadScenario:
+        return BadScenario(name, value, allowed, where=self.where)
+
+
+def _list(value: object) -> list[Any]:
+    return value if isinstance(value, list) else []
