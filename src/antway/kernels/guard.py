@@ -1,0 +1,167 @@
+"""The guard's arithmetic: is a braking path free of every place that an obstacle could reach while the robot still moves?"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import TOUCH, segment_hits_cells
+from antway.kernels.jit import kernel
+
+FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
+_FRACTIONS = 10  # speeds tried along the commanded direction
+_SIDES = 16  # directions tried for a step aside
+
+
+@kernel
+def gap_to_reach(ax: float, ay: float, wx: float, wy: float, reach: float, growth: float, t: float) -> float:
+    """Least of |a + w s| - (reach + growth s) over s in [0, t]; below 0 the growing disc around an obstacle is entered.
+
+    Parameters
+    ----------
+    ax, ay : float
+        The robot seen from the obstacle, m.
+    wx, wy : float
+        The robot's velocity, m/s.
+    reach : float
+        Sum of the radii and whatever the obstacle may have moved since it was seen, m.
+    growth : float
+        Bound on the obstacle's speed, m/s.
+    t : float
+        Length of the step, s.
+
+    Notes
+    -----
+    The function is convex. With c the lateral distance and k = growth / |w| < 1 it is least where the way made since the
+    closest point is c k / sqrt(1 - k^2); with k >= 1 at the end.
+    """
+    speed = math.hypot(wx, wy)
+    s = t
+    if speed > growth:
+        k = growth / speed
+        lateral = abs(ax * wy - ay * wx) / speed
+        s = min(max((lateral * k / math.sqrt(1.0 - k * k) - (ax * wx + ay * wy) / speed) / speed, 0.0), t)
+    return math.hypot(ax + wx * s, ay + wy * s) - reach - growth * s
+
+
+@kernel
+def brakes_free(
+    px: float,
+    py: float,
+    wx: float,
+    wy: float,
+    tracks: NDArray[np.float64],
+    radius: float,
+    a_max: float,
+    dt: float,
+    bound: float,
+    age: float,
+    blocked: NDArray[np.bool_],
+    resolution: float,
+    ox: float,
+    oy: float,
+) -> bool:
+    """Tell whether a robot at (px, py) may drive one period with (wx, wy) and then brake, straight, to a stand.
+
+    `tracks` is float64[K, 5]: x, y, vx, vy, radius. Free means: until it stands, no obstacle that moves at most `bound` m/s
+    from where it was seen `age` s ago can be in contact with it, and no wall is.
+    """
+    speed = math.hypot(wx, wy)
+    if speed <= TOUCH:
+        return True
+    t, x, y = 0.0, px, py
+    ux, uy = wx / speed, wy / speed
+    while speed > TOUCH:
+        for k in range(len(tracks)):
+            reach = radius + tracks[k, 4] + bound * (age + t)
+            if gap_to_reach(x - tracks[k, 0], y - tracks[k, 1], ux * speed, uy * speed, reach, bound, dt) < -TOUCH:
+                return False
+        x += ux * speed * dt
+        y += uy * speed * dt
+        t += dt
+        speed -= a_max * dt
+    ar, ac = (py - oy) / resolution - 0.5, (px - ox) / resolution - 0.5
+    br, bc = (y - oy) / resolution - 0.5, (x - ox) / resolution - 0.5
+    return not segment_hits_cells(blocked, ar, ac, br, bc, radius / resolution, True)
+
+
+@kernel
+def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np.float64], radius: float) -> float:
+    """Earliest contact in s of the robot at (x, y) keeping (vx, vy) with any track keeping its velocity; infinite if none."""
+    earliest = math.inf
+    for k in range(len(tracks)):
+        ax, ay = tracks[k, 0] - x, tracks[k, 1] - y
+        ux, uy = tracks[k, 2] - vx, tracks[k, 3] - vy
+        reach = radius + tracks[k, 4]
+        closing = ax * ux + ay * uy
+        room = ax * ax + ay * ay - reach * reach
+        uu = ux * ux + uy * uy
+        root = closing * closing - uu * room
+        if room <= 0.0:
+            return 0.0
+        if closing < 0.0 and root > 0.0:
+            earliest = min(earliest, room / (-closing + math.sqrt(root)))
+    return earliest
+
+
+@kernel
+def guarded(
+    px: float,
+    py: float,
+    vx: float,
+    vy: float,
+    cx: float,
+    cy: float,
+    tracks: NDArray[np.float64],
+    radius: float,
+    v_max: float,
+    a_max: float,
+    dt: float,
+    bound: float,
+    age: float,
+    lookahead: float,
+    blocked: NDArray[np.bool_],
+    resolution: float,
+    ox: float,
+    oy: float,
+) -> tuple[float, float, int]:
+    """Return the command (vx, vy) that the guard lets pass, and what it did.
+
+    The commanded velocity (cx, cy) where its braking path is free; else the fastest along it that is; else a stand. A robot
+    that would stand in the way of a track within `lookahead` s steps aside where a free side exists.
+    """
+    speed = math.hypot(cx, cy)
+    if speed > v_max:
+        cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
+    for k in range(_FRACTIONS, 0, -1):
+        if speed <= TOUCH:
+            break
+        wx, wy = cx * k / _FRACTIONS, cy * k / _FRACTIONS
+        gap = math.hypot(wx - vx, wy - vy) - a_max * dt
+        if gap > TOUCH and k < _FRACTIONS:
+            continue  # cannot be reached in one period
+        if gap > TOUCH:  # what the robot will really do with it
+            share = a_max * dt / (gap + a_max * dt)
+            wx, wy = vx + (wx - vx) * share, vy + (wy - vy) * share
+        if brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, bound, age, blocked, resolution, ox, oy):
+            return (cx, cy, FREE) if k == _FRACTIONS else (wx, wy, SLOWED)
+    best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
+    if best > lookahead or math.hypot(vx, vy) > TOUCH:
+        return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
+    sx, sy = 0.0, 0.0
+    pace = min(v_max, a_max * dt)
+    for k in range(_SIDES):
+        wx, wy = pace * math.cos(2 * math.pi * k / _SIDES), pace * math.sin(2 * math.pi * k / _SIDES)
+        # the side is good if a stand there is in nobody's way for longer
+        after = time_to_contact(px + wx * dt, py + wy * dt, 0.0, 0.0, tracks, radius)
+        escape = time_to_contact(px, py, wx, wy, tracks, radius)
+        value = max(after, min(escape, 2 * lookahead))
+        if value > best + TOUCH and brakes_free(
+            px, py, wx, wy, tracks, radius, a_max, dt, bound, age, blocked, resolution, ox, oy
+        ):
+            best, sx, sy = value, wx, wy
+    if sx == 0.0 and sy == 0.0:
+        return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
+    return sx, sy, STEPPED_ASIDE

@@ -1,0 +1,136 @@
+"""When can a disc not stand, or not set off? Exact answers against pieces of uniform motion.
+
+A *piece* is a row (t0, t1, x, y, vx, vy, reach): from t0 to t1 s an obstacle moves uniformly from (x, y) m with (vx, vy) m/s,
+and contact is a distance of the centres below `reach` m. Touching is legal. A piecewise linear prediction is a list of pieces,
+and a tube that widens over time is one whose later pieces reach farther.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+
+TOUCH = 1e-9
+Pieces = NDArray[np.float64]  # [P, 7]
+
+
+@kernel
+def unsafe_stay(x: float, y: float, pieces: Pieces, p: int) -> tuple[float, float]:
+    """Return the open interval of times in s at which a robot at (x, y) is in contact with piece p; (inf, -inf) if none."""
+    ax, ay = pieces[p, 2] - x, pieces[p, 3] - y
+    vx, vy = pieces[p, 4], pieces[p, 5]
+    reach = pieces[p, 6] - TOUCH
+    room = ax * ax + ay * ay - reach * reach
+    vv = vx * vx + vy * vy
+    if vv == 0.0:
+        return (pieces[p, 0], pieces[p, 1]) if room < 0.0 else (math.inf, -math.inf)
+    av = ax * vx + ay * vy
+    root = av * av - vv * room
+    if root <= 0.0:
+        return math.inf, -math.inf
+    root = math.sqrt(root)
+    low = max(pieces[p, 0], pieces[p, 0] + (-av - root) / vv)
+    high = min(pieces[p, 1], pieces[p, 0] + (-av + root) / vv)
+    return (low, high) if low < high else (math.inf, -math.inf)
+
+
+@kernel
+def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, reach: float, out: NDArray[np.float64]) -> bool:
+    """Part of [low, high] in which |b + d z| < reach, written to out[0:2]; False if there is none."""
+    dd = dx * dx + dy * dy
+    room = bx * bx + by * by - reach * reach
+    if dd == 0.0:
+        out[0], out[1] = low, high
+        return room < 0.0
+    bd = bx * dx + by * dy
+    root = bd * bd - dd * room
+    if root <= 0.0:
+        return False
+    root = math.sqrt(root)
+    out[0] = max(low, (-bd - root) / dd)
+    out[1] = min(high, (-bd + root) / dd)
+    return out[0] < out[1]
+
+
+@kernel
+def unsafe_departures(
+    x: float, y: float, vx: float, vy: float, duration: float, pieces: Pieces, p: int, work: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the interval of departure times in s for which a uniform move meets piece p; (inf, -inf) if none.
+
+    The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. In contact are the (z, t) in [0, duration] x
+    [t0, t1], z the time since departure and t the time itself, with |a + v z - u (t - t0)| < reach: a convex set, so the
+    departures s = t - z that lead into it are one interval. Its ends lie on an edge of the rectangle or where a line of constant
+    s touches the ellipse. `work` is float64[2].
+    """
+    t0, t1 = pieces[p, 0], pieces[p, 1]
+    ax, ay = x - pieces[p, 2], y - pieces[p, 3]
+    ux, uy = pieces[p, 4], pieces[p, 5]
+    reach = pieces[p, 6] - TOUCH
+    span = t1 - t0
+    low, high = math.inf, -math.inf
+    for k in range(2):  # edges of constant z: at departure and at arrival
+        z = duration * k
+        if _edge(ax + vx * z, ay + vy * z, -ux, -uy, 0.0, span, reach, work):
+            low, high = min(low, work[0] - z), max(high, work[1] - z)
+    for k in range(2):  # edges of constant t: the piece's begin and end
+        w = span * k
+        if _edge(ax - ux * w, ay - uy * w, vx, vy, 0.0, duration, reach, work):
+            low, high = min(low, w - work[1]), max(high, w - work[0])
+    # q = a + v z - u w on the circle; w - z is linear in q with gradient g, so it is extreme at q = -+ reach g / |g|.
+    det = ux * vy - uy * vx
+    if det != 0.0:
+        gx, gy = (vy - uy) / det, (ux - vx) / det
+        norm = math.hypot(gx, gy)
+        if norm > 0.0:
+            for sign in (-1.0, 1.0):
+                qx, qy = sign * reach * gx / norm - ax, sign * reach * gy / norm - ay
+                # solve v z - u w = q
+                z = (ux * qy - uy * qx) / det
+                w = (vx * qy - vy * qx) / det
+                if 0.0 <= z <= duration and 0.0 <= w <= span:
+                    low, high = min(low, w - z), max(high, w - z)
+    return low + t0, high + t0
+
+
+@kernel
+def earliest_departure(
+    x: float,
+    y: float,
+    vx: float,
+    vy: float,
+    duration: float,
+    s: float,
+    limit: float,
+    pieces: Pieces,
+    work: NDArray[np.float64],
+) -> float:
+    """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
+    ex, ey = x + vx * duration, y + vy * duration
+    x0, x1, y0, y1 = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
+    clear = False
+    while not clear:
+        clear = True
+        for p in range(len(pieces)):
+            t0, t1 = max(s, pieces[p, 0]), min(s + duration, pieces[p, 1])
+            if t0 > t1:
+                continue
+            # culling: the boxes of both sweeps
+            reach = pieces[p, 6]
+            ox, px = pieces[p, 2] + pieces[p, 4] * (t0 - pieces[p, 0]), pieces[p, 2] + pieces[p, 4] * (t1 - pieces[p, 0])
+            if min(ox, px) - reach > x1 or max(ox, px) + reach < x0:
+                continue
+            oy, py = pieces[p, 3] + pieces[p, 5] * (t0 - pieces[p, 0]), pieces[p, 3] + pieces[p, 5] * (t1 - pieces[p, 0])
+            if min(oy, py) - reach > y1 or max(oy, py) + reach < y0:
+                continue
+            low, high = unsafe_departures(x, y, vx, vy, duration, pieces, p, work)
+            if low + TOUCH < s < high - TOUCH:
+                s = high
+                clear = False
+                if s > limit:
+                    return math.inf
+    return s if s <= limit else math.inf

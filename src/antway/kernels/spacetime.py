@@ -1,0 +1,486 @@
+"""Ants in space and time: a colony on the graph of safe intervals, with exact times and a shared memory.
+
+A state is a cell together with an interval of time in which a robot may stand there. From a state an ant moves to a neighbour
+cell: it waits for the first safe departure and drives. The colony remembers for each state the earliest arrival and the state
+it came from, so every ant continues from the best way known to wherever it is. A move that leads nowhere new, or that cannot
+beat the best so far even along the exact static field, is struck out; a state with all moves struck out is dead and the ant
+backs up. If the start is dead the best is optimal, which makes the colony complete.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.jit import kernel
+from antway.kernels.pieces import TOUCH, earliest_departure, unsafe_stay
+from antway.kernels.rng import uniform
+
+STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
+TRAILS = 1 << 12  # slots of the pheromone table, a power of two
+LEGS = 64  # first moves at most: from wherever the robot is to cells around
+_EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough
+
+
+class Memory(NamedTuple):
+    """What the colony knows within one search; stamps in place of clearing."""
+
+    stamp: NDArray[np.int32]  # [cells] search in which a cell's intervals were made
+    first: NDArray[np.int32]  # [cells] its first state
+    count: NDArray[np.int32]  # [cells] how many
+    cell: NDArray[np.int32]  # [STATES] -1: the start
+    low: NDArray[np.float64]  # [STATES] the safe interval, s
+    high: NDArray[np.float64]
+    arrival: NDArray[np.float64]  # [STATES] earliest so far, s
+    depart: NDArray[np.float64]  # [STATES] when the parent was left for it, s
+    parent: NDArray[np.int32]  # [STATES]
+    tried: NDArray[np.uint64]  # [STATES] moves tried at the present arrival
+    struck: NDArray[np.uint64]  # [STATES] moves struck out
+    dead: NDArray[np.bool_]  # [STATES]
+    leg_cell: NDArray[np.int32]  # [LEGS] cells of the first moves
+    leg_time: NDArray[np.float64]  # [LEGS] s
+    trail_key: NDArray[np.int64]  # [TRAILS] (cell, move, bin of arrival), -1: empty
+    trail: NDArray[np.float32]  # [TRAILS] pheromone above the floor of 1
+    mark: NDArray[np.int32]  # [cells] cells that carry pheromone at all (stamp of the last evaporation)
+    counter: NDArray[np.int64]  # [4] searches, states, expansions, ant steps
+
+
+class Place(NamedTuple):
+    """The static side: the map, its moves for this robot, and the exact field over them."""
+
+    blocked: NDArray[np.bool_]  # [H, W]
+    legal: NDArray[np.uint32]  # [H * W] bit k: move k is free of walls
+    field: NDArray[np.float64]  # [H * W] s to the goal at full speed over the same moves
+    offset: NDArray[np.int64]  # [K] flat
+    step: NDArray[np.float64]  # [K, 3] x and y in m, and time in s
+    resolution: float
+    x0: float  # m, centre of cell (0, 0)
+    y0: float
+    radius: float  # m
+    speed: float  # m/s
+    goal: int  # flat cell
+    bin: float  # s, of arrival in the pheromone's key
+
+
+@kernel
+def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: float, pieces: NDArray[np.float64]) -> None:
+    """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y)."""
+    lows = np.empty(len(pieces) + 1)
+    highs = np.empty(len(pieces) + 1)
+    n = 0
+    for p in range(len(pieces)):
+        low, high = unsafe_stay(x, y, pieces, p)
+        if high <= t0 or low >= high:
+            continue
+        i = n  # insert in order of `low`
+        while i > 0 and lows[i - 1] > low:
+            lows[i], highs[i] = lows[i - 1], highs[i - 1]
+            i -= 1
+        lows[i], highs[i] = low, high
+        n += 1
+    begin = memory.counter[1]
+    if cell >= 0:
+        memory.stamp[cell] = memory.counter[0]
+        memory.first[cell] = begin
+    since = t0
+    for i in range(n + 1):
+        until = lows[i] if i < n else math.inf
+        if until > since + TOUCH and memory.counter[1] < STATES and since < horizon:
+            s = memory.counter[1]
+            memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
+            memory.arrival[s], memory.dead[s] = math.inf, False
+            memory.tried[s] = np.uint64(0)
+            memory.struck[s] = np.uint64(0)
+            memory.counter[1] += 1
+        if i < n:
+            since = max(since, highs[i])
+    if cell >= 0:
+        memory.count[cell] = memory.counter[1] - begin
+
+
+@kernel
+def _xy(place: Place, cell: int) -> tuple[float, float]:
+    cols = place.blocked.shape[1]
+    return place.x0 + (cell % cols) * place.resolution, place.y0 + (cell // cols) * place.resolution
+
+
+@kernel
+def _expand(
+    memory: Memory,
+    place: Place,
+    s: int,
+    cell: int,
+    duration: float,
+    x: float,
+    y: float,
+    t0: float,
+    horizon: float,
+    pieces: NDArray[np.float64],
+    work: NDArray[np.float64],
+) -> None:
+    """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what is earlier than known."""
+    gx, gy = _xy(place, cell)
+    if memory.stamp[cell] != memory.counter[0]:
+        _open(memory, cell, gx, gy, t0, horizon, pieces)
+    memory.counter[2] += 1
+    vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
+    since = memory.arrival[s]
+    limit = min(memory.high[s], horizon)
+    for c in range(memory.first[cell], memory.first[cell] + memory.count[cell]):
+        if memory.high[c] <= since + duration:
+            continue
+        if memory.low[c] - duration > limit:
+            break
+        depart = earliest_departure(x, y, vx, vy, duration, max(since, memory.low[c] - duration), limit, pieces, work)
+        if depart == math.inf:
+            break
+        arrival = depart + duration
+        if arrival < memory.high[c] and arrival < memory.arrival[c] - TOUCH:
+            memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
+            memory.tried[c] = np.uint64(0)
+            memory.struck[c] = np.uint64(0)
+            memory.dead[c] = False
+
+
+@kernel
+def _slot(memory: Memory, key: int) -> int:
+    """Slot of `key` in the pheromone table, or the empty one where it belongs; -1 if the table is full there."""
+    h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
+    for i in range(16):
+        j = np.int64((h + np.uint64(i)) & np.uint64(TRAILS - 1))
+        if memory.trail_key[j] == key or memory.trail_key[j] < 0:
+            return j
+    return -1
+
+
+@kernel
+def _key(place: Place, cell: int, move: int, t: float) -> int:
+    return (int(t / place.bin) * place.field.size + cell) * 64 + move
+
+
+@kernel
+def evaporate(memory: Memory, place: Place, now: float, low: float, high: float, cycle: float) -> None:
+    """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-t), low, high).
+
+    tau_min is 1, the floor that every edge has. What lies in the past is dropped: arrival bins are absolute, so the field
+    shifts by itself as time goes on.
+    """
+    bins = place.field.size * 64
+    for j in range(TRAILS):
+        if memory.trail_key[j] >= 0:
+            tau = 1.0 + memory.trail[j]
+            rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), low), high)
+            memory.trail[j] = max(rho * tau - 1.0, 0.0)
+            if memory.trail[j] < 0.05 or (memory.trail_key[j] // bins + 1) * place.bin < now:
+                memory.trail_key[j] = -2  # a slot that was used: still on the way of a probe
+    # rehash what is left, so that probes stay short
+    keys = memory.trail_key.copy()
+    values = memory.trail.copy()
+    memory.trail_key[:] = -1
+    memory.mark[:] = 0
+    for j in range(TRAILS):
+        if keys[j] >= 0:
+            i = _slot(memory, keys[j])
+            if i >= 0:
+                memory.trail_key[i], memory.trail[i] = keys[j], values[j]
+                memory.mark[(keys[j] // 64) % place.field.size] = 1
+
+
+@kernel
+def deposit(memory: Memory, place: Place, end: int, amount: float) -> None:
+    """Lay `amount` on each edge (cell, move, bin of arrival) of the way that leads to state `end`."""
+    s = end
+    while memory.cell[s] >= 0 and memory.cell[memory.parent[s]] >= 0:
+        p = memory.parent[s]
+        move = -1
+        for k in range(len(place.offset)):
+            if memory.cell[p] + place.offset[k] == memory.cell[s]:
+                move = k
+        j = _slot(memory, _key(place, memory.cell[p], move, memory.arrival[p]))
+        if j >= 0:
+            if memory.trail_key[j] < 0:
+                memory.trail_key[j] = _key(place, memory.cell[p], move, memory.arrival[p])
+                memory.trail[j] = 0.0
+            memory.trail[j] += np.float32(amount)
+            memory.mark[memory.cell[p]] = 1
+        s = p
+
+
+@kernel
+def _legs(memory: Memory, place: Place, x: float, y: float, reach: int) -> int:
+    """Fill in the first moves: straight legs from (x, y) to the cells at most `reach` cells around; returns how many."""
+    rows, cols = place.blocked.shape
+    col0 = math.floor((x - place.x0) / place.resolution + 0.5)
+    row0 = math.floor((y - place.y0) / place.resolution + 0.5)
+    n = 0
+    for row in range(max(row0 - reach, 0), min(row0 + reach, rows - 1) + 1):
+        for col in range(max(col0 - reach, 0), min(col0 + reach, cols - 1) + 1):
+            cell = row * cols + col
+            if place.field[cell] < math.inf and n < LEGS:
+                memory.leg_cell[n] = cell
+                gx, gy = _xy(place, cell)
+                memory.leg_time[n] = math.hypot(gx - x, gy - y) / place.speed
+                n += 1
+    return n
+
+
+@kernel
+def search(
+    memory: Memory,
+    place: Place,
+    pieces: NDArray[np.float64],
+    x: float,
+    y: float,
+    t0: float,
+    horizon: float,
+    reach: int,
+    ants: int,
+    patience: int,
+    betas: NDArray[np.float64],
+    gain: float,
+    alpha: float,
+    max_steps: int,
+    state: NDArray[np.uint64],
+) -> tuple[int, float, float]:
+    """Send the colony from (x, y) at t0; returns (best end state or -1, its cost, a lower bound on any cost), in s.
+
+    Parameters
+    ----------
+    pieces : float64[P, 7]
+        Predicted obstacles, reach in m including margins; see `pieces`.
+    horizon : float
+        Absolute time after which obstacles are forgotten: an ant that is on its way then is charged the field from there.
+    reach : int
+        How many cells around (x, y) the first move may end.
+    ants, patience : int
+        Ants at most, and ants without a better way after which the colony gives up.
+    betas : float64[B]
+        Greed of ants 1, 2, ... in turn, 1/s; ant 0 always takes the best move.
+    gain : float
+        s; a way counts as better only by more than this.
+    alpha : float
+        Exponent of pheromone: 0 or 1.
+    max_steps : int
+        Of one ant.
+    state : uint64[1]
+        Of the random generator.
+
+    Notes
+    -----
+    The choice follows Eq. (1) with the heuristic exp(-beta * extra), extra = step + field(next) - field(here) >= 0. A move is
+    drawn first and tested after; one that fails is struck out and another drawn.
+    """
+    memory.counter[0] += 1
+    memory.counter[1] = memory.counter[2] = memory.counter[3] = 0
+    work = np.empty(2)
+    weight = np.empty(LEGS)
+    legs = _legs(memory, place, x, y, reach)
+    _open(memory, -1, x, y, t0, horizon, pieces)
+    if memory.counter[1] == 0 or memory.low[0] > t0:
+        return -1, math.inf, math.inf
+    here = math.inf  # static bound at the start
+    for k in range(legs):
+        here = min(here, memory.leg_time[k] + place.field[memory.leg_cell[k]])
+    if here == math.inf:
+        return -1, math.inf, math.inf
+    memory.arrival[0], memory.parent[0] = t0, -1
+    # the start's other intervals cannot be reached without leaving it: they are no states of ours
+    best, best_cost, idle = -1, math.inf, 0
+    one = np.uint64(1)
+    for ant in range(ants):
+        s = 0
+        beta = betas[(ant - 1) % len(betas)] if ant > 0 else math.inf
+        found = False
+        for _ in range(max_steps):
+            cell = memory.cell[s]
+            now = memory.arrival[s]
+            if cell == place.goal or now >= horizon:
+                cost = now + place.field[cell]
+                if cost < best_cost - gain:
+                    best, best_cost, found = s, cost, True
+                memory.dead[s] = True
+                break
+            memory.counter[3] += 1
+            moves = legs if s == 0 else len(place.offset)
+            at = here if s == 0 else place.field[cell]
+            sx, sy = (x, y) if s == 0 else _xy(place, cell)
+            total = 0.0
+            for k in range(moves):
+                weight[k] = 0.0
+                if memory.struck[s] >> np.uint64(k) & one:
+                    continue
+                if s == 0:
+                    extra = memory.leg_time[k] + place.field[memory.leg_cell[k]] - at
+                else:
+                    if not (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
+                        continue
+                    extra = place.step[k, 2] + place.field[cell + place.offset[k]] - at
+                if now + at + extra >= best_cost - gain:
+                    continue
+                if ant == 0:
+                    weight[k] = 1.0 / (1e-9 + max(extra, 0.0))
+                    continue
+                w = float(_EXP[min(int(max(beta * extra, 0.0) * 64.0), 1023)])
+                if alpha > 0.0 and s != 0 and memory.mark[cell] == 1:
+                    j = _slot(memory, _key(place, cell, k, now))
+                    if j >= 0 and memory.trail_key[j] >= 0:
+                        w *= 1.0 + memory.trail[j]
+                weight[k] = w
+                total += w
+            then = -1
+            while then < 0:
+                k = -1
+                if ant == 0:  # the best move
+                    top = 0.0
+                    for i in range(moves):
+                        if weight[i] > top:
+                            top, k = weight[i], i
+                elif total > 1e-12:  # the roulette
+                    spin = uniform(state) * total
+                    for i in range(moves):
+                        if weight[i] > 0.0:
+                            k = i
+                            spin -= weight[i]
+                            if spin < 0.0:
+                                break
+                if k < 0:
+                    break
+                bit = one << np.uint64(k)
+                target = memory.leg_cell[k] if s == 0 else cell + place.offset[k]
+                if not memory.tried[s] & bit:
+                    memory.tried[s] |= bit
+                    duration = memory.leg_time[k] if s == 0 else place.step[k, 2]
+                    open_way = True
+                    if s == 0:
+                        gx, gy = _xy(place, target)
+                        size = place.resolution
+                        open_way = not segment_hits_cells(
+                            place.blocked,
+                            (y - place.y0) / size,
+                            (x - place.x0) / size,
+                            (gy - place.y0) / size,
+                            (gx - place.x0) / size,
+                            place.radius / size,
+                            True,
+                        )
+                    if open_way:
+                        _expand(memory, place, s, target, duration, sx, sy, t0, horizon, pieces, work)
+                soonest = math.inf
+                if memory.stamp[target] == memory.counter[0]:
+                    for c in range(memory.first[target], memory.first[target] + memory.count[target]):
+                        if memory.arrival[c] < soonest and memory.parent[c] == s and not memory.dead[c]:
+                            soonest, then = memory.arrival[c], c
+                if soonest + place.field[target] >= best_cost - gain:
+                    then = -1
+                if then < 0:
+                    memory.struck[s] |= bit
+                    total -= weight[k]
+                    weight[k] = 0.0
+            if then >= 0:
+                s = then
+                continue
+            exhausted = True
+            for i in range(moves):
+                if weight[i] > 0.0:
+                    exhausted = False
+            if exhausted:
+                memory.dead[s] = True
+            if s == 0:
+                break
+            s = memory.parent[s]
+        if memory.dead[0]:
+            return best, best_cost, best_cost
+        if found:
+            idle = 0
+            if best_cost <= t0 + here + gain:
+                break
+        else:
+            idle += 1
+            if idle >= patience and best >= 0:
+                break
+        if memory.counter[1] >= STATES:
+            break
+    return best, best_cost, t0 + here
+
+
+@kernel
+def trace_back(
+    memory: Memory,
+    place: Place,
+    pieces: NDArray[np.float64],
+    x: float,
+    y: float,
+    end: int,
+    until: float,
+    out: NDArray[np.float64],
+) -> int:
+    """Write the way to state `end` and on along the field as knots (t, x, y) to out, waits included; returns how many.
+
+    Waits are shifted: each departure is made the earliest that is safe, now that arrivals may have become earlier than when the
+    move was tried. Past `end`, where obstacles are forgotten, the way follows the field to the goal or until time `until`.
+    """
+    chain = np.empty(512, np.int32)
+    work = np.empty(2)
+    length = 0
+    s = end
+    while s >= 0 and length < len(chain):
+        chain[length] = s
+        length += 1
+        s = memory.parent[s]
+    t = memory.arrival[chain[length - 1]]
+    out[0, 0], out[0, 1], out[0, 2] = t, x, y
+    n = 1
+    for i in range(length - 2, -1, -1):
+        c = chain[i]
+        px, py = out[n - 1, 1], out[n - 1, 2]
+        gx, gy = _xy(place, memory.cell[c])
+        duration = math.hypot(gx - px, gy - py) / place.speed
+        if duration == 0.0:
+            continue
+        limit = memory.depart[c]
+        vx, vy = (gx - px) / duration, (gy - py) / duration
+        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, pieces, work)
+        depart = min(depart, limit)
+        if depart > t + TOUCH:
+            out[n, 0], out[n, 1], out[n, 2] = depart, px, py
+            n += 1
+        t = depart + duration
+        out[n, 0], out[n, 1], out[n, 2] = t, gx, gy
+        n += 1
+        if n + 2 > len(out):
+            return n
+    cell = memory.cell[end]
+    while cell >= 0 and cell != place.goal and t < until and n < len(out):
+        least, move = math.inf, -1
+        for k in range(len(place.offset)):
+            if (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
+                cost = place.step[k, 2] + place.field[cell + place.offset[k]]
+                if cost < least:
+                    least, move = cost, k
+        if move < 0:
+            break
+        cell += place.offset[move]
+        t += place.step[move, 2]
+        out[n, 0] = t
+        out[n, 1], out[n, 2] = _xy(place, cell)
+        n += 1
+    return n
+
+
+@kernel
+def first_conflict(knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], work: NDArray[np.float64]) -> float:
+    """Time at which the rest of a motion, rows (t, x, y), first sets off on a leg or wait that meets a piece; inf if never."""
+    for i in range(len(knots) - 1):
+        t0, t1 = max(knots[i, 0], now), knots[i + 1, 0]
+        if t1 <= t0:
+            continue
+        span = knots[i + 1, 0] - knots[i, 0]
+        vx, vy = (knots[i + 1, 1] - knots[i, 1]) / span, (knots[i + 1, 2] - knots[i, 2]) / span
+        x, y = knots[i, 1] + vx * (t0 - knots[i, 0]), knots[i, 2] + vy * (t0 - knots[i, 0])
+        if earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, pieces, work) == math.inf:
+            return t0
+    return math.inf
