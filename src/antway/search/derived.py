@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.bestfirst import legal_moves
+from antway.kernels.canonical import NEED, successor_table, surroundings
 
 T = TypeVar("T")
+NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` has
 _KEPT: dict[int, dict[object, Any]] = {}  # by id of the grid's read-only array
 
 
@@ -20,7 +23,7 @@ def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
     """Return what `make` returned the first time it was asked for under `name` for this grid."""
     key = id(grid.blocked)
     if key not in _KEPT:
-        weakref.finalize(grid.blocked, _KEPT.pop, key, None)
+        weakref.finalize(grid.blocked, _KEPT.pop, key, None).atexit = False
     known = _KEPT.setdefault(key, {})
     if name not in known:
         known[name] = make()
@@ -66,3 +69,35 @@ def _graph(grid: Grid, moves: Moves) -> Graph:
         np.array([min(len(cells), need.get(moves, len(cells))) for cells in touched], dtype=np.int64),
     )
     return Graph(legal, offsets, moves.lengths, width, margin)
+
+
+class Lattice(NamedTuple):
+    """The map for 4 and 8 moves, cell (r, c) at r * width + c, and its canonical successors (see `kernels.canonical`)."""
+
+    around: NDArray[np.uint8]
+    table: NDArray[np.uint8]
+    offsets: NDArray[np.int64]
+    width: int
+
+    def at(self, cell: Cell) -> int:
+        """Return the flat index of `cell`."""
+        return cell[0] * self.width + cell[1]
+
+
+def lattice(grid: Grid, moves: Moves) -> Lattice:
+    """Return the lattice of `grid` under moves of 4 or 8 neighbours."""
+    width = grid.shape[1]
+    offsets = Moves.EIGHT.offsets.astype(np.int64) @ np.array([width, 1])
+    return Lattice(kept(grid, "around", lambda: _around(grid)), successors(moves), offsets, width)
+
+
+@cache
+def successors(moves: Moves) -> NDArray[np.uint8]:
+    """Return the canonical successors under `moves`."""
+    return successor_table(NEED[moves.value])
+
+
+def _around(grid: Grid) -> NDArray[np.uint8]:
+    free = np.pad(~grid.blocked, 1, constant_values=False)
+    around = surroundings(free.view(np.uint8).ravel(), free.shape[1]).reshape(free.shape)
+    return np.ascontiguousarray(around[1:-1, 1:-1]).ravel()

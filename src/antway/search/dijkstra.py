@@ -11,10 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
-from antway.planning import Budget, Plan, Problem, free_cell
+from antway.kernels.canonical import START
+from antway.kernels.field import DONE, FULL, RUNNING, STRAIGHT, descend, spread
+from antway.planning import Budget, Clock, Plan, Problem, free_cell
+from antway.search import heap
 from antway.search.costs import checked_costs
-from antway.search.derived import graph
-from antway.search.heap import NO_FACES, heap_plan, padded, search
+from antway.search.derived import NEIGHBOURS, Lattice, lattice
+from antway.search.result import found, not_found
+
+STEPS = 1 << 18  # cells settled between two looks at the clock, about 5 ms
 
 
 def distance_field(
@@ -22,6 +27,7 @@ def distance_field(
     goal: Cell | Iterable[Cell],
     moves: Moves = Moves.EIGHT,
     *,
+    until: Cell | Iterable[Cell] | None = None,
     within: float = math.inf,
     costs: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
@@ -33,8 +39,10 @@ def distance_field(
     goal : (row, col) or several of them
         Free cells.
     moves : Moves
+    until : (row, col), or several of them, or None
+        Free cells. Once all their distances are known the search stops, and what it has not settled by then is infinite.
     within : float
-        Stop there: cells farther than this are infinite, m, >= 0.
+        Cells farther than this are infinite, m, >= 0.
     costs : float[H, W] or None
         Cost of each cell, see `antway.search.costs`; the result is then the least cost instead.
 
@@ -56,26 +64,68 @@ def distance_field(
     checks.instance("grid", grid, Grid)
     checks.instance("moves", moves, Moves)
     within = checks.number("within", within, low=0.0, infinite=True, unit="m")
-    goals = goal_cells(goal, grid)
-    weights = None if costs is None else checked_costs(costs, grid)
-    net = graph(grid, moves)
-    limit = within / grid.resolution
-    _, labels = search(net, goals, -1, padded(net, weights), NO_FACES, limit, None)
-    field = net.inner(labels.label) * grid.resolution
-    field[field > within] = np.inf
+    goals = free_cells("goal", goal, grid)
+    targets = [] if until is None else free_cells("until", until, grid)
+    cells = within / grid.resolution * (1 + 1e-12)  # a cell at just that distance counts, whatever the division made of it
+    if costs is None and moves in NEIGHBOURS:
+        wave = Wave(lattice(grid, moves), goals, targets, cells)
+        wave.run(None)
+        field, unit, known = wave.label.reshape(grid.shape), grid.resolution / STRAIGHT, wave.known
+    else:
+        field, known = heap.field(grid, moves, goals, targets, cells, None if costs is None else checked_costs(costs, grid))
+        unit = grid.resolution
+    if known < math.inf:
+        field[field > known] = np.inf
+    field *= unit
     return field
 
 
-def goal_cells(goal: object, grid: Grid) -> list[Cell]:
-    """Return one goal or several as a list of free cells."""
-    if isinstance(goal, (str, bytes)) or not isinstance(goal, (Iterable, np.ndarray)):
-        raise BadParameter("goal", goal, "a cell (row, col) or several")
-    parts = list(goal)
+def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
+    """Return one cell or several as a list of free cells of `grid`, or raise what is wrong with them."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
+        raise BadParameter(name, value, "a cell (row, col) or several")
+    parts = list(value)
     if not parts:
-        raise BadParameter("goal", goal, "at least one cell")
+        raise BadParameter(name, value, "at least one cell")
     if not isinstance(parts[0], (Iterable, np.ndarray)):
-        return [free_cell("goal", parts, grid)]
-    return [free_cell(f"goal[{i}]", part, grid) for i, part in enumerate(parts)]
+        return [free_cell(name, parts, grid)]
+    return [free_cell(f"{name}[{i}]", part, grid) for i, part in enumerate(parts)]
+
+
+class Wave:
+    """A wave of distances that spreads over a lattice from its sources; see `kernels.field`.
+
+    Attributes
+    ----------
+    label : float64[cells]
+        Distance of each cell in units of 1 / STRAIGHT cells.
+    """
+
+    def __init__(self, net: Lattice, sources: list[Cell], targets: list[Cell], within: float = math.inf) -> None:
+        self.net, self.within = net, within
+        self.label = np.full(net.around.size, np.inf)
+        starts = np.unique([net.at(cell) for cell in sources])
+        self.label[starts] = 0.0
+        self.lists = np.empty((3, max(1 << 12, 16 * len(starts))), np.int64)
+        self.lists[0, : len(starts)] = starts << 4 | START
+        self.state = np.array([0, 0, len(starts), 0, 0, 0])
+        self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
+
+    def run(self, clock: Clock | None) -> bool:
+        """Spread until done, or until the clock runs out; tell which."""
+        code = RUNNING
+        while code != DONE and not (clock and clock.spent()):
+            net, within = self.net, self.within * STRAIGHT
+            code = spread(net.around, net.table, net.offsets, self.targets, within, self.label, self.lists, self.state, STEPS)
+            if code == FULL:
+                self.lists = np.concatenate((self.lists, np.empty_like(self.lists)), axis=1)
+        return code == DONE
+
+    @property
+    def known(self) -> float:
+        """All distances up to this are final, in the units of `label`."""
+        band = float(self.state[0]) * STRAIGHT
+        return min(self.within * STRAIGHT, band - 1 if self.targets.size else math.inf)
 
 
 def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: ArrayLike | None = None) -> Plan:
@@ -101,4 +151,14 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
     2.8284271247461903
     """
     clock = budget.start()
-    return heap_plan(problem, clock, heuristic=False, costs=None if costs is None else checked_costs(costs, problem.grid))
+    if costs is not None or problem.moves not in NEIGHBOURS:
+        weights = None if costs is None else checked_costs(costs, problem.grid)
+        return heap.plan(problem, clock, heuristic=False, costs=weights)
+    net = lattice(problem.grid, problem.moves)
+    wave = Wave(net, [problem.start], [problem.goal])
+    done = wave.run(clock)
+    expanded = int(wave.state[5])
+    if not done or wave.label[net.at(problem.goal)] == math.inf:
+        return not_found(done, expanded, clock)
+    path = descend(net.around, net.table, net.offsets, wave.label, net.at(problem.goal))[::-1]
+    return found(problem, np.column_stack(np.divmod(path, net.width)).astype(np.int32), expanded, clock)
