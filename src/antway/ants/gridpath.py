@@ -1,0 +1,297 @@
+"""Ants as an anytime planner on a grid: the paper's colony, its improvements, and what it leaves behind for pictures.
+
+On a static grid exact search is faster, always. Ants earn their place where the search is local, has several objectives
+(`front.pareto`), or must give several ways (`front.alternatives`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.ants.persistence import Persistence
+from antway.ants.rules import Rule, make_rule
+from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop
+from antway.errors import BadParameter, TooLarge
+from antway.kernels.walk import entropy
+from antway.planning import Budget, Clock, Plan, Problem, Status
+
+MAX_CELLS = 1 << 22  # a colony keeps about 200 bytes a cell
+BETA = {"field": 8.0, "distance": 8.0, "goal": 8.0}  # the default by heuristic, see `explore`
+Window = tuple[int, int, int, int]  # (row, col, rows, columns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exploration:
+    """What a colony found and what it leaves.
+
+    Attributes
+    ----------
+    plan : Plan
+        Cells of the whole map; `optimal`, `lower_bound` and NO_PATH speak of the paths within the window that avoid the
+        forbidden cells.
+    history : float64[C, 4]
+        By cycle: length of the best path so far and mean length of the cycle's paths (m), share of the ants that arrived,
+        pheromone entropy (nats a cell); infinite and NaN where there is no path.
+    pheromone : float64[h, w, 8]
+        Of each cell of the window by move, in the order of `Moves.EIGHT.offsets`; 0 where a move is not legal.
+    window : (row, col, rows, columns)
+    """
+
+    plan: Plan
+    history: NDArray[np.float64]
+    pheromone: NDArray[np.float64]
+    window: Window
+
+    @property
+    def heat(self) -> NDArray[np.float32]:
+        """Pheromone of each cell of the window, float32[h, w]: the sum over its moves."""
+        heat: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
+        return heat
+
+
+class Options(TypedDict, total=False):
+    """The options of `explore` that `ants` takes, too."""
+
+    rule: str | Rule
+    persistence: Persistence | None
+    ants: int | None
+    cycles: int
+    alpha: float | None
+    beta: float | None
+    heuristic: str
+    step_limit: int | None
+    retreat: bool
+    pheromone: str | ArrayLike
+    window: Window | None
+    forbidden: ArrayLike | None
+    threads: int
+
+
+def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **options: Unpack[Options]) -> Plan:
+    """Return the best path that a colony finds; it stops once that is as long as the lower bound, which proves it optimal.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its moves must be to the 4 or 8 neighbours.
+    seed : int
+    budget : Budget
+        Out of time, the best path so far is kept, with `Status.BUDGET`.
+    **options
+        Those of `explore`.
+
+    Returns
+    -------
+    Plan
+
+    Examples
+    --------
+    >>> from antway import Grid
+    >>> plan = ants(Problem(Grid(np.zeros((9, 9), dtype=bool)), (0, 0), (8, 8)))
+    >>> round(plan.length, 3), plan.optimal
+    (11.314, True)
+    """
+    return explore(problem, seed=seed, budget=budget, record=False, stop_at_bound=True, **options).plan
+
+
+def explore(
+    problem: Problem,
+    *,
+    seed: int = 0,
+    budget: Budget = Budget(),
+    rule: str | Rule = "as",
+    persistence: Persistence | None = None,
+    ants: int | None = None,
+    cycles: int = 50,
+    alpha: float | None = None,
+    beta: float | None = None,
+    heuristic: str = "field",
+    step_limit: int | None = None,
+    retreat: bool = True,
+    pheromone: str | ArrayLike = "uniform",
+    window: Window | None = None,
+    forbidden: ArrayLike | None = None,
+    threads: int = 1,
+    record: bool = True,
+    stop_at_bound: bool = False,
+) -> Exploration:
+    """Let a colony search a grid, or a window of it, and return the best path with the pheromone and the history.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its moves must be to the 4 or 8 neighbours.
+    seed : int
+    budget : Budget
+        Its cycles, if any, stand in place of `cycles`.
+    rule : str or Rule
+        as, eas, rank, mmas, acs, or a rule of `antway.ants.rules`; `persistence`, `ants`, `alpha`, `beta` change it.
+    persistence : Persistence or None
+        How much pheromone outlives a cycle; None: as the rule has it.
+    ants : int or None
+        By cycle; None: as the rule has it, or 50.
+    cycles : int
+    alpha, beta : float or None
+        Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: as the rule has it, beta 8 for a name.
+    heuristic : str
+        field: eta = exp(-way lost by the move), in cells, by exact distances to the goal; distance: eta = 1 / exact distance of
+        the next cell to the goal; goal: eta = 1 / straight distance of the next cell to the goal.
+    step_limit : int or None
+        Steps after which an ant that has not arrived dies; None: 8 times the length of the shortest path in cells, and 64.
+    retreat : bool
+        In a dead end an ant goes back and strikes it out; otherwise it dies there.
+    pheromone : str or float[h, w, 8]
+        At first: uniform; corridor (less on a move the longer the shortest way over it); or what an earlier colony left.
+    window : (row, col, rows, columns) or None
+        The search keeps within this rectangle.
+    forbidden : bool[H, W] or None
+        Cells of the whole map to avoid besides the blocked ones; the start is never forbidden.
+    threads : int
+        The answer is the same for any number.
+    record : bool
+        Keep the history.
+    stop_at_bound : bool
+        Stop once the best is proved optimal.
+
+    Returns
+    -------
+    Exploration
+
+    Raises
+    ------
+    BadParameter, TooLarge
+        For a parameter out of range, or more than 4,194,304 cells in the window.
+
+    References
+    ----------
+    Eqs. (1), (2), III.D and Steps 4-7 of the paper; docs/equations.md.
+
+    Examples
+    --------
+    >>> from antway import Grid
+    >>> found = explore(Problem(Grid(np.zeros((20, 30), dtype=bool)), (5, 5), (5, 12)), window=(0, 0, 10, 15), cycles=3)
+    >>> found.plan.length, found.history.shape, found.heat.shape
+    (7.0, (3, 4), (10, 15))
+    """
+    clock = budget.start()
+    seed = checks.seed(seed)
+    cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0)
+    checks.choice("heuristic", heuristic, BETA)
+    if isinstance(rule, str) and beta is None:
+        beta = BETA[heuristic]
+    colony = make_rule(rule, persistence=persistence, ants=ants, alpha=alpha, beta=beta)
+    number = colony.ants or 50
+    checks.integer("ants * cycles", number * cycles, high=2**31 - 2)
+    checks.integer("threads", threads, low=1, high=256)
+    if step_limit is not None:
+        checks.integer("step_limit", step_limit, low=0, high=2**24)
+    local, window = _local(problem, window, forbidden)
+
+    def result(status: Status, path: NDArray[np.uint8] | None = None, bound: float = 0.0, steps: int = 0) -> Exploration:
+        tau = np.zeros((*window[2:], 8)) if trail is None else trail.tau.reshape(window[2] + 2, -1, 8)[1:-1, 1:-1].copy()
+        plan = _plan(problem, status, path, bound, steps, clock)
+        return Exploration(plan, np.array(history).reshape(-1, 4), tau, window)
+
+    trail: Trail | None = None
+    history: list[tuple[float, float, float, float]] = []
+    if local is None:
+        return result(Status.NO_PATH)
+    if clock.spent():
+        return result(Status.BUDGET)
+    ground = Ground(local)
+    if ground.bound == math.inf:
+        return result(Status.NO_PATH)
+    if ground.bound == 0.0:
+        return result(Status.FOUND, NO_PATH)
+    trail = Trail(ground, colony, number, heuristic)
+    _lay_first(trail, pheromone)
+    steps, proved, spent = 0, False, False
+    with Squad(ground, number, _limit(step_limit, ground), retreat=retreat, threads=threads) as squad:
+        for t in range(cycles):
+            steps += squad.walk(trail.weights(), seed, t * number, clock, greedy=trail.numbers.q0)
+            trail.learn(squad, t)
+            if record:
+                history.append(_row(squad, trail, local.grid.resolution))
+            proved, spent = trail.best <= ground.bound * (1 + 1e-9), clock.spent()
+            if spent or (proved and stop_at_bound):
+                break
+    done = trail.best < math.inf and (proved or not spent)
+    return result(Status.FOUND if done else Status.BUDGET, trail.path if trail.best < math.inf else None, ground.bound, steps)
+
+
+def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None) -> tuple[Problem | None, Window]:
+    """Return the problem on the window, None if its goal is forbidden, and the window."""
+    checks.instance("problem", problem, Problem)
+    if len(problem.moves.offsets) > 8:
+        raise BadParameter("problem.moves", problem.moves.value, "four, eight, eight-nosqueeze or eight-cut for ants")
+    grid, shape = problem.grid, problem.grid.shape
+    if window is None:
+        window = (0, 0, *shape)
+    row, col, rows, cols = rectangle = tuple(int(v) for v in checks.point("window", window, size=4))
+    on_map = row >= 0 and col >= 0 and row + rows <= shape[0] and col + cols <= shape[1]
+    inside = all(row <= r < row + rows and col <= c < col + cols for r, c in (problem.start, problem.goal))
+    if rectangle != tuple(window) or not (on_map and inside):
+        raise BadParameter("window", window, "a rectangle (row, col, rows, columns) on the map that holds start and goal")
+    if rows * cols > MAX_CELLS:
+        raise TooLarge("window", f"{rows} x {cols} cells", f"at most {MAX_CELLS} cells for ants")
+    mask = None
+    if forbidden is not None:
+        mask = np.array(forbidden, dtype=bool)
+        if mask.shape != shape:
+            raise BadParameter("forbidden.shape", mask.shape, f"that of the map, {shape}")
+        if mask[problem.goal] and problem.goal != problem.start:
+            return None, (row, col, rows, cols)
+        mask[problem.start] = False
+    if mask is not None or (rows, cols) != shape:
+        grid = crop(grid, (row, col), (rows, cols), mask)
+    start, goal = ((r - row, c - col) for r, c in (problem.start, problem.goal))
+    return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
+
+
+def _limit(step_limit: int | None, ground: Ground) -> int:
+    """Return the step limit."""
+    return int(8 * ground.bound) + 64 if step_limit is None else step_limit
+
+
+def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
+    """Lay the pheromone that a colony begins with."""
+    ground = trail.ground
+    legal = trail.tau > 0
+    if isinstance(pheromone, str):
+        if checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "corridor":
+            begin = ground.distance_from(ground.problem.start)
+            cell, move = np.nonzero(legal)
+            over = begin[cell] + ground.lengths[move] + ground.distance[cell + ground.offsets[move]]
+            trail.tau[cell, move] *= np.exp(ground.bound - over)
+    else:
+        left = checks.array("pheromone", pheromone, (*ground.problem.grid.shape, 8))
+        trail.tau = np.where(legal, ground.flat(left), 0.0)
+        if not (trail.tau[legal] > 0).all():
+            raise BadParameter("pheromone", float(trail.tau[legal].min()), "> 0 on every legal move")
+    trail.tau[legal] = trail.tau[legal].clip(trail.low, trail.high)
+
+
+def _row(squad: Squad, trail: Trail, resolution: float) -> tuple[float, float, float, float]:
+    """Return a row of the history."""
+    arrived = squad.length[squad.depth >= 0]
+    mean = float(arrived.mean()) * resolution if arrived.size else math.nan
+    return trail.best * resolution, mean, arrived.size / squad.length.size, entropy(trail.tau)
+
+
+def _plan(problem: Problem, status: Status, path: NDArray[np.uint8] | None, bound: float, steps: int, clock: Clock) -> Plan:
+    """Return the plan of a path given by its moves; `bound` in cells."""
+    resolution = problem.grid.resolution
+    bound *= resolution
+    if path is None:
+        return Plan(status, expanded=steps, elapsed=clock.elapsed(), lower_bound=bound)
+    cells = np.vstack((problem.start, problem.start + np.cumsum(problem.moves.offsets[path], axis=0))).astype(np.int32)
+    diagonals = int((path > 3).sum())
+    length = (path.size - diagonals + diagonals * math.sqrt(2.0)) * resolution
+    optimal = length <= bound * (1 + 1e-9)
+    return Plan(status, cells, length, optimal, steps, clock.elapsed(), lower_bound=length if optimal else bound)

@@ -1,0 +1,203 @@
+"""What every colony on a grid is made of: the ground the ants walk, the squad that walks it, the pheromone they leave."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.ants.rules import Rule
+from antway.grid import Cell, Grid, Moves
+from antway.kernels import walk as kernel
+from antway.kernels.colony import limits
+from antway.kernels.colony import persistence as rho
+from antway.planning import Clock, Problem
+from antway.search.derived import Graph, graph
+from antway.search.dijkstra import distance_field
+
+STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms
+NO_TURN = np.ones((9, 8), dtype=np.float32)
+NO_PATH = np.empty(0, dtype=np.uint8)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A problem as the kernels take it: flat with a margin of one cell (`search.derived.Graph`), lengths in cells."""
+
+    problem: Problem
+
+    @cached_property
+    def net(self) -> Graph:
+        """The legal moves of each cell."""
+        return graph(self.problem.grid, self.problem.moves)
+
+    @cached_property
+    def offsets(self) -> NDArray[np.int64]:
+        """Flat step of each move, int64[8]; 0 for those that FOUR has not."""
+        return np.resize(np.append(self.net.offsets, [0] * 4), 8).astype(np.int64)
+
+    @cached_property
+    def lengths(self) -> NDArray[np.float64]:
+        """Length of each move in cells, float64[8]."""
+        return Moves.EIGHT.lengths
+
+    @cached_property
+    def distance(self) -> NDArray[np.float64]:
+        """Exact distance to the goal in cells, float64[N]; infinite where it cannot be reached."""
+        return self.flat(
+            distance_field(self.problem.grid, self.problem.goal, self.problem.moves) / self.problem.grid.resolution
+        )
+
+    @property
+    def start(self) -> int:
+        """Flat index."""
+        return self.net.at(self.problem.start)
+
+    @property
+    def goal(self) -> int:
+        """Flat index."""
+        return self.net.at(self.problem.goal)
+
+    @property
+    def bound(self) -> float:
+        """Length of the shortest path in cells."""
+        return float(self.distance[self.start])
+
+    def flat(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return float64[H, W, ...] flat, with an infinite margin."""
+        edge = [(1, 1), (1, 1)] + [(0, 0)] * (values.ndim - 2)
+        return np.pad(values, edge, constant_values=np.inf).reshape(-1, *values.shape[2:])
+
+    def distance_from(self, cell: Cell) -> NDArray[np.float64]:
+        """Return the exact distance to `cell` in cells, float64[N]."""
+        problem = self.problem
+        return self.flat(distance_field(problem.grid, cell, problem.moves) / problem.grid.resolution)
+
+    def visibility(self, heuristic: str, beta: float) -> NDArray[np.float64]:
+        """Return eta^beta of each legal move, float64[N, 8]; see `gridpath.explore` for the heuristics."""
+        distance = self.distance
+        if heuristic == "goal":
+            rows, cols = np.divmod(np.arange(distance.size), self.net.width)
+            distance = np.hypot(rows - self.goal // self.net.width, cols - self.goal % self.net.width)
+        reach = np.isfinite(self.distance)
+        return kernel.visibility(self.net.legal, self.offsets, self.lengths, distance, reach, beta, heuristic == "field")
+
+
+class Squad:
+    """Ants that walk at once, each row its own; threads share them out and change nothing but the time it takes."""
+
+    def __init__(self, ground: Ground, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
+        self.ground, self.limit, self.retreat, self.threads = ground, limit, retreat, threads
+        self.moves = np.empty((ants, limit), dtype=np.uint8)
+        self.depth = np.full(ants, -1, dtype=np.int32)
+        self.length = np.full(ants, np.inf)
+        self._stamps = [np.zeros(ground.distance.size, dtype=np.int32) for _ in range(threads)]
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool:
+            self._pool.shutdown()
+
+    def walk(
+        self,
+        weights: NDArray[np.float32],
+        seed: int,
+        first: int,
+        clock: Clock,
+        *,
+        greedy: float = 0.0,
+        turn: NDArray[np.float32] = NO_TURN,
+    ) -> int:
+        """Let ants number first, first + 1, ... walk, measure their paths and return the steps made; see `kernels.walk.walk`.
+
+        No ant sets out once the clock is spent; those that did not die.
+        """
+        ants, ground = self.depth.size, self.ground
+        block = max(1, min(STEPS // max(self.limit, 1), -(-ants // self.threads)))
+
+        def share(worker: int) -> int:
+            steps = 0
+            for begin in range(worker * block, ants, self.threads * block):
+                part = slice(begin, begin + block)
+                self.depth[part] = -1
+                if not clock.spent():
+                    steps += kernel.walk(
+                        weights, ground.offsets, ground.start, ground.goal, self.limit, self.retreat, greedy, turn,
+                        np.uint64(seed), first + begin, self.moves[part], self.depth[part], self._stamps[worker],
+                    )  # fmt: skip
+            return steps
+
+        steps = sum((self._pool.map if self._pool else map)(share, range(self.threads)))
+        kernel.measure(self.moves, self.depth, self.length)
+        return steps
+
+    def path(self, ant: int) -> NDArray[np.uint8]:
+        """Return the moves of an ant that arrived."""
+        return self.moves[ant, : self.depth[ant]].copy()
+
+
+class Trail:
+    """Pheromone on the moves of a ground, and the best path so far, both as one rule keeps them.
+
+    Attributes
+    ----------
+    tau : float64[N, 8]
+        0 where a move is not legal.
+    best : float
+        Length of `path` in cells; infinite while there is none.
+    """
+
+    def __init__(self, ground: Ground, rule: Rule, ants: int, heuristic: str) -> None:
+        self.ground, self.numbers = ground, rule.numbers(ants)
+        self.visibility = visibility = ground.visibility(heuristic, self.numbers.beta)
+        self.best, self.path = math.inf, NO_PATH
+        self._improved = self._restarted = 0
+        self._weights = np.zeros(visibility.shape, np.float32)
+        legal = visibility > 0
+        self._choices = float(legal.sum() / max(legal.any(axis=1).sum(), 1))
+        self.low, self.high = self._limits()
+        limited = self.numbers.p_best > 0
+        self.first = self.high if limited else rule.initial(ants, max(round(ground.bound), 1), ground.bound)
+        self.tau = np.where(legal, self.first, 0.0)
+
+    def weights(self) -> NDArray[np.float32]:
+        """Return tau^alpha eta^beta, Eq. (1), float32[N, 8]; the array is overwritten at the next call."""
+        kernel.weigh(self.tau, self.visibility, self.numbers.alpha, self._weights)
+        return self._weights
+
+    def learn(self, squad: Squad, t: int) -> None:
+        """Take the paths of cycle `t` (0, 1, ...) in: the best so far and, Eq. (2), the pheromone."""
+        order = np.argsort(squad.length, kind="stable")
+        if squad.length[order[0]] < self.best:
+            self.best, self.path, self._improved = float(squad.length[order[0]]), squad.path(int(order[0])), t
+            self.low, self.high = self._limits()
+        kernel.update(
+            self.numbers, self.tau, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
+            squad.moves, squad.depth, squad.length, order, self.path, self.best, t, t - self._restarted,
+        )  # fmt: skip
+        if self.numbers.restart and t + 1 - max(self._improved, self._restarted) > self.numbers.restart:
+            self._restarted = t + 1
+            self.tau[self.tau > 0] = self.high
+
+    def _limits(self) -> tuple[float, float]:
+        """Return the least and the most pheromone a move may have."""
+        if self.numbers.p_best == 0:
+            return kernel.LOW, kernel.HIGH
+        strongest = rho(self.numbers.fade, 1.0, 0.0, 0, 0.0)
+        length = self.best if self.best < math.inf else self.ground.bound
+        return limits(self.numbers, strongest, length, max(round(length), 1), self._choices)
+
+
+def crop(grid: Grid, corner: tuple[int, int], shape: tuple[int, int], forbidden: NDArray[np.bool_] | None) -> Grid:
+    """Return the part of `grid` of that shape with that corner, where `forbidden` cells are blocked, too."""
+    part = (slice(corner[0], corner[0] + shape[0]), slice(corner[1], corner[1] + shape[1]))
+    blocked = grid.blocked[part]
+    return Grid(blocked if forbidden is None else blocked | forbidden[part], resolution=grid.resolution)

@@ -1,0 +1,274 @@
+"""Ants that walk a grid: what they see, Eq. (1) as one table of weights, the roulette, the walk, the pheromone they leave.
+
+The map is flat with a margin, as in `search.derived.Graph`; `offsets` int64[8] are its flat steps, and a move is an index into
+them. A path is the moves from its start. Arrays [N, 8] hold a value for each move out of each cell, 0 where it is not legal.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.colony import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
+from antway.kernels.jit import kernel
+from antway.kernels.rng import mix, stream
+
+FLOOR = 1e-30  # a legal move keeps this share of the heaviest one's weight, so that 0 means "no move" and nothing else
+NEAR = 1e-3  # cells; a target nearer than this is seen as if it were so far: an ant beside it steps onto it
+LOW, HIGH = 1e-150, 1e150  # what pheromone without limits of its own is kept in, so that it never becomes 0 or infinite
+_GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step of splitmix64, see rng.py
+
+
+@kernel
+def visibility(
+    legal: NDArray[np.uint32],
+    offsets: NDArray[np.int64],
+    lengths: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    reach: NDArray[np.bool_],
+    beta: float,
+    detour: bool,
+) -> NDArray[np.float64]:
+    """Return eta^beta of every legal move i -> j between cells of `reach`, float64[N, 8], up to a factor of each cell i.
+
+    eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the way lost, in cells.
+    """
+    seen = np.zeros((legal.size, 8))
+    for i in range(legal.size):
+        if not reach[i] or legal[i] == 0:
+            continue
+        best = math.inf
+        for k in range(8):
+            if (legal[i] >> k) & 1:
+                best = min(best, (lengths[k] if detour else 0.0) + max(distance[i + offsets[k]], NEAR))
+        for k in range(8):
+            if (legal[i] >> k) & 1:
+                d = (lengths[k] if detour else 0.0) + max(distance[i + offsets[k]], NEAR)
+                seen[i, k] = max(math.exp(beta * (best - d)) if detour else (best / d) ** beta, FLOOR)
+    return seen
+
+
+@kernel
+def weigh(tau: NDArray[np.float64], seen: NDArray[np.float64], alpha: float, weights: NDArray[np.float32]) -> None:
+    """Write the numerator of Eq. (1), tau^alpha eta^beta, to float32[N, 8], divided by the largest of the cell."""
+    row = np.empty(8)
+    for cell in range(tau.shape[0]):
+        strongest, top = 0.0, 0.0
+        for k in range(8):
+            strongest = max(strongest, tau[cell, k])
+        if strongest == 0.0:
+            continue
+        for k in range(8):
+            share = tau[cell, k] / strongest
+            row[k] = seen[cell, k] * (share if alpha == 1.0 else share**alpha)
+            top = max(top, row[k])
+        for k in range(8):
+            weights[cell, k] = max(row[k] / top, FLOOR) if tau[cell, k] > 0.0 else 0.0
+
+
+@kernel
+def walk(
+    weights: NDArray[np.float32],
+    offsets: NDArray[np.int64],
+    start: int,
+    goal: int,
+    limit: int,
+    retreat: bool,
+    greedy: float,
+    turn: NDArray[np.float32],
+    seed: np.uint64,
+    first: int,
+    moves: NDArray[np.uint8],
+    depth: NDArray[np.int32],
+    stamp: NDArray[np.int32],
+) -> int:
+    """Let the ants first, first + 1, ... walk from `start`, one for each row of `moves`; return the steps they made.
+
+    Each step draws among the neighbours that the ant has not visited, by the roulette over `weights`, Eq. (1); with probability
+    `greedy` it takes the heaviest instead (the pseudo-random proportional rule). turn[a, b] scales the weight of move b after
+    move a; row 8 stands for the start. In a dead end the ant goes back one cell and never enters the dead one again, so paths
+    have no loops; without `retreat` it dies there. It dies, too, when `limit` steps, those back included, have not brought it
+    to `goal`.
+
+    `moves` uint8[A, limit] and `depth` int32[A] are written: the moves of each path and how many, -1 for an ant that died.
+    `stamp` int32[N] is scratch, zeroed once; no ant number may come to the same one twice. Ant a draws from `stream(seed, a)`,
+    so its way does not depend on what runs beside it.
+    """
+    steps = 0
+    zero = np.float32(0.0)
+    o0, o1, o2, o3 = offsets[0], offsets[1], offsets[2], offsets[3]
+    o4, o5, o6, o7 = offsets[4], offsets[5], offsets[6], offsets[7]
+    for ant in range(moves.shape[0]):
+        mine = np.int32(first + ant + 1)
+        state = stream(seed, np.uint64(first + ant))
+        cell, length, made, last = start, 0, 0, 8
+        stamp[cell] = mine
+        while cell != goal and made < limit:
+            made += 1
+            w0 = weights[cell, 0] * turn[last, 0] if stamp[cell + o0] != mine else zero
+            w1 = weights[cell, 1] * turn[last, 1] if stamp[cell + o1] != mine else zero
+            w2 = weights[cell, 2] * turn[last, 2] if stamp[cell + o2] != mine else zero
+            w3 = weights[cell, 3] * turn[last, 3] if stamp[cell + o3] != mine else zero
+            w4 = weights[cell, 4] * turn[last, 4] if stamp[cell + o4] != mine else zero
+            w5 = weights[cell, 5] * turn[last, 5] if stamp[cell + o5] != mine else zero
+            w6 = weights[cell, 6] * turn[last, 6] if stamp[cell + o6] != mine else zero
+            w7 = weights[cell, 7] * turn[last, 7] if stamp[cell + o7] != mine else zero
+            c0 = w0
+            c1 = c0 + w1
+            c2 = c1 + w2
+            c3 = c2 + w3
+            c4 = c3 + w4
+            c5 = c4 + w5
+            c6 = c5 + w6
+            c7 = c6 + w7
+            if c7 == zero:
+                if not retreat or length == 0:
+                    break
+                length -= 1
+                cell -= offsets[moves[ant, length]]
+                last = int(moves[ant, length - 1]) if length > 0 else 8
+                continue
+            state += _GAMMA
+            # 23 bits: drawn < c7 also after rounding, so the last move drawn always has weight
+            drawn = np.float32(mix(state) >> np.uint64(41)) * np.float32(1.0 / 8388608.0) * c7
+            last = (
+                int(c0 <= drawn)
+                + int(c1 <= drawn)
+                + int(c2 <= drawn)
+                + int(c3 <= drawn)
+                + int(c4 <= drawn)
+                + int(c5 <= drawn)
+                + int(c6 <= drawn)
+            )
+            if greedy > 0.0:
+                state += _GAMMA
+                if float(mix(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0) < greedy:
+                    top = max(max(max(w0, w1), max(w2, w3)), max(max(w4, w5), max(w6, w7)))
+                    last = 0
+                    for w in (w0, w1, w2, w3, w4, w5, w6):
+                        if w == top:
+                            break
+                        last += 1
+            moves[ant, length] = last
+            length += 1
+            cell += offsets[last]
+            stamp[cell] = mine
+        depth[ant] = length if cell == goal else -1
+        steps += made
+    return steps
+
+
+@kernel
+def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[np.float64]) -> None:
+    """Write L_k in cells to float64[A], straight moves and diagonals (4 to 7) counted apart; infinite for an ant that died."""
+    for ant in range(depth.size):
+        diagonal = 0
+        for i in range(depth[ant]):
+            diagonal += moves[ant, i] >> 2
+        length[ant] = depth[ant] - diagonal + diagonal * math.sqrt(2.0) if depth[ant] >= 0 else math.inf
+
+
+@kernel
+def update(
+    rule: Numbers,
+    tau: NDArray[np.float64],
+    first: float,
+    low: float,
+    high: float,
+    offsets: NDArray[np.int64],
+    start: int,
+    moves: NDArray[np.uint8],
+    depth: NDArray[np.int32],
+    length: NDArray[np.float64],
+    order: NDArray[np.int64],
+    best_path: NDArray[np.uint8],
+    best: float,
+    t: int,
+    since: int,
+) -> None:
+    """End a cycle, Eq. (2): pheromone fades, and ants that arrived leave Q / L_k as often as the rule says.
+
+    `order` ranks the ants by `length`, `best_path` and `best` are the best so far (none: empty and infinite), `t` the cycles
+    done, `since` those since the last restart, `first` the initial pheromone. Pheromone is kept within [low, high].
+    """
+    if rule.xi > 0.0:  # ACS's local update, for all ants of the cycle at once, so that they can walk side by side
+        for ant in range(depth.size):
+            cell = start
+            for i in range(depth[ant]):
+                k = moves[ant, i]
+                tau[cell, k] += rule.xi * (first - tau[cell, k])
+                cell += offsets[k]
+    shortest = length[order[0]]
+    excess = shortest / best - 1.0 if shortest < math.inf else math.inf
+    if rule.best_only:
+        rho = persistence(rule.fade, 1.0, 1.0, t, excess)
+        cell = start
+        for k in best_path:
+            tau[cell, k] = rho * tau[cell, k] + (1.0 - rho) * rule.q / best
+            cell += offsets[k]
+    else:
+        fade(tau, rule.fade, t, excess)
+        champion = best_deposits(rule.schedule, since)
+        if rule.elite > 0.0 and (champion or len(rule.schedule) == 0):
+            _lay(tau, offsets, start, best_path, len(best_path), rule.elite * rule.q / best)
+        for rank in range(depth.size):
+            ant = order[rank]
+            if not champion and depth[ant] >= 0 and rule.share[rank] > 0.0:
+                _lay(tau, offsets, start, moves[ant], depth[ant], rule.share[rank] * rule.q / length[ant])
+    for cell in range(tau.shape[0]):
+        for k in range(8):
+            if tau[cell, k] > 0.0:
+                tau[cell, k] = min(max(tau[cell, k], low), high)
+
+
+@kernel
+def fade(tau: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
+    """tau <- rho tau on every legal move; see `kernels.colony.persistence`."""
+    by_edge = policy[0] == ADAPTIVE or policy[0] == PRINTED
+    rho, least = 1.0, math.inf
+    if by_edge:
+        for cell in range(tau.shape[0]):
+            for k in range(8):
+                if 0.0 < tau[cell, k] < least:
+                    least = tau[cell, k]
+    else:
+        rho = persistence(policy, 1.0, 1.0, t, excess)
+    for cell in range(tau.shape[0]):
+        for k in range(8):
+            if tau[cell, k] > 0.0:
+                tau[cell, k] *= persistence(policy, tau[cell, k], least, t, excess) if by_edge else rho
+
+
+@kernel
+def _lay(
+    tau: NDArray[np.float64], offsets: NDArray[np.int64], start: int, path: NDArray[np.uint8], depth: int, amount: float
+) -> None:
+    """Add `amount` along a path."""
+    cell = start
+    for i in range(depth):
+        tau[cell, path[i]] += amount
+        cell += offsets[path[i]]
+
+
+@kernel
+def entropy(tau: NDArray[np.float64]) -> float:
+    """Return the mean entropy, in nats, of the shares of pheromone on a cell's moves, over the cells with at least two."""
+    total, cells = 0.0, 0
+    for cell in range(tau.shape[0]):
+        mass, count, logs = 0.0, 0, 0.0
+        top = 0.0
+        for k in range(8):
+            top = max(top, tau[cell, k])
+        for k in range(8):
+            if tau[cell, k] > 0.0:
+                share = tau[cell, k] / top
+                mass += share
+                count += 1
+                if share > 0.0:
+                    logs += share * math.log(share)
+        if count > 1:
+            total += math.log(mass) - logs / mass
+            cells += 1
+    return total / cells if cells else 0.0
