@@ -244,6 +244,7 @@ def search(
     gain: float,
     alpha: float,
     max_steps: int,
+    max_expansions: int,
     state: NDArray[np.uint64],
 ) -> tuple[int, float, float]:
     """Send the colony from (x, y) at t0; returns (best end state or -1, its cost, a lower bound on any cost), in s.
@@ -264,8 +265,8 @@ def search(
         s; a way counts as better only by more than this.
     alpha : float
         Exponent of pheromone: 0 or 1.
-    max_steps : int
-        Of one ant.
+    max_steps, max_expansions : int
+        Steps of one ant; moves tested in all.
     state : uint64[1]
         Of the random generator.
 
@@ -296,6 +297,8 @@ def search(
         beta = betas[(ant - 1) % len(betas)] if ant > 0 else math.inf
         found = False
         for _ in range(max_steps):
+            if memory.counter[2] >= max_expansions:
+                break
             cell = memory.cell[s]
             now = memory.arrival[s]
             if cell == place.goal or now >= horizon:
@@ -402,7 +405,7 @@ def search(
             idle += 1
             if idle >= patience and best >= 0:
                 break
-        if memory.counter[1] >= STATES:
+        if memory.counter[1] >= STATES or memory.counter[2] >= max_expansions:
             break
     return best, best_cost, t0 + here
 

@@ -1,0 +1,87 @@
+"""Where tracks will be: straight on, mirrored at walls, in tubes that widen with what is not known of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+from antway.kernels.world import first_wall
+
+X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, TURNS = range(8)  # columns of a belief, one row a track
+MIRRORS = 4  # at most, of one track
+_TIERS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # s; a tube that widens does so in steps
+
+
+@kernel
+def predict(
+    beliefs: NDArray[np.float64],
+    now: float,
+    age: float,
+    horizon: float,
+    robot_x: float,
+    robot_y: float,
+    robot_radius: float,
+    margin: float,
+    quantile: float,
+    blocked: NDArray[np.bool_],
+    frame: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> int:
+    """Turn beliefs about tracks into pieces (kernels/pieces.py) for a robot at (robot_x, robot_y).
+
+    Parameters
+    ----------
+    beliefs : float64[K, 8]
+        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and how fast the tube of an
+        occasional turner widens (m/s).
+    now, age, horizon : float
+        Time now; how old the beliefs are; how far ahead to predict; s.
+    margin, quantile : float
+        Added to the radii, m; times the standard deviation at each time.
+    blocked, frame : bool[H, W], float64[3]
+        The map; x and y of its corner and the edge of a cell, m.
+    out : float64[P, 7]
+
+    Returns
+    -------
+    int
+        Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that a way
+        out is a way at all; its body never is.
+    """
+    n = 0
+    size = frame[2]
+    for k in range(len(beliefs)):
+        x, y, vx, vy = beliefs[k, X], beliefs[k, Y], beliefs[k, VX], beliefs[k, VY]
+        body = robot_radius + beliefs[k, RADIUS]
+        room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
+        t, mirrors = -age, 0
+        while t < horizon and n < len(out):
+            end = horizon
+            sure = beliefs[k, SIGMA] == 0.0 and beliefs[k, SIGMA_V] == 0.0 and beliefs[k, TURNS] == 0.0
+            if not sure:
+                for tier in _TIERS:
+                    if tier > t + 1e-9:
+                        end = min(tier, horizon)
+                        break
+            col, row = (x - frame[0]) / size - 0.5, (y - frame[1]) / size - 0.5
+            share, n_row, n_col = first_wall(
+                blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, beliefs[k, RADIUS] / size
+            )
+            hit = share <= 1.0 and mirrors < MIRRORS
+            until = t + share * (end - t) if hit else end
+            if until > t:
+                variance = beliefs[k, SIGMA] ** 2 + (beliefs[k, SIGMA_V] * (until + age)) ** 2
+                wide = margin + quantile * math.sqrt(variance) + beliefs[k, TURNS] * max(until, 0.0)
+                out[n, 0], out[n, 1] = now + t, now + until
+                out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
+                out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
+                n += 1
+                x, y, t = x + vx * (until - t), y + vy * (until - t), until
+            if hit:
+                mirrors += 1
+                into = vx * n_col + vy * n_row
+                vx, vy = vx - 2.0 * into * n_col, vy - 2.0 * into * n_row
+    return n
