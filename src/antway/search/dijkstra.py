@@ -154,6 +154,11 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
     if costs is not None or problem.moves not in NEIGHBOURS:
         weights = None if costs is None else checked_costs(costs, problem.grid)
         return heap.plan(problem, clock, heuristic=False, costs=weights)
+    return spread_plan(problem, clock)
+
+
+def spread_plan(problem: Problem, clock: Clock) -> Plan:
+    """Solve a problem with 4 or 8 moves by a wave from the start that stops at the goal."""
     net = lattice(problem.grid, problem.moves)
     wave = Wave(net, [problem.start], [problem.goal])
     done = wave.run(clock)

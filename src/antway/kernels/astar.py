@@ -1,0 +1,106 @@
+"""A* on 4 and 8 neighbours: integer costs, a queue of buckets, canonical successors."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.bits import ctz
+from antway.kernels.buckets import BOUND, CUT, DIAGONAL, EXPANDED, LIMIT, STRAIGHT, USED, pop, push
+from antway.kernels.jit import kernel
+
+RUNNING, DONE, FULL = 0, 1, 2
+
+_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
+_COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
+
+
+@kernel
+def octile(row: int, col: int, goal_row: int, goal_col: int, shorter: int) -> int:
+    """Return the distance on an empty map: `shorter` is what a cell costs of the shorter side of the box between both."""
+    a, b = abs(row - goal_row), abs(col - goal_col)
+    return STRAIGHT * max(a, b) + shorter * min(a, b)
+
+
+@kernel
+def expand(
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    width: int,
+    goal_row: int,
+    goal_col: int,
+    shorter: int,
+    base: int,
+    label: NDArray[np.int32],
+    came: NDArray[np.uint8],
+    first: NDArray[np.int32],
+    filled: NDArray[np.uint64],
+    entries: NDArray[np.int32],
+    state: NDArray[np.int64],
+    steps: int,
+) -> int:
+    """Expand up to `steps` cells; return RUNNING, DONE (the goal's label is final, or nothing is left), or FULL (`entries`).
+
+    Parameters
+    ----------
+    around, table, width
+        The map and its canonical successors (see `canonical`), cells in a row.
+    goal_row, goal_col, shorter
+        See `octile`.
+    base, label, came
+        `label[cell] - base` is the cost of the best path to the cell so far, and `came` its last move; labels of earlier
+        searches are at least `base + LIMIT`, so nothing is cleared between searches.
+    first, filled, entries, state
+        The queue (see `buckets`).
+    """
+    room = entries.shape[0] - 8
+    goal = goal_row * width + goal_col
+    for _ in range(steps):
+        if state[USED] > room:
+            return FULL
+        entry = pop(first, filled, entries, state)
+        if entry < 0:
+            return DONE
+        row, col, g = entries[entry, 1], entries[entry, 2], entries[entry, 3]
+        cell = row * width + col
+        if label[cell] != base + g:
+            continue
+        if cell == goal:
+            return DONE
+        state[EXPANDED] += 1
+        moves = np.uint64(table[9 * np.int64(around[cell]) + came[cell]])
+        while moves:
+            d = ctz(moves)
+            moves &= moves - np.uint64(1)
+            to_row, to_col = row + _ROW[d], col + _COL[d]
+            to = to_row * width + to_col
+            g_to = g + (STRAIGHT if d < 4 else DIAGONAL)
+            if base + g_to < label[to]:
+                key = g_to + octile(to_row, to_col, goal_row, goal_col, shorter)
+                if key >= LIMIT:
+                    state[CUT] = 1
+                elif key < state[BOUND]:
+                    label[to], came[to] = base + g_to, d
+                    if to == goal:
+                        state[BOUND] = key
+                    push(first, filled, entries, state, key, to_row, to_col, g_to)
+    return RUNNING
+
+
+@kernel
+def trace(came: NDArray[np.uint8], row: int, col: int, width: int) -> NDArray[np.int32]:
+    """Return the path to (row, col), int32[N, 2], by the moves that its cells were reached by."""
+    r, c, n = row, col, 1
+    while came[r * width + c] < 8:
+        d = came[r * width + c]
+        r -= _ROW[d]
+        c -= _COL[d]
+        n += 1
+    path = np.empty((n, 2), np.int32)
+    for i in range(n - 1, -1, -1):
+        path[i, 0], path[i, 1] = row, col
+        d = came[row * width + col]
+        if d < 8:
+            row -= _ROW[d]
+            col -= _COL[d]
+    return path
