@@ -22,7 +22,7 @@ from antway.kernels.walk import entropy
 from antway.planning import Budget, Clock, Plan, Problem, Status
 
 MAX_CELLS = 1 << 22  # a colony keeps about 200 bytes a cell
-BETA = {"field": 8.0, "distance": 8.0, "goal": 8.0}  # the default by heuristic, see `explore`
+BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # the default by heuristic, see `explore`
 Window = tuple[int, int, int, int]  # (row, col, rows, columns)
 
 
@@ -138,7 +138,7 @@ def explore(
         By cycle; None: as the rule has it, or 50.
     cycles : int
     alpha, beta : float or None
-        Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: as the rule has it, beta 8 for a name.
+        Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: as the rule has it, beta 7 or 8 for a name.
     heuristic : str
         field: eta = exp(-way lost by the move), in cells, by exact distances to the goal; distance: eta = 1 / exact distance of
         the next cell to the goal; goal: eta = 1 / straight distance of the next cell to the goal.

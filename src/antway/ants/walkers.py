@@ -159,7 +159,7 @@ class Trail:
         self.ground, self.numbers = ground, rule.numbers(ants)
         self.visibility = visibility = ground.visibility(heuristic, self.numbers.beta)
         self.best, self.path = math.inf, NO_PATH
-        self._improved = self._restarted = 0
+        self._improved = self._restarted = -1  # cycles
         self._weights = np.zeros(visibility.shape, np.float32)
         legal = visibility > 0
         self._choices = float(legal.sum() / max(legal.any(axis=1).sum(), 1))
@@ -180,12 +180,12 @@ class Trail:
             self.best, self.path, self._improved = float(squad.length[order[0]]), squad.path(int(order[0])), t
             self.low, self.high = self._limits()
         kernel.update(
-            self.numbers, self.tau, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
-            squad.moves, squad.depth, squad.length, order, self.path, self.best, t, t - self._restarted,
+            self.numbers, self.tau, self.visibility, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
+            squad.moves, squad.depth, squad.length, order, self.path, self.best, t, t - self._restarted - 1,
         )  # fmt: skip
-        if self.numbers.restart and t + 1 - max(self._improved, self._restarted) > self.numbers.restart:
-            self._restarted = t + 1
-            self.tau[self.tau > 0] = self.high
+        if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
+            self._restarted = t
+            self.tau[self.visibility > 0] = self.high
 
     def _limits(self) -> tuple[float, float]:
         """Return the least and the most pheromone a move may have."""

@@ -174,6 +174,7 @@ def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[
 def update(
     rule: Numbers,
     tau: NDArray[np.float64],
+    seen: NDArray[np.float64],
     first: float,
     low: float,
     high: float,
@@ -190,8 +191,9 @@ def update(
 ) -> None:
     """End a cycle, Eq. (2): pheromone fades, and ants that arrived leave Q / L_k as often as the rule says.
 
-    `order` ranks the ants by `length`, `best_path` and `best` are the best so far (none: empty and infinite), `t` the cycles
-    done, `since` those since the last restart, `first` the initial pheromone. Pheromone is kept within [low, high].
+    `seen` is the heuristic (0: no move), `order` ranks the ants by `length`, `best_path` and `best` are the best so far (none:
+    empty and infinite), `t` the cycles done, `since` those since the last restart, `first` the initial pheromone. Pheromone is
+    kept within [low, high].
     """
     if rule.xi > 0.0:  # ACS's local update, for all ants of the cycle at once, so that they can walk side by side
         for ant in range(depth.size):
@@ -209,7 +211,7 @@ def update(
             tau[cell, k] = rho * tau[cell, k] + (1.0 - rho) * rule.q / best
             cell += offsets[k]
     else:
-        fade(tau, rule.fade, t, excess)
+        fade(tau, seen, rule.fade, t, excess)
         champion = best_deposits(rule.schedule, since)
         if rule.elite > 0.0 and (champion or len(rule.schedule) == 0):
             _lay(tau, offsets, start, best_path, len(best_path), rule.elite * rule.q / best)
@@ -219,25 +221,25 @@ def update(
                 _lay(tau, offsets, start, moves[ant], depth[ant], rule.share[rank] * rule.q / length[ant])
     for cell in range(tau.shape[0]):
         for k in range(8):
-            if tau[cell, k] > 0.0:
+            if seen[cell, k] > 0.0:
                 tau[cell, k] = min(max(tau[cell, k], low), high)
 
 
 @kernel
-def fade(tau: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
-    """tau <- rho tau on every legal move; see `kernels.colony.persistence`."""
+def fade(tau: NDArray[np.float64], seen: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
+    """tau <- rho tau on every legal move (`seen` > 0); see `kernels.colony.persistence`."""
     by_edge = policy[0] == ADAPTIVE or policy[0] == PRINTED
     rho, least = 1.0, math.inf
     if by_edge:
         for cell in range(tau.shape[0]):
             for k in range(8):
-                if 0.0 < tau[cell, k] < least:
-                    least = tau[cell, k]
+                if seen[cell, k] > 0.0:
+                    least = min(least, tau[cell, k])
     else:
         rho = persistence(policy, 1.0, 1.0, t, excess)
     for cell in range(tau.shape[0]):
         for k in range(8):
-            if tau[cell, k] > 0.0:
+            if seen[cell, k] > 0.0:
                 tau[cell, k] *= persistence(policy, tau[cell, k], least, t, excess) if by_edge else rho
 
 

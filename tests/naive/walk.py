@@ -1,0 +1,114 @@
+"""Ants on a grid as one would write them down: Python integers, lists and dictionaries, one edge at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+MASK = 2**64 - 1
+
+
+def mix(z):
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & MASK
+    return z ^ (z >> 31)
+
+
+class Dice:
+    """splitmix64 begun at stream `index` of `seed`."""
+
+    def __init__(self, seed, index):
+        self.state = mix((seed + mix((index + 0x9E3779B97F4A7C15) & MASK)) & MASK)
+
+    def bits(self):
+        self.state = (self.state + 0x9E3779B97F4A7C15) & MASK
+        return mix(self.state)
+
+
+def walk(weights, offsets, start, goal, limit, retreat, greedy, turn, seed, ant):
+    """The moves of one ant, None if it died, and the steps it made. Weights are float32, summed from the first move on."""
+    dice, path, cell, visited = Dice(seed, ant), [], start, {start}
+    for step in range(limit):
+        if cell == goal:
+            return path, step
+        last = path[-1] if path else 8
+        open_ = [weights[cell, k] * turn[last, k] if cell + offsets[k] not in visited else np.float32(0) for k in range(8)]
+        total = np.cumsum(np.array(open_, np.float32), dtype=np.float32)
+        if total[-1] == 0:
+            if not retreat or not path:
+                return None, step + 1
+            cell -= offsets[path.pop()]
+            continue
+        drawn = np.float32(dice.bits() >> 41) * np.float32(2**-23) * total[-1]
+        k = next(k for k in range(8) if total[k] > drawn)
+        if greedy > 0 and (dice.bits() >> 11) * 2.0**-53 < greedy:
+            k = int(np.argmax(open_))
+        path.append(k)
+        cell += offsets[k]
+        visited.add(cell)
+    return (path, limit) if cell == goal else (None, limit)
+
+
+def edges(offsets, start, path):
+    """The (cell, move) pairs of a path."""
+    cells = start + np.concatenate(([0], np.cumsum([offsets[k] for k in path]))).astype(int)
+    return list(zip(cells.tolist(), path))
+
+
+def length(path):
+    return math.inf if path is None else math.fsum(math.sqrt(2) if k >= 4 else 1.0 for k in path)
+
+
+def rho(policy, tau, least, t, excess):
+    """Persistence of one edge, by the name of the policy's class."""
+    kind = type(policy).__name__
+    if kind == "Constant":
+        return policy.rho
+    if kind == "Adaptive":
+        return min(max(math.exp(-least / tau) + math.exp(-t), policy.lo), policy.hi)
+    if kind == "Printed":
+        return math.exp(least / tau) + math.exp(-t)
+    if kind == "Decay":
+        return max(policy.lo, policy.first * policy.factor**t)
+    return policy.lo + (policy.hi - policy.lo) * math.exp(-excess / policy.spread)
+
+
+def update(rule, tau, first, low, high, offsets, start, paths, best, t):
+    """The end of a cycle on a dictionary {(cell, move): pheromone}; `best` is the best path so far, or None."""
+    kind, tau = type(rule).__name__, dict(tau)
+    ranked = sorted((p for p in paths if p is not None), key=length)
+
+    def deposit(path, times):
+        for edge in edges(offsets, start, path):
+            tau[edge] += times * rule.q / length(path)
+
+    if kind == "AntColonySystem":
+        for path in paths:
+            for edge in edges(offsets, start, path or []):
+                tau[edge] = (1 - rule.xi) * tau[edge] + rule.xi * first
+        for edge in edges(offsets, start, best or []):
+            tau[edge] = rule.persistence.rho * tau[edge] + (1 - rule.persistence.rho) * rule.q / length(best)
+    else:
+        excess = length(ranked[0]) / length(best) - 1 if ranked else math.inf
+        least = min(tau.values())
+        tau = {edge: rho(rule.persistence, value, least, t, excess) * value for edge, value in tau.items()}
+        if kind == "AntSystem":
+            for path in ranked:
+                deposit(path, 1)
+        elif kind == "ElitistAntSystem":
+            for path in ranked:
+                deposit(path, 1)
+            if best:
+                deposit(best, len(paths) if rule.elite is None else rule.elite)
+        elif kind == "RankBasedAntSystem":
+            for r, path in enumerate(ranked[: rule.ranks - 1], start=1):
+                deposit(path, rule.ranks - r)
+            if best:
+                deposit(best, rule.ranks)
+        elif (t + 1) % rule.schedule[0][1] == 0:
+            if best:
+                deposit(best, 1)
+        elif ranked:
+            deposit(ranked[0], 1)
+    return {edge: min(max(value, low), high) for edge, value in tau.items()}
