@@ -1,0 +1,369 @@
+"""Figures of plans, episodes, colonies and tours. Each function returns a Matplotlib `Figure`; `save` writes it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon, Rectangle
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.planning import Plan, plan
+from antway.view import style
+from antway.view.style import save
+from antway.world.policy import Decision, Task
+from antway.world.trace import Trace
+
+__all__ = [
+    "convergence_figure",
+    "final_figure",
+    "moment_figure",
+    "moments",
+    "plan_figure",
+    "save",
+    "shortest",
+    "strip_figure",
+    "tour_figure",
+]
+
+HORIZON = 3.0  # s that a prediction is drawn for
+
+
+def shortest(task: Task) -> Plan:
+    """Return the shortest path of `task` on its static map, for the robot's radius: Step 2 of the paper."""
+    return plan(task.grid, task.start, task.goal, robot_radius=task.robot.radius, planner="dijkstra")
+
+
+@style.styled
+def plan_figure(
+    grid: Grid,
+    path: Plan,
+    *,
+    title: str = "Shortest path on the known map",
+    ends: tuple[Sequence[float], Sequence[float]] | None = None,
+) -> Figure:
+    """Draw a plan on its map (Fig. 4 of the paper).
+
+    Parameters
+    ----------
+    grid : Grid
+        The map, not inflated.
+    path : Plan
+        May be without a path; then the map and the ends alone are drawn.
+    title : str
+    ends : ((x, y), (x, y)) or None
+        Start and goal in m; None: those of the path.
+    """
+    fig = style.figure(*style.map_size(grid))
+    axes = fig.subplots()
+    style.draw_map(axes, grid)
+    xy = path.xy(grid) if len(path.cells) else np.empty((0, 2))
+    if len(xy):
+        label = f"{'shortest ' if path.optimal else ''}path, {path.length:.2f} m"
+        axes.plot(*xy.T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label=label, zorder=4)
+        ends = ends or (xy[0], xy[-1])
+    if ends is not None:
+        _draw_ends(axes, *ends)
+    axes.set_title(title)
+    style.legend_below(axes)
+    return fig
+
+
+@style.styled
+def moment_figure(
+    trace: Trace,
+    step: int,
+    *,
+    title: str,
+    path: Plan | None = None,
+    prediction: bool = True,
+    pheromone: bool = False,
+) -> Figure:
+    """Draw an episode as it stood at one step (Figs. 5 and 6 of the paper); what moves is red.
+
+    Parameters
+    ----------
+    trace : Trace
+    step : int
+        In [0, len(trace)].
+    title : str
+    path : Plan or None
+        The global path, drawn dashed.
+    prediction : bool
+        Draw where each sensed obstacle may be within the next 3 s at its present velocity.
+    pheromone : bool
+        Draw the ants' pheromone and the way that was chosen, if the decision of that step has them.
+    """
+    step = checks.integer("step", step, low=0, high=len(trace))
+    fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
+    axes = fig.subplots()
+    _draw_moment(axes, trace, step, path, prediction, pheromone)
+    decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
+    axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
+    if decision is not None:
+        axes.set_xlabel(f"x (m)\n{_wrapped(decision.reason)}")
+    style.legend_below(axes)
+    return fig
+
+
+@style.styled
+def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final path of the robot") -> Figure:
+    """Draw the way a robot drove, the global path, and the tracks of the obstacles in red (Fig. 7 of the paper)."""
+    fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
+    axes = fig.subplots()
+    style.draw_map(axes, trace.task.grid)
+    if path is not None:
+        _draw_global(axes, trace.task.grid, path)
+    for k in range(len(trace.obstacle_id)):
+        label = "moving obstacle: its track, and where it ended" if k == 0 else None
+        axes.plot(*trace.obstacle_xy[:, k].T, color=style.RED, linewidth=0.9, alpha=0.7, label=label, zorder=2)
+        _disc(axes, trace.obstacle_xy[-1, k], trace.obstacle_radius[k], style.RED, zorder=5)
+    label = f"driven, {trace.length:.2f} m in {trace.t[-1]:.1f} s"
+    axes.plot(*trace.xy.T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label=label, zorder=4)
+    every = max(1, round(5.0 / trace.task.robot.dt))
+    marks = trace.xy[every::every]
+    axes.plot(*marks.T, "o", color="white", markeredgecolor=style.BLUE, markersize=4, label="every 5 s", zorder=4.5)
+    _draw_ends(axes, trace.task.start, trace.task.goal)
+    axes.set_title(f"{title}: {trace.outcome.value.replace('-', ' ')}")
+    style.legend_below(axes, columns=3)
+    return fig
+
+
+@style.styled
+def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None) -> Figure:
+    """Draw an episode at several steps side by side."""
+    steps = [checks.integer("steps", step, low=0, high=len(trace)) for step in steps]
+    if not steps:
+        raise BadParameter("steps", steps, "at least one step")
+    width, height = style.map_size(trace.task.grid, width=2.7, extra=0.75)
+    fig = style.figure(width * len(steps), height + 0.3)
+    row = fig.subplots(1, len(steps), squeeze=False)[0]
+    for axes, step in zip(row, steps):
+        _draw_moment(axes, trace, step, path, prediction=True, pheromone=True)
+        axes.set_title(f"t = {trace.t[step]:.1f} s")
+        if axes is not row[0]:
+            axes.set_ylabel("")
+    style.legend_below(row[-1], columns=4 if len(steps) > 2 else 2)
+    return fig
+
+
+@style.styled
+def convergence_figure(
+    histories: Mapping[str, NDArray[np.float64]],
+    *,
+    optimum: float | None = None,
+    title: str = "Ants on a static map: convergence",
+) -> Figure:
+    """Draw the best length so far and the cycle's mean length against the cycle, for several colonies.
+
+    Parameters
+    ----------
+    histories : mapping of name to float64[C, 4]
+        By cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats); as a `Decision` has it.
+    optimum : float or None
+        The shortest length, m, drawn as a line.
+    """
+    fig = style.figure(6.4, 5.2)
+    lengths, arrived = fig.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+    looks = ((style.BLUE, "-"), (style.ORANGE, "--"), (style.RED, ":"), (style.TEAL, "-."))
+    for (name, history), (colour, dash) in zip(histories.items(), looks):
+        table = checks.array(f"history of {name}", history, (None, 4), finite=False)
+        cycle = np.arange(1, len(table) + 1)
+        lengths.plot(cycle, _finite(table[:, 0]), color=colour, linestyle=dash, linewidth=2.0, label=f"{name}: best so far")
+        lengths.plot(
+            cycle,
+            _finite(table[:, 1]),
+            color=colour,
+            linestyle=dash,
+            linewidth=0.9,
+            alpha=0.75,
+            label=f"{name}: mean of the cycle",
+        )
+        arrived.plot(cycle, 100 * table[:, 2], color=colour, linestyle=dash, linewidth=1.4)
+    if optimum is not None:
+        lengths.axhline(optimum, color=style.INK, linewidth=0.8, label=f"shortest path, {optimum:.2f} m")
+    lengths.set(ylabel="path length (m)", title=title)
+    arrived.set(ylabel="ants that arrive (%)", xlabel="cycle", ylim=(-3, 103))
+    for axes in (lengths, arrived):
+        axes.grid(color=style.RULE, linewidth=0.6)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.margins(x=0.01)
+    style.legend_below(lengths, columns=2)
+    return fig
+
+
+@style.styled
+def tour_figure(xy: NDArray[np.float64], order: NDArray[np.int64], *, title: str) -> Figure:
+    """Draw a closed tour through cities at `xy`, float64[N, 2], visited in `order`, int[N]."""
+    xy = checks.array("xy", xy, (None, 2))
+    fig = style.figure(6.4, 6.0)
+    axes = fig.subplots()
+    closed = xy[np.append(order, order[:1])]
+    axes.plot(*closed.T, color=style.BLUE, linewidth=1.1 if len(xy) < 2000 else 0.5, zorder=2)
+    axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 4.5 - np.log10(max(len(xy), 1))), markeredgewidth=0, zorder=3)
+    axes.set(title=title, xlabel="x", ylabel="y", aspect="equal")
+    axes.spines[["top", "right"]].set_visible(False)
+    return fig
+
+
+def moments(trace: Trace) -> tuple[int, int]:
+    """Return the step just before the first encounter and the step in it that shows most: (about to meet, avoiding).
+
+    An encounter begins with the first decision to do anything but follow the path; the step shown of it is the one at which
+    robot and obstacle come closest among those whose decision carries pheromone, or among all of the encounter.
+    """
+    calm = ("follow", "arrived")
+    begun = next((step for step, decision in trace.decisions if decision.action not in calm), None)
+    if begun is None:
+        middle = len(trace) // 2
+        return middle, middle
+    inside = [(step, decision) for step, decision in trace.decisions if step >= begun and decision.action not in calm]
+    shown = [step for step, decision in inside if decision.pheromone is not None] or [step for step, _ in inside]
+    return begun, shown[0]
+
+
+def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
+    task = trace.task
+    style.draw_map(axes, task.grid)
+    decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
+    if path is not None:
+        _draw_global(axes, task.grid, path)
+    if pheromone and decision is not None:
+        _draw_choice(axes, task.grid, decision)
+    sensed = Circle(tuple(trace.xy[step]), task.robot.sensor_range, fill=False, linestyle=(0, (1, 2)), edgecolor=style.INK)
+    if np.isfinite(task.robot.sensor_range):
+        axes.add_patch(sensed)
+        axes.plot([], [], color=style.INK, linestyle=(0, (1, 2)), label="sensed range")
+    if prediction:
+        _draw_predictions(axes, trace, step)
+    for k in range(len(trace.obstacle_id)):
+        _disc(
+            axes, trace.obstacle_xy[step, k], trace.obstacle_radius[k], style.RED, zorder=5, filled=bool(trace.sensed[step, k])
+        )
+    _draw_obstacle_labels(axes, trace, step)
+    axes.plot(
+        *trace.xy[: step + 1].T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label="driven", zorder=4
+    )
+    _draw_ends(axes, task.start, task.goal)
+    _disc(axes, trace.xy[step], task.robot.radius, style.BLUE, zorder=6, label="robot")
+    nose = trace.xy[step] + task.robot.radius * np.array([np.cos(trace.heading[step]), np.sin(trace.heading[step])])
+    axes.plot(*np.array([trace.xy[step], nose]).T, color="white", linewidth=1.2, zorder=6.5)
+
+
+def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
+    if decision.pheromone is not None:
+        row, col, amount = decision.pheromone
+        x, y, _ = grid.origin
+        d, (h, w) = grid.resolution, amount.shape
+        extent = (x + col * d, x + (col + w) * d, y + row * d, y + (row + h) * d)
+        image = axes.imshow(_scaled(amount), origin="lower", extent=extent, cmap=style.PHEROMONE, vmin=0, vmax=1, zorder=1.5)
+        image.set_interpolation("nearest")
+        frame = Rectangle(extent[::2], w * d, h * d, fill=False, edgecolor="#5E3C99", linewidth=0.9, zorder=1.6)
+        axes.add_patch(frame)
+        bar = axes.figure.colorbar(image, ax=axes, shrink=0.5, pad=0.02, ticks=[0, 1])
+        bar.ax.set_yticklabels(["least", "most"])
+        bar.set_label("pheromone", labelpad=-8)
+    if decision.path is not None and len(decision.path.xy):
+        xy = decision.path.xy
+        axes.plot(*xy.T, color=style.TEAL, linewidth=2.0, path_effects=style.casing(2.0), label="chosen way", zorder=3.5)
+    if decision.local_target is not None:
+        axes.plot(
+            *decision.local_target,
+            marker="D",
+            color=style.TEAL,
+            markeredgecolor="white",
+            markersize=7,
+            linestyle="",
+            label="local target",
+            zorder=5.5,
+        )
+
+
+def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:
+    """Draw the band that each sensed obstacle sweeps at its present velocity in the next 1, 2 and 3 s, paler with time."""
+    velocity = obstacle_velocity(trace, step)
+    for k in np.flatnonzero(trace.sensed[step]):
+        here, radius = trace.obstacle_xy[step, k], float(trace.obstacle_radius[k])
+        for ahead in (HORIZON, HORIZON * 2 / 3, HORIZON / 3):
+            band = _band(here, here + velocity[k] * ahead, radius)
+            axes.add_patch(Polygon(band, facecolor=style.ORANGE, alpha=0.25, linewidth=0, zorder=3))
+    if trace.sensed[step].any():
+        patch = Polygon([(0, 0)], facecolor=style.ORANGE, alpha=0.5, linewidth=0, label=f"predicted, next {HORIZON:.0f} s")
+        axes.add_patch(patch)
+
+
+def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Return the outline of what a disc of `radius` sweeps from `a` to `b`, float64[50, 2]."""
+    course = np.arctan2(*(b - a)[::-1])
+    angle = course + np.linspace(-0.5, 0.5, 25) * np.pi
+    ahead = np.column_stack((np.cos(angle), np.sin(angle))) * radius
+    return np.vstack((b + ahead, a - ahead))
+
+
+def obstacle_velocity(trace: Trace, step: int) -> NDArray[np.float64]:
+    """Return the obstacles' velocities about step `step`, float64[K, 2], m/s, from their places a step apart."""
+    a, b = (step, step + 1) if step < len(trace) else (max(step - 1, 0), step)
+    if a == b:
+        return np.zeros_like(trace.obstacle_xy[0])
+    velocity: NDArray[np.float64] = (trace.obstacle_xy[b] - trace.obstacle_xy[a]) / (trace.t[b] - trace.t[a])
+    return velocity
+
+
+def _draw_obstacle_labels(axes: Axes, trace: Trace, step: int) -> None:
+    sensed = trace.sensed[step]
+    look: dict[str, Any] = {"color": style.RED, "linestyle": "", "markersize": 8}
+    if sensed.any():
+        axes.plot([], [], "o", **look, label="moving obstacle")
+    if not sensed.all():
+        axes.plot([], [], "o", markerfacecolor="none", **look, label="moving obstacle, not sensed")
+
+
+def _draw_global(axes: Axes, grid: Grid, path: Plan) -> None:
+    if len(path.cells):
+        label = f"shortest path, {path.length:.2f} m"
+        axes.plot(*path.xy(grid).T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
+
+
+def _draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
+    look: dict[str, Any] = {"linestyle": "", "markeredgecolor": style.INK, "clip_on": False, "zorder": 5.8}
+    axes.plot(*start, marker="o", color="white", markersize=7, markeredgewidth=1.6, label="start", **look)
+    axes.plot(*goal, marker="*", color="#FFD23F", markersize=13, markeredgewidth=0.9, label="goal", **look)
+
+
+def _disc(
+    axes: Axes,
+    centre: NDArray[np.float64],
+    radius: float,
+    colour: str,
+    *,
+    zorder: float,
+    filled: bool = True,
+    label: str | None = None,
+) -> None:
+    face = colour if filled else "none"
+    axes.add_patch(Circle((centre[0], centre[1]), radius, facecolor=face, edgecolor=colour, linewidth=1.2, zorder=zorder))
+    if label is not None:
+        axes.plot([], [], "o", color=colour, markersize=8, linestyle="", label=label)
+
+
+def _scaled(amount: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Pheromone on a scale from 0 (least) to 1 (most), by its square root, so that faint trails show."""
+    low, high = float(amount.min()), float(amount.max())
+    if not high > low:
+        return np.zeros(amount.shape)
+    return np.sqrt((np.asarray(amount, dtype=np.float64) - low) / (high - low))
+
+
+def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _wrapped(text: str, width: int = 95) -> str:
+    return "\n".join(textwrap.wrap(text, width)[:3]).replace("$", r"\$")

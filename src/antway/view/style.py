@@ -1,0 +1,144 @@
+"""One style for every picture: colours that colour-blind people can tell apart, sizes, and the map as a background."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.patheffects import Normal, Stroke
+from matplotlib.transforms import Affine2D
+
+from antway.errors import BadParameter
+from antway.grid import Grid
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# Tol's "vibrant" scheme, told apart under every common colour blindness; red is kept for what moves.
+BLUE, CYAN, TEAL, ORANGE, RED = "#0077BB", "#33BBEE", "#009988", "#EE7733", "#CC3311"
+INK, WALL, UNKNOWN, RULE = "#1B1F24", "#454B54", "#D3D7DC", "#E3E6EA"
+_VIOLET = [(0.45, 0.25, 0.65, 0.0), (0.45, 0.25, 0.65, 0.55), (0.25, 0.05, 0.45, 0.95)]
+PHEROMONE = LinearSegmentedColormap.from_list("pheromone", _VIOLET)
+FORMATS = ("png", "svg", "pdf")
+
+_STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.unicode_minus": True,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "lines.solid_capstyle": "round",
+    "lines.solid_joinstyle": "round",
+    "savefig.facecolor": "white",
+    "svg.fonttype": "none",
+    "svg.hashsalt": "antway",
+    "pdf.fonttype": 42,
+}
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Run `draw` in the one style, and leave Matplotlib's settings as they were."""
+
+    @wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> R:
+        with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+            return draw(*args, **kwargs)
+
+    return inside
+
+
+def figure(width: float = 6.4, height: float = 4.8) -> Figure:
+    """Return an empty figure of `width` x `height` inches with its own Agg canvas."""
+    result = Figure(figsize=(width, height), dpi=160, layout="constrained")
+    FigureCanvasAgg(result)
+    return result
+
+
+@styled
+def save(fig: Figure, path: str | Path) -> Path:
+    """Write `fig` to `path`, whose suffix is .png, .svg or .pdf; the same figure gives the same bytes.
+
+    Raises
+    ------
+    BadParameter
+        For another suffix.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower().lstrip(".")
+    if suffix not in FORMATS:
+        raise BadParameter("out", path.name, f"a file name that ends in .{', .'.join(FORMATS)}")
+    dateless = {"png": {"Software": "antway"}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    fig.savefig(path, format=suffix, metadata=dateless[suffix])
+    return path
+
+
+def map_size(grid: Grid, *, width: float = 6.4, extra: float = 1.35) -> tuple[float, float]:
+    """Return the size in inches of a figure that shows `grid` undistorted with room for title and legend."""
+    low, high = _corners(grid)
+    ratio = (high[1] - low[1]) / (high[0] - low[0])
+    height = (width - 0.8) * ratio
+    if height > 6.4:
+        width, height = max(3.6, 6.4 / ratio + 0.8), 6.4
+    return width, max(height, 1.2) + extra
+
+
+def draw_map(axes: Axes, grid: Grid) -> None:
+    """Draw walls dark, unknown cells light grey, free ones white, in metres; cell lines if there are at most 50 a side."""
+    rows, cols = grid.shape
+    step = max(1, -(-max(rows, cols) // 4096))
+    shade = np.zeros((rows, cols), dtype=np.uint8)
+    shade[grid.blocked] = 2
+    if grid.unknown is not None:
+        shade[grid.unknown] = 1
+    colours = np.array([mpl.colors.to_rgb(c) for c in ("white", UNKNOWN, WALL)])
+    image = (colours[shade[::step, ::step]] * 255).astype(np.uint8)
+    size = (cols * grid.resolution, rows * grid.resolution)
+    x, y, yaw = grid.origin
+    place = Affine2D().rotate(yaw).translate(x, y) + axes.transData
+    axes.imshow(image, origin="lower", extent=(0, size[0], 0, size[1]), interpolation="nearest", transform=place, zorder=0)
+    if max(rows, cols) <= 50:
+        lines: dict[str, Any] = {"color": RULE, "linewidth": 0.5, "zorder": 0.5, "transform": place}
+        for k in range(1, cols):
+            axes.plot([k * grid.resolution] * 2, [0, size[1]], **lines)
+        for k in range(1, rows):
+            axes.plot([0, size[0]], [k * grid.resolution] * 2, **lines)
+    low, high = _corners(grid)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.locator_params(nbins=8, steps=[1, 2, 5, 10])
+
+
+def _corners(grid: Grid) -> tuple[list[float], list[float]]:
+    rows, cols = grid.shape
+    ends = grid.to_xy([(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)])
+    return ends.min(axis=0).tolist(), ends.max(axis=0).tolist()
+
+
+def casing(width: float) -> list[Any]:
+    """Return path effects that lay a white edge round a line of `width` points, so that it reads on any ground."""
+    return [Stroke(linewidth=width + 1.6, foreground="white"), Normal()]
+
+
+def legend_below(axes: Axes, columns: int = 4) -> Legend:
+    """Put the legend under the axes, where it covers nothing."""
+    fig = axes.get_figure()
+    assert isinstance(fig, Figure)
+    handles, labels = axes.get_legend_handles_labels()
+    return fig.legend(handles, labels, loc="outside lower center", ncols=min(columns, max(1, len(labels))))
