@@ -1,0 +1,147 @@
+"""Search in space and time: the moves a disc can make, the exact distance field over them, and SIPP among moving discs.
+
+The frame of these kernels is the grid's own: x = col * resolution, y = row * resolution, cell centres at the lattice points.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import segment_hits_square
+from antway.kernels.jit import kernel
+
+
+@kernel
+def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: float) -> NDArray[np.uint32]:
+    """Which moves a disc can make from each cell without contact with a blocked cell or the edge of the map.
+
+    A move's stencil is the set of cells that its swept disc comes into contact with, by exact test; the move is legal where no
+    cell of its stencil is blocked. A disc of radius 0 counts as 1e-6: even a point must not squeeze through a corner.
+
+    Parameters
+    ----------
+    blocked : bool[H, W]
+    offsets : int32[K, 2]
+        (d_row, d_col) of each move, K <= 32.
+    radius : float
+        In cells, >= 0.
+
+    Returns
+    -------
+    uint32[H, W]
+        Bit k is set where move k is legal; no bit where the disc cannot stand.
+    """
+    rows, cols = blocked.shape
+    pad = int(np.abs(offsets).max() + math.ceil(radius)) + 1
+    width = cols + 2 * pad
+    walls = np.ones((rows + 2 * pad, width), np.bool_)
+    walls[pad : pad + rows, pad : pad + cols] = blocked
+    flat = walls.ravel()
+    stencil = np.empty((2 * pad + 1) ** 2, np.int64)
+    mask = np.zeros((rows, cols), np.uint32)
+    for k in range(len(offsets)):
+        dr, dc = offsets[k]
+        n = 0
+        for r in range(-pad, pad + 1):
+            for c in range(-pad, pad + 1):
+                if segment_hits_square(0.0, 0.0, float(dr), float(dc), float(r), float(c), max(radius, 1e-6)):
+                    stencil[n] = r * width + c
+                    n += 1
+        bit = np.uint32(1) << np.uint32(k)
+        for row in range(rows):
+            at = (row + pad) * width + pad
+            for col in range(cols):
+                for i in range(n):
+                    if flat[at + col + stencil[i]]:
+                        break
+                else:
+                    mask[row, col] |= bit
+    return mask
+
+
+@kernel
+def move_field(
+    mask: NDArray[np.uint32], offsets: NDArray[np.int32], lengths: NDArray[np.float64], goals: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Exact distance of every cell to the nearest goal over the legal moves: Dijkstra backwards, buckets a cell wide.
+
+    No move is shorter than a bucket is wide, so the cells of a bucket cannot improve one another and need no order. A cell
+    is in at most one bucket, a doubly linked list; as no move is longer than 4 cells, 8 buckets in a ring do.
+
+    Parameters
+    ----------
+    mask : uint32[H, W]
+        As `move_mask` returns it, or a window of that; moves that leave the window are not used.
+    offsets : int32[K, 2]
+    lengths : float64[K]
+        In cells, in [1, 7).
+    goals : int64[G, 2]
+        (row, col).
+
+    Returns
+    -------
+    float64[H, W]
+        In cells, infinite where no goal can be reached.
+    """
+    rows, cols = mask.shape
+    field = np.full(rows * cols, np.inf)
+    legal = mask.copy().ravel()
+    after = np.empty(rows * cols, np.int32)
+    before = np.empty(rows * cols, np.int32)
+    head = np.full(8, -1, np.int32)
+    waiting = 0
+    for i in range(len(goals)):
+        cell = goals[i, 0] * cols + goals[i, 1]
+        if field[cell] > 0.0:
+            field[cell] = 0.0
+            _link(cell, 0, head, after, before)
+            waiting += 1
+    bucket = 0
+    while waiting:
+        cell = head[bucket & 7]
+        if cell < 0:
+            bucket += 1
+            continue
+        _unlink(cell, bucket & 7, head, after, before)
+        waiting -= 1
+        row, col = divmod(cell, cols)
+        for k in range(len(offsets)):
+            r, c = row - offsets[k, 0], col - offsets[k, 1]
+            if not (0 <= r < rows and 0 <= c < cols):
+                continue
+            source = r * cols + c
+            distance = field[cell] + lengths[k]
+            old = field[source]
+            if distance < old and legal[source] >> np.uint32(k) & np.uint32(1):
+                field[source] = distance
+                new_bucket = int(distance)
+                if old < np.inf:
+                    if int(old) == new_bucket:
+                        continue
+                    _unlink(source, int(old) & 7, head, after, before)
+                    waiting -= 1
+                _link(source, new_bucket & 7, head, after, before)
+                waiting += 1
+    return field.reshape(rows, cols)
+
+
+@kernel
+def _link(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32]) -> None:
+    after[cell] = head[bucket]
+    before[cell] = -1
+    if head[bucket] >= 0:
+        before[head[bucket]] = cell
+    head[bucket] = cell
+
+
+@kernel
+def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.int32], before: NDArray[np.int32]) -> None:
+    if before[cell] >= 0:
+        after[before[cell]] = after[cell]
+    else:
+        head[bucket] = after[cell]
+    if after[cell] >= 0:
+        before[after[cell]] = before[cell]
