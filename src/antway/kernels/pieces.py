@@ -1,8 +1,9 @@
 """When can a disc not stand, or not set off? Exact answers against pieces of uniform motion.
 
-A *piece* is a row (t0, t1, x, y, vx, vy, reach): from t0 to t1 s an obstacle moves uniformly from (x, y) m with (vx, vy) m/s,
-and contact is a distance of the centres below `reach` m. Touching is legal. A piecewise linear prediction is a list of pieces,
-and a tube that widens over time is one whose later pieces reach farther.
+A *piece* is a row (t0, t1, x, y, vx, vy, reach, berth): from t0 to t1 s an obstacle moves uniformly from (x, y) m with
+(vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `reach` m, a robot that moves below `berth` m,
+and that of where the obstacle was `lag` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
+piecewise linear prediction is a list of pieces, and a tube that widens over time is one whose later pieces reach farther.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from antway.kernels.jit import kernel
 
 TOUCH = 1e-9
-Pieces = NDArray[np.float64]  # [P, 7]
+Pieces = NDArray[np.float64]  # [P, 8]
 
 
 @kernel
@@ -60,7 +61,7 @@ def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, r
 def unsafe_departures(
     x: float, y: float, vx: float, vy: float, duration: float, pieces: Pieces, p: int, work: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return the interval of departure times in s for which a uniform move meets piece p; (inf, -inf) if none.
+    """Return the interval of departure times in s for which a uniform move meets piece p (without lag); (inf, -inf) if none.
 
     The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. In contact are the (z, t) in [0, duration] x
     [t0, t1], z the time since departure and t the time itself, with |a + v z - u (t - t0)| < reach: a convex set, so the
@@ -70,7 +71,7 @@ def unsafe_departures(
     t0, t1 = pieces[p, 0], pieces[p, 1]
     ax, ay = x - pieces[p, 2], y - pieces[p, 3]
     ux, uy = pieces[p, 4], pieces[p, 5]
-    reach = pieces[p, 6] - TOUCH
+    reach = pieces[p, 7] - TOUCH
     span = t1 - t0
     low, high = math.inf, -math.inf
     for k in range(2):  # edges of constant z: at departure and at arrival
@@ -107,6 +108,7 @@ def earliest_departure(
     s: float,
     limit: float,
     pieces: Pieces,
+    lag: float,
     work: NDArray[np.float64],
 ) -> float:
     """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
@@ -116,11 +118,11 @@ def earliest_departure(
     while not clear:
         clear = True
         for p in range(len(pieces)):
-            t0, t1 = max(s, pieces[p, 0]), min(s + duration, pieces[p, 1])
+            t0, t1 = max(s - lag, pieces[p, 0]), min(s - lag + duration, pieces[p, 1])
             if t0 > t1:
                 continue
             # culling: the boxes of both sweeps
-            reach = pieces[p, 6]
+            reach = pieces[p, 7]
             ox, px = pieces[p, 2] + pieces[p, 4] * (t0 - pieces[p, 0]), pieces[p, 2] + pieces[p, 4] * (t1 - pieces[p, 0])
             if min(ox, px) - reach > x1 or max(ox, px) + reach < x0:
                 continue
@@ -128,8 +130,8 @@ def earliest_departure(
             if min(oy, py) - reach > y1 or max(oy, py) + reach < y0:
                 continue
             low, high = unsafe_departures(x, y, vx, vy, duration, pieces, p, work)
-            if low + TOUCH < s < high - TOUCH:
-                s = high
+            if low + TOUCH < s - lag < high - TOUCH:
+                s = high + lag
                 clear = False
                 if s > limit:
                     return math.inf

@@ -25,6 +25,8 @@ def predict(
     robot_y: float,
     robot_radius: float,
     margin: float,
+    berth: float,
+    lag: float,
     quantile: float,
     blocked: NDArray[np.bool_],
     frame: NDArray[np.float64],
@@ -39,11 +41,13 @@ def predict(
         occasional turner widens (m/s).
     now, age, horizon : float
         Time now; how old the beliefs are; how far ahead to predict; s.
-    margin, quantile : float
-        Added to the radii, m; times the standard deviation at each time.
+    margin, berth, quantile : float
+        Added to the radii, m; added once more where the robot moves, m; times the standard deviation at each time.
+    lag : float
+        s; pieces begin so much earlier, because a moving robot keeps clear of where obstacles were.
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
-    out : float64[P, 7]
+    out : float64[P, 8]
 
     Returns
     -------
@@ -57,7 +61,7 @@ def predict(
         x, y, vx, vy = beliefs[k, X], beliefs[k, Y], beliefs[k, VX], beliefs[k, VY]
         body = robot_radius + beliefs[k, RADIUS]
         room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
-        t, mirrors = -age, 0
+        x, y, t, mirrors = x - vx * lag, y - vy * lag, -age - lag, 0
         while t < horizon and n < len(out):
             end = horizon
             sure = beliefs[k, SIGMA] == 0.0 and beliefs[k, SIGMA_V] == 0.0 and beliefs[k, TURNS] == 0.0
@@ -73,11 +77,12 @@ def predict(
             hit = share <= 1.0 and mirrors < MIRRORS
             until = t + share * (end - t) if hit else end
             if until > t:
-                variance = beliefs[k, SIGMA] ** 2 + (beliefs[k, SIGMA_V] * (until + age)) ** 2
+                variance = beliefs[k, SIGMA] ** 2 + (beliefs[k, SIGMA_V] * max(until + age, 0.0)) ** 2
                 wide = margin + quantile * math.sqrt(variance) + beliefs[k, TURNS] * max(until, 0.0)
                 out[n, 0], out[n, 1] = now + t, now + until
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
                 out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
+                out[n, 7] = body + wide + berth
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if hit:

@@ -2,9 +2,8 @@
 
 A state is a cell together with an interval of time in which a robot may stand there. From a state an ant moves to a neighbour
 cell: it waits for the first safe departure and drives. The colony remembers for each state the earliest arrival and the state
-it came from, so every ant continues from the best way known to wherever it is. A move that leads nowhere new, or that cannot
-beat the best so far even along the exact static field, is struck out; a state with all moves struck out is dead and the ant
-backs up. If the start is dead the best is optimal, which makes the colony complete.
+it came from, so every ant continues from the best way known to wherever it is, and which moves have been tried. Ants are
+recruited to where untried moves promise most; when no promise beats the best way it is optimal, so the colony is complete.
 """
 
 from __future__ import annotations
@@ -22,6 +21,7 @@ from antway.kernels.rng import uniform
 
 STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
 TRAILS = 1 << 12  # slots of the pheromone table, a power of two
+HEAP = 1 << 15
 LEGS = 64  # first moves at most: from wherever the robot is to cells around
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough
 
@@ -39,14 +39,15 @@ class Memory(NamedTuple):
     depart: NDArray[np.float64]  # [STATES] when the parent was left for it, s
     parent: NDArray[np.int32]  # [STATES]
     tried: NDArray[np.uint64]  # [STATES] moves tried at the present arrival
-    struck: NDArray[np.uint64]  # [STATES] moves struck out
-    dead: NDArray[np.bool_]  # [STATES]
+    key: NDArray[np.float64]  # [STATES] least cost that its untried moves promise, s; infinite if there are none
+    heap_key: NDArray[np.float64]  # [HEAP] the open states, least key first; entries may be stale
+    heap_state: NDArray[np.int32]  # [HEAP]
     leg_cell: NDArray[np.int32]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
     trail_key: NDArray[np.int64]  # [TRAILS] (cell, move, bin of arrival), -1: empty
     trail: NDArray[np.float32]  # [TRAILS] pheromone above the floor of 1
     mark: NDArray[np.int32]  # [cells] cells that carry pheromone at all (stamp of the last evaporation)
-    counter: NDArray[np.int64]  # [4] searches, states, expansions, ant steps
+    counter: NDArray[np.int64]  # [5] searches, states, moves tested, ant steps, heap entries
 
 
 class Place(NamedTuple):
@@ -92,9 +93,8 @@ def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: flo
         if until > since + TOUCH and memory.counter[1] < STATES and since < horizon:
             s = memory.counter[1]
             memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
-            memory.arrival[s], memory.dead[s] = math.inf, False
+            memory.arrival[s] = memory.key[s] = math.inf
             memory.tried[s] = np.uint64(0)
-            memory.struck[s] = np.uint64(0)
             memory.counter[1] += 1
         if i < n:
             since = max(since, highs[i])
@@ -109,6 +109,38 @@ def _xy(place: Place, cell: int) -> tuple[float, float]:
 
 
 @kernel
+def _push(memory: Memory, key: float, s: int) -> None:
+    """Put state s on the heap of open states under `key`, its least cost over untried moves; older entries become stale."""
+    memory.key[s] = key
+    i = memory.counter[4]
+    if i == len(memory.heap_key):
+        return
+    memory.counter[4] += 1
+    while i > 0 and memory.heap_key[(i - 1) // 2] > key:
+        memory.heap_key[i], memory.heap_state[i] = memory.heap_key[(i - 1) // 2], memory.heap_state[(i - 1) // 2]
+        i = (i - 1) // 2
+    memory.heap_key[i], memory.heap_state[i] = key, s
+
+
+@kernel
+def _pop(memory: Memory) -> None:
+    """Take the least entry off the heap."""
+    memory.counter[4] -= 1
+    n = memory.counter[4]
+    key, s = memory.heap_key[n], memory.heap_state[n]
+    i = 0
+    while 2 * i + 1 < n:
+        child = 2 * i + 1
+        if child + 1 < n and memory.heap_key[child + 1] < memory.heap_key[child]:
+            child += 1
+        if memory.heap_key[child] >= key:
+            break
+        memory.heap_key[i], memory.heap_state[i] = memory.heap_key[child], memory.heap_state[child]
+        i = child
+    memory.heap_key[i], memory.heap_state[i] = key, s
+
+
+@kernel
 def _expand(
     memory: Memory,
     place: Place,
@@ -120,9 +152,14 @@ def _expand(
     t0: float,
     horizon: float,
     pieces: NDArray[np.float64],
+    lag: float,
     work: NDArray[np.float64],
-) -> None:
-    """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what is earlier than known."""
+) -> int:
+    """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what is earlier than known.
+
+    Returns the first state that is reached earlier than before, or -1.
+    """
+    soonest = -1
     gx, gy = _xy(place, cell)
     if memory.stamp[cell] != memory.counter[0]:
         _open(memory, cell, gx, gy, t0, horizon, pieces)
@@ -135,15 +172,17 @@ def _expand(
             continue
         if memory.low[c] - duration > limit:
             break
-        depart = earliest_departure(x, y, vx, vy, duration, max(since, memory.low[c] - duration), limit, pieces, work)
+        depart = earliest_departure(x, y, vx, vy, duration, max(since, memory.low[c] - duration), limit, pieces, lag, work)
         if depart == math.inf:
             break
         arrival = depart + duration
         if arrival < memory.high[c] and arrival < memory.arrival[c] - TOUCH:
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
             memory.tried[c] = np.uint64(0)
-            memory.struck[c] = np.uint64(0)
-            memory.dead[c] = False
+            _push(memory, arrival + place.field[cell], c)
+            if soonest < 0:
+                soonest = c
+    return soonest
 
 
 @kernel
@@ -233,181 +272,149 @@ def search(
     memory: Memory,
     place: Place,
     pieces: NDArray[np.float64],
+    lag: float,
     x: float,
     y: float,
     t0: float,
     horizon: float,
     reach: int,
-    ants: int,
-    patience: int,
     betas: NDArray[np.float64],
+    slack: NDArray[np.float64],
     gain: float,
-    alpha: float,
-    max_steps: int,
-    max_expansions: int,
+    limit: float,
+    max_tests: int,
     state: NDArray[np.uint64],
 ) -> tuple[int, float, float]:
-    """Send the colony from (x, y) at t0; returns (best end state or -1, its cost, a lower bound on any cost), in s.
+    """Send ants from (x, y) at t0; returns (best end state or -1, its arrival at the goal, a lower bound on any), in s.
 
     Parameters
     ----------
-    pieces : float64[P, 7]
-        Predicted obstacles, reach in m including margins; see `pieces`.
+    pieces, lag : float64[P, 8], float
+        Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/pieces.py.
     horizon : float
         Absolute time after which obstacles are forgotten: an ant that is on its way then is charged the field from there.
     reach : int
         How many cells around (x, y) the first move may end.
-    ants, patience : int
-        Ants at most, and ants without a better way after which the colony gives up.
-    betas : float64[B]
-        Greed of ants 1, 2, ... in turn, 1/s; ant 0 always takes the best move.
+    betas, slack : float64[B]
+        Of ants 0, 1, ... in turn: greed in 1/s, and how much an ant lets the cost of its way grow before it gives up, s.
     gain : float
         s; a way counts as better only by more than this.
-    alpha : float
-        Exponent of pheromone: 0 or 1.
-    max_steps, max_expansions : int
-        Steps of one ant; moves tested in all.
+    limit : float
+        Arrival that has to be bettered (that of the plan in use), s; infinite for none.
+    max_tests : int
+        Moves tested in all.
     state : uint64[1]
         Of the random generator.
 
     Notes
     -----
-    The choice follows Eq. (1) with the heuristic exp(-beta * extra), extra = step + field(next) - field(here) >= 0. A move is
-    drawn first and tested after; one that fails is struck out and another drawn.
+    Each ant is recruited to the open state whose untried moves promise the least cost, and walks from there. It chooses by
+    Eq. (1) with the heuristic exp(-beta * extra), extra = step + field(next) - field(here) >= 0: a move is drawn first and
+    tested after. The promise of the best open state bounds every way not yet tried, so the gap of the best is certified.
     """
-    memory.counter[0] += 1
-    memory.counter[1] = memory.counter[2] = memory.counter[3] = 0
+    memory.counter[:] = np.array([memory.counter[0] + 1, 0, 0, 0, 0])
     work = np.empty(2)
     weight = np.empty(LEGS)
+    cost = np.empty(LEGS)
     legs = _legs(memory, place, x, y, reach)
     _open(memory, -1, x, y, t0, horizon, pieces)
-    if memory.counter[1] == 0 or memory.low[0] > t0:
-        return -1, math.inf, math.inf
     here = math.inf  # static bound at the start
     for k in range(legs):
         here = min(here, memory.leg_time[k] + place.field[memory.leg_cell[k]])
-    if here == math.inf:
-        return -1, math.inf, math.inf
+    if here == math.inf or memory.counter[1] == 0 or memory.low[0] > t0:
+        return -1, math.inf, t0 + here
+    memory.counter[1] = 1  # the start's later intervals cannot be reached without leaving it
     memory.arrival[0], memory.parent[0] = t0, -1
-    # the start's other intervals cannot be reached without leaving it: they are no states of ours
-    best, best_cost, idle = -1, math.inf, 0
+    _push(memory, t0 + here, 0)
+    best, best_cost, bound = -1, limit, t0 + here
     one = np.uint64(1)
-    for ant in range(ants):
-        s = 0
-        beta = betas[(ant - 1) % len(betas)] if ant > 0 else math.inf
-        found = False
-        for _ in range(max_steps):
-            if memory.counter[2] >= max_expansions:
-                break
-            cell = memory.cell[s]
-            now = memory.arrival[s]
+    ant = 0
+    while memory.counter[2] < max_tests and memory.counter[1] < STATES - 64:
+        while memory.counter[4] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
+            _pop(memory)  # stale
+        bound = memory.heap_key[0] if memory.counter[4] > 0 else math.inf
+        if bound >= best_cost - gain:
+            return best, best_cost, min(bound, best_cost)
+        s = memory.heap_state[0]
+        _pop(memory)
+        beta = betas[ant % len(betas)]
+        most = bound + slack[ant % len(slack)]
+        ant += 1
+        while memory.counter[2] < max_tests:
+            cell, now = memory.cell[s], memory.arrival[s]
             if cell == place.goal or now >= horizon:
-                cost = now + place.field[cell]
-                if cost < best_cost - gain:
-                    best, best_cost, found = s, cost, True
-                memory.dead[s] = True
+                if now + place.field[cell] < best_cost - gain:
+                    best, best_cost = s, now + place.field[cell]
+                memory.key[s] = math.inf
                 break
             memory.counter[3] += 1
             moves = legs if s == 0 else len(place.offset)
             at = here if s == 0 else place.field[cell]
             sx, sy = (x, y) if s == 0 else _xy(place, cell)
-            total = 0.0
+            scented = s != 0 and memory.mark[cell] == 1
+            total, least = 0.0, math.inf
             for k in range(moves):
-                weight[k] = 0.0
-                if memory.struck[s] >> np.uint64(k) & one:
+                weight[k], cost[k] = 0.0, math.inf
+                if memory.tried[s] >> np.uint64(k) & one:
                     continue
                 if s == 0:
                     extra = memory.leg_time[k] + place.field[memory.leg_cell[k]] - at
-                else:
-                    if not (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
-                        continue
+                elif (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
                     extra = place.step[k, 2] + place.field[cell + place.offset[k]] - at
-                if now + at + extra >= best_cost - gain:
+                else:
                     continue
-                if ant == 0:
-                    weight[k] = 1.0 / (1e-9 + max(extra, 0.0))
+                cost[k] = now + at + extra
+                if cost[k] >= best_cost - gain:
                     continue
-                w = float(_EXP[min(int(max(beta * extra, 0.0) * 64.0), 1023)])
-                if alpha > 0.0 and s != 0 and memory.mark[cell] == 1:
+                weight[k] = float(_EXP[min(int(max(beta * extra, 0.0) * 64.0), 1023)])
+                if scented:
                     j = _slot(memory, _key(place, cell, k, now))
                     if j >= 0 and memory.trail_key[j] >= 0:
-                        w *= 1.0 + memory.trail[j]
-                weight[k] = w
-                total += w
+                        weight[k] *= 1.0 + memory.trail[j]
+                total += weight[k]
             then = -1
-            while then < 0:
-                k = -1
-                if ant == 0:  # the best move
-                    top = 0.0
-                    for i in range(moves):
-                        if weight[i] > top:
-                            top, k = weight[i], i
-                elif total > 1e-12:  # the roulette
-                    spin = uniform(state) * total
-                    for i in range(moves):
-                        if weight[i] > 0.0:
-                            k = i
-                            spin -= weight[i]
-                            if spin < 0.0:
-                                break
-                if k < 0:
-                    break
-                bit = one << np.uint64(k)
+            while then < 0 and total > 1e-9:
+                spin, k = uniform(state) * total, -1
+                for i in range(moves):
+                    if weight[i] > 0.0:
+                        k = i
+                        spin -= weight[i]
+                        if spin < 0.0:
+                            break
+                memory.tried[s] |= one << np.uint64(k)
+                total -= weight[k]
+                weight[k], cost[k] = 0.0, math.inf
                 target = memory.leg_cell[k] if s == 0 else cell + place.offset[k]
-                if not memory.tried[s] & bit:
-                    memory.tried[s] |= bit
-                    duration = memory.leg_time[k] if s == 0 else place.step[k, 2]
-                    open_way = True
-                    if s == 0:
-                        gx, gy = _xy(place, target)
-                        size = place.resolution
-                        open_way = not segment_hits_cells(
-                            place.blocked,
-                            (y - place.y0) / size,
-                            (x - place.x0) / size,
-                            (gy - place.y0) / size,
-                            (gx - place.x0) / size,
-                            place.radius / size,
-                            True,
-                        )
-                    if open_way:
-                        _expand(memory, place, s, target, duration, sx, sy, t0, horizon, pieces, work)
-                soonest = math.inf
-                if memory.stamp[target] == memory.counter[0]:
-                    for c in range(memory.first[target], memory.first[target] + memory.count[target]):
-                        if memory.arrival[c] < soonest and memory.parent[c] == s and not memory.dead[c]:
-                            soonest, then = memory.arrival[c], c
-                if soonest + place.field[target] >= best_cost - gain:
-                    then = -1
-                if then < 0:
-                    memory.struck[s] |= bit
-                    total -= weight[k]
-                    weight[k] = 0.0
-            if then >= 0:
-                s = then
-                continue
-            exhausted = True
-            for i in range(moves):
-                if weight[i] > 0.0:
-                    exhausted = False
-            if exhausted:
-                memory.dead[s] = True
-            if s == 0:
+                if s == 0 and not _clear(place, x, y, target):
+                    continue
+                duration = memory.leg_time[k] if s == 0 else place.step[k, 2]
+                then = _expand(memory, place, s, target, duration, sx, sy, t0, horizon, pieces, lag, work)
+            for k in range(moves):
+                if cost[k] < best_cost - gain:
+                    least = min(least, cost[k])
+            memory.key[s] = math.inf
+            if least < math.inf:
+                _push(memory, least, s)
+            if then < 0 or memory.key[then] > most:
                 break
-            s = memory.parent[s]
-        if memory.dead[0]:
-            return best, best_cost, best_cost
-        if found:
-            idle = 0
-            if best_cost <= t0 + here + gain:
-                break
-        else:
-            idle += 1
-            if idle >= patience and best >= 0:
-                break
-        if memory.counter[1] >= STATES or memory.counter[2] >= max_expansions:
-            break
-    return best, best_cost, t0 + here
+            s = then
+    return best, best_cost, min(bound, best_cost)
+
+
+@kernel
+def _clear(place: Place, x: float, y: float, cell: int) -> bool:
+    """Tell whether the straight leg from (x, y) to the centre of `cell` is free of walls."""
+    gx, gy = _xy(place, cell)
+    size = place.resolution
+    return not segment_hits_cells(
+        place.blocked,
+        (y - place.y0) / size,
+        (x - place.x0) / size,
+        (gy - place.y0) / size,
+        (gx - place.x0) / size,
+        place.radius / size,
+        True,
+    )
 
 
 @kernel
@@ -415,6 +422,7 @@ def trace_back(
     memory: Memory,
     place: Place,
     pieces: NDArray[np.float64],
+    lag: float,
     x: float,
     y: float,
     end: int,
@@ -446,7 +454,7 @@ def trace_back(
             continue
         limit = memory.depart[c]
         vx, vy = (gx - px) / duration, (gy - py) / duration
-        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, pieces, work)
+        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, pieces, lag, work)
         depart = min(depart, limit)
         if depart > t + TOUCH:
             out[n, 0], out[n, 1], out[n, 2] = depart, px, py
@@ -475,8 +483,11 @@ def trace_back(
 
 
 @kernel
-def first_conflict(knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], work: NDArray[np.float64]) -> float:
-    """Time at which the rest of a motion, rows (t, x, y), first sets off on a leg or wait that meets a piece; inf if never."""
+def first_conflict(
+    knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], lag: float, work: NDArray[np.float64]
+) -> float:
+    """Time at which the rest of a motion, rows (t, x, y), first meets a piece: when the leg sets off or, in a wait, the
+    contact itself; infinite if never."""
     for i in range(len(knots) - 1):
         t0, t1 = max(knots[i, 0], now), knots[i + 1, 0]
         if t1 <= t0:
@@ -484,6 +495,11 @@ def first_conflict(knots: NDArray[np.float64], now: float, pieces: NDArray[np.fl
         span = knots[i + 1, 0] - knots[i, 0]
         vx, vy = (knots[i + 1, 1] - knots[i, 1]) / span, (knots[i + 1, 2] - knots[i, 2]) / span
         x, y = knots[i, 1] + vx * (t0 - knots[i, 0]), knots[i, 2] + vy * (t0 - knots[i, 0])
-        if earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, pieces, work) == math.inf:
+        if vx == 0.0 and vy == 0.0:
+            for p in range(len(pieces)):
+                low, high = unsafe_stay(x, y, pieces, p)
+                if low < t1 - TOUCH and high > t0 + TOUCH:
+                    return max(low, t0)
+        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, pieces, lag, work) == math.inf:
             return t0
     return math.inf
