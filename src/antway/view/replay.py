@@ -1,0 +1,180 @@
+"""The replay page: one HTML file that plays an episode in any browser, without a server and without the network."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import io
+import json
+import math
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from antway import __version__
+from antway.planning import Plan
+from antway.world.policy import Decision
+from antway.world.trace import Trace
+
+_IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)
+_EXPORT = re.compile(r"^export \{.*?\};\n", re.MULTILINE)
+
+
+def write_replay(trace: Trace, path: str | Path, *, shortest: Plan | None = None) -> Path:
+    """Write the page that plays `trace`, with the global path `shortest` as a layer; return where it is."""
+    path = Path(path)
+    path.write_text(replay_page(trace, shortest=shortest), encoding="utf-8")
+    return path
+
+
+def replay_page(trace: Trace, *, shortest: Plan | None = None) -> str:
+    """Return the page as text.
+
+    Names and reasons from the trace reach the page as JSON data alone, and its script shows them as text; the page's security
+    policy allows its own script and style, by their hashes, and nothing else.
+    """
+    style = _asset("replay.css")
+    script = _EXPORT.sub("", _asset("canvas.js")) + _IMPORT.sub("", _asset("replay.js"))
+    policy = (
+        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    data = json.dumps(_record(trace, shortest), allow_nan=False, separators=(",", ":"))
+    parts = {
+        "policy": policy,
+        "title": html.escape(f"{trace.scenario} - {trace.policy} - antway"),
+        "style": style,
+        "data": data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"),
+        "script": script,
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("replay.html"))
+
+
+def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
+    """Everything that the page's script reads; places are quantised to 1/65535 of the box that holds them all."""
+    task, grid = trace.task, trace.task.grid
+    ways = [decision.path.xy for _, decision in trace.decisions if decision.path is not None]
+    way = shortest.xy(grid) if shortest is not None and len(shortest.cells) else np.empty((0, 2))
+    box = _Box([trace.xy, trace.obstacle_xy.reshape(-1, 2), way, *ways])
+    masks: dict[bytes, int] = {}
+    heaps: list[dict[str, Any]] = []
+    decisions = [_decision(step, decision, box, masks, heaps) for step, decision in trace.decisions]
+    return {
+        "version": __version__,
+        "scenario": trace.scenario,
+        "policy": trace.policy,
+        "seed": str(trace.seed),
+        "outcome": trace.outcome.value,
+        "reason": trace.reason,
+        "map": {
+            "rows": grid.shape[0],
+            "cols": grid.shape[1],
+            "resolution": grid.resolution,
+            "x": grid.origin[0],
+            "y": grid.origin[1],
+            "blocked": _mask(grid.blocked if grid.unknown is None else grid.blocked & ~grid.unknown, levels=1),
+            "unknown": None if grid.unknown is None else _mask(grid.unknown, levels=1),
+        },
+        "box": {"x": box.low[0], "y": box.low[1], "width": box.size[0], "height": box.size[1]},
+        "t": _pack(trace.t, "<f4"),
+        "robot": {
+            "xy": box.pack(trace.xy),
+            "heading": _pack(trace.heading, "<f4"),
+            "radius": task.robot.radius,
+            "range": _number(task.robot.sensor_range),
+        },
+        "start": list(task.start),
+        "goal": list(task.goal),
+        "tolerance": task.goal_tolerance,
+        "obstacles": {
+            "id": [int(i) for i in trace.obstacle_id],
+            "radius": [round(float(r), 6) for r in trace.obstacle_radius],
+            "xy": box.pack(trace.obstacle_xy.reshape(-1, 2)),
+            "sensed": base64.b64encode(np.packbits(trace.sensed.ravel(), bitorder="little").tobytes()).decode(),
+        },
+        "global": box.pack(way) if len(way) else None,
+        "decisions": decisions,
+        "pheromone": heaps,
+        "cycle_ms": _pack(trace.cycle_ms, "<f4"),
+    }
+
+
+def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int], heaps: list[dict[str, Any]]) -> dict[str, Any]:
+    """One decision; equal pheromone is stored once."""
+    heap = None
+    if decision.pheromone is not None:
+        row, col, amount = decision.pheromone
+        key = bytes(f"{row},{col},", "ascii") + np.ascontiguousarray(amount).tobytes()
+        if key not in masks:
+            masks[key] = len(heaps)
+            height, width = amount.shape
+            heaps.append({"row": row, "col": col, "height": height, "width": width, "mask": _mask(_shades(amount), levels=15)})
+        heap = masks[key]
+    closest = (_number(decision.time_to_closest), _number(decision.distance_at_closest))
+    record = {
+        "step": step,
+        "action": decision.action,
+        "reason": decision.reason,
+        "obstacle": None if decision.obstacle is None else int(decision.obstacle),
+        "encounter": decision.encounter,
+        "closest": None if None in closest else closest,
+        "target": None if decision.local_target is None else [float(v) for v in decision.local_target],
+        "path": None if decision.path is None else box.pack(decision.path.xy),
+        "alternatives": [[name, _number(cost)] for name, cost in decision.alternatives],
+        "gap": _number(decision.gap),
+        "guard": decision.guard,
+        "pheromone": heap,
+    }
+    return {key: value for key, value in record.items() if value not in (None, "", [])}
+
+
+class _Box:
+    """The smallest box round all points, and points quantised in it."""
+
+    def __init__(self, points: list[NDArray[np.float64]]) -> None:
+        every = np.vstack(points)
+        low, high = every.min(axis=0), every.max(axis=0)
+        self.low: list[float] = low.tolist()
+        self.size: list[float] = np.maximum(high - low, 1e-9).tolist()
+
+    def pack(self, points: NDArray[np.float64]) -> str:
+        return _pack(np.round((points - self.low) / self.size * 65535), "<u2")
+
+
+def _pack(values: NDArray[np.float64], dtype: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).astype(dtype).tobytes()).decode()
+
+
+def _shades(amount: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Pheromone in 16 shades from least to most by its square root, so that faint trails show."""
+    low, high = float(amount.min()), float(amount.max())
+    share = (amount - low) / (high - low) if high > low else np.zeros_like(amount)
+    return np.round(15 * np.sqrt(share)).astype(np.uint8)
+
+
+def _mask(amount: NDArray[Any], *, levels: int) -> str:
+    """Return integers in [0, levels] as a PNG whose alpha is their share, its first row being the last of `amount`."""
+    picture = Image.fromarray(np.flipud(amount).astype(np.uint8))
+    picture.putpalette([0, 0, 0] * (levels + 1))
+    buffer = io.BytesIO()
+    alpha = bytes(round(215 * k / levels) if levels > 1 else 255 * k for k in range(levels + 1))
+    picture.save(buffer, "PNG", bits=1 if levels == 1 else 4, transparency=alpha, optimize=True)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 6) if math.isfinite(value) else None
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _asset(name: str) -> str:
+    return (files("antway.view") / "static" / name).read_text(encoding="utf-8")

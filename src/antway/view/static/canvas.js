@@ -1,0 +1,325 @@
+// Draws a map and one moment of an episode on a canvas; keeps nothing but the view (pan and zoom), the map and the colours.
+// Distances are in metres, y points up. A moment is a plain object, all of it optional but the robot:
+//   robot {x, y, heading, radius, range}, start [x, y], goal [x, y], tolerance, trail [[x, y], ...], global [[x, y], ...],
+//   planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], horizon (s),
+//   pheromone {mask, row, col, height, width}. A mask is an image whose alpha is the amount; its first row is the highest y.
+
+const LAYERS = [
+  { key: "global", label: "Shortest path", swatch: "dash" },
+  { key: "trail", label: "Way driven", swatch: "line" },
+  { key: "planned", label: "Planned way and local target", swatch: "line" },
+  { key: "prediction", label: "Predicted motion, next seconds", swatch: "area" },
+  { key: "pheromone", label: "Ants' pheromone", swatch: "area" },
+  { key: "range", label: "Sensed range", swatch: "dot" },
+];
+
+class Stage {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d");
+    this.map = null;
+    this.zoom = 1;
+    this.centre = [0, 0];
+    this.tints = new Map();
+    this.refresh();
+  }
+
+  // Read the colours from the page's custom properties, after a change of theme.
+  refresh() {
+    const css = getComputedStyle(document.documentElement);
+    const names = ["floor", "wall", "unknown", "rule", "ink", "robot", "moving", "planned", "prediction", "pheromone", "goal"];
+    this.colour = Object.fromEntries(names.map((name) => [name, css.getPropertyValue(`--${name}`).trim()]));
+    this.tints.clear();
+  }
+
+  // map {rows, cols, resolution, x, y, blocked, unknown}: masks, and the outer corner of cell (0, 0).
+  setMap(map) {
+    this.map = map;
+    this.tints.clear();
+    this.fit();
+  }
+
+  fit() {
+    const { rows, cols, resolution, x, y } = this.map;
+    this.zoom = 1;
+    this.centre = [x + (cols * resolution) / 2, y + (rows * resolution) / 2];
+  }
+
+  // Match the canvas's pixels to its size on the screen.
+  resize() {
+    const ratio = window.devicePixelRatio || 1;
+    const { width, height } = this.canvas.getBoundingClientRect();
+    const [w, h] = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
+    if (this.canvas.width !== w || this.canvas.height !== h) [this.canvas.width, this.canvas.height] = [w, h];
+  }
+
+  // Pixels of the canvas for a metre.
+  get scale() {
+    const { rows, cols, resolution } = this.map;
+    const margin = 0.96;
+    return this.zoom * margin * Math.min(this.canvas.width / (cols * resolution), this.canvas.height / (rows * resolution));
+  }
+
+  toScreen([x, y]) {
+    const s = this.scale;
+    return [this.canvas.width / 2 + (x - this.centre[0]) * s, this.canvas.height / 2 - (y - this.centre[1]) * s];
+  }
+
+  // Metres of a point given in pixels of the page relative to the canvas.
+  toWorld(left, top) {
+    const ratio = this.canvas.width / this.canvas.getBoundingClientRect().width;
+    const s = this.scale;
+    return [
+      this.centre[0] + (left * ratio - this.canvas.width / 2) / s,
+      this.centre[1] - (top * ratio - this.canvas.height / 2) / s,
+    ];
+  }
+
+  // Zoom by a factor about a point of the page, which stays where it is.
+  zoomAt(factor, left, top) {
+    const before = this.toWorld(left, top);
+    this.zoom = Math.min(40, Math.max(1, this.zoom * factor));
+    const after = this.toWorld(left, top);
+    this.panBy(before[0] - after[0], before[1] - after[1]);
+  }
+
+  // Move the view by metres, keeping its centre on the map.
+  panBy(dx, dy) {
+    if (this.zoom === 1) return this.fit();
+    const { rows, cols, resolution, x, y } = this.map;
+    this.centre[0] = Math.min(x + cols * resolution, Math.max(x, this.centre[0] + dx));
+    this.centre[1] = Math.min(y + rows * resolution, Math.max(y, this.centre[1] + dy));
+  }
+
+  draw(moment, show) {
+    const c = this.context;
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    c.clearRect(0, 0, this.canvas.width, this.canvas.height);
+    this.unit = window.devicePixelRatio || 1;
+    this.drawMap();
+    if (show.pheromone && moment.pheromone) this.drawPheromone(moment.pheromone);
+    if (show.prediction) this.drawPredictions(moment.obstacles ?? [], moment.horizon ?? 3);
+    if (show.global) this.line(moment.global, this.colour.ink, 1.6, [7, 5]);
+    if (show.trail) this.line(moment.trail, this.colour.robot, 3, [], true);
+    if (show.planned) this.line(moment.planned, this.colour.planned, 2.6, [], true);
+    if (show.range && Number.isFinite(moment.robot.range)) this.ring([moment.robot.x, moment.robot.y], moment.robot.range);
+    if (moment.goal) this.drawEnds(moment);
+    for (const obstacle of moment.obstacles ?? []) this.drawObstacle(obstacle);
+    if (show.planned && moment.target) this.diamond(moment.target);
+    this.drawRobot(moment.robot);
+  }
+
+  drawMap() {
+    const { rows, cols, resolution, x, y, blocked, unknown } = this.map;
+    const c = this.context;
+    const [left, top] = this.toScreen([x, y + rows * resolution]);
+    const [width, height] = [cols * resolution * this.scale, rows * resolution * this.scale];
+    c.fillStyle = this.colour.floor;
+    c.fillRect(left, top, width, height);
+    c.imageSmoothingEnabled = false;
+    if (unknown) c.drawImage(this.tinted(unknown, this.colour.unknown), left, top, width, height);
+    c.drawImage(this.tinted(blocked, this.colour.wall), left, top, width, height);
+    const cell = resolution * this.scale;
+    if (cell > 9 * this.unit && Math.max(rows, cols) <= 200) {
+      c.beginPath();
+      for (let k = 1; k < cols; k++) c.moveTo(left + k * cell, top), c.lineTo(left + k * cell, top + height);
+      for (let k = 1; k < rows; k++) c.moveTo(left, top + k * cell), c.lineTo(left + width, top + k * cell);
+      this.stroke(this.colour.rule, 0.6);
+    }
+    c.strokeStyle = this.colour.wall;
+    c.lineWidth = 1.5 * this.unit;
+    c.strokeRect(left, top, width, height);
+  }
+
+  drawPheromone({ mask, row, col, height, width }) {
+    const { resolution, x, y } = this.map;
+    const c = this.context;
+    const [left, top] = this.toScreen([x + col * resolution, y + (row + height) * resolution]);
+    const size = [width * resolution * this.scale, height * resolution * this.scale];
+    c.imageSmoothingEnabled = false;
+    c.drawImage(this.tinted(mask, this.colour.pheromone), left, top, ...size);
+    c.strokeStyle = this.colour.pheromone;
+    c.lineWidth = this.unit;
+    c.strokeRect(left, top, ...size);
+  }
+
+  // The band that each sensed obstacle sweeps at its present velocity, paler with time.
+  drawPredictions(obstacles, horizon) {
+    const c = this.context;
+    c.save();
+    c.lineCap = "round";
+    c.globalAlpha = 0.22;
+    c.strokeStyle = this.colour.prediction;
+    for (const o of obstacles) {
+      if (!o.sensed) continue;
+      for (const share of [1, 2 / 3, 1 / 3]) {
+        const ahead = horizon * share;
+        c.lineWidth = 2 * o.radius * this.scale;
+        c.beginPath();
+        c.moveTo(...this.toScreen([o.x, o.y]));
+        c.lineTo(...this.toScreen([o.x + o.vx * ahead + 1e-9, o.y + o.vy * ahead]));
+        c.stroke();
+      }
+    }
+    c.restore();
+  }
+
+  drawObstacle({ id, x, y, radius, sensed, focus }) {
+    const c = this.context;
+    const [sx, sy] = this.toScreen([x, y]);
+    const r = Math.max(radius * this.scale, 3 * this.unit);
+    c.beginPath();
+    c.arc(sx, sy, r, 0, 2 * Math.PI);
+    c.fillStyle = sensed ? this.colour.moving : this.colour.floor;
+    c.fill();
+    this.stroke(this.colour.moving, sensed ? 1 : 2);
+    if (focus) {
+      c.beginPath();
+      c.arc(sx, sy, r + 4 * this.unit, 0, 2 * Math.PI);
+      this.stroke(this.colour.moving, 2);
+    }
+    if (r > 7 * this.unit) {
+      c.fillStyle = sensed ? "#ffffff" : this.colour.moving;
+      c.font = `600 ${Math.min(r, 13 * this.unit)}px system-ui, sans-serif`;
+      c.textAlign = "center";
+      c.textBaseline = "middle";
+      c.fillText(String(id), sx, sy);
+    }
+  }
+
+  drawRobot({ x, y, heading, radius }) {
+    const c = this.context;
+    const [sx, sy] = this.toScreen([x, y]);
+    const r = Math.max(radius * this.scale, 4 * this.unit);
+    c.beginPath();
+    c.arc(sx, sy, r, 0, 2 * Math.PI);
+    c.fillStyle = this.colour.robot;
+    c.fill();
+    this.stroke(this.colour.floor, 1.5);
+    c.beginPath();
+    c.moveTo(sx, sy);
+    c.lineTo(sx + r * Math.cos(heading), sy - r * Math.sin(heading));
+    this.stroke("#ffffff", 2);
+  }
+
+  drawEnds({ start, goal, tolerance }) {
+    const c = this.context;
+    if (start) {
+      c.beginPath();
+      c.arc(...this.toScreen(start), 5 * this.unit, 0, 2 * Math.PI);
+      c.fillStyle = this.colour.floor;
+      c.fill();
+      this.stroke(this.colour.ink, 2);
+    }
+    const [sx, sy] = this.toScreen(goal);
+    const r = Math.max((tolerance ?? 0) * this.scale, 9 * this.unit);
+    c.beginPath();
+    for (let k = 0; k < 10; k++) {
+      const a = (k * Math.PI) / 5 - Math.PI / 2;
+      const reach = k % 2 ? r * 0.42 : r;
+      c.lineTo(sx + reach * Math.cos(a), sy + reach * Math.sin(a));
+    }
+    c.closePath();
+    c.fillStyle = this.colour.goal;
+    c.fill();
+    this.stroke(this.colour.ink, 1.2);
+  }
+
+  diamond(point) {
+    const c = this.context;
+    const [sx, sy] = this.toScreen(point);
+    const r = 7 * this.unit;
+    c.beginPath();
+    for (const [dx, dy] of [[0, -r], [r, 0], [0, r], [-r, 0]]) c.lineTo(sx + dx, sy + dy);
+    c.closePath();
+    c.fillStyle = this.colour.planned;
+    c.fill();
+    this.stroke(this.colour.floor, 1.5);
+  }
+
+  ring(centre, radius) {
+    const c = this.context;
+    c.beginPath();
+    c.arc(...this.toScreen(centre), radius * this.scale, 0, 2 * Math.PI);
+    this.stroke(this.colour.ink, 1.2, [2, 5]);
+  }
+
+  line(points, colour, width, dash = [], cased = false) {
+    if (!points || points.length < 2) return;
+    const c = this.context;
+    c.lineJoin = "round";
+    c.beginPath();
+    for (const point of points) c.lineTo(...this.toScreen(point));
+    if (cased) this.stroke(this.colour.floor, width + 2.4);
+    this.stroke(colour, width, dash);
+  }
+
+  stroke(colour, width, dash = []) {
+    const c = this.context;
+    c.setLineDash(dash.map((d) => d * this.unit));
+    c.strokeStyle = colour;
+    c.lineWidth = width * this.unit;
+    c.stroke();
+    c.setLineDash([]);
+  }
+
+  // The mask in one colour, kept until the colours or the map change.
+  tinted(mask, colour) {
+    let tint = this.tints.get(mask);
+    if (!tint) {
+      if (this.tints.size > 64) this.tints.clear();
+      tint = document.createElement("canvas");
+      [tint.width, tint.height] = [mask.naturalWidth || mask.width, mask.naturalHeight || mask.height];
+      const c = tint.getContext("2d");
+      c.drawImage(mask, 0, 0);
+      c.globalCompositeOperation = "source-in";
+      c.fillStyle = colour;
+      c.fillRect(0, 0, tint.width, tint.height);
+      this.tints.set(mask, tint);
+    }
+    return tint;
+  }
+}
+
+// Drag to pan when zoomed in, wheel or two fingers to zoom, double click to see all; `changed` is called after each.
+function navigate(stage, changed) {
+  const canvas = stage.canvas;
+  const held = new Map();
+  const at = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const done = () => {
+    canvas.style.touchAction = stage.zoom > 1 ? "none" : "pan-y";
+    changed();
+  };
+  canvas.style.touchAction = "pan-y";
+  canvas.addEventListener("pointerdown", (event) => {
+    held.set(event.pointerId, at(event));
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const before = held.get(event.pointerId);
+    if (!before) return;
+    const now = at(event);
+    held.set(event.pointerId, now);
+    if (held.size === 2) {
+      const other = [...held].find(([id]) => id !== event.pointerId)[1];
+      const reach = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
+      stage.zoomAt(reach(now) / Math.max(1, reach(before)), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
+    } else {
+      const [a, b] = [stage.toWorld(...before), stage.toWorld(...now)];
+      stage.panBy(a[0] - b[0], a[1] - b[1]);
+    }
+    done();
+  });
+  for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, (event) => held.delete(event.pointerId));
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    stage.zoomAt(Math.exp(-event.deltaY / 400), ...at(event));
+    done();
+  }, { passive: false });
+  canvas.addEventListener("dblclick", () => (stage.fit(), done()));
+}
+
+export { LAYERS, Stage, navigate };

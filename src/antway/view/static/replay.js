@@ -1,0 +1,289 @@
+import { LAYERS, Stage, navigate } from "./canvas.js";
+
+const data = JSON.parse(document.getElementById("episode").textContent);
+const byId = (id) => document.getElementById(id);
+const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
+const HORIZON = 3; // s that predictions are drawn for
+
+// ---- the episode, unpacked ----
+const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+const points = (text) => {
+  const raw = new Uint16Array(bytes(text));
+  const { x, y, width, height } = data.box;
+  return Array.from({ length: raw.length / 2 }, (_, i) => [
+    x + (raw[2 * i] / 65535) * width,
+    y + (raw[2 * i + 1] / 65535) * height,
+  ]);
+};
+const t = new Float32Array(bytes(data.t));
+const last = t.length - 1;
+const robotXY = points(data.robot.xy);
+const heading = new Float32Array(bytes(data.robot.heading));
+const cycleMs = new Float32Array(bytes(data.cycle_ms));
+const count = data.obstacles.id.length;
+const obstacleXY = points(data.obstacles.xy); // [step * count + k]
+const sensed = new Uint8Array(bytes(data.obstacles.sensed)); // one bit each, in the same order
+const isSensed = (step, k) => ((sensed[(step * count + k) >> 3] >> ((step * count + k) & 7)) & 1) === 1;
+const globalPath = data.global ? points(data.global) : [];
+for (const decision of data.decisions) if (decision.path) decision.path = points(decision.path);
+const driven = [0];
+for (let i = 1; i <= last; i++) {
+  driven.push(driven[i - 1] + Math.hypot(robotXY[i][0] - robotXY[i - 1][0], robotXY[i][1] - robotXY[i - 1][1]));
+}
+const decisionOf = new Int32Array(last + 1).fill(-1);
+for (let i = 0, d = -1; i <= last; i++) {
+  while (d + 1 < data.decisions.length && data.decisions[d + 1].step <= i) d++;
+  decisionOf[i] = d;
+}
+const image = async (source) => {
+  if (!source) return null;
+  const picture = new Image();
+  picture.src = source;
+  await picture.decode();
+  return picture;
+};
+
+// ---- state ----
+const state = { time: 0, playing: false, speed: 1, show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])) };
+const stage = new Stage(byId("stage"));
+
+const stepAt = (time) => {
+  let [low, high] = [0, last];
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (t[middle] <= time + 1e-6) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+};
+
+// Everything that the stage draws at a time between two steps; motion within a step is straight.
+function momentAt(time) {
+  const i = stepAt(time);
+  const j = Math.min(i + 1, last);
+  const dt = t[j] - t[i];
+  const share = dt > 0 ? Math.min(1, Math.max(0, (time - t[i]) / dt)) : 0;
+  const mix = (a, b) => [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share];
+  const [x, y] = mix(robotXY[i], robotXY[j]);
+  const decision = data.decisions[decisionOf[Math.min(i, Math.max(last - 1, 0))]];
+  const obstacles = data.obstacles.id.map((id, k) => {
+    const [a, b] = [obstacleXY[i * count + k], obstacleXY[j * count + k]];
+    const [ox, oy] = mix(a, b);
+    const velocity = dt > 0 ? [(b[0] - a[0]) / dt, (b[1] - a[1]) / dt] : [0, 0];
+    const focus = decision?.obstacle === id;
+    return { id, x: ox, y: oy, vx: velocity[0], vy: velocity[1], radius: data.obstacles.radius[k], sensed: isSensed(i, k), focus };
+  });
+  const range = data.robot.range ?? Infinity;
+  return {
+    step: i, decision, obstacles, horizon: HORIZON, start: data.start, goal: data.goal, tolerance: data.tolerance,
+    robot: { x, y, heading: heading[i], radius: data.robot.radius, range },
+    trail: [...robotXY.slice(0, i + 1), [x, y]], global: globalPath, planned: decision?.path, target: decision?.target,
+    pheromone: decision?.pheromone != null ? data.pheromone[decision.pheromone] : null,
+  };
+}
+
+// ---- the page ----
+const fixed = (value, digits, unit) => (value == null || !Number.isFinite(value) ? "–" : `${value.toFixed(digits)} ${unit}`);
+const put = (id, text) => {
+  const element = byId(id);
+  if (element.textContent !== text) element.textContent = text;
+};
+
+let shownDecision = null;
+function showDecision(decision) {
+  if (decision === shownDecision) return;
+  shownDecision = decision;
+  put("action", decision ? decision.action.replaceAll("-", " ") : "–");
+  byId("action").dataset.action = decision?.action ?? "";
+  put("reason", decision?.reason ?? "No decision was recorded.");
+  const facts = [];
+  if (decision?.encounter) facts.push(["Encounter", decision.encounter.replaceAll("-", " ")]);
+  if (decision?.obstacle != null) facts.push(["Obstacle", String(decision.obstacle)]);
+  if (decision?.closest) facts.push(["Closest approach", `in ${fixed(decision.closest[0], 1, "s")}, ${fixed(decision.closest[1], 2, "m")} apart`]);
+  if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
+  if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
+  for (const [name, cost] of decision?.alternatives ?? []) facts.push([name, cost == null ? "not possible" : fixed(cost, 2, "s")]);
+  byId("facts").replaceChildren(...facts.flatMap(([name, value]) => {
+    const [term, text] = [document.createElement("dt"), document.createElement("dd")];
+    [term.textContent, text.textContent] = [name, value];
+    return [term, text];
+  }));
+}
+
+function render() {
+  stage.resize();
+  const moment = momentAt(state.time);
+  stage.draw(moment, state.show);
+  const { step, robot, obstacles } = moment;
+  const dt = step < last ? t[step + 1] - t[step] : 0;
+  const speed = dt > 0 ? (driven[step + 1] - driven[step]) / dt : 0;
+  const clearance = Math.min(...obstacles.map((o) => Math.hypot(o.x - robot.x, o.y - robot.y) - o.radius - robot.radius));
+  showDecision(moment.decision);
+  put("time", `${state.time.toFixed(1)} / ${t[last].toFixed(1)} s`);
+  put("speed-now", fixed(speed, 2, "m/s"));
+  put("driven", fixed(driven[step], 2, "m"));
+  put("clearance", fixed(clearance, 2, "m"));
+  put("cycle", fixed(cycleMs[Math.min(step, last - 1)], 2, "ms"));
+  put("step", `${step} of ${last}`);
+  const scrub = byId("scrub");
+  if (Number(scrub.value) !== step) scrub.value = String(step);
+  scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);
+}
+
+let queued = false;
+function redraw() {
+  if (queued) return;
+  queued = true;
+  requestAnimationFrame(() => ((queued = false), render()));
+}
+
+let before = 0;
+function tick(now) {
+  if (!state.playing) return;
+  state.time = Math.min(t[last], state.time + (Math.min(100, now - before) / 1000) * state.speed);
+  before = now;
+  render();
+  if (state.time >= t[last]) setPlaying(false);
+  else requestAnimationFrame(tick);
+}
+
+function setPlaying(playing) {
+  if (playing && state.time >= t[last]) state.time = 0;
+  state.playing = playing;
+  byId("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+  byId("play").classList.toggle("playing", playing);
+  byId("decision").setAttribute("aria-live", playing ? "off" : "polite");
+  if (playing) {
+    before = performance.now();
+    requestAnimationFrame(tick);
+  }
+}
+
+function seek(step) {
+  setPlaying(false);
+  state.time = t[Math.min(last, Math.max(0, step))];
+  redraw();
+}
+
+function setSpeed(speed) {
+  state.speed = speed;
+  byId("speed").value = String(speed);
+}
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
+  stage.refresh();
+  drawRibbon();
+  redraw();
+}
+
+function toggle(key) {
+  state.show[key] = !state.show[key];
+  byId(`layer-${key}`).checked = state.show[key];
+  redraw();
+}
+
+// A ribbon under the slider: one colour for each kind of action.
+function drawRibbon() {
+  const canvas = byId("ribbon");
+  const css = getComputedStyle(document.documentElement);
+  const c = canvas.getContext("2d");
+  canvas.width = 1000;
+  canvas.height = 1;
+  for (let x = 0; x < 1000; x++) {
+    const action = data.decisions[decisionOf[Math.min(last, Math.floor((x / 1000) * last))]]?.action ?? "follow";
+    const kind = { follow: "calm", arrived: "calm", avoid: "planned", "step-aside": "planned", "step-back": "planned" }[action] ?? "prediction";
+    c.fillStyle = css.getPropertyValue(`--${kind}`);
+    c.fillRect(x, 0, 1, 1);
+  }
+}
+
+function build() {
+  const available = { global: globalPath.length > 0, pheromone: data.pheromone.length > 0 };
+  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch }, i) => {
+    const row = document.createElement("label");
+    const box = document.createElement("input");
+    const mark = document.createElement("span");
+    const text = document.createElement("span");
+    Object.assign(box, { type: "checkbox", checked: true, id: `layer-${key}`, disabled: available[key] === false });
+    if (box.disabled) row.title = "This episode has none.";
+    box.addEventListener("change", () => ((state.show[key] = box.checked), redraw()));
+    mark.className = `swatch ${swatch} of-${key}`;
+    mark.setAttribute("aria-hidden", "true");
+    text.textContent = label;
+    row.title ||= `Key ${i + 1}`;
+    row.append(box, mark, text);
+    return row;
+  }));
+  byId("speed").replaceChildren(...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed), speed === 1, speed === 1)));
+  put("title", data.scenario);
+  put("subtitle", `policy ${data.policy}, seed ${data.seed}`);
+  put("outcome", data.outcome.replaceAll("-", " "));
+  byId("outcome").dataset.good = String(data.outcome === "reached");
+  byId("outcome").title = data.reason;
+  Object.assign(byId("scrub"), { min: "0", max: String(last), step: "1", value: "0" });
+}
+
+function listen() {
+  byId("play").addEventListener("click", () => setPlaying(!state.playing));
+  byId("back").addEventListener("click", () => seek(stepAt(state.time) - 1));
+  byId("forward").addEventListener("click", () => seek(stepAt(state.time) + 1));
+  byId("first").addEventListener("click", () => seek(0));
+  byId("next").addEventListener("click", () => seek(nextEncounter()));
+  byId("scrub").addEventListener("input", (event) => seek(Number(event.target.value)));
+  byId("speed").addEventListener("change", (event) => setSpeed(Number(event.target.value)));
+  byId("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
+  byId("fit").addEventListener("click", () => (stage.fit(), redraw()));
+  byId("save").addEventListener("click", save);
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    const faster = (by) => setSpeed(SPEEDS[Math.min(SPEEDS.length - 1, Math.max(0, SPEEDS.indexOf(state.speed) + by))]);
+    const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName) && event.target.type !== "range";
+    const keys = {
+      " ": () => onButton || setPlaying(!state.playing), ArrowLeft: () => seek(stepAt(state.time) - 1), ArrowRight: () => seek(stepAt(state.time) + 1),
+      Home: () => seek(0), End: () => seek(last), n: () => seek(nextEncounter()), "+": () => faster(1), "-": () => faster(-1),
+      t: () => byId("theme").click(), f: () => byId("fit").click(), s: save,
+    };
+    const layer = LAYERS[Number(event.key) - 1];
+    const action = keys[event.key] ?? (layer && !byId(`layer-${layer.key}`).disabled ? () => toggle(layer.key) : null);
+    if (!action) return;
+    if (!(event.key === " " && onButton)) event.preventDefault();
+    action();
+  });
+  new ResizeObserver(redraw).observe(byId("stage"));
+  navigate(stage, redraw);
+}
+
+// The next step at which a decision of another kind begins; after the last one, the first step.
+function nextEncounter() {
+  const now = stepAt(state.time);
+  const kind = (i) => data.decisions[decisionOf[i]]?.action;
+  for (let i = now + 1; i < last; i++) if (kind(i) !== kind(i - 1) && !["follow", "arrived"].includes(kind(i))) return i;
+  return 0;
+}
+
+function save() {
+  byId("stage").toBlob((blob) => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(blob);
+    link.download = `antway-${state.time.toFixed(1)}s.png`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  });
+}
+
+async function open() {
+  build();
+  listen();
+  const [blocked, unknown, ...masks] = await Promise.all([
+    image(data.map.blocked), image(data.map.unknown), ...data.pheromone.map(({ mask }) => image(mask)),
+  ]);
+  masks.forEach((mask, i) => (data.pheromone[i].mask = mask));
+  stage.setMap({ ...data.map, blocked, unknown });
+  setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  setPlaying(false);
+  document.body.dataset.ready = "true";
+}
+
+open();
