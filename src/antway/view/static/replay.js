@@ -124,7 +124,6 @@ function render() {
   put("driven", fixed(driven[step], 2, "m"));
   put("clearance", fixed(clearance, 2, "m"));
   put("cycle", fixed(cycleMs[Math.min(step, last - 1)], 2, "ms"));
-  put("step", `${step} of ${last}`);
   const scrub = byId("scrub");
   if (Number(scrub.value) !== step) scrub.value = String(step);
   scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);

@@ -1,0 +1,206 @@
+"""An episode as an animated GIF, or as MP4 where ffmpeg is installed. Frames are drawn by Pillow, antialiased."""
+
+from __future__ import annotations
+
+import math
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from antway.errors import BadParameter
+from antway.planning import Plan
+from antway.view import style
+from antway.view.figures import HORIZON, obstacle_velocity
+from antway.world.trace import Trace
+
+SUPER = 2  # frames are drawn this many times larger and reduced, which smooths every edge
+CAPTION = 44  # px under the map
+
+XY = Sequence[float] | NDArray[np.float64]
+
+
+def write_animation(
+    trace: Trace, path: str | Path, *, shortest: Plan | None = None, width: int = 480, frames: int = 100, seconds: float = 12.0
+) -> Path:
+    """Write `trace` as an animation of at most `frames` frames that plays for at most `seconds` s; return where it is.
+
+    Raises
+    ------
+    BadParameter
+        For a suffix other than .gif and .mp4, and for .mp4 where ffmpeg is not installed.
+    """
+    path = Path(path)
+    steps = np.unique(np.linspace(0, len(trace), frames).round().astype(int))
+    pause = min(seconds, float(trace.t[-1])) / len(steps)
+    pictures = _frames(trace, steps, shortest, width)
+    if path.suffix.lower() == ".gif":
+        _write_gif(list(pictures), path, max(20, round(1000 * pause)))
+    elif path.suffix.lower() == ".mp4" and shutil.which("ffmpeg"):
+        _write_mp4(pictures, path, 1 / pause)
+    else:
+        raise BadParameter("out", path.name, "a file name that ends in .gif (or .mp4, if ffmpeg is installed)")
+    return path
+
+
+def _write_gif(pictures: list[Image.Image], path: Path, pause: int) -> None:
+    """One palette for all frames, from the one in the middle, so that colours do not flicker and only changes are stored."""
+    palette = pictures[len(pictures) // 2].quantize(96, method=Image.Quantize.MEDIANCUT)
+    first, *rest = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
+    pauses = [pause] * len(rest) + [2000]
+    first.save(path, "GIF", save_all=True, append_images=rest, duration=pauses, loop=0, optimize=False, disposal=1)
+
+
+def _write_mp4(pictures: Iterator[Image.Image], path: Path, rate: float) -> None:
+    first = next(pictures)
+    size = f"{first.width - first.width % 2}x{first.height - first.height % 2}"
+    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "image2pipe", "-r", f"{rate:.3f}", "-c:v", "bmp", "-i", "-"]
+    command += ["-vf", f"crop={size.replace('x', ':')}:0:0", "-pix_fmt", "yuv420p", str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        for picture in (first, *pictures):
+            picture.save(process.stdin, "BMP")
+    if process.returncode:
+        raise OSError(f"ffmpeg failed with status {process.returncode} on {path}")
+
+
+class _Painter:
+    """Turns metres into pixels of the enlarged picture, and draws in them."""
+
+    def __init__(self, trace: Trace, width: int) -> None:
+        rows, cols = trace.task.grid.shape
+        self.height = max(1, round(width * rows / cols))
+        if self.height > 640:
+            width, self.height = max(160, round(640 * cols / rows)), 640
+        self.width = width
+        self.scale = width * SUPER / (cols * trace.task.grid.resolution)
+        self.x, self.y, _ = trace.task.grid.origin
+        self.font = ImageFont.load_default(15 * SUPER)
+
+    def at(self, point: XY) -> tuple[float, float]:
+        return (float(point[0]) - self.x) * self.scale, self.height * SUPER - (float(point[1]) - self.y) * self.scale
+
+    def disc(self, draw: ImageDraw.ImageDraw, centre: XY, radius: float, fill: str | None, edge: str, width: int = 2) -> None:
+        (x, y), r = self.at(centre), max(radius * self.scale, 3.0 * SUPER)
+        draw.ellipse((x - r, y - r, x + r, y + r), fill=fill, outline=edge, width=width * SUPER)
+
+    def line(
+        self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, width: float, cased: bool = True
+    ) -> None:
+        flat = [self.at(point) for point in points]
+        if len(flat) < 2:
+            return
+        if cased:
+            draw.line(flat, fill="white", width=round((width + 2) * SUPER), joint="curve")
+        draw.line(flat, fill=colour, width=round(width * SUPER), joint="curve")
+
+    def dashes(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, dash: float) -> None:
+        """A dashed line, its dashes and gaps `dash` pixels long."""
+        ways = np.hypot(*np.diff(points, axis=0).T)
+        along = np.concatenate(([0.0], np.cumsum(ways)))
+        step = dash * SUPER / self.scale
+        for k in range(0, math.ceil(along[-1] / step), 2):
+            ends = np.array([k * step, min((k + 1) * step, along[-1])])
+            inner = points[(along > ends[0]) & (along < ends[1])]
+            a, b = np.column_stack([np.interp(ends, along, points[:, i]) for i in (0, 1)])
+            draw.line([self.at(p) for p in (a, *inner, b)], fill=colour, width=round(1.3 * SUPER))
+
+
+def _frames(trace: Trace, steps: NDArray[np.int64], shortest: Plan | None, width: int) -> Iterator[Image.Image]:
+    painter = _Painter(trace, width)
+    ground = _ground(trace, painter, shortest)
+    for step in steps:
+        yield _frame(trace, int(step), painter, ground)
+
+
+def _ground(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
+    """What does not change: the map, the global path, the goal's place."""
+    grid = trace.task.grid
+    shade = np.full(grid.shape, 255, np.uint8)[..., None] * np.ones(3, np.uint8)
+    shade[grid.blocked] = _rgb(style.WALL)
+    if grid.unknown is not None:
+        shade[grid.unknown] = _rgb(style.UNKNOWN)
+    size = (painter.width * SUPER, painter.height * SUPER)
+    picture = Image.new("RGB", (size[0], size[1] + CAPTION * SUPER), "white")
+    reduce = Image.Resampling.BOX if max(grid.shape) > max(size) else Image.Resampling.NEAREST
+    picture.paste(Image.fromarray(np.flipud(shade)).resize(size, reduce), (0, 0))
+    draw = ImageDraw.Draw(picture)
+    if shortest is not None and len(shortest.cells) > 1:
+        painter.dashes(draw, shortest.xy(grid), style.INK, 6)
+    painter.disc(draw, trace.task.start, 0.0, "white", style.INK)
+    return picture
+
+
+def _frame(trace: Trace, step: int, painter: _Painter, ground: Image.Image) -> Image.Image:
+    picture = ground.copy()
+    decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
+    if decision is not None and decision.pheromone is not None:
+        _paste_pheromone(picture, trace, painter, *decision.pheromone)
+    _paste_predictions(picture, trace, step, painter)
+    draw = ImageDraw.Draw(picture)
+    painter.line(draw, trace.xy[: step + 1], style.BLUE, 3)
+    if decision is not None and decision.path is not None:
+        painter.line(draw, decision.path.xy, style.TEAL, 2)
+    for k, radius in enumerate(trace.obstacle_radius):
+        painter.disc(
+            draw, trace.obstacle_xy[step, k], float(radius), style.RED if trace.sensed[step, k] else "white", style.RED
+        )
+    _star(draw, *painter.at(trace.task.goal), 10 * SUPER)
+    painter.disc(draw, trace.xy[step], trace.task.robot.radius, style.BLUE, "white", 1)
+    top = painter.height * SUPER
+    draw.rectangle((0, top, picture.width, picture.height), fill="white")
+    draw.line((0, top, picture.width, top), fill=style.WALL, width=SUPER)
+    words = f"t = {trace.t[step]:4.1f} s   {decision.action.replace('-', ' ') if decision is not None else ''}"
+    draw.text((10 * SUPER, top + 12 * SUPER), words, fill=style.INK, font=painter.font)
+    return picture.reduce(SUPER)
+
+
+def _paste_pheromone(
+    picture: Image.Image, trace: Trace, painter: _Painter, row: int, col: int, amount: NDArray[np.float32]
+) -> None:
+    low, high = float(amount.min()), float(amount.max())
+    share = np.sqrt((amount - low) / (high - low)) if high > low else np.zeros_like(amount)
+    grid = trace.task.grid
+    height, width = amount.shape
+    cell = grid.resolution
+    left, top = painter.at((painter.x + col * cell, painter.y + (row + height) * cell))
+    size = (max(1, round(width * cell * painter.scale)), max(1, round(height * cell * painter.scale)))
+    alpha = Image.fromarray(np.flipud(share * 200).astype(np.uint8)).resize(size, Image.Resampling.NEAREST)
+    picture.paste("#5E3C99", (round(left), round(top)), alpha)
+
+
+def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _Painter) -> None:
+    """Paste the bands that the sensed obstacles sweep at their present velocities."""
+    sensed = np.flatnonzero(trace.sensed[step])
+    if not len(sensed):
+        return
+    velocity = obstacle_velocity(trace, step)
+    veil = Image.new("L", picture.size, 0)
+    for share, strength in ((1.0, 60), (2 / 3, 95), (1 / 3, 130)):
+        draw = ImageDraw.Draw(veil)
+        for k in sensed:
+            here, radius = trace.obstacle_xy[step, k], float(trace.obstacle_radius[k])
+            there = here + velocity[k] * HORIZON * share
+            (x, y), r = painter.at(there), radius * painter.scale
+            draw.ellipse((x - r, y - r, x + r, y + r), fill=strength)
+            draw.line([painter.at(here), (x, y)], fill=strength, width=round(2 * r))
+    picture.paste(style.ORANGE, (0, 0), veil)
+
+
+def _star(draw: ImageDraw.ImageDraw, x: float, y: float, reach: float) -> None:
+    angles = [k * math.pi / 5 - math.pi / 2 for k in range(10)]
+    corners = [
+        (x + reach * (0.42 if k % 2 else 1) * math.cos(a), y + reach * (0.42 if k % 2 else 1) * math.sin(a))
+        for k, a in enumerate(angles)
+    ]
+    draw.polygon(corners, fill="#FFD23F", outline=style.INK, width=SUPER)
+
+
+def _rgb(colour: str) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * part) for part in to_rgb(colour))
+    return red, green, blue
