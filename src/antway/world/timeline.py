@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from antway.errors import BadScenario
 
@@ -72,9 +73,9 @@ class Timeline:
 
     @staticmethod
     def of(
-        ids: list[int],
-        radii: list[float],
-        courses: list[tuple[NDArray[np.float64] | list[float], NDArray[np.float64] | list[tuple[float, float]]]],
+        ids: Sequence[int],
+        radii: Sequence[float],
+        courses: Sequence[tuple[ArrayLike, ArrayLike]],
     ) -> Timeline:
         """Return the timeline of discs with these ids, radii (m) and courses (t in s, xy in m), each a list of knots."""
         t = [np.asarray(course[0], np.float64) for course in courses]

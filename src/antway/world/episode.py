@@ -1,0 +1,307 @@
+"""An episode: sense, decide, drive, with an exact test of contact, until the goal, a contact or the horizon."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+import antway
+from antway import checks
+from antway.errors import BadScenario
+from antway.kernels.world import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, REST, advance
+from antway.planning import TimedPath
+from antway.world.policy import Command, Decision, Observation, Policy, Task, make_policy
+from antway.world.scenario import MAX_STEPS, Scenario
+from antway.world.sensor import Scanner
+from antway.world.trace import Outcome as Outcome
+from antway.world.trace import Trace
+
+
+class Guard(Protocol):
+    """What may stand between a policy and the robot."""
+
+    def reset(self, task: Task) -> None:
+        """Prepare for `task`."""
+
+    def limit(self, observation: Observation, command: Command | None) -> Command:
+        """Return the command that the robot gets."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeResult:
+    """What came of an episode.
+
+    Attributes
+    ----------
+    outcome : Outcome
+    reason : str
+        One sentence on it.
+    time : float
+        When it ended, s.
+    length : float
+        Way driven, m.
+    min_clearance : float
+        Least distance ever between the edges of the robot and a moving obstacle, m; infinite without obstacles.
+    replans : int
+        How often the policy turned to a new planned motion (`Decision.path`).
+    waits : int
+        How often the robot came to rest.
+    cycle_ms : float64[N]
+        Wall time of each control cycle of the policy, ms.
+    seed : int
+    config : mapping
+        How the episode was set up.
+    trace : Trace or None
+        The record, if one was asked for.
+    """
+
+    outcome: Outcome
+    reason: str
+    time: float
+    length: float
+    min_clearance: float
+    replans: int
+    waits: int
+    cycle_ms: NDArray[np.float64]
+    seed: int
+    config: Mapping[str, Any] = field(default_factory=dict)
+    trace: Trace | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the robot reached its goal."""
+        return self.outcome is Outcome.REACHED
+
+    def cycle(self, percent: float) -> float:
+        """Return that percentile of the policy's cycle times, ms; NaN without cycles."""
+        return float(np.percentile(self.cycle_ms, percent)) if len(self.cycle_ms) else math.nan
+
+
+def run(
+    scenario: Scenario,
+    policy: str | Policy = "antway",
+    *,
+    seed: int | None = None,
+    horizon: float | None = None,
+    record: bool = True,
+    guard: Guard | None = None,
+) -> EpisodeResult:
+    """Play one episode.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    policy : str or Policy
+        A name for `make_policy`, or what `reset`s and `act`s. One that has a method `foresee(timeline)` is told where every
+        obstacle will be: only an oracle, which bounds what others can reach, should have it.
+    seed : int or None
+        Of all chance in it: obstacles, sensor, policy; None: the scenario's.
+    horizon : float or None
+        When the episode ends at the latest, s; None: the scenario's.
+    record : bool
+        Whether the result holds a trace.
+    guard : Guard or None
+        Passes or changes each command on its way to the robot.
+
+    Returns
+    -------
+    EpisodeResult
+        A policy that raises ends the episode as `Outcome.ERROR` once the robot is braked; a command that is None or not finite
+        means stop.
+
+    Raises
+    ------
+    BadInput
+        For wrong arguments, or an obstacle that begins in contact with the robot.
+
+    Examples
+    --------
+    >>> from antway import Grid, RobotSpec, Scenario, World
+    >>> room = Scenario(World(Grid(np.zeros((10, 10), dtype=bool))), start=(1.0, 5.0), goal=(9.0, 5.0), robot=RobotSpec())
+    >>> class Straight:
+    ...     def reset(self, task, seed): self.task = task
+    ...     def act(self, observation): return Command((1.0, 0.0))
+    ...     def explain(self): return Decision("follow", "the way is free")
+    >>> result = run(room, Straight())
+    >>> result.outcome, round(result.time, 6)
+    (<Outcome.REACHED: 'reached'>, 7.8)
+    """
+    checks.instance("scenario", scenario, Scenario)
+    seed = scenario.seed if seed is None else checks.seed(seed)
+    horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+    stage = _Stage(scenario, seed, horizon)
+    name, player = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
+    decisions: list[tuple[int, Decision]] = []
+    outcome, reason, fault = None, "", ""
+    if math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
+        outcome, reason = Outcome.REACHED, "the start is at the goal"
+    try:
+        if hasattr(player, "foresee"):
+            player.foresee(stage.timeline)
+        player.reset(stage.task, seed)
+        if guard is not None:
+            guard.reset(stage.task)
+    except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
+        outcome, reason = Outcome.ERROR, f"{name} at reset: {type(error).__name__}: {error}"
+
+    while outcome is None:
+        cx = cy = math.nan
+        observation = stage.observe()
+        if not fault:
+            begun = time.perf_counter()
+            try:
+                command = player.act(observation)
+                if guard is not None:
+                    command = guard.limit(observation, command)
+                if command is not None:
+                    cx, cy = float(command.velocity[0]), float(command.velocity[1])
+                decision = player.explain()
+                if not decisions or decision is not decisions[-1][1]:
+                    decisions.append((stage.n, decision))
+            except Exception as error:
+                fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
+            stage.cycle_ms[stage.n] = (time.perf_counter() - begun) * 1e3
+        outcome, reason = stage.drive(cx, cy)
+        if fault and (outcome is Outcome.TIMEOUT or (outcome is None and stage.at_rest)):
+            outcome, reason = Outcome.ERROR, fault
+
+    config = {
+        "version": antway.__version__,
+        "horizon": horizon,
+        "sensor": asdict(scenario.sensor),
+        "guard": "" if guard is None else type(guard).__name__,
+    }
+    n = stage.n
+    speeds = np.hypot(*stage.velocity[1 : n + 1].T)
+    resting = np.concatenate(([False], speeds <= REST))
+    return EpisodeResult(
+        outcome=outcome,
+        reason=reason,
+        time=float(stage.t[n]),
+        length=math.fsum(np.hypot(*np.diff(stage.xy[: n + 1], axis=0).T).tolist()),
+        min_clearance=stage.clearance,
+        replans=_changes([decision.path for _, decision in decisions]),
+        waits=int((resting[1:] & ~resting[:-1]).sum()),
+        cycle_ms=stage.cycle_ms[:n].copy(),
+        seed=seed,
+        config=config,
+        trace=stage.trace(name, scenario.name, seed, tuple(decisions), outcome, reason, config) if record else None,
+    )
+
+
+def _changes(paths: list[TimedPath | None]) -> int:
+    planned = [path for path in paths if path is not None]
+    return sum(i == 0 or path is not planned[i - 1] for i, path in enumerate(planned))
+
+
+class _Stage:
+    """The robot, the obstacles and the record of one episode, up to step `n`."""
+
+    def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
+        task = self.task = scenario.task
+        self.timeline = scenario.world.timeline(seed, horizon)
+        self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
+        spec, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
+        self.horizon = horizon
+        self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
+        self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
+        self.aim, self.frame = np.array([*task.goal, task.goal_tolerance]), np.array([x0, y0, size])
+        rows = self.steps + 1
+        self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)
+        self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)
+        self.sensed = np.zeros((rows, len(self.timeline)), np.bool_)
+        self.xy[0] = task.start
+        self.heading[0] = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
+        self.n, self.clearance = 0, math.inf
+        for k, place in enumerate(self.timeline.places(self.t[:1])[0].tolist()):
+            gap = math.dist(place, task.start) - spec.radius - float(self.timeline.radius[k])
+            if gap < 0.0:
+                raise BadScenario(
+                    f"obstacles[{k}].start", tuple(place), f"clear of the robot at {task.start} (overlap {-gap:.3g} m)"
+                )
+
+    @property
+    def at_rest(self) -> bool:
+        return math.hypot(*self.velocity[self.n].tolist()) <= REST
+
+    def observe(self) -> Observation:
+        """Sense."""
+        i = self.n
+        now, (x, y), (vx, vy) = float(self.t[i]), self.xy[i].tolist(), self.velocity[i].tolist()
+        stamp, tracks, seen = self.scanner.observe(now, x, y)
+        self.sensed[i, seen] = True
+        return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp)
+
+    def drive(self, cx: float, cy: float) -> tuple[Outcome | None, str]:
+        """Drive one step under the command (cx, cy) in m/s; return how that ended the episode, if it did, and why."""
+        i, line = self.n, self.timeline
+        self.command[i] = cx, cy
+        what, who, clearance = advance(
+            i,
+            cx,
+            cy,
+            self.task.robot.dt,
+            self.robot,
+            self.aim,
+            self.t,
+            self.xy,
+            self.velocity,
+            self.heading,
+            self.task.grid.blocked,
+            self.frame,
+            line.knot_t,
+            line.knot_xy,
+            line.first,
+            line.radius,
+        )
+        self.n, self.clearance = i + 1, min(self.clearance, clearance)
+        if what == GOES_ON:
+            late = self.n == self.steps
+            return (Outcome.TIMEOUT, f"the horizon of {self.horizon:g} s came first") if late else (None, "")
+        if what == REACHED:
+            return Outcome.REACHED, "the robot is at the goal"
+        if what == HIT_WALL:
+            return Outcome.HIT_WALL, "the robot ran into a wall"
+        where = f"obstacle {line.id[who]} met the robot, which"
+        return (
+            (Outcome.HIT_MOVING, f"{where} was moving")
+            if what == HIT_MOVING
+            else (Outcome.HIT_STANDING, f"{where} was at rest")
+        )
+
+    def trace(
+        self,
+        policy: str,
+        scenario: str,
+        seed: int,
+        decisions: tuple[tuple[int, Decision], ...],
+        outcome: Outcome,
+        reason: str,
+        config: dict[str, Any],
+    ) -> Trace:
+        """Return the record as it stands."""
+        n = self.n
+        return Trace(
+            task=self.task,
+            policy=policy,
+            seed=seed,
+            scenario=scenario,
+            t=self.t[: n + 1].copy(),
+            xy=self.xy[: n + 1].copy(),
+            velocity=self.velocity[: n + 1].copy(),
+            heading=self.heading[: n + 1].copy(),
+            command=self.command[:n].copy(),
+            timeline=self.timeline,
+            sensed=np.concatenate((self.sensed[:n], self.sensed[max(n - 1, 0) : max(n, 1)])),
+            decisions=decisions,
+            cycle_ms=self.cycle_ms[:n].copy(),
+            outcome=outcome,
+            reason=reason,
+            config=config,
+        )

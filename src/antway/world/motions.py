@@ -1,0 +1,250 @@
+"""How obstacles move: each motion, given a draw of chance and a horizon, becomes a piecewise linear course.
+
+A *span* is a number, or a pair (low, high) of which each episode's seed draws a number uniformly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter, BadScenario
+from antway.grid import Grid
+from antway.kernels.rng import stream, uniform
+from antway.kernels.world import bounce
+
+XY = tuple[float, float]  # m
+Span = float | tuple[float, float]
+Course = tuple[NDArray[np.float64], NDArray[np.float64]]  # t float64[M] in s, xy float64[M, 2] in m
+
+MAX_KNOTS = 100_000  # of one obstacle
+
+
+class Draw:
+    """Chance of one obstacle in one episode: stream `index` of the episode's seed."""
+
+    def __init__(self, seed: int, index: int) -> None:
+        self.state = np.array([stream(np.uint64(seed), np.uint64(index))], np.uint64)
+
+    def of(self, span: Span) -> float:
+        """Return the number that `span` is, or one drawn from it."""
+        if isinstance(span, tuple):
+            return span[0] + (span[1] - span[0]) * float(uniform(self.state))
+        return span
+
+
+class Motion(Protocol):
+    """What moves an obstacle."""
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        """Return the course of a disc of `radius` m from 0 to at least `horizon` s, or to where it stands for good."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """From `start` straight to `end` (m) at `speed` (m/s) after `delay` (s); it stands before and after."""
+
+    start: XY
+    end: XY
+    speed: Span
+    delay: Span = 0.0
+
+    def __post_init__(self) -> None:
+        _points(self, "start", "end")
+        _spans(self, speed="m/s", delay="s")
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        speed, delay = draw.of(self.speed), draw.of(self.delay)
+        way = math.dist(self.start, self.end)
+        if way == 0.0 or speed == 0.0:
+            return _standing(self.start)
+        t, xy = [delay, delay + way / speed], [self.start, self.end]
+        return np.array(t), np.array(xy)
+
+
+@dataclass(frozen=True, slots=True)
+class BackAndForth:
+    """Between `start` and `end` (m) at `speed` (m/s) for ever, from the share `phase` in [0, 1] of a round trip on."""
+
+    start: XY
+    end: XY
+    speed: Span
+    phase: Span = 0.0
+
+    def __post_init__(self) -> None:
+        _points(self, "start", "end")
+        _spans(self, speed="m/s", phase="")
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        return Waypoints((self.start, self.end), self.speed, phase=self.phase).course(draw, horizon, grid, radius)
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoints:
+    """Along `points` (m) at `speed` (m/s), with `pause` s at each; closed and for ever, or once if not `loop`.
+
+    A loop begins at the share `phase` in [0, 1] of its round.
+    """
+
+    points: tuple[XY, ...]
+    speed: Span
+    loop: bool = True
+    pause: Span = 0.0
+    phase: Span = 0.0
+
+    def __post_init__(self) -> None:
+        _track(self, "points")
+        if not isinstance(self.loop, bool):
+            raise BadParameter("loop", self.loop, "true or false")
+        _spans(self, speed="m/s", pause="s", phase="")
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        speed, pause, phase = draw.of(self.speed), draw.of(self.pause), draw.of(self.phase)
+        stops = np.array(self.points)
+        if self.loop:
+            stops = np.vstack((stops, stops[:1]))
+        legs = np.hypot(*np.diff(stops, axis=0).T)
+        if speed == 0.0 or legs.sum() == 0.0:
+            return _standing(self.points[0])
+        # Each leg is a drive and a pause at its end.
+        durations = np.column_stack((legs / speed, np.full(len(legs), pause))).ravel()
+        t = np.concatenate(([0.0], np.cumsum(durations)))
+        xy = np.vstack((stops[:1], np.repeat(stops[1:], 2, axis=0)))
+        if self.loop:
+            period = t[-1]
+            rounds = math.ceil(min(horizon / period, MAX_KNOTS)) + 1
+            if rounds * (len(t) - 1) > MAX_KNOTS:
+                raise BadScenario("speed", speed, f"such that the course has at most {MAX_KNOTS} knots")
+            t = np.concatenate((t[:1], *(t[1:] + i * period for i in range(rounds))))
+            xy = np.vstack((xy[:1], *[xy[1:]] * rounds))
+            t, xy = _from(t, xy, phase * period)
+        keep = np.concatenate(([True], np.diff(t) > 0))
+        return t[keep], xy[keep]
+
+
+@dataclass(frozen=True, slots=True)
+class Bounce:
+    """From `start` (m) at `speed` (m/s) in the direction `heading` (rad), mirrored at walls and at the edges of the map."""
+
+    start: XY
+    speed: Span
+    heading: Span = (-math.pi, math.pi)
+
+    def __post_init__(self) -> None:
+        _points(self, "start")
+        _spans(self, speed="m/s")
+        _spans(self, low=-math.inf, heading="rad")
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        return _bounce(self.start, draw.of(self.speed), draw.of(self.heading), math.inf, draw, horizon, grid, radius)
+
+
+@dataclass(frozen=True, slots=True)
+class RandomWalk:
+    """As `Bounce`, with a new direction at random every `turn_every` s."""
+
+    start: XY
+    speed: Span
+    turn_every: Span = 3.0
+    heading: Span = (-math.pi, math.pi)
+
+    def __post_init__(self) -> None:
+        _points(self, "start")
+        _spans(self, speed="m/s")
+        _spans(self, low=1e-3, turn_every="s")
+        _spans(self, low=-math.inf, heading="rad")
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        speed, heading, every = draw.of(self.speed), draw.of(self.heading), draw.of(self.turn_every)
+        return _bounce(self.start, speed, heading, every, draw, horizon, grid, radius)
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A recorded track: at `points[i]` (m) at time `t[i]` (s, increasing); it stands before and after."""
+
+    t: tuple[float, ...]
+    points: tuple[XY, ...]
+    _arrays: Course = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        _track(self, "points")
+        t = checks.array("t", self.t, (len(self.points),))
+        if (np.diff(t) <= 0).any():
+            raise BadParameter("t", float(t[int(np.argmax(np.diff(t) <= 0)) + 1]), "increasing (s)")
+        object.__setattr__(self, "t", tuple(t.tolist()))
+        object.__setattr__(self, "_arrays", (t, np.array(self.points)))
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        return self._arrays
+
+
+MOTIONS: dict[str, type[Line | BackAndForth | Waypoints | Bounce | RandomWalk | Replay]] = {
+    "line": Line,
+    "back-and-forth": BackAndForth,
+    "waypoints": Waypoints,
+    "bounce": Bounce,
+    "random-walk": RandomWalk,
+    "replay": Replay,
+}
+
+
+def _bounce(
+    start: XY, speed: float, heading: float, turn_every: float, draw: Draw, horizon: float, grid: Grid, radius: float
+) -> Course:
+    row, col = grid.to_points(start)[0].tolist()
+    scale = grid.resolution
+    size = 256
+    begun = draw.state.copy()
+    while True:
+        t, rc = np.empty(size), np.empty((size, 2))
+        draw.state[:] = begun
+        n = bounce(grid.blocked, row, col, speed / scale, heading, radius / scale, turn_every, horizon, draw.state, t, rc)
+        if n <= size:
+            return t[:n], grid.to_xy(rc[:n])
+        if size > MAX_KNOTS:
+            raise BadScenario("speed", speed, f"such that the course has at most {MAX_KNOTS} knots")
+        size *= 8
+
+
+def _standing(place: XY) -> Course:
+    return np.zeros(1), np.array([place])
+
+
+def _from(t: NDArray[np.float64], xy: NDArray[np.float64], begin: float) -> Course:
+    """Cut off what comes before time `begin`, which becomes 0."""
+    i = int(np.searchsorted(t, begin, side="right"))
+    here = [np.interp(begin, t, xy[:, 0]), np.interp(begin, t, xy[:, 1])]
+    return np.concatenate(([0.0], t[i:] - begin)), np.vstack((here, xy[i:]))
+
+
+def _points(motion: object, *names: str) -> None:
+    for name in names:
+        object.__setattr__(motion, name, checks.point(name, getattr(motion, name)))
+
+
+def _track(motion: object, name: str) -> None:
+    points = checks.array(name, getattr(motion, name), (None, 2))
+    if not 1 <= len(points) <= MAX_KNOTS:
+        raise BadParameter(f"{name}.length", len(points), f"in [1, {MAX_KNOTS}]")
+    object.__setattr__(motion, name, tuple(map(tuple, points.tolist())))
+
+
+def _spans(motion: object, *, low: float = 0.0, **units: str) -> None:
+    for name, unit in units.items():
+        value = getattr(motion, name)
+        high = 1.0 if name == "phase" else math.inf
+        if isinstance(value, (tuple, list, np.ndarray)):
+            ends = checks.point(name, value)
+            for i, end in enumerate(ends):
+                checks.number(f"{name}[{i}]", end, low=low, high=high, unit=unit)
+            if ends[0] > ends[1]:
+                raise BadParameter(name, ends, "a pair (low, high) with low <= high")
+            object.__setattr__(motion, name, ends)
+        else:
+            object.__setattr__(motion, name, checks.number(name, value, low=low, high=high, unit=unit))

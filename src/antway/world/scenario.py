@@ -1,0 +1,230 @@
+"""A scenario: a world, a robot in it and where it is to go; as a TOML file."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import MISSING, dataclass, field, fields, replace
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from antway import checks
+from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
+from antway.kernels.geometry import segment_hits_cells
+from antway.world.motions import MOTIONS, XY, Replay
+from antway.world.policy import RobotSpec, Task
+from antway.world.sensor import Sensor
+from antway.world.world import MAX_OBSTACLES, Obstacle, World
+
+MAX_STEPS = 1_000_000
+MAX_BYTES = 16 * 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A world, a robot and its errand.
+
+    Parameters
+    ----------
+    world : World
+    start, goal : (x, y)
+        m; the robot's disc must be clear of blocked cells and of the map's edges at both.
+    robot : RobotSpec
+    sensor : Sensor
+    horizon : float
+        The episode ends at this time at the latest, s, > 0.
+    seed : int
+        Used where `run` is given none.
+    goal_tolerance : float
+        The goal is reached within this distance, m, > 0.
+    obstacle_speed : float
+        Declared bound on the obstacles' speed, m/s, >= 0.
+    name : str
+    map : str
+        The map's file as the scenario file gives it; empty for a world made in Python.
+
+    Raises
+    ------
+    BadParameter, CellBlocked
+    """
+
+    world: World
+    start: XY
+    goal: XY
+    robot: RobotSpec = field(default_factory=RobotSpec)
+    sensor: Sensor = field(default_factory=Sensor)
+    horizon: float = 60.0
+    seed: int = 0
+    goal_tolerance: float = 0.2
+    obstacle_speed: float = 1.5
+    name: str = "scenario"
+    map: str = ""
+    task: Task = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        checks.instance("world", self.world, World)
+        checks.instance("sensor", self.sensor, Sensor)
+        set_(self, "horizon", checks.number("horizon", self.horizon, low=0.0, open_low=True, unit="s"))
+        checks.seed(self.seed)
+        for text in ("name", "map"):
+            checks.instance(text, getattr(self, text), str)
+        task = Task(self.world.grid, self.robot, self.start, self.goal, self.goal_tolerance, self.obstacle_speed)
+        set_(self, "task", task)
+        if math.ceil(self.horizon / self.robot.dt) > MAX_STEPS:
+            raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
+        grid = self.world.grid
+        for end in ("start", "goal"):
+            set_(self, end, getattr(task, end))
+            row, col = grid.to_points(getattr(task, end))[0].tolist()
+            if segment_hits_cells(grid.blocked, row, col, row, col, self.robot.radius / grid.resolution, True):
+                allowed = f"at least the robot's radius, {self.robot.radius:g} m, from walls and the map's edges"
+                raise CellBlocked(end, getattr(task, end), allowed)
+
+
+_TOP = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "horizon", "seed", "robot", "sensor", "obstacles")
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario from a TOML file.
+
+    Keys are the fields of `Scenario`; tables `[robot]` and `[sensor]` hold those of `RobotSpec` and `Sensor`; each
+    `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay) and that motion's
+    fields (`antway.world.motions`). `map` is a file in the scenario's folder or below it; so is the `file` of a replay, CSV
+    lines t,x,y.
+
+    Raises
+    ------
+    BadScenario, TooLarge, BadMap
+        Naming the file, the table and the key, what stands there and what is allowed.
+    """
+    path = Path(path)
+    where = str(path)
+    try:
+        if not path.is_file():
+            raise BadScenario("scenario", where, "an existing regular file")
+        if path.stat().st_size > MAX_BYTES:
+            raise TooLarge("size", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
+        record = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadScenario("scenario", str(error), "a TOML file in UTF-8", where=where) from None
+    return _scenario(record, path.parent, where)
+
+
+def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
+    from antway.maps import load_map
+
+    _keys(record, "", _TOP, ("map", "start", "goal"), where)
+    values = dict(record)
+    grid = load_map(_inside(values["map"], "map", folder, where))
+    robot = _build("robot", RobotSpec, values.pop("robot", {}), where)
+    sensor = _build("sensor", Sensor, values.pop("sensor", {}), where)
+    listed = values.pop("obstacles", [])
+    if not isinstance(listed, list):
+        raise BadScenario("obstacles", listed, "a list of tables [[obstacles]]", where=where)
+    if len(listed) > MAX_OBSTACLES:
+        raise TooLarge("obstacles.length", len(listed), f"at most {MAX_OBSTACLES}", where=where)
+    obstacles = tuple(_obstacle(f"obstacles[{k}]", one, folder, where) for k, one in enumerate(listed))
+    try:
+        return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, **values)
+    except BadInput as error:
+        raise BadScenario(error.field, error.value, error.allowed, where=where) from None
+
+
+def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
+    if not isinstance(record, dict):
+        raise BadScenario(name, record, "a table", where=where)
+    values = dict(record)
+    for key in ("radius", "motion"):
+        if key not in values:
+            raise BadScenario(f"{name}.{key}", None, "given", where=where)
+    radius = checks.number(
+        f"{name}.radius", values.pop("radius"), low=0, open_low=True, unit="m", error=BadScenario, where=where
+    )
+    kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, error=BadScenario, where=where)]
+    if kind is Replay and "file" in values:
+        _keys(values, name, ("file",), (), where)
+        file = _inside(values["file"], f"{name}.file", folder, where)
+        try:
+            table = np.loadtxt(file, delimiter=",", ndmin=2, max_rows=1_000_000)
+        except (OSError, ValueError) as error:
+            raise BadScenario(f"{name}.file", str(error), "CSV lines t,x,y in s and m", where=where) from None
+        if table.ndim != 2 or table.shape[1] != 3:
+            raise BadScenario(f"{name}.file", table.shape, "CSV lines t,x,y in s and m", where=where)
+        values = {"t": table[:, 0], "points": table[:, 1:]}
+    return Obstacle(radius, _build(name, kind, values, where))
+
+
+def _build(name: str, kind: type, record: object, where: str) -> Any:
+    """Make a `kind` of the table `record`; what its own checks refuse is named after the table."""
+    if not isinstance(record, dict):
+        raise BadScenario(name, record, "a table", where=where)
+    known = [f for f in fields(kind) if f.init]
+    _keys(record, name, tuple(f.name for f in known), tuple(f.name for f in known if f.default is MISSING), where)
+    try:
+        return kind(**record)
+    except BadInput as error:
+        inner = error.field.removeprefix(f"{name}.")
+        raise BadScenario(f"{name}.{inner}", error.value, error.allowed, where=where) from None
+
+
+def _keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:
+    dot = f"{name}." if name else ""
+    for key in record:
+        if key not in allowed:
+            raise BadScenario(f"{dot}{key}", record[key], f"left out; the keys are {', '.join(allowed)}", where=where)
+    for key in needed:
+        if key not in record:
+            raise BadScenario(f"{dot}{key}", None, "given", where=where)
+
+
+def _inside(value: object, name: str, folder: Path, where: str) -> Path:
+    """Return the file `value` in `folder` or below; links that lead out of it are refused."""
+    allowed = "the relative path of a file in the scenario's folder or below it"
+    if not isinstance(value, str) or not value or "\0" in value or PurePosixPath(value).is_absolute():
+        raise BadScenario(name, value, allowed, where=where)
+    file = folder / value
+    if not file.resolve().is_relative_to(folder.resolve()) or not file.is_file():
+        raise BadScenario(name, value, allowed, where=where)
+    return file
+
+
+def to_toml(scenario: Scenario) -> str:
+    """Return `scenario` as the text of a TOML file, every field written out; `load_scenario` reads it back equal."""
+    lines = [f"{key} = {_toml(getattr(scenario, key))}" for key in _TOP[:8]]
+    for table in ("robot", "sensor"):
+        part = getattr(scenario, table)
+        lines += ["", f"[{table}]", *(f"{f.name} = {_toml(getattr(part, f.name))}" for f in fields(part))]
+    names = {kind: name for name, kind in MOTIONS.items()}
+    for k, obstacle in enumerate(scenario.world.obstacles):
+        kind = type(obstacle.motion)
+        if kind not in names:
+            raise BadParameter(f"obstacles[{k}].motion", obstacle.motion, f"one of {', '.join(MOTIONS)} to be written")
+        lines += ["", "[[obstacles]]", f"radius = {_toml(obstacle.radius)}", f"motion = {_toml(names[kind])}"]
+        lines += [f"{f.name} = {_toml(getattr(obstacle.motion, f.name))}" for f in fields(kind) if f.init]
+    return "\n".join(lines) + "\n"
+
+
+def save_scenario(scenario: Scenario, path: str | Path) -> None:
+    """Write `scenario` to `path` and its map beside it, as <name>_map.yaml and .pgm."""
+    from antway.maps import save_map
+
+    path = Path(path)
+    map_path = path.with_name(f"{path.stem}_map.yaml")
+    save_map(scenario.world.grid, map_path)
+    path.write_text(to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c >= " " and c != "\x7f" else f"\\u{ord(c):04X}" for c in escaped) + '"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value)

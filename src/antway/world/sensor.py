@@ -1,0 +1,134 @@
+"""The robot's sensor for moving obstacles: range, occlusion, rate, latency, noise, losses, and velocity."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.kernels.rng import stream
+from antway.kernels.sense import degrade, scan
+from antway.world.policy import Task, Tracks
+from antway.world.timeline import Timeline
+
+_STREAM = 2**32  # of the episode's seed; below are the obstacles'
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """How well the robot sees what moves; its range is `RobotSpec.sensor_range`.
+
+    Parameters
+    ----------
+    period : float
+        Time between scans in s, >= 0; 0: one each control cycle. Between scans the last one stands.
+    latency : float
+        Age at which a scan reaches the policy, s, >= 0.
+    occlusion : bool
+        Whether walls hide obstacles.
+    dropout : float
+        Probability in [0, 1] that a scan misses an obstacle.
+    noise : float
+        Standard deviation of the places, m, >= 0.
+    velocity : str
+        "exact" (with `velocity_noise`), "estimated" from the places by a Kalman filter, or "none" (NaN).
+    velocity_noise : float
+        Standard deviation of exact velocities, m/s, >= 0.
+    agility : float
+        Acceleration that the estimate expects of obstacles, m/s^2, > 0.
+    """
+
+    period: float = 0.0
+    latency: float = 0.0
+    occlusion: bool = True
+    dropout: float = 0.0
+    noise: float = 0.0
+    velocity: str = "exact"
+    velocity_noise: float = 0.0
+    agility: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, unit in (("period", "s"), ("latency", "s"), ("noise", "m"), ("velocity_noise", "m/s")):
+            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, unit=unit))
+        object.__setattr__(self, "dropout", checks.number("dropout", self.dropout, low=0.0, high=1.0))
+        object.__setattr__(self, "agility", checks.number("agility", self.agility, low=0.0, open_low=True, unit="m/s^2"))
+        checks.choice("velocity", self.velocity, ("exact", "estimated", "none"))
+        if not isinstance(self.occlusion, bool):
+            raise BadParameter("occlusion", self.occlusion, "true or false")
+
+
+class Scanner:
+    """A sensor at work in one episode."""
+
+    def __init__(self, sensor: Sensor, task: Task, timeline: Timeline, seed: int) -> None:
+        self.sensor, self.timeline = sensor, timeline
+        self.reach, self.blocked = task.robot.sensor_range, task.grid.blocked
+        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+        self.seed = stream(np.uint64(seed), np.uint64(_STREAM))
+        count = len(timeline)
+        self.seen, self.state = np.empty(count, np.int64), np.empty((count, 4))
+        self.plain = sensor.dropout == sensor.noise == sensor.velocity_noise == 0.0 and sensor.velocity == "exact"
+        if not self.plain:
+            self.tracker, self.covariance = np.full((count, 8), math.nan), np.empty((count, 4, 4))
+        self.direct = sensor.period == sensor.latency == 0.0
+        self.scans, self.due = 0, 0.0
+        self.under_way: deque[tuple[float, Tracks, NDArray[np.int64]]] = deque()
+        self.latest = (-math.inf, Tracks.none(), np.empty(0, np.int64))
+
+    def observe(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
+        """Return what the robot at (x, y) m knows at time t s: stamp in s (minus infinity: nothing yet), tracks, indices."""
+        if self.direct:
+            return self._scan(t, x, y)
+        if t >= self.due - 1e-9:
+            self.under_way.append(self._scan(t, x, y))
+            if self.sensor.period > 0.0:
+                self.due = self.sensor.period * (math.floor((t + 1e-9) / self.sensor.period) + 1)
+        while self.under_way and t >= self.under_way[0][0] + self.sensor.latency - 1e-9:
+            self.latest = self.under_way.popleft()
+        return self.latest
+
+    def _scan(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
+        line, sensor = self.timeline, self.sensor
+        n = scan(
+            t,
+            x,
+            y,
+            self.reach,
+            sensor.occlusion,
+            self.blocked,
+            self.frame,
+            line.knot_t,
+            line.knot_xy,
+            line.first,
+            line.radius,
+            self.seen,
+            self.state,
+        )
+        covariance = None
+        if not self.plain:
+            n = degrade(
+                n,
+                t,
+                self.seed,
+                self.scans,
+                sensor.dropout,
+                sensor.noise,
+                sensor.velocity_noise,
+                sensor.agility if sensor.velocity == "estimated" else 0.0,
+                self.seen,
+                self.state,
+                self.tracker,
+                self.covariance,
+            )
+            covariance = self.covariance[:n].copy()
+        self.scans += 1
+        seen, xy, velocity = self.seen[:n].copy(), self.state[:n, :2].copy(), self.state[:n, 2:].copy()
+        if sensor.velocity == "none":
+            velocity[:] = math.nan
+        tracks = Tracks(line.id[seen], xy, velocity, line.radius[seen], covariance)
+        return t, tracks, seen
