@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.bits import ctz
-from antway.kernels.buckets import BOUND, CUT, DIAGONAL, EXPANDED, LIMIT, STRAIGHT, USED, pop, push
+from antway.kernels.buckets import BOUND, CUT, DIAGONAL, EXPANDED, FREE, KEY, KEYS, LAST, LIMIT, STRAIGHT, USED, next_block
 from antway.kernels.jit import kernel
 
 RUNNING, DONE, FULL = 0, 1, 2
@@ -53,20 +53,38 @@ def expand(
     first, filled, entries, state
         The queue (see `buckets`).
     """
-    room = entries.shape[0] - 8
     goal = goal_row * width + goal_col
+    used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
+    code = RUNNING
     for _ in range(steps):
-        if state[USED] > room:
-            return FULL
-        entry = pop(first, filled, entries, state)
-        if entry < 0:
-            return DONE
+        if used > entries.shape[0] - 8:
+            code = FULL
+            break
+        # Take an entry of the least key off the queue.
+        word = (at & (KEYS - 1)) >> 6
+        while word < filled.size and filled[word] == 0:
+            word += 1
+        if word == filled.size:
+            at = next_block(first, filled, entries, at, state[LAST])
+            if at < 0:
+                code = DONE
+                break
+            continue
+        bucket = 64 * word + ctz(filled[word])
+        at = (at >> 14 << 14) + bucket
+        entry = first[bucket]
+        first[bucket] = entries[entry, 0]
+        if entries[entry, 0] < 0:
+            filled[word] &= filled[word] - np.uint64(1)
+        entries[entry, 0] = free
+        free = entry
         row, col, g = entries[entry, 1], entries[entry, 2], entries[entry, 3]
         cell = row * width + col
         if label[cell] != base + g:
             continue
         if cell == goal:
-            return DONE
+            code = DONE
+            break
         state[EXPANDED] += 1
         moves = np.uint64(table[9 * np.int64(around[cell]) + came[cell]])
         while moves:
@@ -75,16 +93,33 @@ def expand(
             to_row, to_col = row + _ROW[d], col + _COL[d]
             to = to_row * width + to_col
             g_to = g + (STRAIGHT if d < 4 else DIAGONAL)
-            if base + g_to < label[to]:
-                key = g_to + octile(to_row, to_col, goal_row, goal_col, shorter)
-                if key >= LIMIT:
-                    state[CUT] = 1
-                elif key < state[BOUND]:
-                    label[to], came[to] = base + g_to, d
-                    if to == goal:
-                        state[BOUND] = key
-                    push(first, filled, entries, state, key, to_row, to_col, g_to)
-    return RUNNING
+            if base + g_to >= label[to]:
+                continue
+            key = g_to + octile(to_row, to_col, goal_row, goal_col, shorter)
+            if key >= bound:
+                state[CUT] |= key >= LIMIT
+                continue
+            label[to], came[to] = base + g_to, d
+            if to == goal:
+                bound = key
+            # Put it into the queue.
+            entry = free
+            if entry >= 0:
+                free = entries[entry, 0]
+            else:
+                entry = used
+                used += 1
+            entries[entry, 1], entries[entry, 2], entries[entry, 3], entries[entry, 4] = to_row, to_col, g_to, key
+            bucket = key & (KEYS - 1)
+            if key >> 14 == at >> 14:
+                filled[bucket >> 6] |= np.uint64(1) << np.uint64(bucket & 63)
+            else:
+                bucket = KEYS + (key >> 14)
+                state[LAST] = max(state[LAST], key >> 14)
+            entries[entry, 0] = first[bucket]
+            first[bucket] = entry
+    state[USED], state[FREE], state[KEY], state[BOUND] = used, free, at, bound
+    return code
 
 
 @kernel

@@ -41,75 +41,20 @@ def reset(first: NDArray[np.int32], filled: NDArray[np.uint64], state: NDArray[n
 
 
 @kernel
-def push(
-    first: NDArray[np.int32],
-    filled: NDArray[np.uint64],
-    entries: NDArray[np.int32],
-    state: NDArray[np.int64],
-    key: int,
-    row: int,
-    col: int,
-    g: int,
-) -> None:
-    """Put a cell into the queue."""
-    entry = state[FREE]
-    if entry >= 0:
-        state[FREE] = entries[entry, 0]
-    else:
-        entry = state[USED]
-        state[USED] += 1
-    entries[entry, 1], entries[entry, 2], entries[entry, 3], entries[entry, 4] = row, col, g, key
-    if key >> 14 == state[KEY] >> 14:
-        bucket = key & (KEYS - 1)
+def next_block(first: NDArray[np.int32], filled: NDArray[np.uint64], entries: NDArray[np.int32], key: int, last: int) -> int:
+    """Spread the entries of the next block that has any over its keys; return its first key, or -1 if there is no such block."""
+    block = (key >> 14) + 1
+    while block <= last and first[KEYS + block] < 0:
+        block += 1
+    if block > last:
+        return -1
+    entry = first[KEYS + block]
+    first[KEYS + block] = -1
+    while entry >= 0:
+        after = entries[entry, 0]
+        bucket = entries[entry, 4] & (KEYS - 1)
+        entries[entry, 0] = first[bucket]
+        first[bucket] = entry
         filled[bucket >> 6] |= np.uint64(1) << np.uint64(bucket & 63)
-    else:
-        bucket = KEYS + (key >> 14)
-        state[LAST] = max(state[LAST], key >> 14)
-    entries[entry, 0] = first[bucket]
-    first[bucket] = entry
-
-
-@kernel
-def pop(first: NDArray[np.int32], filled: NDArray[np.uint64], entries: NDArray[np.int32], state: NDArray[np.int64]) -> int:
-    """Take an entry of the least key off the queue and return its number (-1: none is left); read it before the next push."""
-    bucket = state[KEY] & (KEYS - 1)
-    entry = first[bucket]
-    if entry < 0:
-        bucket = next_bucket(first, filled, entries, state)
-        if bucket < 0:
-            return -1
-        entry = first[bucket]
-    first[bucket] = entries[entry, 0]
-    if first[bucket] < 0:
-        filled[bucket >> 6] &= ~(np.uint64(1) << np.uint64(bucket & 63))
-    entries[entry, 0] = state[FREE]
-    state[FREE] = entry
-    return int(entry)
-
-
-@kernel
-def next_bucket(
-    first: NDArray[np.int32], filled: NDArray[np.uint64], entries: NDArray[np.int32], state: NDArray[np.int64]
-) -> int:
-    """Advance to the next key that has entries and return its bucket; -1 if there is none."""
-    while True:
-        for word in range((state[KEY] & (KEYS - 1)) >> 6, filled.size):
-            if filled[word]:
-                bucket = 64 * word + ctz(filled[word])
-                state[KEY] = (state[KEY] >> 14 << 14) + bucket
-                return bucket
-        block = (state[KEY] >> 14) + 1
-        while block <= state[LAST] and first[KEYS + block] < 0:
-            block += 1
-        if block > state[LAST]:
-            return -1
-        state[KEY] = block << 14
-        entry = first[KEYS + block]
-        first[KEYS + block] = -1
-        while entry >= 0:
-            after = entries[entry, 0]
-            bucket = entries[entry, 4] & (KEYS - 1)
-            entries[entry, 0] = first[bucket]
-            first[bucket] = entry
-            filled[bucket >> 6] |= np.uint64(1) << np.uint64(bucket & 63)
-            entry = after
+        entry = after
+    return block << 14

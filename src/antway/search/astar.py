@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from antway.grid import Moves
 from antway.kernels.astar import DONE, FULL, RUNNING, expand, octile, trace
-from antway.kernels.buckets import CUT, DIAGONAL, EXPANDED, LIMIT, STRAIGHT, push
+from antway.kernels.buckets import CUT, DIAGONAL, EXPANDED, LIMIT, STRAIGHT
 from antway.kernels.canonical import START
 from antway.planning import Budget, Clock, Plan, Problem
 from antway.search import heap
@@ -39,7 +39,7 @@ def canonical_astar(problem: Problem, clock: Clock) -> Plan:
     with workspace(grid) as work:
         code, start = RUNNING, net.at(problem.start)
         work.label[start], work.came[start] = work.base, START
-        push(work.first, work.filled, work.entries, work.state, estimate, row, col, 0)
+        work.open(row, col, estimate)
         while code != DONE and not clock.spent():
             code = expand(
                 *(net.around, net.table, net.width, goal_row, goal_col, shorter, work.base, work.label, work.came),

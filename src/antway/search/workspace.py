@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from antway.grid import Grid
-from antway.kernels.buckets import BLOCKS, KEYS, LIMIT, reset
+from antway.kernels.buckets import BLOCKS, KEY, KEYS, LAST, LIMIT, USED, reset
 from antway.search.derived import kept
 
 _TOP = 2**31 - 1
@@ -38,6 +38,13 @@ class Workspace:
         if self.base < -(2**31):
             self.label.fill(_TOP)
             self.base = _TOP - LIMIT
+
+    def open(self, row: int, col: int, key: int) -> None:
+        """Put the start into the queue."""
+        self.entries[0] = -1, row, col, 0, key
+        block = key // KEYS
+        self.first[KEYS + block] = 0
+        self.state[USED], self.state[LAST], self.state[KEY] = 1, block, -KEYS
 
     def grow(self) -> None:
         """Double the room for entries of the queue."""
