@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from antway.kernels.bits import ctz
 from antway.kernels.buckets import BOUND, CUT, DIAGONAL, EXPANDED, FREE, KEY, KEYS, LAST, LIMIT, STRAIGHT, USED, next_block
 from antway.kernels.jit import kernel
+from antway.kernels.jps import jump
 
 RUNNING, DONE, FULL = 0, 1, 2
 
@@ -33,6 +34,11 @@ def expand(
     base: int,
     label: NDArray[np.int32],
     came: NDArray[np.uint8],
+    parent: NDArray[np.int32],
+    reached: NDArray[np.int32],
+    jumping: bool,
+    rows: NDArray[np.uint64],
+    cols: NDArray[np.uint64],
     first: NDArray[np.int32],
     filled: NDArray[np.uint64],
     entries: NDArray[np.int32],
@@ -57,7 +63,7 @@ def expand(
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
     code = RUNNING
     for _ in range(steps):
-        if used > entries.shape[0] - 8:
+        if used > entries.shape[0] - 4 * reached.shape[0]:
             code = FULL
             break
         # Take an entry of the least key off the queue.
@@ -87,19 +93,52 @@ def expand(
             break
         state[EXPANDED] += 1
         moves = np.uint64(table[9 * np.int64(around[cell]) + came[cell]])
+        n = 0
         while moves:
             d = ctz(moves)
             moves &= moves - np.uint64(1)
-            to_row, to_col = row + _ROW[d], col + _COL[d]
+            if not jumping:
+                reached[n, 0], reached[n, 1] = row + _ROW[d], col + _COL[d]
+                reached[n, 2], reached[n, 3] = g + (STRAIGHT if d < 4 else DIAGONAL), d
+                n += 1
+            elif d < 4:
+                k = jump(rows, cols, row, col, d, goal_row, goal_col)
+                reached[n, 0], reached[n, 1] = row + k * _ROW[d], col + k * _COL[d]
+                reached[n, 2], reached[n, 3] = g + k * STRAIGHT, d
+                n += k > 0
+            else:
+                one, other = d - 4, (d - 3) & 3
+                free_around = np.uint8(1 << one | 1 << other | 1 << d)
+                r, c, g_here, x = row, col, g, cell
+                while around[x] & free_around == free_around:
+                    r += _ROW[d]
+                    c += _COL[d]
+                    x = r * width + c
+                    g_here += DIAGONAL
+                    if x == goal:
+                        reached[n, 0], reached[n, 1], reached[n, 2], reached[n, 3] = r, c, g_here, d
+                        n += 1
+                        break
+                    k = jump(rows, cols, r, c, one, goal_row, goal_col)
+                    reached[n, 0], reached[n, 1] = r + k * _ROW[one], c + k * _COL[one]
+                    reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, one
+                    n += k > 0
+                    k = jump(rows, cols, r, c, other, goal_row, goal_col)
+                    reached[n, 0], reached[n, 1] = r + k * _ROW[other], c + k * _COL[other]
+                    reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, other
+                    n += k > 0
+        for i in range(n):
+            to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col
-            g_to = g + (STRAIGHT if d < 4 else DIAGONAL)
             if base + g_to >= label[to]:
                 continue
             key = g_to + octile(to_row, to_col, goal_row, goal_col, shorter)
             if key >= bound:
                 state[CUT] |= key >= LIMIT
                 continue
-            label[to], came[to] = base + g_to, d
+            label[to], came[to] = base + g_to, reached[i, 3]
+            if jumping:
+                parent[to] = cell
             if to == goal:
                 bound = key
             # Put it into the queue.
@@ -138,4 +177,31 @@ def trace(came: NDArray[np.uint8], row: int, col: int, width: int) -> NDArray[np
         if d < 8:
             row -= _ROW[d]
             col -= _COL[d]
+    return path
+
+
+@kernel
+def trace_jumps(parent: NDArray[np.int32], start: int, goal: int, width: int) -> NDArray[np.int32]:
+    """Return the path from `start` to `goal`, int32[N, 2], with the cells of each jump: diagonal first, then straight."""
+    n, x = 1, goal
+    while x != start:
+        p = parent[x]
+        n += max(abs(x // width - p // width), abs(x % width - p % width))
+        x = p
+    path = np.empty((n, 2), np.int32)
+    x = goal
+    row, col = x // width, x % width
+    path[n - 1, 0], path[n - 1, 1] = row, col
+    n -= 1
+    while x != start:
+        x = parent[x]
+        to_row, to_col = x // width, x % width
+        while row != to_row or col != to_col:
+            dr, dc = to_row - row, to_col - col
+            if abs(dr) >= abs(dc):
+                row += np.sign(dr)
+            if abs(dc) >= abs(dr):
+                col += np.sign(dc)
+            n -= 1
+            path[n, 0], path[n, 1] = row, col
     return path

@@ -101,3 +101,15 @@ def _around(grid: Grid) -> NDArray[np.uint8]:
     free = np.pad(~grid.blocked, 1, constant_values=False)
     around = surroundings(free.view(np.uint8).ravel(), free.shape[1]).reshape(free.shape)
     return np.ascontiguousarray(around[1:-1, 1:-1]).ravel()
+
+
+def packed(grid: Grid) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
+    """Return the map packed into bits by rows and by columns (see `kernels.jps`)."""
+    return kept(grid, "packed", lambda: (_packed(grid.blocked), _packed(grid.blocked.T)))
+
+
+def _packed(blocked: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    lines, length = blocked.shape
+    bits = np.ones((lines + 2, 64 * (length // 64 + 3)), dtype=bool)
+    bits[1:-1, 64 : 64 + length] = blocked
+    return np.packbits(bits, axis=1, bitorder="little").view("<u8").astype(np.uint64)

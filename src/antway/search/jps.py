@@ -1,11 +1,14 @@
-"""The default planner."""
+"""Jump point search, and the default planner: jumps on open maps, single moves on cluttered ones."""
 
 from __future__ import annotations
 
+from antway.grid import Moves
 from antway.planning import Budget, Plan, Problem
-from antway.search.astar import astar
+from antway.search.astar import astar, canonical_astar
 
 
 def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
     """Return a shortest path."""
-    return astar(problem, seed=seed, budget=budget)
+    if problem.moves is not Moves.EIGHT:
+        return astar(problem, seed=seed, budget=budget)
+    return canonical_astar(problem, budget.start(), jumping=True)

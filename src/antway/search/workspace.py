@@ -21,13 +21,15 @@ class Workspace:
     of int32 is used up, they are cleared.
     """
 
-    def __init__(self, cells: int) -> None:
+    def __init__(self, shape: tuple[int, int]) -> None:
+        cells = shape[0] * shape[1]
         self.label = np.full(cells, _TOP, np.int32)
         self.came = np.empty(cells, np.uint8)
         self.parent = np.empty(cells, np.int32)
+        self.reached = np.empty((2 * max(shape) + 8, 4), np.int32)
         self.first = np.full(KEYS + BLOCKS, -1, np.int32)
         self.filled = np.zeros(KEYS // 64, np.uint64)
-        self.entries = np.empty((1 << 12, 5), np.int32)
+        self.entries = np.empty((16 * len(self.reached), 5), np.int32)
         self.state = np.zeros(8, np.int64)
         self.base = _TOP
 
@@ -55,7 +57,7 @@ class Workspace:
 def workspace(grid: Grid) -> Iterator[Workspace]:
     """Lend a workspace for `grid`; each thread that asks at the same time gets its own."""
     spare: list[Workspace] = kept(grid, "workspaces", list)
-    work = spare.pop() if spare else Workspace(grid.blocked.size)
+    work = spare.pop() if spare else Workspace(grid.shape)
     work.begin()
     try:
         yield work
