@@ -46,6 +46,7 @@ def _number(field: str, kind: type, metavar: str, help: str) -> Any:
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 Seed = Annotated[int, _number("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
+RunSeed = Annotated[int | None, _number("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
 PolicyName = Annotated[
     str, typer.Option(metavar="NAME", help="What steers the robot: antway, paper, follow, stop, replan, ...")
 ]
@@ -120,6 +121,106 @@ def plan_command(
     if out is not None and not json:
         print(f"drawn in {out}")
     return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[path.status]
+
+
+@app.command("run")
+def run_command(
+    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="A .toml file, or paper, office, warehouse.")],
+    policy: PolicyName = "antway",
+    seed: RunSeed = None,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, replay page, trace and more.")] = None,
+    json: Json = False,
+) -> int:
+    """Take a robot through a scenario; exit status 5 on a contact."""
+    from antway import run
+    from antway.demo import scene, summary, write_episode
+    from antway.view.figures import shortest
+
+    with _working("running"):
+        place = scene(scenario)
+        result = run(place, policy, seed=seed)
+        if out is not None:
+            numbers = write_episode(result, out)
+        else:
+            numbers = {"scenario": place.name, "policy": policy, **summary(result, shortest(place.task))}
+    if json:
+        _print_json(numbers)
+    else:
+        _print_table([(place.name, numbers)])
+        print(f"{numbers['outcome']}: {numbers['reason']}")
+        if out is not None:
+            print(f"written to {out}")
+    return CONTACT if numbers["outcome"].startswith("hit-") else 0
+
+
+@app.command("demo")
+def demo_command(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("demo"),
+    policy: PolicyName = "antway",
+    seed: RunSeed = None,
+    json: Json = False,
+) -> int:
+    """Play the paper's experiment on three scenes: figures, animations, replay pages and a table."""
+    from rich.console import Console
+
+    from antway.demo import run_demo
+
+    console = Console(stderr=True)
+    rows = []
+    with console.status("starting") as status, _working("playing the scenes"):
+        for name, numbers in run_demo(out, policy=policy, seed=seed, said=lambda name, what: status.update(f"{name}: {what}")):
+            rows.append((name, numbers))
+    if json:
+        _print_json({"scenes": dict(rows), "out": str(out)})
+    else:
+        _print_table(rows)
+        print(f"pictures in {out}; open {out / 'replay.html'} in a browser to play the episode")
+    return CONTACT if any(numbers["outcome"].startswith("hit-") for _, numbers in rows) else 0
+
+
+@app.command("view")
+def view_command(
+    trace_file: Annotated[Path, typer.Argument(metavar="TRACE", help="A trace.json that run or demo wrote.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Its suffix says what: .html, .gif, .mp4, .png, .svg or .pdf.")],
+    at: Annotated[float | None, _number("at", float, "S", "For a picture: the moment, in s, instead of the whole way.")] = None,
+) -> int:
+    """Turn a trace into a replay page, an animation or a picture."""
+    from antway.view import write_view
+
+    with _working("drawing"):
+        write_view(trace_file, out, at=at)
+    print(f"written to {out}")
+    return 0
+
+
+def _print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
+    """Print the summaries of episodes as a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Robot among moving obstacles", title_justify="left")
+    heads = ["scene", "policy", "outcome", "time", "driven", "over the\nshortest path", "waits", "re-plans"]
+    for head in (*heads, "smallest\nclearance", "cycle ms\np50 / p99"):
+        table.add_column(head, justify="left" if head in heads[:3] else "right")
+    for name, n in rows:
+        over = _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %")
+        table.add_row(
+            name,
+            n["policy"],
+            f"[{'green' if n['reached'] else 'red'}]{n['outcome']}[/]",
+            _shown(n["time"], ".1f", " s"),
+            _shown(n["length"], ".2f", " m"),
+            over,
+            str(n["waits"]),
+            str(n["replans"]),
+            _shown(n["min_clearance"], ".2f", " m"),
+            f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
+        )
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def _shown(value: float | None, form: str, unit: str) -> str:
+    return "-" if value is None else f"{value:{form}}{unit}"
 
 
 def _pair(name: str, text: str, kind: type) -> tuple[Any, Any]:

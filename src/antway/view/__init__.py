@@ -1,1 +1,49 @@
-"""Figures, animations and the replay page."""
+"""Pictures: figures, animations and replay pages of plans and episodes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from antway import checks
+from antway.errors import BadParameter
+
+
+def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = None) -> Path:
+    """Turn a trace file into what the suffix of `out` names, and return where it is.
+
+    Parameters
+    ----------
+    trace_file : path
+        As `Trace.save` writes it.
+    out : path
+        .html for a replay page, .gif or .mp4 for an animation, .png, .svg or .pdf for a picture.
+    at : float or None
+        For a picture, the moment to show in s; None: the whole way driven.
+
+    Raises
+    ------
+    BadScenario, TooLarge
+        For a file that is no trace.
+    BadParameter
+        For another suffix.
+    """
+    from antway.view import figures
+    from antway.view.animation import write_animation
+    from antway.view.replay import write_replay
+    from antway.world.trace import Trace
+
+    out = Path(out)
+    suffixes = (".html", ".gif", ".mp4", ".png", ".svg", ".pdf")
+    if out.suffix.lower() not in suffixes:
+        raise BadParameter("out", out.name, f"a file name that ends in one of {', '.join(suffixes)}")
+    trace = Trace.load(trace_file)
+    path = figures.shortest(trace.task)
+    if out.suffix.lower() == ".html":
+        return write_replay(trace, out, shortest=path)
+    if out.suffix.lower() in (".gif", ".mp4"):
+        return write_animation(trace, out, shortest=path)
+    if at is None:
+        return figures.save(figures.final_figure(trace, path=path), out)
+    at = checks.number("at", at, low=0.0, high=float(trace.t[-1]), unit="s")
+    step = int((trace.t <= at + 1e-9).sum()) - 1
+    return figures.save(figures.moment_figure(trace, step, title=trace.scenario, path=path, pheromone=True), out)
