@@ -1,7 +1,4 @@
-"""Search in space and time: the moves a disc can make, the exact distance field over them, and SIPP among moving discs.
-
-The frame of these kernels is the grid's own: x = col * resolution, y = row * resolution, cell centres at the lattice points.
-"""
+"""What a search in space and time is prepared with: a disc's legal moves, the exact field over them, and the discs' pieces."""
 
 from __future__ import annotations
 
@@ -10,8 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_square
+from antway.kernels.geometry import segment_hits_square, timeline_at
 from antway.kernels.jit import kernel
+from antway.kernels.pieces import Pieces
+
+NEVER = 1e9  # s; a time that is not lived to see
 
 
 @kernel
@@ -145,3 +145,29 @@ def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.i
         head[bucket] = after[cell]
     if after[cell] >= 0:
         before[after[cell]] = before[cell]
+
+
+@kernel
+def timeline_pieces(
+    radius: NDArray[np.float64],
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    first: NDArray[np.int64],
+    robot_radius: float,
+    begin: float,
+    horizon: float,
+) -> Pieces:
+    """Return the pieces (see `pieces.py`) of K timelines between `begin` and `horizon`, in s; then they are forgotten."""
+    pieces = np.empty((len(knot_t) + len(radius), 8))
+    n = 0
+    for k in range(len(radius)):
+        low, high = first[k], first[k + 1]
+        for i in range(low, high + 1):  # the piece that ends at knot i
+            t0 = begin if i == low else max(begin, knot_t[i - 1])
+            t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
+            if t0 < t1:
+                x, y, vx, vy = timeline_at(t0, knot_t, knot_xy, low, high)
+                reach = robot_radius + radius[k]
+                pieces[n] = (t0, t1, x, y, vx, vy, reach, reach)
+                n += 1
+    return pieces[:n]

@@ -5,15 +5,76 @@ Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments,
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.errors import BadParameter
-from antway.grid import Grid, Moves
+from antway.errors import BadParameter, CellBlocked
+from antway.grid import Cell, Grid, Moves
+from antway.kernels import sipp as kernels
 from antway.kernels import timed
+from antway.kernels.geometry import segment_hits_cells
+from antway.planning import Status, TimedPath
 
 TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)
+NO_PIECES = np.empty((0, 8))
+
+
+class Courses(Protocol):
+    """The courses of K moving discs, as `antway.world.timeline.Timeline` has them.
+
+    Disc k, of radius[k] m, is at knot_xy[i] m at knot_t[i] s for first[k] <= i < first[k + 1], moves straight and at constant
+    speed in between, and stands before its first and after its last knot.
+    """
+
+    @property
+    def radius(self) -> NDArray[np.float64]:
+        """float64[K], m."""
+
+    @property
+    def knot_t(self) -> NDArray[np.float64]:
+        """float64[M], s, strictly increasing within a disc."""
+
+    @property
+    def knot_xy(self) -> NDArray[np.float64]:
+        """float64[M, 2], m."""
+
+    @property
+    def first(self) -> NDArray[np.int64]:
+        """int64[K + 1], from 0 to M."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedPlan:
+    """The answer of a space-time search.
+
+    Attributes
+    ----------
+    status : Status
+    path : TimedPath
+        Empty unless found. Each straight piece is driven at full speed or waited out.
+    arrival : float
+        Time at the goal in s, infinite without a path. None of the same moves arrives earlier (by 1e-8 s).
+    lower_bound : float
+        No path of the same moves arrives earlier, s.
+    expanded : int
+        Safe intervals expanded.
+    elapsed : float
+        Time taken in s.
+    """
+
+    status: Status
+    path: TimedPath
+    arrival: float
+    lower_bound: float
+    expanded: int
+    elapsed: float
 
 
 def timed_moves(grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO) -> NDArray[np.uint32]:
@@ -87,3 +148,212 @@ def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale:
         raise BadParameter("goals", goals, f"cells of the mask, {mask.shape[0]} x {mask.shape[1]}")
     scale = checks.number("scale", scale, low=0.0, open_low=True)
     return timed.move_field(mask, moves.offsets, moves.lengths, cells.astype(np.int64)) * scale
+
+
+class Sipp:
+    """Space-time search to one goal on one map, prepared once and asked again and again.
+
+    Parameters
+    ----------
+    grid : Grid
+        The map as it is, not inflated; yaw 0.
+    goal : (x, y)
+        m; the robot goes to the centre of the cell that holds it.
+    radius, v_max : float
+        Of the robot, m (>= 0) and m/s (> 0). It drives at full speed or waits at the centre of a cell.
+    moves : Moves
+        FOUR, EIGHT, SIXTEEN or THIRTY_TWO.
+    goal_tolerance : float
+        If > 0 the goals are all cells with centres within this distance of `goal`, m.
+
+    Attributes
+    ----------
+    mask : uint32[H, W]
+        The legal moves (`timed_moves`).
+    field : float64[H, W]
+        The exact time to the goal without moving obstacles, s.
+
+    Raises
+    ------
+    BadParameter, OutOfBounds, CellBlocked
+        For numbers out of range, a goal off the map, or one where the robot's disc cannot stand.
+
+    Examples
+    --------
+    >>> search = Sipp(Grid(np.zeros((3, 9), dtype=bool)), (8.5, 1.5), radius=0.3, v_max=1.0)
+    >>> search.plan((0.5, 1.5)).arrival
+    8.0
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        goal: Iterable[float],
+        *,
+        radius: float,
+        v_max: float,
+        moves: Moves = Moves.THIRTY_TWO,
+        goal_tolerance: float = 0.0,
+    ) -> None:
+        self.mask = timed_moves(grid, radius, moves)
+        if grid.origin[2] != 0.0:
+            raise BadParameter("grid.origin[2]", grid.origin[2], "0 in a space-time search (yaw; turn the map first)")
+        self.grid, self.moves, self.radius = grid, moves, float(radius)
+        self.v_max = checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s")
+        self.goals = self._goal_cells(goal, checks.number("goal_tolerance", goal_tolerance, low=0.0, unit="m"))
+        self.field = timed_field(self.mask, moves, self.goals, grid.resolution / self.v_max)
+        self._workspace = _workspace(self.mask.size, 4096, 64)
+
+    def plan(
+        self,
+        start: Iterable[float],
+        obstacles: Courses | None = None,
+        *,
+        t: float = 0.0,
+        horizon: float = math.inf,
+        max_expanded: int | None = None,
+    ) -> TimedPlan:
+        """Return the way that arrives first.
+
+        Parameters
+        ----------
+        start : (x, y)
+            m. Off the centres of cells the robot first goes straight to one at most three rows and columns away.
+        obstacles : Courses or None
+            The moving discs, such as a `Timeline`.
+        t : float
+            Time at the start, s.
+        horizon : float
+            Obstacles are forgotten from this time on, s.
+        max_expanded : int or None
+            Budget of safe intervals to expand.
+
+        Returns
+        -------
+        TimedPlan
+            NO_PATH also where an obstacle is in contact with the robot at the start; BUDGET where the budget was too small.
+
+        Raises
+        ------
+        BadParameter, OutOfBounds, CellBlocked
+            For numbers, arrays or a start that cannot be; CellBlocked where the start is in contact with a wall.
+        """
+        t = checks.number("t", t, low=-1e8, high=1e8, unit="s")
+        horizon = checks.number("horizon", horizon, low=t, infinite=True, unit="s")
+        pieces = NO_PIECES if obstacles is None else _pieces(obstacles, self.radius, t, horizon)
+        return self.search(start, t, pieces, max_expanded)
+
+    def search(
+        self, start: Iterable[float], t: float, pieces: NDArray[np.float64], max_expanded: int | None = None
+    ) -> TimedPlan:
+        """Return the same from prepared pieces, float64[P, 8] (see `kernels.pieces`), for every control cycle."""
+        begun = time.perf_counter()
+        x, y = checks.point("start", start)
+        self._check_start((x, y))
+        most = 2**62 if max_expanded is None else checks.integer("max_expanded", max_expanded, low=0)
+        grid, speed = self.grid, self.v_max
+        frame = (grid.origin[0] + grid.resolution / 2, grid.origin[1] + grid.resolution / 2, grid.resolution)
+        if len(pieces) > len(self._workspace.spans):
+            self._workspace = _workspace(self.mask.size, len(self._workspace.cell), 2 * len(pieces))
+        while True:
+            code, state, expanded, bound = kernels.sipp(
+                grid.blocked, self.mask, self.field, self.moves.offsets, self.moves.lengths,
+                frame, self.radius, speed, (x, y), t, pieces, most, self._workspace,
+            )  # fmt: skip
+            if code != kernels.FULL:
+                break
+            self._workspace = _workspace(
+                self.mask.size, 2 * len(self._workspace.cell) + len(pieces), len(self._workspace.spans)
+            )
+        path, arrival = TimedPath(np.empty(0), np.empty((0, 2))), math.inf
+        if code == kernels.FOUND:
+            path = TimedPath(*kernels.sipp_path(state, (x, y), grid.shape[1], frame, self._workspace))
+            arrival = bound = float(path.t[-1])
+        return TimedPlan(_STATUS[code], path, arrival, bound, expanded, time.perf_counter() - begun)
+
+    def _check_start(self, start: tuple[float, float]) -> None:
+        self.grid.cell_at(start)
+        row, col = self.grid.to_points(start)[0]
+        if not self._stands(float(row), float(col)):
+            raise CellBlocked("start", start, f"where a disc of {self.radius:g} m is free of walls")
+
+    def _stands(self, row: float, col: float) -> bool:
+        return not segment_hits_cells(self.grid.blocked, row, col, row, col, self.radius / self.grid.resolution, True)
+
+    def _goal_cells(self, goal: Iterable[float], tolerance: float) -> list[Cell]:
+        xy = checks.point("goal", goal)
+        cells = [self.grid.cell_at(xy)]
+        if tolerance > 0.0:
+            away = np.hypot(*np.moveaxis(self.grid.to_xy(np.argwhere(self.mask)) - xy, 1, 0))
+            cells = [(int(r), int(c)) for r, c in np.argwhere(self.mask)[away <= tolerance]]
+        cells = [cell for cell in cells if self._stands(*cell)]
+        if not cells:
+            raise CellBlocked("goal", xy, f"where a disc of {self.radius:g} m is free of walls")
+        return cells
+
+
+def sipp(
+    grid: Grid,
+    start: Iterable[float],
+    goal: Iterable[float],
+    obstacles: Courses | None = None,
+    *,
+    radius: float,
+    v_max: float,
+    moves: Moves = Moves.THIRTY_TWO,
+    goal_tolerance: float = 0.0,
+    t: float = 0.0,
+    horizon: float = math.inf,
+    max_expanded: int | None = None,
+) -> TimedPlan:
+    """Return the way from `start` to `goal` among moving discs that arrives first; parameters and errors as for `Sipp`.
+
+    Examples
+    --------
+    >>> from antway.world.timeline import Timeline
+    >>> crossing = Timeline.of([1], [0.4], [([0.0, 10.0], [(4.5, -4.5), (4.5, 5.5)])])
+    >>> plan = sipp(Grid(np.zeros((1, 9), dtype=bool)), (0.5, 0.5), (8.5, 0.5), crossing, radius=0.4, v_max=1.0)
+    >>> plan.status.value, round(plan.arrival, 3)
+    ('found', 10.131)
+    """
+    search = Sipp(grid, goal, radius=radius, v_max=v_max, moves=moves, goal_tolerance=goal_tolerance)
+    return search.plan(start, obstacles, t=t, horizon=horizon, max_expanded=max_expanded)
+
+
+_STATUS = {kernels.FOUND: Status.FOUND, kernels.NO_PATH: Status.NO_PATH, kernels.BUDGET: Status.BUDGET}
+
+
+def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
+    def real(n: int) -> NDArray[np.float64]:
+        return np.empty(n, np.float64)
+
+    def whole(n: int) -> NDArray[np.int32]:
+        return np.empty(n, np.int32)
+
+    states, entries = states + 2 * spans, 4 * states
+    return kernels.Workspace(
+        np.zeros(1, np.int64), np.zeros(cells, np.int64), whole(cells), whole(cells),
+        whole(states), whole(states), real(states), real(states), real(states), real(states), real(states), real(states),
+        real(entries), real(entries), whole(entries), np.empty((spans, 2)), real(2),
+    )  # fmt: skip
+
+
+def _pieces(obstacles: Courses, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
+    """Check the courses and return their pieces from t to the horizon."""
+    radius = checks.array("obstacles.radius", obstacles.radius, (None,))
+    knot_t = checks.array("obstacles.knot_t", obstacles.knot_t, (None,))
+    knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2))
+    first = np.asarray(obstacles.first)
+    if (radius < 0.0).any():
+        raise BadParameter("obstacles.radius", float(radius.min()), ">= 0 (m)")
+    if not np.issubdtype(first.dtype, np.integer) or first.shape != (len(radius) + 1,):
+        raise BadParameter("obstacles.first", first, f"int64[{len(radius) + 1}], one more than radius")
+    if first[0] != 0 or first[-1] != len(knot_t) or (np.diff(first) < 1).any():
+        raise BadParameter("obstacles.first", first, f"increasing from 0 to {len(knot_t)}")
+    rising = np.diff(knot_t) > 0.0
+    rising[first[1:-1] - 1] = True
+    if not rising.all():
+        raise BadParameter(
+            "obstacles.knot_t", float(knot_t[np.argmin(rising) + 1]), "strictly increasing within an obstacle (s)"
+        )
+    return timed.timeline_pieces(radius, knot_t, knot_xy, first.astype(np.int64), robot_radius, t, horizon)

@@ -1,0 +1,298 @@
+"""SIPP: the earliest arrival of a disc among moving discs, exact in real-valued time.
+
+Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments, ICRA 2011. Partial expansion: Yoshizumi,
+Miura, Ishida: A* with partial expansion for large branching factor problems, AAAI 2000.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.jit import kernel
+from antway.kernels.pieces import Pieces, earliest_departure, unsafe_stay
+from antway.kernels.timed import NEVER
+
+FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
+SLACK = 1e-9  # s; costs closer than this are equal
+
+
+class Workspace(NamedTuple):
+    """Memory of `sipp`, reused from query to query on maps of N cells; `stamp` tells which cells this query has seen.
+
+    A state is a safe interval of a cell, or the start (state 0, cell -1).
+    """
+
+    query: NDArray[np.int64]  # [1] number of the query
+    stamp: NDArray[np.int64]  # [N]
+    first: NDArray[np.int32]  # [N] first state of a cell
+    size: NDArray[np.int32]  # [N] its number of states
+    cell: NDArray[np.int32]  # [S]
+    parent: NDArray[np.int32]  # [S] state it is reached from
+    begin: NDArray[np.float64]  # [S] safe from then, s
+    end: NDArray[np.float64]  # [S] until then, s
+    arrival: NDArray[np.float64]  # [S] earliest known, s
+    depart: NDArray[np.float64]  # [S] when the move into it leaves the parent, s
+    done: NDArray[np.float64]  # [S] moves that cost up to this more than the field says have been made, s
+    todo: NDArray[np.float64]  # [S] the least extra cost of a move not made, s
+    heap_key: NDArray[np.float64]  # [Q] arrival + field, to the nanosecond
+    heap_time: NDArray[np.float64]  # [Q] arrival
+    heap_state: NDArray[np.int32]  # [Q]
+    spans: NDArray[np.float64]  # [P, 2] unsafe times of a cell
+    work: NDArray[np.float64]  # [2]
+
+
+@kernel
+def sipp(
+    blocked: NDArray[np.bool_],
+    mask: NDArray[np.uint32],
+    field: NDArray[np.float64],
+    offsets: NDArray[np.int32],
+    lengths: NDArray[np.float64],
+    frame: tuple[float, float, float],
+    radius: float,
+    speed: float,
+    start: tuple[float, float],
+    now: float,
+    pieces: Pieces,
+    max_expanded: int,
+    ws: Workspace,
+) -> tuple[int, int, int, float]:
+    """Earliest arrival of a disc among moving discs: A* over the safe intervals of cells, with the exact field as heuristic.
+
+    A state costs its arrival; waiting in its interval is free, so of each interval the earliest arrival is best. Moves are made
+    in the order of what they cost more than the field says, and no sooner than the search needs them (partial expansion).
+
+    Parameters
+    ----------
+    blocked : bool[H, W]
+    mask : uint32[H, W]
+        Legal moves, from `move_mask`.
+    field : float64[H, W]
+        From `move_field`, in s.
+    offsets, lengths
+        Of the moves, in cells.
+    frame : (x, y, resolution)
+        Centre of cell (0, 0) and edge of a cell, m.
+    radius, speed : float
+        Of the robot, m and m/s.
+    start : (x, y)
+        m. A start off the centres of cells first goes straight to a centre at most 3 rows and columns from its cell.
+    now : float
+        Time at the start, s.
+    pieces : float64[P, 8]
+        The moving discs, see `pieces.py`; the robot's radius is in their reach.
+    max_expanded : int
+    ws : Workspace
+
+    Returns
+    -------
+    code : int
+        FOUND, NO_PATH, BUDGET, or FULL: the workspace is too small.
+    state : int
+        That of the goal where found; else -1.
+    expanded : int
+    bound : float
+        No path arrives earlier, s.
+    """
+    rows, cols = mask.shape
+    x0, y0, cell_size = frame
+    if len(ws.cell) <= len(pieces) or len(ws.spans) < len(pieces):
+        return FULL, -1, 0, now
+    ws.query[0] += 1
+    states = _open(-1, start[0], start[1], now, 0, pieces, ws)
+    if states == 0 or ws.begin[0] > now:
+        return NO_PATH, -1, 0, np.inf
+    ws.arrival[0] = now
+    entries = 0
+    # The start: straight legs to the centres around it.
+    col_at, row_at = (start[0] - x0) / cell_size, (start[1] - y0) / cell_size
+    row, col = round(row_at), round(col_at)
+    block = 0 if math.hypot(row_at - row, col_at - col) < 1e-9 else 3
+    bound = np.inf
+    for r in range(max(row - block, 0), min(row + block, rows - 1) + 1):
+        for c in range(max(col - block, 0), min(col + block, cols - 1) + 1):
+            if field[r, c] < np.inf and not segment_hits_cells(blocked, row_at, col_at, r, c, radius / cell_size, True):
+                dx, dy = x0 + c * cell_size - start[0], y0 + r * cell_size - start[1]
+                duration = math.hypot(dx, dy) / speed
+                bound = min(bound, now + duration + field[r, c])
+                states, entries = _reach(
+                    0, start, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, pieces, states, entries, ws
+                )
+                if states < 0:
+                    return FULL, -1, 0, bound
+    expanded = 0
+    while entries:
+        key, time, i = ws.heap_key[0], ws.heap_time[0], ws.heap_state[0]
+        entries = _pop(entries, ws)
+        if time > ws.arrival[i]:
+            continue
+        bound = max(bound, key - SLACK)
+        row, col = divmod(ws.cell[i], cols)
+        here = field[row, col]
+        if here == 0.0:
+            return FOUND, i, expanded, bound
+        if ws.done[i] < 0.0:
+            if expanded == max_expanded:
+                return BUDGET, -1, expanded, bound
+            expanded += 1
+        at = (x0 + col * cell_size, y0 + row * cell_size)
+        limit, rest = ws.todo[i] + SLACK, np.inf
+        for k in range(len(offsets)):
+            if mask[row, col] >> np.uint32(k) & np.uint32(1):
+                r, c = row + offsets[k, 0], col + offsets[k, 1]
+                duration = lengths[k] * cell_size / speed
+                extra = max(duration + field[r, c] - here, 0.0)
+                if extra > limit:
+                    rest = min(rest, extra)
+                elif extra > ws.done[i]:
+                    dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
+                    states, entries = _reach(
+                        i, at, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, pieces, states, entries, ws
+                    )
+                    if states < 0:
+                        return FULL, -1, expanded, bound
+        ws.done[i], ws.todo[i] = limit, rest
+        if rest < np.inf:
+            entries = _push(time + here + rest, time, i, entries, ws)
+    return NO_PATH, -1, expanded, np.inf
+
+
+@kernel
+def _reach(
+    i: int,
+    at: tuple[float, float],
+    dx: float,
+    dy: float,
+    duration: float,
+    cell: int,
+    remaining: float,
+    frame: tuple[float, float, float],
+    cols: int,
+    now: float,
+    pieces: Pieces,
+    states: int,
+    entries: int,
+    ws: Workspace,
+) -> tuple[int, int]:
+    """Make the move of state i by (dx, dy) into every safe interval of `cell` that it improves.
+
+    Returns the new numbers of states and heap entries; both are -1 where the workspace is full.
+    """
+    if ws.stamp[cell] != ws.query[0]:
+        if states + len(pieces) + 1 > len(ws.cell):
+            return -1, -1
+        row, col = divmod(cell, cols)
+        n = _open(cell, frame[0] + col * frame[2], frame[1] + row * frame[2], now, states, pieces, ws)
+        ws.stamp[cell], ws.first[cell], ws.size[cell] = ws.query[0], states, n
+        states += n
+    if entries + ws.size[cell] + 1 > len(ws.heap_key):
+        return -1, -1
+    vx, vy = (dx / duration, dy / duration) if duration > 0.0 else (0.0, 0.0)
+    for j in range(ws.first[cell], ws.first[cell] + ws.size[cell]):
+        depart = max(ws.arrival[i], ws.begin[j] - duration)
+        latest = min(ws.end[i], ws.end[j] - duration)
+        if depart > latest or depart + duration >= ws.arrival[j]:
+            continue
+        depart = earliest_departure(at[0], at[1], vx, vy, duration, depart, latest, pieces, 0.0, ws.work)
+        arrival = max(depart + duration, ws.begin[j])
+        if arrival < ws.arrival[j]:
+            ws.arrival[j], ws.depart[j], ws.parent[j] = arrival, depart, i
+            ws.done[j], ws.todo[j] = -1.0, 0.0
+            entries = _push(arrival + remaining, arrival, j, entries, ws)
+    return states, entries
+
+
+@kernel
+def _open(cell: int, x: float, y: float, now: float, states: int, pieces: Pieces, ws: Workspace) -> int:
+    """Append the safe intervals from `now` on of a robot standing at (x, y) as states; return how many."""
+    spans, n = ws.spans, 0
+    for p in range(len(pieces)):
+        low, high = unsafe_stay(x, y, pieces, p)
+        if low < high:
+            i = n
+            while i > 0 and spans[i - 1, 0] > low:
+                spans[i] = spans[i - 1]
+                i -= 1
+            spans[i, 0], spans[i, 1] = low, high
+            n += 1
+    begin, found = now, 0
+    for i in range(n + 1):
+        end = spans[i, 0] if i < n else NEVER
+        if end >= begin + SLACK:
+            j = states + found
+            ws.cell[j], ws.begin[j], ws.end[j], ws.arrival[j], ws.parent[j] = cell, begin, end, np.inf, -1
+            found += 1
+        if i < n:
+            begin = max(begin, spans[i, 1])
+    return found
+
+
+@kernel
+def _push(key: float, time: float, state: int, entries: int, ws: Workspace) -> int:
+    """Push onto the heap, whose top has the least key and, among equals, the latest time; return the number of entries."""
+    key = np.rint(key / SLACK) * SLACK
+    i = entries
+    while i > 0:
+        up = (i - 1) >> 1
+        if ws.heap_key[up] < key or (ws.heap_key[up] == key and ws.heap_time[up] >= time):
+            break
+        ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = ws.heap_key[up], ws.heap_time[up], ws.heap_state[up]
+        i = up
+    ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = key, time, state
+    return entries + 1
+
+
+@kernel
+def _pop(entries: int, ws: Workspace) -> int:
+    """Remove the top of the heap; return the number of entries left."""
+    entries -= 1
+    key, time, state = ws.heap_key[entries], ws.heap_time[entries], ws.heap_state[entries]
+    i = 0
+    while True:
+        down = 2 * i + 1
+        if down >= entries:
+            break
+        right = down + 1
+        if right < entries and (
+            ws.heap_key[right] < ws.heap_key[down]
+            or (ws.heap_key[right] == ws.heap_key[down] and ws.heap_time[right] > ws.heap_time[down])
+        ):
+            down = right
+        if key < ws.heap_key[down] or (key == ws.heap_key[down] and time >= ws.heap_time[down]):
+            break
+        ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = ws.heap_key[down], ws.heap_time[down], ws.heap_state[down]
+        i = down
+    ws.heap_key[i], ws.heap_time[i], ws.heap_state[i] = key, time, state
+    return entries
+
+
+@kernel
+def sipp_path(
+    state: int, start: tuple[float, float], cols: int, frame: tuple[float, float, float], ws: Workspace
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the way to `state` of the last query: t float64[N] s, strictly increasing, and xy float64[N, 2] m."""
+    n, i = 1, state
+    while i > 0:
+        n, i = n + 2, ws.parent[i]
+    t, xy = np.empty(n), np.empty((n, 2))
+    i, k = state, n
+    while True:
+        row, col = divmod(ws.cell[i], cols)
+        x, y = (start[0], start[1]) if i == 0 else (frame[0] + col * frame[2], frame[1] + row * frame[2])
+        if k == n or t[k] > ws.arrival[i]:
+            k -= 1
+            t[k], xy[k, 0], xy[k, 1] = ws.arrival[i], x, y
+        if i == 0:
+            return t[k:], xy[k:]
+        parent = ws.parent[i]
+        if ws.depart[i] > ws.arrival[parent]:
+            row, col = divmod(ws.cell[parent], cols)
+            x, y = (start[0], start[1]) if parent == 0 else (frame[0] + col * frame[2], frame[1] + row * frame[2])
+            k -= 1
+            t[k], xy[k, 0], xy[k, 1] = ws.depart[i], x, y
+        i = parent
