@@ -186,8 +186,11 @@ class Grid:
             If the point is not on the map.
         """
         x, y = checks.point("xy", xy)
-        with np.errstate(over="ignore"):  # a point so far off that it has no cell at all
-            row, col = np.floor(self.to_points((x, y))[0] + 0.5)
+        dx, dy = x - self.origin[0], y - self.origin[1]
+        if self.origin[2] != 0.0:
+            cos, sin = math.cos(self.origin[2]), math.sin(self.origin[2])
+            dx, dy = cos * dx + sin * dy, cos * dy - sin * dx
+        row, col = dy / self.resolution, dx / self.resolution
         rows, cols = self.shape
         if not (0 <= row < rows and 0 <= col < cols):
             raise OutOfBounds("xy", (x, y), f"on the map of {cols} x {rows} cells of {self.resolution:g} m at {self.origin}")

@@ -1,1 +1,130 @@
-"""Map files in and out."""
+"""Map files in and out: the format follows from the suffix of the file's name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from antway import checks
+from antway.errors import BadMap, BadParameter
+from antway.grid import Grid
+from antway.maps import image, movingai, ros, text
+from antway.maps.limits import DEFAULT, Limits
+from antway.maps.movingai import ScenRow, load_scen
+from antway.maps.ros import GreyTrapWarning, load_costs
+
+__all__ = ["GreyTrapWarning", "Limits", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
+
+_ONE_CELL = Grid(np.zeros((1, 1), dtype=np.bool_))
+_READ: dict[str, Callable[[Path, Limits], Grid]] = {
+    ".yaml": ros.read,
+    ".yml": ros.read,
+    ".pgm": image.read,
+    ".png": image.read,
+    ".map": movingai.read,
+    ".txt": text.read,
+    ".npy": image.read_npy,
+}
+_WRITE: dict[str, Callable[[Grid, Path], None]] = {
+    ".yaml": ros.write,
+    ".yml": ros.write,
+    ".pgm": image.write_pgm,
+    ".png": image.write_png,
+    ".map": movingai.write,
+    ".txt": text.write,
+    ".npy": image.write_npy,
+}
+
+
+def load_map(
+    path: str | PathLike[str],
+    *,
+    resolution: float | None = None,
+    origin: tuple[float, float, float] | None = None,
+    limits: Limits = DEFAULT,
+) -> Grid:
+    """Load a map: ROS `.yaml` with its picture, bare `.png` and `.pgm`, MovingAI `.map`, characters in `.txt`, or `.npy`.
+
+    Parameters
+    ----------
+    path : str or path
+        The file. Row 0 of the grid is the last line of a ROS map (lowest y) and the first line of every other.
+    resolution : float, optional
+        Edge of a cell in m, for formats that hold none; 1 where not given.
+    origin : (x, y, yaw), optional
+        Pose of the outer corner of cell (0, 0) in m, m, rad, for formats that hold none; (0, 0, 0) where not given.
+    limits : Limits
+        How large the map may be.
+
+    Returns
+    -------
+    Grid
+        What blocks is said at `antway.maps.ros`, `image` (darker than 128 of 255), `movingai` and `text`.
+
+    Raises
+    ------
+    BadMap
+        For a file that cannot be read as a map; names the file, the part and what it must be.
+    TooLarge
+        For a map over `limits`, before memory is taken for it.
+    BadParameter
+        For a resolution or origin out of range, or given for a ROS map, which holds its own.
+
+    Warns
+    -----
+    GreyTrapWarning
+        If unknown cells of a ROS map load as free.
+    """
+    file = _path(path)
+    kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
+    checks.instance("limits", limits, Limits)
+    if kind in (".yaml", ".yml"):
+        for name, value in (("resolution", resolution), ("origin", origin)):
+            if value is not None:
+                raise BadParameter(name, value, "left out for a ROS map, which holds its own")
+        return _READ[kind](file, limits)
+    place = Grid(
+        np.zeros((1, 1), dtype=np.bool_),
+        1.0 if resolution is None else resolution,
+        (0.0, 0.0, 0.0) if origin is None else origin,
+    )
+    return replace(_READ[kind](file, limits), resolution=place.resolution, origin=place.origin)
+
+
+def save_map(grid: Grid, path: str | PathLike[str]) -> None:
+    """Save `grid` in the format of the suffix, so that `load_map` gives it back; a ROS `.yaml` gets a PGM beside it.
+
+    Only ROS maps hold resolution, origin and unknown cells: a grid with any of these is refused by the other formats.
+
+    Parameters
+    ----------
+    grid : Grid
+    path : str or path
+        Ends in .yaml, .yml, .pgm, .png, .map, .txt or .npy.
+
+    Raises
+    ------
+    BadParameter
+        For a grid that the format cannot hold.
+    BadMap
+        For a suffix that is none of these, or a file that cannot be written.
+    """
+    checks.instance("grid", grid, Grid)
+    file = _path(path)
+    kind = checks.choice("suffix", file.suffix.lower(), _WRITE, error=BadMap, where=str(file))
+    if kind not in (".yaml", ".yml"):
+        text.bare(grid, kind)
+    try:
+        _WRITE[kind](grid, file)
+    except OSError as fault:
+        raise BadMap("file", file.name, f"a file that can be written ({fault.strerror or fault})", where=str(file)) from None
+
+
+def _path(value: str | PathLike[str]) -> Path:
+    if not isinstance(value, (str, PathLike)):
+        raise BadMap("path", value, "a path")
+    return Path(value)

@@ -1,0 +1,93 @@
+"""Every limit on the size of a map file, and the one way in which such a file is opened."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import BinaryIO
+
+from antway import checks
+from antway.errors import BadInput, BadMap, TooLarge
+
+HEAD = 2**16  # bytes in which the header of a map file must end
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How large a map may be; each is checked before memory is taken for what it limits.
+
+    Parameters
+    ----------
+    cells : int
+        Rows times columns.
+    file_bytes : int
+        Size of a map or scenario file.
+    yaml_bytes, yaml_events, yaml_depth, yaml_aliases : int
+        Size of the description of a ROS map: bytes, parsed pieces, nesting, references.
+    rows : int
+        Rows of a MovingAI scenario file.
+
+    Examples
+    --------
+    >>> Limits(cells=100).cells
+    100
+    """
+
+    cells: int = 2**25
+    file_bytes: int = 2**28
+    yaml_bytes: int = 2**16
+    yaml_events: int = 4000
+    yaml_depth: int = 16
+    yaml_aliases: int = 8
+    rows: int = 2**18
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            checks.integer(field.name, getattr(self, field.name), low=1)
+
+    def check_shape(self, rows: int, cols: int, where: Path) -> None:
+        """Raise `BadMap` for a map without cells and `TooLarge` for one with more than `cells`."""
+        if rows < 1 or cols < 1:
+            raise BadMap("height x width", (rows, cols), "at least 1 x 1", where=str(where))
+        if rows * cols > self.cells:
+            allowed = f"at most {self.cells} cells (limits=Limits(cells=...) allows more)"
+            raise TooLarge("height x width", (rows, cols), allowed, where=str(where))
+
+
+DEFAULT = Limits()
+
+
+@contextmanager
+def opened(path: Path, most: int, *, error: type[BadInput] = BadMap) -> Iterator[tuple[BinaryIO, int]]:
+    """Open the regular file `path` of at most `most` bytes; yields the file and its size in bytes.
+
+    Raises
+    ------
+    error
+        If there is no such file, it cannot be read, or it is a folder, pipe or device (none of which blocks).
+    TooLarge
+        If it is larger.
+    """
+    where = str(path)
+    try:
+        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
+        try:
+            info = os.fstat(number)
+            if not stat.S_ISREG(info.st_mode):
+                raise error("file", path.name, "a regular file, not a folder, pipe or device", where=where)
+            if info.st_size > most:
+                raise TooLarge("size of the file", info.st_size, f"at most {most} bytes", where=where)
+            with os.fdopen(number, "rb", closefd=False) as file:
+                yield file, info.st_size
+        finally:
+            os.close(number)
+    except OSError as fault:
+        raise error("file", path.name, f"a readable file ({fault.strerror or fault})", where=where) from None
+    except ValueError as fault:
+        if isinstance(fault, BadInput):
+            raise
+        raise error("file", path.name, f"a readable file ({fault})", where=where) from None

@@ -1,0 +1,220 @@
+"""Maps of ROS: a YAML description beside a PGM or PNG, read as Nav2's map_server reads them.
+
+The last line of the picture is row 0. With occupancy o = 1 - grey / 255 (grey / 255 where `negate`), in single precision:
+trinary mode is 0 where o <= free_thresh, else 100 where o >= occupied_thresh, else -1 (unknown); scale mode is the same but for
+what lies between the thresholds, which runs from 0 to 100; in raw mode a grey of 0 to 100 is the cost and any other is -1.
+Where the picture is not opaque, trinary and scale give -1. A cell is blocked at cost 100, the lethal cost of a costmap, or -1.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadInput, BadMap, BadParameter, TooLarge
+from antway.grid import Grid
+from antway.maps.image import pgm, read_grey
+from antway.maps.limits import DEFAULT, Limits, opened
+
+UNKNOWN_GREY, FREE_GREY = 205, 254  # what map_saver writes
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", re.ASCII)
+_FLAG = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True, "off": False, "on": True}
+
+
+class GreyTrapWarning(UserWarning):
+    """Cells that the map's maker marked as unknown load as free, because `free_thresh` is too high."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Description:
+    image: Path
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: str
+
+
+def read(path: Path, limits: Limits) -> Grid:
+    """Read the ROS map described by `path`; see above for what is blocked."""
+    about = _describe(path, limits)
+    costs = _costs(about, path, limits)
+    unknown = costs == -1
+    try:
+        return Grid((costs == 100) | unknown, about.resolution, about.origin, unknown if unknown.any() else None)
+    except BadParameter as wrong:
+        raise BadMap(wrong.field, wrong.value, wrong.allowed, where=str(path)) from None
+
+
+def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArray[np.int8]:
+    """Load the costs of a ROS map, read-only int8[H, W]: 0 free to 100 lethal, -1 unknown; row 0 has the lowest y.
+
+    Raises
+    ------
+    BadMap, TooLarge
+        As `load_map`.
+    """
+    path = Path(path)
+    return _costs(_describe(path, limits), path, limits)
+
+
+def _costs(about: _Description, path: Path, limits: Limits) -> NDArray[np.int8]:
+    grey, clear = read_grey(about.image, limits)
+    table = _cost_of_grey(about)
+    costs = table[grey]
+    if clear is not None and about.mode != "raw":
+        costs[clear] = -1
+    if about.mode != "raw" and not about.negate and table[UNKNOWN_GREY] == 0:
+        trapped = int(np.count_nonzero((grey == UNKNOWN_GREY) & (costs == 0)))
+        if trapped:
+            warnings.warn(
+                f"{path}: {trapped} cells have grey {UNKNOWN_GREY}, written by map_saver for unknown, but load as free because "
+                f"free_thresh is {about.free_thresh:g}; set free_thresh to 0.196 (anything below 0.19607) to keep them unknown",
+                GreyTrapWarning,
+                stacklevel=4,
+            )
+    costs = np.ascontiguousarray(costs[::-1])
+    costs.flags.writeable = False
+    return costs
+
+
+def _cost_of_grey(about: _Description) -> NDArray[np.int8]:
+    """Return the cost of each grey value, int8[256]; single precision throughout, as in map_server."""
+    grey = np.arange(256)
+    if about.mode == "raw":
+        return np.where(grey <= 100, grey, -1).astype(np.int8)
+    shade = grey.astype(np.float32) / np.float32(255)
+    occupancy = shade if about.negate else np.float32(1) - shade
+    low, high = np.float32(about.free_thresh), np.float32(about.occupied_thresh)
+    between = np.full(256, -1.0, dtype=np.float32)
+    if about.mode == "scale" and high > low:
+        share = (occupancy - low) / np.float32(about.occupied_thresh - about.free_thresh) * np.float32(100)
+        between = np.floor(np.clip(share, 0, 100) + np.float32(0.5))
+    return np.select([occupancy <= low, occupancy >= high], [0.0, 100.0], between).astype(np.int8)
+
+
+def _describe(path: Path, limits: Limits) -> _Description:
+    where = str(path)
+    with opened(path, limits.yaml_bytes) as (file, _):
+        fields = _fields(file.read(), where, limits)
+
+    def number(name: str, low: float, high: float) -> float:
+        return _number(name, _need(fields, name, where), low, high, where)
+
+    origin = _need(fields, "origin", where)
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise BadMap("origin", origin, "three numbers [x, y, yaw] (m, m, rad)", where=where)
+    x, y, yaw = (_number(f"origin[{i}]", part, -1e9, 1e9, where) for i, part in enumerate(origin))
+    negate = _need(fields, "negate", where)
+    if not isinstance(negate, str) or negate.lower() not in _FLAG:
+        raise BadMap("negate", negate, "0 or 1", where=where)
+    mode = fields.get("mode", "trinary")
+    occupied, free = number("occupied_thresh", 0.0, 1.0), number("free_thresh", 0.0, 1.0)
+    if free > occupied:
+        raise BadMap("free_thresh", free, f"at most occupied_thresh, {occupied:g}", where=where)
+    return _Description(
+        image=_beside(path, _need(fields, "image", where)),
+        resolution=number("resolution", 1e-6, 1e6),
+        origin=(x, y, yaw),
+        negate=_FLAG[negate.lower()],
+        occupied_thresh=occupied,
+        free_thresh=free,
+        mode=checks.choice(
+            "mode", mode.lower() if isinstance(mode, str) else mode, ("trinary", "scale", "raw"), error=BadMap, where=where
+        ),
+    )
+
+
+def _fields(data: bytes, where: str, limits: Limits) -> dict[str, object]:
+    """Read the top of a YAML mapping as texts, lists of texts, or None for what is neither; makes no objects."""
+    depth = aliases = 0
+    try:
+        for count, event in enumerate(yaml.parse(data, Loader=yaml.SafeLoader)):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            aliases += isinstance(event, yaml.AliasEvent)
+            for name, value, most in (
+                ("YAML events", count, limits.yaml_events),
+                ("YAML depth", depth, limits.yaml_depth),
+                ("YAML aliases", aliases, limits.yaml_aliases),
+            ):
+                if value > most:
+                    raise TooLarge(name, value, f"at most {most}", where=where)
+            tag = getattr(event, "tag", None)
+            if tag not in (None, "!") and not re.fullmatch(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)", tag):
+                raise BadMap("YAML tag", tag, "none: a map is plain YAML and makes no objects", where=where)
+        top = yaml.compose(data, Loader=yaml.SafeLoader)
+    except BadInput:
+        raise
+    except (yaml.YAMLError, OverflowError, ValueError) as fault:
+        raise BadMap("YAML", str(fault), "well-formed", where=where) from None
+    if not isinstance(top, yaml.MappingNode):
+        raise BadMap("YAML", data[:40], "a mapping with image, resolution, origin and so on", where=where)
+    fields: dict[str, object] = {}
+    for key, value in top.value:
+        field = _plain(key)
+        if field in fields:
+            raise BadMap(str(field), _plain(value), "given once", where=where)
+        if field is not None:
+            fields[field] = [_plain(v) for v in value.value] if isinstance(value, yaml.SequenceNode) else _plain(value)
+    return fields
+
+
+def _plain(node: yaml.Node) -> str | None:
+    return str(node.value) if isinstance(node, yaml.ScalarNode) else None
+
+
+def _need(fields: dict[str, object], name: str, where: str) -> object:
+    if name not in fields:
+        raise BadMap(name, None, "given", where=where)
+    return fields[name]
+
+
+def _number(name: str, value: object, low: float, high: float, where: str) -> float:
+    if not isinstance(value, str) or _NUMBER.fullmatch(value) is None:
+        raise BadMap(name, value, "a number", where=where)
+    return checks.number(
+        name, float(value.lower().replace(".inf", "inf").replace(".nan", "nan")), low=low, high=high, error=BadMap, where=where
+    )
+
+
+def _beside(path: Path, image: object) -> Path:
+    """Return where `image` lies, which must be in the folder of the description `path`, links followed."""
+    allowed = "a file in the folder of the YAML (relative, no .., no link out of it)"
+    if not isinstance(image, str) or not image or "\0" in image or Path(image).is_absolute() or ".." in Path(image).parts:
+        raise BadMap("image", image, allowed, where=str(path))
+    try:
+        target = (path.parent / image).resolve()
+        inside = any(target.is_relative_to(home) for home in (path.parent.resolve(), path.resolve().parent))
+    except (OSError, RuntimeError, ValueError):  # a link that leads to itself, a name that cannot be one
+        inside = False
+    if not inside:
+        raise BadMap("image", image, allowed, where=str(path))
+    return target
+
+
+def write(grid: Grid, path: Path) -> None:
+    """Write `path` and, beside it, a PGM of the same name: trinary, with the greys of map_saver; keeps all."""
+    grey = np.where(grid.blocked, 0, FREE_GREY).astype(np.uint8)
+    if grid.unknown is not None:
+        grey[grid.unknown & grid.blocked] = UNKNOWN_GREY
+    image = path.with_suffix(".pgm")
+    about = {
+        "image": image.name,
+        "mode": "trinary",
+        "resolution": grid.resolution,
+        "origin": list(grid.origin),
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    }
+    image.write_bytes(pgm(grey[::-1]))
+    path.write_text(yaml.safe_dump(about, sort_keys=False, default_flow_style=None, allow_unicode=True), encoding="utf-8")
