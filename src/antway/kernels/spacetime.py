@@ -90,7 +90,7 @@ def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: flo
     since = t0
     for i in range(n + 1):
         until = lows[i] if i < n else math.inf
-        if until > since + TOUCH and memory.counter[1] < STATES and since < horizon:
+        if until > since + TOUCH and memory.counter[1] < len(memory.cell) and since < horizon:
             s = memory.counter[1]
             memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
             memory.arrival[s] = memory.key[s] = math.inf
@@ -292,7 +292,7 @@ def search(
     pieces, lag : float64[P, 8], float
         Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/pieces.py.
     horizon : float
-        Absolute time after which obstacles are forgotten: an ant that is on its way then is charged the field from there.
+        Absolute time after which obstacles are forgotten: a way that ends then is charged the field from there.
     reach : int
         How many cells around (x, y) the first move may end.
     betas, slack : float64[B]
@@ -329,7 +329,7 @@ def search(
     best, best_cost, bound = -1, limit, t0 + here
     one = np.uint64(1)
     ant = 0
-    while memory.counter[2] < max_tests and memory.counter[1] < STATES - 64:
+    while memory.counter[2] < max_tests and memory.counter[1] < len(memory.cell) - 64:
         while memory.counter[4] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
             _pop(memory)  # stale
         bound = memory.heap_key[0] if memory.counter[4] > 0 else math.inf
@@ -342,9 +342,11 @@ def search(
         ant += 1
         while memory.counter[2] < max_tests:
             cell, now = memory.cell[s], memory.arrival[s]
+            # A robot that may stand here until obstacles are forgotten can go on along the field then.
+            done = now if cell == place.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
+            if cell >= 0 and done + place.field[cell] < best_cost - gain:
+                best, best_cost = s, done + place.field[cell]
             if cell == place.goal or now >= horizon:
-                if now + place.field[cell] < best_cost - gain:
-                    best, best_cost = s, now + place.field[cell]
                 memory.key[s] = math.inf
                 break
             memory.counter[3] += 1
@@ -426,6 +428,7 @@ def trace_back(
     x: float,
     y: float,
     end: int,
+    horizon: float,
     until: float,
     out: NDArray[np.float64],
 ) -> int:
@@ -462,9 +465,13 @@ def trace_back(
         t = depart + duration
         out[n, 0], out[n, 1], out[n, 2] = t, gx, gy
         n += 1
-        if n + 2 > len(out):
+        if n + 3 > len(out):
             return n
     cell = memory.cell[end]
+    if cell != place.goal and t < horizon:
+        t = horizon
+        out[n, 0], out[n, 1], out[n, 2] = t, out[n - 1, 1], out[n - 1, 2]
+        n += 1
     while cell >= 0 and cell != place.goal and t < until and n < len(out):
         least, move = math.inf, -1
         for k in range(len(place.offset)):
