@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,8 @@ _REACH = {
     Moves.THIRTY_TWO: 3,
 }
 
+_EPS = 1e-9  # cells; far below any gap on the lattice of cell centres and corners
+
 
 def check_plan(problem: Problem, plan: Plan) -> None:
     """Raise `InvalidPlan` with every way in which `plan` is no legal answer to `problem`.
@@ -34,7 +36,9 @@ def check_plan(problem: Problem, plan: Plan) -> None:
     ------
     InvalidPlan
         If the plan claims what it does not have, leaves the map, enters a blocked cell, jumps, cuts a corner that the moves
-        forbid, begins or ends elsewhere, or states a length or bound that its own cells contradict.
+        forbid, begins or ends elsewhere, or states a length or bound that its own cells contradict. An any-angle plan (one with
+        `points`) may touch blocked cells but not run between two, neither along their border nor where they touch diagonally;
+        its `cells` are free neighbours from start to goal whose closed squares the polyline meets in this order.
 
     Examples
     --------
@@ -79,11 +83,17 @@ def _faults(problem: Problem, plan: Plan) -> list[str]:
         if tuple(points[0]) != problem.start or tuple(points[-1]) != problem.goal:
             faults.append("points do not run from start to goal")
         faults += [
-            f"segment {i} from {tuple(a)} to {tuple(b)} passes through a blocked cell or leaves the map"
-            for i, (a, b) in enumerate(zip(points.tolist(), points[1:].tolist()))
-            if not _segment_free(problem.grid, a, b)
+            f"segment {i} from {tuple(a)} to {tuple(b)} {why}"
+            for i, (a, b) in enumerate(pairwise(points.tolist()))
+            if (why := _segment_fault(problem.grid, a, b))
         ]
-        length = math.fsum(math.dist(a, b) for a, b in zip(points.tolist(), points[1:].tolist()))
+        faults += [
+            f"cells {i} {a} and {b} are no neighbours or touch between two blocked cells"
+            for i, (a, b) in enumerate(pairwise(path))
+            if _move_fault(problem.grid, Moves.EIGHT_NOSQUEEZE, a, b)
+        ]
+        faults += _order_faults(points.tolist(), path)
+        length = math.fsum(math.dist(a, b) for a, b in pairwise(points.tolist()))
     if not math.isclose(plan.length, length * problem.grid.resolution, rel_tol=1e-9, abs_tol=1e-12):
         faults.append(f"states a length of {plan.length!r} m but has {length * problem.grid.resolution!r} m")
     return faults
@@ -126,35 +136,76 @@ def _move_fault(grid: Grid, moves: Moves, a: Cell, b: Cell) -> str:
         (r, c)
         for r in range(min(a[0], b[0]), max(a[0], b[0]) + 1)
         for c in range(min(a[1], b[1]), max(a[1], b[1]) + 1)
-        if _meets(a, b, r, c, 1e-9)
+        if _meets(a, b, r, c)
     )
     return next((f"touches the blocked cell {cell}" for cell in touched if not _free(grid, cell)), "")
 
 
-def _segment_free(grid: Grid, a: Sequence[float], b: Sequence[float]) -> bool:
-    """Tell whether the segment keeps on the map and out of the open squares of blocked cells (corners may be touched)."""
-    rows, cols = grid.blocked.shape
-    for p in (a, b):
-        if not (-0.5 <= p[0] <= rows - 0.5 and -0.5 <= p[1] <= cols - 0.5):
-            return False
-    low = [math.floor(min(a[k], b[k]) + 0.5) for k in (0, 1)]
-    high = [math.ceil(max(a[k], b[k]) - 0.5) for k in (0, 1)]
-    for r in range(max(low[0], 0), min(high[0], rows - 1) + 1):
-        for c in range(max(low[1], 0), min(high[1], cols - 1) + 1):
-            if grid.blocked[r, c] and _meets(a, b, r, c, -1e-9):
-                return False
-    return True
+def _segment_fault(grid: Grid, a: Sequence[float], b: Sequence[float]) -> str:
+    """Say why a point may not go along the segment; empty if it may.
+
+    What is blocked (cells, and all beyond the map) may be touched from outside, but the border between two blocked cells is
+    inside, and a point where two blocked cells touch diagonally between two free ones must not be touched at all.
+    """
+    gap = 2 * _EPS
+    for r, c in _near(a, b):
+        free, below, beside, across = (_free(grid, (r + i, c + j)) for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)))
+        for tall, wide in ((0, 0), (1, 0), (0, 1)):
+            if free or (tall and below) or (wide and beside):
+                continue
+            first, last = _inside(a, b, (r - 0.5 + _EPS, c - 0.5 + _EPS), (r + tall + 0.5 - _EPS, c + wide + 0.5 - _EPS))
+            if first < last:
+                two = f" or runs between it and {(r + tall, c + wide)}" if tall or wide else ""
+                return f"enters {(r, c)}, blocked or off the map{two}"
+        corner = (r + 0.5, c + 0.5)
+        if free == across != below == beside:
+            first, last = _inside(a, b, (corner[0] - gap, corner[1] - gap), (corner[0] + gap, corner[1] + gap))
+            if first < last:
+                return f"passes {corner}, where two blocked cells touch diagonally"
+    return ""
 
 
-def _meets(a: Sequence[float], b: Sequence[float], r: int, c: int, grow: float) -> bool:
-    """Tell whether the segment enters the open square of cell (r, c) grown by `grow` cells on every side (slab method)."""
-    first, last = 0.0, 1.0
-    for p, q, centre in ((a[0], b[0], r), (a[1], b[1], c)):
-        low, high, d = centre - 0.5 - grow, centre + 0.5 + grow, q - p
-        if d == 0:
-            if not low < p < high:
-                return False
-            continue
-        enter, leave = (low - p) / d, (high - p) / d
-        first, last = max(first, min(enter, leave)), min(last, max(enter, leave))
+def _meets(a: Cell, b: Cell, r: int, c: int) -> bool:
+    """Tell whether the segment touches the closed square of cell (r, c)."""
+    reach = 0.5 + _EPS
+    first, last = _inside(a, b, (r - reach, c - reach), (r + reach, c + reach))
     return first < last
+
+
+def _near(a: Sequence[float], b: Sequence[float]) -> Iterator[Cell]:
+    """Yield the cells within a cell of the segment, row by row (and a few more)."""
+    for r in range(math.floor(min(a[0], b[0])) - 1, math.ceil(max(a[0], b[0])) + 2):
+        first, last = _inside(a, b, (r - 1.6, -math.inf), (r + 1.6, math.inf))
+        if first <= last:
+            ends = [a[1] + t * (b[1] - a[1]) for t in (first, last)]
+            yield from ((r, c) for c in range(math.floor(min(ends)) - 1, math.ceil(max(ends)) + 2))
+
+
+def _order_faults(points: list[list[float]], path: list[Cell]) -> list[str]:
+    """Say which cell the polyline does not meet, in their order along it; the earliest meeting will do for each."""
+    i, t, reach = 0, 0.0, 0.5 + _EPS
+    for k, (r, c) in enumerate(path):
+        while True:
+            if i >= max(len(points) - 1, 1):
+                return [f"cell {k} {(r, c)} is not met in its turn by the points"]
+            end = points[min(i + 1, len(points) - 1)]
+            first, last = _inside(points[i], end, (r - reach, c - reach), (r + reach, c + reach))
+            if max(first, t) <= last:
+                t = max(first, t)
+                break
+            i, t = i + 1, 0.0
+    return []
+
+
+def _inside(a: Sequence[float], b: Sequence[float], low: tuple[float, float], high: tuple[float, float]) -> tuple[float, float]:
+    """Return from where to where the segment is in the open box, as shares of its length; nowhere if first >= last."""
+    first, last = 0.0, 1.0
+    for p, q, least, most in zip(a, b, low, high):
+        d = q - p
+        if d == 0:
+            if not least < p < most:
+                return 1.0, 0.0
+            continue
+        enter, leave = (least - p) / d, (most - p) / d
+        first, last = max(first, min(enter, leave)), min(last, max(enter, leave))
+    return first, last

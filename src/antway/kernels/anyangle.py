@@ -1,0 +1,354 @@
+"""Any-angle search over the free strips of a grid, all geometry in exact integers.
+
+Lengths are doubled: cell (r, c) covers y = 2r..2r+2 and x = 2c..2c+2, its centre is (2r+1, 2c+1), lattice lines are even.
+
+A *strip* is a stack of equal maximal row runs of free cells: a rectangle with walls left and right, left only through the
+*portals* of its top and bottom side, where it overlaps a strip above or below. An end of a portal where one of the two strips
+reaches further is a corner of an obstacle that a taut path may turn at: corner 2k is the left end of portal k, 2k+1 the right.
+Diagonally touching blocked cells leave no portal between them, so nothing squeezes through.
+
+A *node* is an interval of a portal as seen from a root, the start or a corner: int64 [7] of the portal, the way through it
+(0 up, 1 down), the root, and the points (x, y) that fix the rays from the root on the interval's left and right. As a ray is
+kept by a lattice point, whether a point lies left of it is the sign of an integer.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import bare_kernel, kernel
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+FOUND, EMPTY, PAUSED = 1, 2, 3  # how a slice of the search ended
+START, HIDDEN = -1, -2  # in place of a corner
+X0, X1, NEAR = 0, 1, 2  # of a strip [6]: its ends; first and end of the portals of its top side, then of its bottom side
+Y, LEFT, RIGHT, STRIP = 0, 1, 2, 3  # of a portal [5]: where it lies; the strip above, the strip below
+
+
+@kernel
+def build_strips(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np.int32]]:
+    """Return the strips [S, 6], the connected part of each [S], the portals [P, 5], and the strip of each cell or -1 [H, W]."""
+    rows, cols = blocked.shape
+    at = np.full((rows, cols), -1, np.int32)
+    runs = 0
+    for r in range(rows):
+        for c in range(cols):
+            runs += not blocked[r, c] and (c == 0 or blocked[r, c - 1])
+    strips, part, ports = np.zeros((runs, 6), np.int64), np.arange(runs), np.empty((2 * runs, 5), np.int64)
+    s = k = 0
+    for r in range(rows):
+        right = -1
+        while right < cols:
+            left = right + 1
+            while left < cols and blocked[r, left]:
+                left += 1
+            right = left
+            while right < cols and not blocked[r, right]:
+                right += 1
+            if left == cols:
+                break
+            above = at[r - 1, left] if r > 0 else -1
+            if above >= 0 and strips[above, X0] == 2 * left and strips[above, X1] == 2 * right:
+                at[r, left:right] = above
+                continue
+            at[r, left:right] = s
+            strips[s, X0], strips[s, X1], strips[s, NEAR] = 2 * left, 2 * right, k
+            c = left if r > 0 else right
+            while c < right:
+                above = at[r - 1, c]
+                if above < 0:
+                    c += 1
+                    continue
+                end = min(strips[above, X1] // 2, right)
+                ports[k, Y], ports[k, LEFT], ports[k, RIGHT], ports[k, STRIP], ports[k, STRIP + 1] = (
+                    2 * r,
+                    2 * c,
+                    2 * end,
+                    above,
+                    s,
+                )
+                if strips[above, NEAR + 3] == 0:
+                    strips[above, NEAR + 2] = k
+                k += 1
+                strips[above, NEAR + 3] = k
+                part[_part(part, above)] = _part(part, s)
+                c = end
+            strips[s, NEAR + 1] = k
+            s += 1
+    for i in range(s):
+        part[i] = _part(part, i)
+    return strips[:s].copy(), part[:s].copy(), ports[:k].copy(), at
+
+
+@kernel
+def _part(part: Ints, s: int) -> int:
+    """Return the root of `s` in the forest `part`, halving the way to it."""
+    while part[s] != s:
+        part[s] = part[part[s]]
+        s = part[s]
+    return s
+
+
+@bare_kernel
+def search(
+    strips: Ints,
+    ports: Ints,
+    ends: Ints,
+    best: Floats,
+    parent: Ints,
+    node: Ints,
+    cost: Floats,
+    bound: Floats,
+    heap: Ints,
+    count: Ints,
+    steps: int,
+) -> tuple[int, int]:
+    """Run Polyanya (Cui, Harabor, Grastien, IJCAI 2017) for at most `steps` expansions or until room for nodes is short.
+
+    `ends` is x, y, strip of the start and of the goal. `best` [2P] is the shortest way found to each corner, `parent` [2P] the
+    corner before it. For each node `cost` is the way to its root, `bound` the least length of a path by it; `heap` orders the
+    open ones. `count` is the number of nodes, of open nodes, of expansions, and the most successors a node can have.
+
+    Returns how it ended, and the corner before the goal if FOUND.
+    """
+    new = 0
+    if count[0] == 0:
+        for side in range(2):
+            for k in range(strips[ends[2], NEAR + 2 * side], strips[ends[2], NEAR + 2 * side + 1]):
+                _add(node, cost, count, k, side, START, 0.0, ports[k, LEFT], ports[k, Y], ports[k, RIGHT], ports[k, Y])
+    else:
+        new = count[0]
+    stop = count[2] + steps
+    while True:
+        for n in range(new, count[0]):
+            beyond = ports[node[n, 0], STRIP + node[n, 1]]
+            exits = strips[beyond, NEAR + 1] - strips[beyond, NEAR] + strips[beyond, NEAR + 3] - strips[beyond, NEAR + 2]
+            if exits > 1 or beyond == ends[5]:
+                bound[n] = cost[n] + _least(ports, ends, node, n)
+                push(heap, bound, count, n)
+        new = count[0]
+        if count[1] == 0:
+            return EMPTY, START
+        if count[2] >= stop or new + count[3] > len(node):
+            return PAUSED, START
+        n = pop(heap, bound, count)
+        root = node[n, 2]
+        if root != START and cost[n] > best[root]:
+            continue
+        count[2] += 1
+        if ports[node[n, 0], STRIP + node[n, 1]] != ends[5]:
+            _expand(strips, ports, ends, best, parent, node, cost, count, n)
+        else:
+            last = _before_goal(strips, ports, ends, best, parent, node, cost, n)
+            if last != HIDDEN:
+                return FOUND, last
+
+
+@bare_kernel
+def _expand(
+    strips: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, count: Ints, n: int
+) -> None:
+    """Add the successors of node `n`: what its root sees of the portals beyond, and what lies round the interval's ends."""
+    k, down, root = node[n, 0], node[n, 1], node[n, 2]
+    y, strip, way = ports[k, Y], ports[k, STRIP + down], cost[n]
+    x0, y0 = _place(ports, ends, root)
+    first, end = strips[strip, NEAR + 2 * down], strips[strip, NEAR + 2 * down + 1]
+    if y0 == y:  # the root is a corner of the strip itself: it sees all of it
+        for j in range(first, end):
+            _add(node, cost, count, j, down, root, way, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
+        _add_flat(strips, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, way)
+        return
+    ax, ay, bx, by = node[n, 3], node[n, 4], node[n, 5], node[n, 6]
+    left, left_rise, right, right_rise = ax - x0, abs(ay - y0), bx - x0, abs(by - y0)
+    for j in range(first, end):
+        y1, x1, x2 = ports[j, Y], ports[j, LEFT], ports[j, RIGHT]
+        rise = abs(y1 - y0)
+        at_1, at_2 = left * rise - (x1 - x0) * left_rise, right * rise - (x2 - x0) * right_rise
+        if left * rise < (x2 - x0) * left_rise and right * rise > (x1 - x0) * right_rise:
+            px, py = (ax, ay) if at_1 > 0 else (x1, y1)
+            qx, qy = (bx, by) if at_2 < 0 else (x2, y1)
+            _add(node, cost, count, j, down, root, way, px, py, qx, qy)
+    for side in range(2):
+        x, corner, sign = ports[k, LEFT + side], 2 * k + side, 1 - 2 * side
+        further = way + _length(x - x0, y - y0)
+        if not (_may_turn(strips, ports, node, n, side) and _improve(best, parent, corner, root, further)):
+            continue
+        for j in range(first, end):
+            y1, outer, inner = ports[j, Y], ports[j, LEFT + side], ports[j, RIGHT - side]
+            rise, span = abs(y1 - y0), abs(y - y0)
+            if sign * ((outer - x0) * span - (x - x0) * rise) < 0:
+                px, py = (inner, y1) if sign * ((inner - x0) * span - (x - x0) * rise) <= 0 else (2 * x - x0, 2 * y - y0)
+                if side == 0:
+                    _add(node, cost, count, j, down, corner, further, outer, y1, px, py)
+                else:
+                    _add(node, cost, count, j, down, corner, further, px, py, outer, y1)
+        _add_flat(strips, ports, best, parent, node, cost, count, k, down, side, corner, further)
+
+
+@bare_kernel
+def _add_flat(
+    strips: Ints,
+    ports: Ints,
+    best: Floats,
+    parent: Ints,
+    node: Ints,
+    cost: Floats,
+    count: Ints,
+    k: int,
+    down: int,
+    side: int,
+    root: int,
+    way: float,
+) -> None:
+    """Add the portals beside `k`, left (0) or right (1) of it, on the same side of the strip: reached along the wall."""
+    strip = ports[k, STRIP + down]
+    first, end = strips[strip, NEAR + 2 - 2 * down], strips[strip, NEAR + 3 - 2 * down]
+    if side == 0:
+        end = k
+    else:
+        first = k + 1
+    for j in range(first, end):
+        corner = 2 * j + 1 - side
+        further = way + abs(ports[root >> 1, LEFT + (root & 1)] - ports[j, RIGHT - side])
+        if _improve(best, parent, corner, root, further):
+            _add(node, cost, count, j, 1 - down, corner, further, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
+
+
+@bare_kernel
+def _before_goal(strips: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, n: int) -> int:
+    """Return the corner before the goal on the way through node `n` into the goal's strip; HIDDEN if that way is not taut."""
+    k, root = node[n, 0], node[n, 2]
+    x0, y0 = _place(ports, ends, root)
+    if y0 == ports[k, Y]:
+        return int(root)
+    for side in range(2):
+        x, rise = node[n, 3 + 2 * side] - x0, abs(node[n, 4 + 2 * side] - y0)
+        if (1 - 2 * side) * ((ends[3] - x0) * rise - x * abs(ends[4] - y0)) < 0:
+            if not _may_turn(strips, ports, node, n, side):
+                return HIDDEN
+            _improve(best, parent, 2 * k + side, root, cost[n] + _length(x, rise))
+            return int(2 * k + side)
+    return int(root)
+
+
+@bare_kernel
+def _may_turn(strips: Ints, ports: Ints, node: Ints, n: int, side: int) -> bool:
+    """Tell whether the left (0) or right (1) end of the interval of node `n` is that of its portal, and a corner."""
+    k = node[n, 0]
+    if node[n, 3 + 2 * side] != ports[k, LEFT + side] or node[n, 4 + 2 * side] != ports[k, Y]:
+        return False
+    return bool(strips[ports[k, STRIP], X0 + side] != strips[ports[k, STRIP + 1], X0 + side])
+
+
+@bare_kernel
+def _place(ports: Ints, ends: Ints, corner: int) -> tuple[int, int]:
+    """Return (x, y) of a corner, or of the start."""
+    if corner == START:
+        return int(ends[0]), int(ends[1])
+    return int(ports[corner >> 1, LEFT + (corner & 1)]), int(ports[corner >> 1, Y])
+
+
+@bare_kernel
+def _improve(best: Floats, parent: Ints, corner: int, root: int, way: float) -> bool:
+    """Note a way to `corner` if it is shorter than all before.
+
+    Of two equal ways the first will do: where a shortest path goes on from the corner, both are taut, or one is not shortest.
+    """
+    if way >= best[corner]:
+        return False
+    best[corner] = way
+    parent[corner] = root
+    return True
+
+
+@bare_kernel
+def _add(
+    node: Ints, cost: Floats, count: Ints, k: int, down: int, root: int, way: float, ax: int, ay: int, bx: int, by: int
+) -> None:
+    """Add the node of portal `k` between the rays from `root` through (ax, ay) and (bx, by)."""
+    n = count[0]
+    count[0] = n + 1
+    node[n, 0], node[n, 1], node[n, 2], cost[n] = k, down, root, way
+    node[n, 3], node[n, 4], node[n, 5], node[n, 6] = ax, ay, bx, by
+
+
+@bare_kernel
+def _least(ports: Ints, ends: Ints, node: Ints, n: int) -> float:
+    """Return the least length from the root of node `n` through its interval to the goal, mirrored if not beyond the portal."""
+    y, x1, y1 = ports[node[n, 0], Y], ends[3], ends[4]
+    x0, y0 = _place(ports, ends, node[n, 2])
+    if y0 == y:
+        return _length(x1 - x0, y1 - y0)
+    if (y1 > y) != (node[n, 1] == 1):
+        y1 = 2 * y - y1
+    rise = abs(y - y0)
+    left = (node[n, 3] - x0) * rise / abs(node[n, 4] - y0)
+    right = (node[n, 5] - x0) * rise / abs(node[n, 6] - y0)
+    x = min(max((x1 - x0) * rise / abs(y1 - y0), left), right)
+    return _length(x, rise) + _length(x1 - x0 - x, y1 - y)
+
+
+@bare_kernel
+def _length(x: float, y: float) -> float:
+    """Return the length of (x, y), which is far from where `hypot` would be needed."""
+    return math.sqrt(x * x + y * y)
+
+
+@bare_kernel
+def push(heap: Ints, bound: Floats, count: Ints, n: int) -> None:
+    """Open node `n`."""
+    i = count[1]
+    count[1] = i + 1
+    while i > 0 and bound[heap[(i - 1) >> 1]] > bound[n]:
+        heap[i] = heap[(i - 1) >> 1]
+        i = (i - 1) >> 1
+    heap[i] = n
+
+
+@bare_kernel
+def pop(heap: Ints, bound: Floats, count: Ints) -> int:
+    """Take the open node of least bound."""
+    top, size = heap[0], count[1] - 1
+    count[1] = size
+    n, i = heap[size], 0
+    while 2 * i + 1 < size:
+        child = 2 * i + 1
+        if child + 1 < size and bound[heap[child + 1]] < bound[heap[child]]:
+            child += 1
+        if bound[heap[child]] >= bound[n]:
+            break
+        heap[i] = heap[child]
+        i = child
+    heap[i] = n
+    return int(top)
+
+
+@kernel
+def unwind(ports: Ints, ends: Ints, parent: Ints, corner: int) -> Ints:
+    """Return the turning points (row, col) of the path by way of `corner`, doubled, int64[N, 2], from start to goal.
+
+    Corners in the middle of a straight line are left out.
+    """
+    count, c = 2, corner
+    while c != START:
+        c = parent[c]
+        count += 1
+    way = np.empty((count, 2), np.int64)
+    way[count - 1, 1], way[count - 1, 0] = ends[3], ends[4]
+    for i in range(count - 2, -1, -1):
+        way[i, 1], way[i, 0] = _place(ports, ends, corner)
+        corner = parent[corner] if i > 0 else START
+    n = 1
+    for i in range(1, count):
+        (r0, c0), (r1, c1), (r2, c2) = way[n - 1], way[i], way[min(i + 1, count - 1)]
+        on_the_way = (r1 - r0) * (c2 - c1) == (c1 - c0) * (r2 - r1)
+        if (on_the_way and i + 1 < count) or (r0 == r1 and c0 == c1):
+            continue
+        way[n] = way[i]
+        n += 1
+    return way[:n].copy()

@@ -1,0 +1,160 @@
+"""Line of sight on a grid, in exact integers, and Theta* and Lazy Theta* by it.
+
+Lengths are doubled: cell (r, c) covers rows 2r..2r+2 and columns 2c..2c+2, its centre is (2r+1, 2c+1), lattice lines are even.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, Floats, Ints, pop, push
+from antway.kernels.jit import bare_kernel, kernel
+
+
+@bare_kernel
+def theta(
+    blocked: NDArray[np.bool_],
+    start: int,
+    goal: int,
+    lazy: bool,
+    length: Floats,
+    parent: Ints,
+    closed: NDArray[np.bool_],
+    cell: Ints,
+    bound: Floats,
+    heap: Ints,
+    count: Ints,
+    scratch: NDArray[np.int32],
+    steps: int,
+) -> int:
+    """Run (Lazy) Theta* (Nash, Daniel, Koenig, Felner 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions.
+
+    Cells are flat indices. `length` [HW] is the shortest way found to each cell, infinite at first, and `parent` [HW] the cell
+    before it, in sight of it (if lazy: once closed). The open ones are entries `cell`, `bound` on a `heap`, one for each time a
+    cell was improved; `count` is the number of entries, of open entries, and of expansions. `scratch` has room for `trace`.
+
+    Returns how it ended.
+    """
+    cols = blocked.shape[1]
+    if count[0] == 0:
+        length[start], parent[start], cell[0], bound[0], count[0] = 0.0, start, start, 0.0, 1
+        push(heap, bound, count, 0)
+    stop = count[2] + steps
+    while count[1] > 0:
+        if count[2] == stop or count[0] + 8 > len(cell):
+            return PAUSED
+        s = cell[pop(heap, bound, count)]
+        if closed[s]:
+            continue
+        closed[s] = True
+        count[2] += 1
+        r, c = s // cols, s % cols
+        if lazy and not _sees(blocked, parent[s], s, scratch):
+            length[s] = np.inf
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    t = s + dr * cols + dc
+                    if (
+                        _may_step(blocked, r, c, dr, dc)
+                        and closed[t]
+                        and t != s
+                        and length[t] + math.sqrt(dr * dr + dc * dc) < length[s]
+                    ):
+                        length[s], parent[s] = length[t] + math.sqrt(dr * dr + dc * dc), t
+        if s == goal:
+            return FOUND
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                t = s + dr * cols + dc
+                if not _may_step(blocked, r, c, dr, dc) or closed[t]:
+                    continue
+                by = parent[s] if lazy or _sees(blocked, parent[s], t, scratch) else s
+                way = length[by] + _between(by, t, cols)
+                if way < length[t]:
+                    length[t], parent[t] = way, by
+                    n = count[0]
+                    cell[n], bound[n], count[0] = t, way + _between(t, goal, cols), n + 1
+                    push(heap, bound, count, n)
+    return EMPTY
+
+
+@bare_kernel
+def _may_step(blocked: NDArray[np.bool_], r: int, c: int, dr: int, dc: int) -> bool:
+    """Tell whether the step to a neighbour is free and does not squeeze between two blocked cells."""
+    return not is_wall(blocked, r + dr, c + dc) and not (is_wall(blocked, r + dr, c) and is_wall(blocked, r, c + dc))
+
+
+@bare_kernel
+def _between(s: int, t: int, cols: int) -> float:
+    """Return the distance of two cells."""
+    dr, dc = s // cols - t // cols, s % cols - t % cols
+    return math.sqrt(dr * dr + dc * dc)
+
+
+@bare_kernel
+def _sees(blocked: NDArray[np.bool_], s: int, t: int, scratch: NDArray[np.int32]) -> bool:
+    """Tell whether the segment between the centres of two cells is free."""
+    cols = blocked.shape[1]
+    return trace(blocked, 2 * (s // cols) + 1, 2 * (s % cols) + 1, 2 * (t // cols) + 1, 2 * (t % cols) + 1, scratch, 0) > 0
+
+
+@kernel
+def cells_along(blocked: NDArray[np.bool_], way: Ints) -> NDArray[np.int32]:
+    """Return the free cells along the polyline `way`, doubled lattice points [N, 2]; none if it is illegal."""
+    crossings = 2
+    for i in range(1, len(way)):
+        crossings += abs(way[i, 0] - way[i - 1, 0]) + abs(way[i, 1] - way[i - 1, 1]) + 1
+    cells, n = np.empty((crossings, 2), np.int32), 0
+    for i in range(len(way)):
+        a, b = way[max(i - 1, 0)], way[i]
+        n = trace(blocked, a[0], a[1], b[0], b[1], cells, n)
+        if n < 0:
+            return cells[:0].copy()
+    return cells[:n].copy()
+
+
+@bare_kernel
+def trace(blocked: NDArray[np.bool_], row0: int, col0: int, row1: int, col1: int, cells: NDArray[np.int32], n: int) -> int:
+    """Append the free cells along a segment between doubled lattice points to `cells` [N, 2], of which `n` are taken.
+
+    Each stretch between two crossings of lattice lines lies in one cell; one along a lattice line lies between two, of which
+    the one nearer to the last cell is taken if free. Returns the new `n`, or -1 if the segment enters a blocked cell, runs
+    between two blocked cells or passes a point where two touch diagonally. `cells` must have room for all crossings.
+    """
+    rise, run = row1 - row0, col1 - col0
+    r, c = (row0 - (rise < 0)) >> 1, (col0 - (run < 0)) >> 1
+    along_row, along_col = rise == 0 and row0 % 2 == 0, run == 0 and col0 % 2 == 0
+    if along_row and n > 0:
+        r = min(max(cells[n - 1, 0], r - 1), r)
+    if along_col and n > 0:
+        c = min(max(cells[n - 1, 1], c - 1), c)
+    while True:
+        if along_row and is_wall(blocked, r, c):
+            r = row0 - 1 - r
+        if along_col and is_wall(blocked, r, c):
+            c = col0 - 1 - c
+        if is_wall(blocked, r, c):
+            return -1
+        if n == 0 or cells[n - 1, 0] != r or cells[n - 1, 1] != c:
+            if n > 0 and is_wall(blocked, r, cells[n - 1, 1]) and is_wall(blocked, cells[n - 1, 0], c):
+                return -1
+            cells[n, 0], cells[n, 1] = r, c
+            n += 1
+        to_row, to_col = abs(2 * (r + (rise > 0)) - row0), abs(2 * (c + (run > 0)) - col0)
+        by_row = rise != 0 and (run == 0 or to_row * abs(run) <= to_col * abs(rise))
+        by_col = run != 0 and (rise == 0 or to_col * abs(rise) <= to_row * abs(run))
+        if not (by_row and to_row < abs(rise)) and not (by_col and to_col < abs(run)):
+            return n
+        if by_row:
+            r += 1 if rise > 0 else -1
+        if by_col:
+            c += 1 if run > 0 else -1
+
+
+@bare_kernel
+def is_wall(blocked: NDArray[np.bool_], r: int, c: int) -> bool:
+    """Tell whether (r, c) is blocked or off the map."""
+    return r < 0 or c < 0 or r >= blocked.shape[0] or c >= blocked.shape[1] or bool(blocked[r, c])

@@ -1,0 +1,143 @@
+"""Any-angle paths: optimal ones by Polyanya on the grid's own free strips, and Theta* and Lazy Theta* beside it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.grid import Grid, Moves
+from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, START, build_strips, search, unwind
+from antway.kernels.theta import cells_along, theta
+from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.search.derived import kept
+from antway.search.result import not_found
+
+T = TypeVar("T", np.int64, np.float64)
+METHODS = ("polyanya", "theta", "lazy-theta")
+STEPS = 1 << 14  # expansions between two looks at the clock
+_ANGLES = (Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.SIXTEEN, Moves.THIRTY_TWO)
+
+
+def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), method: str = "polyanya") -> Plan:
+    """Return a shortest path of straight segments in any direction, between the centres of the start and the goal.
+
+    A point may go wherever cells are free; it may touch walls and corners of blocked cells, but neither leave the map nor pass
+    where two blocked cells touch diagonally. Taut paths do touch corners. For a robot with a radius plan on
+    `grid.inflate(radius)`, as `antway.plan` does for `robot_radius`: free cells then have that clearance at their centres, and a
+    path that touches their corners has at least `radius` less half a cell's diagonal; to keep all of it, inflate by that more.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its moves must be EIGHT, EIGHT_NOSQUEEZE, SIXTEEN or THIRTY_TWO and make no further difference: all their paths are
+        paths of any angle too. FOUR asks for fewer angles, EIGHT_CUT squeezes through where this planner does not.
+    seed : int
+        Without effect.
+    budget : Budget
+        Time and cancellation.
+    method : str
+        "polyanya": optimal (Cui, Harabor, Grastien, Compromise-free pathfinding on a navigation mesh, IJCAI 2017) on the
+        grid's free strips, in exact integer geometry. "theta" and "lazy-theta" turn at cell centres only and are not optimal
+        (Nash, Daniel, Koenig, Felner, AAAI 2007; Nash, Koenig, Tovey, AAAI 2010).
+
+    Returns
+    -------
+    Plan
+        `points` are the start, the turning points (corners of cells for polyanya, half-integers), and the goal. `cells` are the
+        free cells along the segments in order, neighbours of eight, the start first and the goal last; without squeezing, so
+        they are a path under EIGHT_NOSQUEEZE. `lower_bound` is the length if optimal, else the straight distance.
+
+    Raises
+    ------
+    BadParameter
+        For an unknown method, or moves as above.
+
+    Examples
+    --------
+    >>> blocked = np.zeros((3, 3), dtype=bool); blocked[1, 1] = True
+    >>> plan = anyangle(Problem(Grid(blocked), (0, 0), (1, 2)))
+    >>> plan.points.tolist(), round(plan.length, 4)
+    ([[0.0, 0.0], [0.5, 1.5], [1.0, 2.0]], 2.2882)
+    """
+    clock = budget.start()
+    checks.choice("method", method, METHODS)
+    if problem.moves not in _ANGLES:
+        raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _ANGLES)} for paths of any angle")
+    return _polyanya(problem, clock) if method == "polyanya" else _theta(problem, clock, lazy=method == "lazy-theta")
+
+
+class Strips(NamedTuple):
+    """The free strips of a grid, see `kernels.anyangle`."""
+
+    strips: NDArray[np.int64]
+    part: NDArray[np.int64]
+    ports: NDArray[np.int64]
+    at: NDArray[np.int32]
+    widest: int  # the most portals of one strip
+
+
+def _strips(grid: Grid) -> Strips:
+    strips, part, ports, at = build_strips(grid.blocked)
+    return Strips(strips, part, ports, at, int((strips[:, 3] - strips[:, 2] + strips[:, 5] - strips[:, 4]).max()))
+
+
+def _polyanya(problem: Problem, clock: Clock) -> Plan:
+    net = kept(problem.grid, "strips", lambda: _strips(problem.grid))
+    (sr, sc), (gr, gc) = problem.start, problem.goal
+    first, last = net.at[sr, sc], net.at[gr, gc]
+    ends = np.array([2 * sc + 1, 2 * sr + 1, first, 2 * gc + 1, 2 * gr + 1, last])
+    if net.part[first] != net.part[last]:
+        return not_found(True, 0, clock)
+    corners, room, most = 2 * len(net.ports), 2048 + 3 * net.widest, 3 * net.widest
+    best, parent = np.full(corners, np.inf), np.empty(corners, np.int64)
+    node, cost, bound, heap = np.empty((room, 7), np.int64), np.empty(room), np.empty(room), np.empty(room, np.int64)
+    count = np.array([0, 0, 0, most])
+    code, corner = (FOUND if first == last else PAUSED), START
+    while code == PAUSED and not clock.spent():
+        code, corner = search(net.strips, net.ports, ends, best, parent, node, cost, bound, heap, count, STEPS)
+        if code == PAUSED and count[0] + most > len(node):
+            node, cost, bound, heap = _longer(node), _longer(cost), _longer(bound), _longer(heap)
+    if code == FOUND:
+        return _found(problem, unwind(net.ports, ends, parent, corner), int(count[2]), clock, True)
+    return not_found(False, int(count[2]), clock)
+
+
+def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
+    rows, cols = problem.grid.shape
+    (sr, sc), (gr, gc) = problem.start, problem.goal
+    size, goal = rows * cols, gr * cols + gc
+    length, parent, closed = np.full(size, np.inf), np.empty(size, np.int64), np.zeros(size, np.bool_)
+    cell, bound, heap, count = np.empty(1024, np.int64), np.empty(1024), np.empty(1024, np.int64), np.zeros(3, np.int64)
+    scratch = np.empty((2 * (rows + cols), 2), np.int32)
+    fixed = (problem.grid.blocked, sr * cols + sc, goal, lazy, length, parent, closed)
+    code = PAUSED
+    while code == PAUSED and not clock.spent():
+        code = theta(*fixed, cell, bound, heap, count, scratch, STEPS)
+        if code == PAUSED and count[0] + 8 > len(cell):
+            cell, bound, heap = _longer(cell), _longer(bound), _longer(heap)
+    if code == FOUND:
+        flat = [goal]
+        while parent[flat[-1]] != flat[-1]:
+            flat.append(int(parent[flat[-1]]))
+        way = 2 * np.column_stack(np.divmod(np.array(flat[::-1]), cols)) + 1
+        return _found(problem, way, int(count[2]), clock, False)
+    return not_found(code == EMPTY, int(count[2]), clock)
+
+
+def _longer(array: NDArray[T]) -> NDArray[T]:
+    return np.concatenate((array, np.empty_like(array)))
+
+
+def _found(problem: Problem, way: NDArray[np.int64], expanded: int, clock: Clock, optimal: bool) -> Plan:
+    """Return the plan along `way`, doubled lattice points, int64[N, 2]."""
+    points = (way - 1) / 2
+    res = problem.grid.resolution
+    length = math.fsum(np.hypot(*np.diff(points, axis=0).T)) * res
+    bound = length if optimal else min(length, math.dist(problem.start, problem.goal) * res)
+    cells = cells_along(problem.grid.blocked, way)
+    return Plan(Status.FOUND, cells, length, optimal, expanded, clock.elapsed(), bound, points)
