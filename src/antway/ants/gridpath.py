@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
-from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop
-from antway.errors import BadParameter, TooLarge
+from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop, plan_of
+from antway.errors import BadParameter
 from antway.kernels.walk import entropy
-from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.planning import Budget, Plan, Problem, Status
 
-MAX_CELLS = 1 << 22  # a colony keeps about 200 bytes a cell
 BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # the default by heuristic, see `explore`
 Window = tuple[int, int, int, int]  # (row, col, rows, columns)
 
@@ -37,7 +36,7 @@ class Exploration:
         forbidden cells.
     history : float64[C, 4]
         By cycle: length of the best path so far and mean length of the cycle's paths (m), share of the ants that arrived,
-        pheromone entropy (nats a cell); infinite and NaN where there is no path.
+        entropy of the pheromone's shares of all moves (nats); infinite and NaN where there is no path.
     pheromone : float64[h, w, 8]
         Of each cell of the window by move, in the order of `Moves.EIGHT.offsets`; 0 where a move is not legal.
     window : (row, col, rows, columns)
@@ -195,16 +194,16 @@ def explore(
 
     def result(status: Status, path: NDArray[np.uint8] | None = None, bound: float = 0.0, steps: int = 0) -> Exploration:
         tau = np.zeros((*window[2:], 8)) if trail is None else trail.tau.reshape(window[2] + 2, -1, 8)[1:-1, 1:-1].copy()
-        plan = _plan(problem, status, path, bound, steps, clock)
+        plan = plan_of(problem, status, path, bound, steps, clock)
         return Exploration(plan, np.array(history).reshape(-1, 4), tau, window)
 
     trail: Trail | None = None
     history: list[tuple[float, float, float, float]] = []
     if local is None:
         return result(Status.NO_PATH)
+    ground = Ground(local)
     if clock.spent():
         return result(Status.BUDGET)
-    ground = Ground(local)
     if ground.bound == math.inf:
         return result(Status.NO_PATH)
     if ground.bound == 0.0:
@@ -228,8 +227,6 @@ def explore(
 def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None) -> tuple[Problem | None, Window]:
     """Return the problem on the window, None if its goal is forbidden, and the window."""
     checks.instance("problem", problem, Problem)
-    if len(problem.moves.offsets) > 8:
-        raise BadParameter("problem.moves", problem.moves.value, "four, eight, eight-nosqueeze or eight-cut for ants")
     grid, shape = problem.grid, problem.grid.shape
     if window is None:
         window = (0, 0, *shape)
@@ -238,8 +235,6 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
     inside = all(row <= r < row + rows and col <= c < col + cols for r, c in (problem.start, problem.goal))
     if rectangle != tuple(window) or not (on_map and inside):
         raise BadParameter("window", window, "a rectangle (row, col, rows, columns) on the map that holds start and goal")
-    if rows * cols > MAX_CELLS:
-        raise TooLarge("window", f"{rows} x {cols} cells", f"at most {MAX_CELLS} cells for ants")
     mask = None
     if forbidden is not None:
         mask = np.array(forbidden, dtype=bool)
@@ -282,16 +277,3 @@ def _row(squad: Squad, trail: Trail, resolution: float) -> tuple[float, float, f
     arrived = squad.length[squad.depth >= 0]
     mean = float(arrived.mean()) * resolution if arrived.size else math.nan
     return trail.best * resolution, mean, arrived.size / squad.length.size, entropy(trail.tau)
-
-
-def _plan(problem: Problem, status: Status, path: NDArray[np.uint8] | None, bound: float, steps: int, clock: Clock) -> Plan:
-    """Return the plan of a path given by its moves; `bound` in cells."""
-    resolution = problem.grid.resolution
-    bound *= resolution
-    if path is None:
-        return Plan(status, expanded=steps, elapsed=clock.elapsed(), lower_bound=bound)
-    cells = np.vstack((problem.start, problem.start + np.cumsum(problem.moves.offsets[path], axis=0))).astype(np.int32)
-    diagonals = int((path > 3).sum())
-    length = (path.size - diagonals + diagonals * math.sqrt(2.0)) * resolution
-    optimal = length <= bound * (1 + 1e-9)
-    return Plan(status, cells, length, optimal, steps, clock.elapsed(), lower_bound=length if optimal else bound)

@@ -11,16 +11,19 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from antway import checks
 from antway.ants.rules import Rule
+from antway.errors import BadParameter, TooLarge
 from antway.grid import Cell, Grid, Moves
 from antway.kernels import walk as kernel
 from antway.kernels.colony import limits
 from antway.kernels.colony import persistence as rho
-from antway.planning import Clock, Problem
+from antway.planning import Clock, Plan, Problem, Status
 from antway.search.derived import Graph, graph
 from antway.search.dijkstra import distance_field
 
 STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms
+MAX_CELLS = 1 << 22  # a colony keeps about 200 bytes a cell
 NO_TURN = np.ones((9, 8), dtype=np.float32)
 NO_PATH = np.empty(0, dtype=np.uint8)
 
@@ -30,6 +33,13 @@ class Ground:
     """A problem as the kernels take it: flat with a margin of one cell (`search.derived.Graph`), lengths in cells."""
 
     problem: Problem
+
+    def __post_init__(self) -> None:
+        checks.instance("problem", self.problem, Problem)
+        if len(self.problem.moves.offsets) > 8:
+            raise BadParameter("problem.moves", self.problem.moves.value, "four, eight, eight-nosqueeze or eight-cut for ants")
+        if self.problem.grid.blocked.size > MAX_CELLS:
+            raise TooLarge("grid.shape", self.problem.grid.shape, f"at most {MAX_CELLS} cells for ants (set a window)")
 
     @cached_property
     def net(self) -> Graph:
@@ -77,6 +87,10 @@ class Ground:
         """Return the exact distance to `cell` in cells, float64[N]."""
         problem = self.problem
         return self.flat(distance_field(problem.grid, cell, problem.moves) / problem.grid.resolution)
+
+    def cells(self, path: NDArray[np.uint8]) -> NDArray[np.int64]:
+        """Return the flat cells of a path."""
+        return self.start + np.concatenate(([0], np.cumsum(self.offsets[path])))
 
     def visibility(self, heuristic: str, beta: float) -> NDArray[np.float64]:
         """Return eta^beta of each legal move, float64[N, 8]; see `gridpath.explore` for the heuristics."""
@@ -201,3 +215,16 @@ def crop(grid: Grid, corner: tuple[int, int], shape: tuple[int, int], forbidden:
     part = (slice(corner[0], corner[0] + shape[0]), slice(corner[1], corner[1] + shape[1]))
     blocked = grid.blocked[part]
     return Grid(blocked if forbidden is None else blocked | forbidden[part], resolution=grid.resolution)
+
+
+def plan_of(problem: Problem, status: Status, path: NDArray[np.uint8] | None, bound: float, steps: int, clock: Clock) -> Plan:
+    """Return the plan of a path given by its moves from the start of `problem`, None for no path; `bound` in cells."""
+    resolution = problem.grid.resolution
+    bound *= resolution
+    if path is None:
+        return Plan(status, expanded=steps, elapsed=clock.elapsed(), lower_bound=bound)
+    cells = np.vstack((problem.start, problem.start + np.cumsum(problem.moves.offsets[path], axis=0))).astype(np.int32)
+    diagonals = int((path > 3).sum())
+    length = (path.size - diagonals + diagonals * math.sqrt(2.0)) * resolution
+    optimal = length <= bound * (1 + 1e-9)
+    return Plan(status, cells, length, optimal, steps, clock.elapsed(), lower_bound=length if optimal else bound)

@@ -256,21 +256,100 @@ def _lay(
 
 @kernel
 def entropy(tau: NDArray[np.float64]) -> float:
-    """Return the mean entropy, in nats, of the shares of pheromone on a cell's moves, over the cells with at least two."""
-    total, cells = 0.0, 0
-    for cell in range(tau.shape[0]):
-        mass, count, logs = 0.0, 0, 0.0
-        top = 0.0
+    """Return the entropy of the pheromone's shares of all moves, nats: ln of their number at first, of few when converged."""
+    flat = tau.reshape(tau.size)
+    top = flat.max()
+    if top == 0.0:
+        return 0.0
+    mass, logs = 0.0, 0.0
+    for value in flat:
+        share = value / top
+        if share > 0.0:
+            mass += share
+            logs += share * math.log(share)
+    return math.log(mass) - logs / mass
+
+
+@kernel
+def guide(
+    legal: NDArray[np.uint32],
+    offsets: NDArray[np.int64],
+    lengths: NDArray[np.float64],
+    cost: NDArray[np.float64],
+    turn: float,
+    goal: int,
+) -> NDArray[np.float64]:
+    """Return the least cost from each cell to `goal` that begins with each move, float64[N, 8]; infinite where there is no way.
+
+    A move costs its length times the mean of `cost` float64[N] > 0 at its ends, and `turn` >= 0 more if the move before was
+    another one. By label correction: a queue of cells whose values fell.
+    """
+    size = legal.size + 1
+    value = np.full((legal.size, 8), math.inf)
+    least = np.full(legal.size, math.inf)
+    queue, waiting = np.empty(size, np.int64), np.zeros(legal.size, np.bool_)
+    queue[0], head, tail = goal, 0, 1
+    while head != tail:
+        j = queue[head]
+        head = (head + 1) % size
+        waiting[j] = False
         for k in range(8):
-            top = max(top, tau[cell, k])
+            i = j - offsets[k]
+            if i in (j, goal) or not (legal[i] >> k) & 1:
+                continue
+            rest = 0.0 if j == goal else min(value[j, k], least[j] + turn)
+            new = lengths[k] * 0.5 * (cost[i] + cost[j]) + rest
+            if new < value[i, k] * (1.0 - 1e-12):
+                value[i, k] = new
+                least[i] = min(least[i], new)
+                if not waiting[i]:
+                    waiting[i] = True
+                    queue[tail] = i
+                    tail = (tail + 1) % size
+    return value
+
+
+@kernel
+def guided(value: NDArray[np.float64], beta: float) -> NDArray[np.float32]:
+    """Return the weights exp(-beta * cost lost by the move), float32[N, 8], by the least costs `value` of `guide`."""
+    weights = np.zeros(value.shape, np.float32)
+    for i in range(value.shape[0]):
+        best = value[i].min()
         for k in range(8):
-            if tau[cell, k] > 0.0:
-                share = tau[cell, k] / top
-                mass += share
-                count += 1
-                if share > 0.0:
-                    logs += share * math.log(share)
-        if count > 1:
-            total += math.log(mass) - logs / mass
-            cells += 1
-    return total / cells if cells else 0.0
+            if value[i, k] < math.inf:
+                weights[i, k] = max(math.exp(beta * (best - value[i, k])), FLOOR)
+    return weights
+
+
+@kernel
+def score(
+    offsets: NDArray[np.int64],
+    lengths: NDArray[np.float64],
+    start: int,
+    moves: NDArray[np.uint8],
+    depth: NDArray[np.int32],
+    clearance: NDArray[np.float64],
+    maps: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return for each ant float64[A, 3 + M]: length, turns, -(least `clearance` float64[N] on the way), integral of each map.
+
+    Maps are float64[M, N], integrated along the path as `guide` does its cost; lengths in cells; infinite for an ant that died.
+    """
+    out = np.full((depth.size, 3 + len(maps)), math.inf)
+    for ant in range(depth.size):
+        if depth[ant] < 0:
+            continue
+        cell, diagonal, turns, narrowest = start, 0, 0, clearance[start]
+        out[ant, 3:] = 0.0
+        for i in range(depth[ant]):
+            k = moves[ant, i]
+            to = cell + offsets[k]
+            diagonal += k >> 2
+            turns += int(i > 0 and k != moves[ant, i - 1])
+            for m in range(len(maps)):
+                out[ant, 3 + m] += lengths[k] * 0.5 * (maps[m, cell] + maps[m, to])
+            narrowest = min(narrowest, clearance[to])
+            cell = to
+        out[ant, 0] = depth[ant] - diagonal + diagonal * math.sqrt(2.0)
+        out[ant, 1], out[ant, 2] = turns, -narrowest
+    return out

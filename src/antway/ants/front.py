@@ -1,0 +1,307 @@
+"""What exact search does not give cheaply: paths by several objectives at once (the Pareto front), and diverse ways.
+
+Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting
+(`kernels.walk.guide`, over cells and headings), in some cycles keenly, in others idly: the idle ones find what is the optimum
+of no weighting. They leave no pheromone: it was measured to make fronts no more complete (benchmarks/walk.py).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import maximum_filter
+
+from antway import checks
+from antway.ants.walkers import NO_PATH, Ground, Squad, plan_of
+from antway.errors import BadParameter
+from antway.kernels import walk as kernel
+from antway.planning import Budget, Clock, Plan, Problem, Status
+
+OBJECTIVES = ("length", "turns", "clearance", "exposure")
+KEEN = (3.0, 6.0, 12.0)  # beta by cycle, 1 / cells
+PURE = 100.0  # cells: an objective weighted so leaves length as a tie-breaker
+WEIGHTS = {0: 1, 1: 12, 2: 5, 3: 3}  # how many for each objective besides length, by how many there are
+SPREAD = 16.0  # they run from 1 / SPREAD to SPREAD times the exchange rate between the ends of the front
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Front:
+    """Plans of which none is beaten in every objective, by rising value of the first.
+
+    Attributes
+    ----------
+    status : Status
+        FOUND, NO_PATH (proved), or BUDGET where time ran out (the plans so far are kept).
+    objectives : tuple of str
+    values : float64[P, M]
+        Of each plan: length (m), turns (changes of heading), clearance (least distance on the way to a blocked cell or the
+        edge of the map, m: the more the better), exposure (integral of the risk along the way).
+    plans : tuple of Plan
+    """
+
+    status: Status
+    objectives: tuple[str, ...]
+    values: NDArray[np.float64]
+    plans: tuple[Plan, ...]
+
+
+def pareto(
+    problem: Problem,
+    *,
+    objectives: Sequence[str] = ("length", "turns"),
+    exposure: ArrayLike | None = None,
+    seed: int = 0,
+    budget: Budget = Budget(),
+    ants: int = 30,
+    cycles: int = 20,
+    threads: int = 1,
+) -> Front:
+    """Return paths that trade several objectives against one another.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its moves must be to the 4 or 8 neighbours.
+    objectives : sequence of str
+        At least one of length, turns, clearance, exposure.
+    exposure : float[H, W] or None
+        Risk of each cell per m of path, >= 0; needed where exposure is an objective.
+    seed : int
+    budget : Budget
+        Its cycles, if any, stand in place of `cycles`.
+    ants : int
+        By weighting and cycle; there are 12 weightings of length and one more objective, 25 of two more, 27 of three more.
+    cycles : int
+    threads : int
+        The answer is the same for any number.
+
+    Returns
+    -------
+    Front
+
+    Examples
+    --------
+    >>> from antway import Grid
+    >>> blocked = np.zeros((5, 8), dtype=bool); blocked[1, 2] = blocked[2, 5] = True
+    >>> pareto(Problem(Grid(blocked), (0, 0), (4, 7))).values.round(2).tolist()
+    [[9.24, 2.0], [11.0, 1.0]]
+    """
+    clock = budget.start()
+    names = tuple(checks.choice("objectives", name, OBJECTIVES) for name in objectives)
+    if not names or len(set(names)) < len(names):
+        raise BadParameter("objectives", names, "one or more different objectives")
+    grid = problem.grid
+    risk = np.zeros(grid.shape)
+    if "exposure" in names:
+        risk = checks.array("exposure", exposure, grid.shape)
+        checks.number("exposure", float(risk.min()), low=0.0)
+    mixed = Mixed(problem, seed, ants, threads, clock)
+    ground, archive = mixed.ground, _Archive([OBJECTIVES.index(name) for name in names])
+    cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
+    status = mixed.status()
+    if status is Status.FOUND:
+        clearance = ground.flat(grid.clearance() / grid.resolution)
+        maps = np.stack((ground.flat(risk), 0.5 / np.maximum(clearance, 0.5)))  # the second is 1 beside a wall
+        maps[~np.isfinite(maps)] = 0.0
+        columns = [{"turns": 1, "exposure": 3, "clearance": 4}[name] for name in names if name != "length"]
+        with mixed.squad:
+            aims = _weightings(mixed, archive, clearance, maps, columns)
+            for t in range(cycles):
+                for value, turn in aims:
+                    if mixed.walk(value, turn, KEEN[t % len(KEEN)]):
+                        archive.take(mixed.score(clearance, maps), mixed.squad)
+    spent = status is Status.FOUND and clock.spent()
+    order = np.argsort(archive.scores[:, 0], kind="stable")
+    values = archive.scores[order] * np.array(
+        [{"turns": 1.0, "clearance": -grid.resolution}.get(n, grid.resolution) for n in names]
+    )
+    plans = tuple(plan_of(problem, Status.FOUND, archive.paths[i], ground.bound, 0, clock) for i in order)
+    return Front(Status.BUDGET if spent or (status is Status.FOUND and not plans) else status, names, values, plans)
+
+
+def alternatives(
+    problem: Problem,
+    k: int = 3,
+    *,
+    overlap: float = 0.6,
+    apart: int = 2,
+    stretch: float = 1.5,
+    seed: int = 0,
+    budget: Budget = Budget(),
+    ants: int = 30,
+    cycles: int = 8,
+    threads: int = 1,
+) -> tuple[Plan, ...]:
+    """Return up to `k` different ways, the shortest first.
+
+    Each further way is the shortest that ants find while the ground near the ways so far costs them more and more.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its moves must be to the 4 or 8 neighbours.
+    k : int
+    overlap : float
+        The share of a way that may run near another one, in [0, 1].
+    apart : int
+        Near is within so many cells, diagonals counted as one.
+    stretch : float
+        The longest way is at most so many times as long as the shortest, >= 1.
+    seed : int
+    budget : Budget
+        Its cycles, if any, stand in place of `cycles`.
+    ants : int
+        By cycle.
+    cycles : int
+        To look for each way; the cost near the others doubles with each.
+    threads : int
+        The answer is the same for any number.
+
+    Returns
+    -------
+    tuple of Plan
+        At least one: without a path it has no cells and its status says why.
+
+    Examples
+    --------
+    >>> from antway import Grid
+    >>> blocked = np.zeros((9, 15), dtype=bool); blocked[2:7, 5:10] = True
+    >>> [round(plan.length, 2) for plan in alternatives(Problem(Grid(blocked), (4, 0), (4, 14)))]
+    [16.49, 16.49]
+    """
+    clock = budget.start()
+    k = checks.integer("k", k, low=1, high=1000)
+    overlap = checks.number("overlap", overlap, low=0.0, high=1.0)
+    apart = checks.integer("apart", apart, low=0, high=1000)
+    stretch = checks.number("stretch", stretch, low=1.0)
+    mixed = Mixed(problem, seed, ants, threads, clock)
+    cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
+    status, ground = mixed.status(), mixed.ground
+    if status is not Status.FOUND or ground.bound == 0.0:
+        return (plan_of(problem, status, NO_PATH if status is Status.FOUND else None, 0.0, 0, clock),)
+    ways: list[NDArray[np.uint8]] = []
+    near: list[NDArray[np.bool_]] = []  # the ground near each way
+
+    def new_way(dearer: float) -> NDArray[np.uint8] | None:
+        """Return the shortest way of a cycle that is none of those there are."""
+        cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(ground.distance.size))
+        value = mixed.guide(cost, 0.0)
+        found, longest = None, stretch * ground.bound * (1 + 1e-9)
+        for beta in KEEN:
+            mixed.walk(value, 0.0, beta)
+            for ant in np.argsort(mixed.squad.length, kind="stable"):
+                if mixed.squad.length[ant] > longest:
+                    break
+                path = mixed.squad.path(ant)
+                if all(zone[ground.cells(path)].mean() <= overlap for zone in near):
+                    found, longest = path, float(mixed.squad.length[ant]) * (1 - 1e-9)
+                    break
+        return found
+
+    with mixed.squad:
+        for _ in range(k):
+            tries = (new_way(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
+            way = next((way for way in tries if way is not None), None)
+            if way is None:
+                break
+            ways.append(way)
+            zone = np.zeros(problem.grid.shape, dtype=bool)
+            zone[tuple(np.array(np.divmod(ground.cells(way), ground.net.width)) - 1)] = True
+            near.append(ground.flat(maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
+    if not ways:
+        return (plan_of(problem, Status.BUDGET, None, ground.bound, 0, clock),)
+    plans = (plan_of(problem, Status.FOUND, way, ground.bound, 0, clock) for way in ways)
+    return tuple(sorted(plans, key=lambda plan: plan.length))
+
+
+class Mixed:
+    """A squad on a problem's ground that walks by one weighting after another."""
+
+    def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
+        self.ground, self.clock, self.seed = Ground(problem), clock, checks.seed(seed)
+        self._ants = checks.integer("ants", ants, low=1, high=10_000)
+        self._threads = checks.integer("threads", threads, low=1, high=256)
+        self._walked = 0
+
+    def status(self) -> Status:
+        """Return NO_PATH or BUDGET where there is nothing to search, else FOUND and be ready."""
+        if self.clock.spent():
+            return Status.BUDGET
+        bound = self.ground.bound
+        if bound == math.inf:
+            return Status.NO_PATH
+        self.squad = Squad(self.ground, self._ants, int(8 * bound) + 64, threads=self._threads)
+        return Status.FOUND
+
+    def guide(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+        """Return what `kernels.walk.guide` does for this ground."""
+        ground = self.ground
+        return kernel.guide(ground.net.legal, ground.offsets, ground.lengths, cost, turn, ground.goal)
+
+    def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
+        """Let the squad walk by the costs of `guide`; tell whether any ant arrived."""
+        heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
+        heading[range(8), range(8)] = heading[8] = 1.0
+        self.squad.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
+        self._walked += self._ants
+        return bool((self.squad.depth >= 0).any())
+
+    def score(self, clearance: NDArray[np.float64], maps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what `kernels.walk.score` does for the ants that walked last."""
+        ground, squad = self.ground, self.squad
+        return kernel.score(ground.offsets, ground.lengths, ground.start, squad.moves, squad.depth, clearance, maps)
+
+
+class _Archive:
+    """Paths of which none is beaten in every one of some columns of their scores."""
+
+    def __init__(self, columns: list[int]) -> None:
+        self.columns = columns
+        self.scores = np.empty((0, len(columns)))
+        self.paths: list[NDArray[np.uint8]] = []
+
+    def take(self, scores: NDArray[np.float64], squad: Squad) -> None:
+        """Take in the paths that no other beats; of equal ones the first."""
+        for ant, own in enumerate(scores[:, self.columns]):
+            if math.isinf(own[0]) or (self.scores <= own + _SAME).all(axis=1).any():
+                continue
+            keep = ~(self.scores >= own - _SAME).all(axis=1)
+            self.scores = np.vstack((self.scores[keep], own))
+            self.paths = [path for path, kept in zip(self.paths, keep) if kept] + [squad.path(ant)]
+
+
+def _weightings(
+    mixed: Mixed, archive: _Archive, clearance: NDArray[np.float64], maps: NDArray[np.float64], columns: list[int]
+) -> list[tuple[NDArray[np.float64], float]]:
+    """Return the costs of each weighting as `Mixed.guide` gives them, and what a turn costs in it.
+
+    Weights are exchange rates: cells of length for a unit of the score in each of `columns`. They spread about the rate
+    between the ends of the front, the paths that are best by length or by one of the other scores alone.
+    """
+
+    def aim(rates: Sequence[float]) -> tuple[NDArray[np.float64], float]:
+        rate = dict(zip(columns, rates))
+        cost = 1.0 + sum((rate.get(3 + m, 0.0) * maps[m] for m in range(len(maps))), np.zeros(maps.shape[1]))
+        return mixed.guide(cost, rate.get(1, 0.0)), rate.get(1, 0.0)
+
+    unit = np.array([1.0 if c < 3 else 1.0 / max(float(maps[c - 3].max()), 1e-300) for c in columns])
+    ends = []
+    for pure in (np.zeros(len(columns)), *np.eye(len(columns))):
+        value, turn = aim((pure * PURE + 1e-3) * unit)
+        if mixed.walk(value, turn, KEEN[-1]):
+            scores = mixed.score(clearance, maps)
+            archive.take(scores, mixed.squad)
+            ends.append(scores[np.argmin(scores[:, [0, *columns]] @ [1.0, *((pure * PURE + 1e-3) * unit)])])
+    rate = np.array(unit)
+    if ends:
+        span = np.ptp(np.array(ends), axis=0)
+        known = (span[0] > _SAME) & (span[columns] > _SAME)
+        rate[known] = span[0] / span[columns][known]
+    steps = np.geomspace(1 / SPREAD, SPREAD, WEIGHTS[len(columns)]) if columns else np.empty(0)
+    return [aim(rate * rates) for rates in product(steps, repeat=len(columns))]
