@@ -12,11 +12,14 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from antway.errors import BadInput, BadParameter
+from antway.errors import BadInput, BadParameter, CellBlocked, OutOfBounds
+
+if TYPE_CHECKING:
+    from antway.grid import Grid
 
 NO_PATH, OUT_OF_BUDGET, CONTACT = 3, 4, 5
 
@@ -74,6 +77,9 @@ def plan_command(
         str, typer.Option(metavar="NAME", help="four, eight, eight-nosqueeze, eight-cut, sixteen or thirty-two.")
     ] = "eight",
     radius: Annotated[float, _number("radius", float, "M", "The robot's radius in m.")] = 0.0,
+    resolution: Annotated[
+        float | None, _number("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")
+    ] = None,
     seed: Seed = 0,
     time_limit: Annotated[float | None, _number("time_limit", float, "S", "Stop after this many seconds.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
@@ -82,12 +88,12 @@ def plan_command(
     """Plan a path on a map; exit status 3 if there is none, 4 if time ran out."""
     from antway import Moves, Problem, Status, check_plan, checks, load_map, solve
 
-    ends = [_pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))]
+    ends = {name: _pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     with _working("planning"):
-        grid = load_map(map_file)
+        grid = load_map(map_file, resolution=resolution)
         room = grid.inflate(radius)
-        source, target = (end if cells else room.cell_at(end) for end in ends)
+        source, target = (end if cells else _cell(name, end, grid, room, radius) for name, end in ends.items())
         problem = Problem(room, source, target, rule)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
@@ -121,6 +127,18 @@ def plan_command(
     if out is not None and not json:
         print(f"drawn in {out}")
     return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[path.status]
+
+
+def _cell(name: str, xy: tuple[float, float], grid: Grid, room: Grid, radius: float) -> tuple[int, int]:
+    """Return the cell that holds a point where the robot can stand; errors name the point as it was given."""
+    try:
+        cell = room.cell_at(xy)
+    except OutOfBounds as error:
+        raise OutOfBounds(name, xy, error.allowed) from None
+    if room.blocked[cell]:
+        near = "" if grid.blocked[cell] else f" with a radius of {radius:g} m; a wall or the map's edge is nearer"
+        raise CellBlocked(name, xy, f"where the robot can stand{near or '; this cell is blocked'}")
+    return cell
 
 
 @app.command("run")
