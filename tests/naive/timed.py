@@ -38,3 +38,161 @@ def move_field(mask, offsets, lengths, goals):
     for cell, d in best.items():
         field[cell] = d
     return field
+
+
+NEVER = 1e3  # s; longer than any of these worlds takes
+
+
+def course_pieces(radius, knot_t, knot_xy, first, t0, horizon):
+    """Each obstacle's pieces of uniform motion as rows (begin, end, x, y, vx, vy, radius)."""
+    rows = []
+    for k, low in enumerate(first[:-1]):
+        t, xy = knot_t[low : first[k + 1]], knot_xy[low : first[k + 1]]
+        for begin, end in zip([t0, *t[t > t0]], [*t[t > t0], NEVER]):
+            end = min(end, horizon)
+            if begin < end:
+                a = [np.interp(begin, t, xy[:, i]) for i in (0, 1)]
+                b = [np.interp(min(end, NEVER), t, xy[:, i]) for i in (0, 1)]
+                rows.append((begin, end, *a, *(np.subtract(b, a) / (end - begin)), radius[k]))
+    return np.array(rows).reshape(-1, 7)
+
+
+def nearest(a, b, duration, depart, pieces):
+    """Least distance of a disc going from a to b from `depart` on from each piece while it lasts; broadcasts."""
+    begin, end, x, y, vx, vy, _ = np.moveaxis(pieces, -1, 0)
+    low, high = np.maximum(depart, begin), np.minimum(depart + duration, end)
+    ux, uy = (b - a)[..., 0] / np.maximum(duration, 1e-12), (b - a)[..., 1] / np.maximum(duration, 1e-12)
+    px = x + vx * (low - begin) - a[..., 0] - ux * (low - depart)
+    py = y + vy * (low - begin) - a[..., 1] - uy * (low - depart)
+    wx, wy = vx - ux, vy - uy
+    with np.errstate(invalid="ignore", divide="ignore"):
+        when = np.nan_to_num(-(px * wx + py * wy) / (wx * wx + wy * wy))
+    when = np.clip(when, 0.0, np.maximum(high - low, 0.0))
+    return np.hypot(px + wx * when, py + wy * when)
+
+
+def unsafe(a, b, duration, pieces, reach):
+    """The unsafe departures of each move past each piece, [low, high] (low > high: none).
+
+    The least distance is a convex function of the departure (least distances over convex sets are), so ternary search finds
+    its minimum and bisection where it crosses the reach on both sides.
+    """
+    low, high = np.broadcast_arrays(pieces[:, 0] - duration, pieces[:, 1] + 0 * duration)
+    low, high = low.copy(), high.copy()
+    first, last = low.copy(), high.copy()
+    for _ in range(75):
+        p, q = low + (high - low) / 3, high - (high - low) / 3
+        left = nearest(a, b, duration, p, pieces) <= nearest(a, b, duration, q, pieces)
+        low, high = np.where(left, low, p), np.where(left, q, high)
+    middle = (low + high) / 2
+    contact = nearest(a, b, duration, middle, pieces) < reach
+
+    def cross(outer, inner):
+        ends_in_contact = nearest(a, b, duration, outer, pieces) < reach
+        edge = outer
+        for _ in range(60):
+            half = (outer + inner) / 2
+            hit = nearest(a, b, duration, half, pieces) < reach
+            outer, inner = np.where(hit, outer, half), np.where(hit, half, inner)
+        return np.where(ends_in_contact, edge, inner)
+
+    return np.where(contact, cross(first, middle), np.inf), np.where(contact, cross(last, middle), -np.inf)
+
+
+def sipp(mask, offsets, centre, speed, radius, start, goal, courses, t0=0.0, horizon=np.inf):
+    """Earliest arrival by Dijkstra over (cell, safe interval); every unsafe interval of every move is computed beforehand.
+
+    `centre` are the cells' centres in m, [H, W, 2]; `courses` the arrays (radius, knot_t, knot_xy, first).
+    """
+    pieces = course_pieces(*courses, t0, horizon)
+    reach = radius + pieces[:, 6] - 1e-9
+    cells = list(np.ndindex(mask.shape))
+    stays = unsafe(*(np.array([centre[c] for c in cells])[:, None],) * 2, np.zeros((len(cells), 1)), pieces, reach)
+    moves = [(c, (c[0] + dr, c[1] + dc)) for c in cells for k, (dr, dc) in enumerate(offsets) if int(mask[c]) >> k & 1]
+    a, b = (np.array([centre[m[i]] for m in moves]).reshape(-1, 1, 2) for i in (0, 1))
+    duration = np.hypot(*np.moveaxis(b - a, -1, 0)) / speed
+    leaves = unsafe(a, b, duration, pieces, reach)
+    safe = {c: _gaps(stays[0][i], stays[1][i], t0) for i, c in enumerate(cells)}
+    outgoing = {c: [] for c in cells}
+    for i, (c, d) in enumerate(moves):
+        outgoing[c].append((d, duration[i, 0], _gaps(leaves[0][i], leaves[1][i], t0)))
+    if not safe[start] or safe[start][0][0] > t0:
+        return np.inf
+    best = {(start, 0): t0}
+    heap = [(t0, start, 0)]
+    while heap:
+        t, c, i = heapq.heappop(heap)
+        if t > best[c, i]:
+            continue
+        if c == goal:
+            return t
+        for d, length, gaps in outgoing[c]:
+            for j, (enter, leave) in enumerate(safe[d]):
+                for begin, end in gaps:
+                    s = max(t, begin, enter - length)
+                    if s <= min(end, safe[c][i][1], leave - length) and s + length < best.get((d, j), np.inf):
+                        best[d, j] = s + length
+                        heapq.heappush(heap, (s + length, d, j))
+    return np.inf
+
+
+def _gaps(low, high, begin):
+    """The closed intervals from `begin` on between the open intervals (low, high); those under a nanosecond are none."""
+    gaps = []
+    for a, b in sorted(zip(low, high)):
+        if a < b and a > begin + 1e-9:
+            gaps.append((begin, a))
+        if a < b:
+            begin = max(begin, b)
+    return [*gaps, (begin, NEVER)] if begin < NEVER - 1 else gaps
+
+
+def unit_steps(blocked, walks, start, goal):
+    """Breadth first over (cell, step): walks[k][n] is the cell of obstacle k in step n, the last one for ever."""
+    rows, cols = blocked.shape
+
+    def at(n):
+        return [walk[min(n, len(walk) - 1)] for walk in walks]
+
+    layer, n = {start}, 0
+    last = max(map(len, walks), default=0) + rows * cols
+    while n <= last:
+        if goal in layer:
+            return n
+        now, then = at(n), at(n + 1)
+        fresh = set()
+        for r, c in layer:
+            for cell in ((r, c), (r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)):
+                inside = 0 <= cell[0] < rows and 0 <= cell[1] < cols and not blocked[cell]
+                swap = any(p == cell and q == (r, c) for p, q in zip(now, then))
+                if inside and cell not in then and not swap:
+                    fresh.add(cell)
+        layer, n = fresh, n + 1
+    return np.inf
+
+
+def ticks(mask, offsets, centre, radius, start, goal, courses, per_step, slack, limit):
+    """Breadth first over (cell, tick) at 1 cell a second with `per_step` ticks a move; discs of radius less `slack`."""
+    pieces = course_pieces(*courses, 0.0, np.inf)
+    reach = radius + pieces[:, 6] - 1e-9 - slack
+
+    def free(a, b, duration, depart):
+        a, b = np.array([[a]]), np.array([[b]])
+        begin, end = pieces[:, 0], pieces[:, 1]
+        lasts = (depart + duration > begin) & (depart < end)
+        return not (lasts & (nearest(a, b, np.array([[duration]]), depart, pieces)[0] < reach)).any()
+
+    layers = [set() for _ in range(limit + per_step + 1)]
+    if free(centre[start], centre[start], 1e-9, 0.0):
+        layers[0].add(start)
+    for n in range(limit):
+        for cell in layers[n]:
+            if cell == goal:
+                return n / per_step
+            if free(centre[cell], centre[cell], 1 / per_step, n / per_step):
+                layers[n + 1].add(cell)
+            for k, (dr, dc) in enumerate(offsets):
+                other = (cell[0] + dr, cell[1] + dc)
+                if int(mask[cell]) >> k & 1 and free(centre[cell], centre[other], 1.0, n / per_step):
+                    layers[n + per_step].add(other)
+    return np.inf

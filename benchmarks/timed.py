@@ -1,0 +1,104 @@
+"""Time of a space-time query: SIPP with 20 moving discs on a 100 x 100 map, beside a plain SIPP in Python.
+
+Run as `python benchmarks/timed.py [--json FILE]`. Every answer is compared with the peer's arrival.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from naive import timed as naive
+
+from antway import Grid, Moves, Status
+from antway.kernels.timed import timeline_pieces
+from antway.search.sipp import Sipp
+from antway.world.timeline import Timeline
+
+RADIUS, SPEED, SIZE, DISCS = 0.3, 1.0, 100, 20
+
+
+def world(rng: np.random.Generator, resolution: float, density: float) -> tuple[Grid, Timeline]:
+    """A map of blocks of 3 x 3 cells, and discs that cross it in straight lines at 0.3 to 0.9 m/s."""
+    blocked = np.zeros((SIZE, SIZE), dtype=bool)
+    while blocked.mean() < density:
+        r, c = rng.integers(0, SIZE - 3, 2)
+        blocked[r : r + 3, c : c + 3] = True
+    side = SIZE * resolution
+    courses = []
+    for _ in range(DISCS):
+        a, angle, pace = rng.uniform(0, side, 2), rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 0.9)
+        courses.append(([0.0, 100.0], [a, a + 100 * pace * np.array([np.cos(angle), np.sin(angle)])]))
+    return Grid(blocked, resolution), Timeline.of(list(range(DISCS)), list(rng.uniform(0.2, 0.45, DISCS)), courses)
+
+
+def measure(moves: Moves, resolution: float, density: float, queries: int, peers: int) -> dict[str, object]:
+    rng = np.random.default_rng(0)
+    times, prepare, cold, ratios, expanded, found = [], [], [], [], [], 0
+    while len(times) < queries:
+        grid, timeline = world(rng, resolution, density)
+        clear = grid.clearance() > RADIUS
+        start, goal = (tuple(int(i) for i in rng.choice(np.argwhere(clear))) for _ in range(2))
+        begun = time.perf_counter()
+        search = Sipp(grid, grid.centre(goal), radius=RADIUS, v_max=SPEED, moves=moves)
+        prepare.append(time.perf_counter() - begun)
+        if not search.field[start] * SPEED > SIZE * resolution / 2:
+            continue  # only ways of half the map and more
+        xy, courses = grid.centre(start), (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
+        runs = []
+        for _ in range(5):
+            begun = time.perf_counter()
+            pieces = timeline_pieces(*courses, RADIUS, 0.0, np.inf)
+            plan = search.search(xy, 0.0, pieces)
+            runs.append(time.perf_counter() - begun)
+        times.append(min(runs[1:]))
+        cold.append(runs[0])
+        expanded.append(plan.expanded)
+        found += plan.status is Status.FOUND
+        if len(ratios) < peers:
+            centre = grid.to_xy(list(np.ndindex(grid.shape))).reshape(SIZE, SIZE, 2)
+            begun = time.perf_counter()
+            arrival = naive.sipp_lazy(search.mask, search.field, moves.offsets, centre, SPEED, RADIUS, start, goal, courses)
+            ratios.append((time.perf_counter() - begun) / times[-1])
+            assert abs(arrival - plan.arrival) < 1e-6, (arrival, plan.arrival)
+    ms = 1e3 * np.array(times)
+    return {
+        "moves": moves.value,
+        "resolution": resolution,
+        "blocked": density,
+        "queries": queries,
+        "found": found,
+        "median_ms": float(np.median(ms)),
+        "p99_ms": float(np.percentile(ms, 99)),
+        "first_run_median_ms": float(1e3 * np.median(cold)),
+        "prepare_ms": float(1e3 * np.median(prepare)),
+        "expanded": float(np.median(expanded)),
+        "python_sipp_ratio": float(np.median(ratios)) if ratios else float("nan"),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--queries", type=int, default=200)
+    parser.add_argument("--peers", type=int, default=10)
+    options = parser.parse_args()
+    rows = []
+    for moves in (Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO):
+        for resolution, density in ((0.2, 0.0), (0.2, 0.1), (0.5, 0.2)):
+            rows.append(measure(moves, resolution, density, options.queries, options.peers))
+            if len(rows) == 1:
+                print("".join(f"{name:>20}" for name in rows[0]))
+            print("".join(f"{value:>20.3f}" if isinstance(value, float) else f"{value:>20}" for value in rows[-1].values()))
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()
