@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -49,7 +50,7 @@ class EpisodeResult:
     min_clearance : float
         Least distance ever between the edges of the robot and a moving obstacle, m; infinite without obstacles.
     replans : int
-        How often the policy turned to a new planned motion (`Decision.path`).
+        How often the policy turned from one planned motion (`Decision.path`) to another.
     waits : int
         How often the robot came to rest.
     cycle_ms : float64[N]
@@ -197,7 +198,7 @@ def run(
 
 def _changes(paths: list[TimedPath | None]) -> int:
     planned = [path for path in paths if path is not None]
-    return sum(i == 0 or path is not planned[i - 1] for i, path in enumerate(planned))
+    return sum(a is not b for a, b in pairwise(planned))
 
 
 class _Stage:

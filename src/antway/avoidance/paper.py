@@ -1,0 +1,277 @@
+"""Policy `paper`: Dijkstra over the known map, and ants round whatever moves in the sensed window (Steps 1-8 of the paper).
+
+Beyond the printed steps the robot waits where that is shorter, steps back where it is boxed in, and where nothing is free
+takes the velocity that puts contact off longest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.ants.gridpath import Exploration, explore
+from antway.ants.persistence import Adaptive
+from antway.avoidance.encounter import closest_approach, encounter
+from antway.avoidance.local_target import local_target
+from antway.avoidance.routes import STOP, Nodes, Routes
+from antway.avoidance.tubes import Tubes
+from antway.planning import Problem, Status
+from antway.world.policy import XY, Command, Decision, Observation, Task
+
+WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
+REFUGES = 800  # cells looked at for a place to step back to
+Costs = tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detour:
+    """A way round that ants found: its nodes to the goal, the local target and what the colony left."""
+
+    nodes: Nodes
+    target: XY
+    reason: str
+    found: Exploration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ahead:
+    """What one control cycle knows: the observation, the tubes, and the robot's radius with what margin there is room for."""
+
+    seen: Observation
+    tubes: Tubes
+    body: float
+    velocity: NDArray[np.float64]  # float64[K, 2] of the tracks, m/s
+    until: float  # s; how far the prediction reaches
+    growth: float
+
+
+class PaperPolicy:
+    """The paper's method. Step 1: parameters; 2: `reset`; 3: `act`; 4-7: `_detour`; 8: on along the path, `_drive`.
+
+    Parameters
+    ----------
+    ants, cycles : int
+        Of the colony, >= 1.
+    margin : float
+        Room kept round predicted obstacles, m, >= 0.
+    growth : float
+        How fast that room widens with the time predicted, m/s, >= 0.
+    lookahead : float
+        How far ahead motion is predicted, s, > 0.
+    """
+
+    def __init__(
+        self, *, ants: int = 30, cycles: int = 20, margin: float = 0.15, growth: float = 0.03, lookahead: float = 5.0
+    ) -> None:
+        self.ants, self.cycles = checks.integer("ants", ants, low=1), checks.integer("cycles", cycles, low=1)
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        self.growth = checks.number("growth", growth, low=0.0, unit="m/s")
+        self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
+        self.seed, self.spec, self.routes = checks.seed(seed), task.robot, Routes(task)
+        self.nodes = self.routes.to_goal(task.start)
+        self.held = -math.inf  # s; the robot stands until then
+        self.retreating = False  # whether the nodes lead to a refuge, not to the goal
+        self.asked = -math.inf  # s; when ways out were last weighed
+        self.colonies = 0
+        self.places: dict[int, tuple[float, XY]] = {}
+        if len(self.nodes):
+            path = self.routes.timed(0.0, task.start, self.nodes)
+            self.decision = Decision("follow", "the shortest path over the map", path=path)
+        else:
+            self.decision = Decision("stuck", "the map has no way to the goal for this robot")
+
+    def act(self, observation: Observation) -> Command:
+        """Step 3: look ahead along the path; where an obstacle will be met, go round, wait or step back; else go on."""
+        if not len(self.nodes):
+            return STOP
+        now = observation.t
+        ahead = self._look(observation)
+        if self.retreating:
+            home = self.routes.to_goal(observation.xy)
+            if len(home) and self._free(ahead, home):
+                self._resume(observation, home)
+        self.nodes = self.routes.ahead(observation.xy, self.nodes)
+        when, who = self._conflict(ahead, self.nodes)
+        if when == math.inf:
+            if self.decision.action in ("wait", "brake", "step-aside") and not self.retreating:
+                self._resume(observation, self.nodes)
+            self.held = -math.inf
+            return self._drive(observation)
+        if self.held > now and now < self.asked + WAITS and self._free(ahead, self.nodes, self.held - now):
+            return self._drive(observation)
+        return self._choose(ahead, when, who)
+
+    def explain(self) -> Decision:
+        """Return the decision that stands."""
+        return self.decision
+
+    def _look(self, seen: Observation) -> Ahead:
+        """Predict the range of motion of every track; one without a velocity is taken to move as since it was last seen."""
+        tracks, velocity = seen.tracks, seen.tracks.velocity.copy()
+        for k, (number, (x, y)) in enumerate(zip(tracks.id.tolist(), tracks.xy.tolist())):
+            t, (px, py) = self.places.get(number, (seen.t, (x, y)))
+            if not np.isfinite(velocity[k]).all():
+                velocity[k] = ((x - px) / (seen.t - t), (y - py) / (seen.t - t)) if seen.t > t else (0.0, 0.0)
+            self.places[number] = (seen.t, (x, y))
+        tubes = Tubes.predict(seen, velocity, self.routes.task.grid, self.lookahead)
+        room = self.margin
+        if len(tracks):
+            gaps = np.hypot(tracks.xy[:, 0] - seen.xy[0], tracks.xy[:, 1] - seen.xy[1]) - tracks.radius - self.spec.radius
+            room = max(min(self.margin, float(gaps.min()) - 0.01), 0.0)
+        return Ahead(seen, tubes, self.spec.radius + room, velocity, seen.t + self.lookahead, self.growth)
+
+    def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0) -> tuple[float, int]:
+        path = self.routes.timed(ahead.seen.t, ahead.seen.xy, nodes, hold)
+        return ahead.tubes.conflict(path.t, path.xy, ahead.until, ahead.body, ahead.growth)
+
+    def _free(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0) -> bool:
+        return self._conflict(ahead, nodes, hold)[0] == math.inf
+
+    def _choose(self, ahead: Ahead, when: float, who: int) -> Command:
+        """Of the ways out of a coming conflict take the one that costs the least time."""
+        seen, length = ahead.seen, self.routes.length
+        self.asked = seen.t
+        waits = np.arange(WAITS, self.lookahead, WAITS).tolist()
+        wait = next((w for w in waits if not self.retreating and self._free(ahead, self.nodes, w)), math.inf)
+        detour, extra = self._detour(ahead, when), math.inf
+        if detour is not None:
+            home = self.routes.to_goal(seen.xy) if self.retreating else self.nodes
+            extra = (length(seen.xy, detour.nodes) - length(seen.xy, home)) / self.spec.v_max
+        costs = (("wait", wait), ("avoid", extra))
+        if detour is not None and extra <= wait:
+            self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
+            self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, who, costs, detour)
+        elif wait < math.inf:
+            self.held = seen.t + wait
+            self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, who, costs)
+        elif (refuge := self._refuge(ahead)) is not None:
+            self.nodes, self.held, self.retreating = refuge, -math.inf, True
+            self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, who, costs)
+        else:
+            return self._last_resort(ahead, who, costs)
+        return self._drive(seen)
+
+    def _detour(self, ahead: Ahead, when: float) -> Detour | None:
+        """Steps 4-7: let ants look for the way to a local target in the sensed window; only those that arrive lay pheromone."""
+        seen, spec, routes, room = ahead.seen, self.spec, self.routes, self.routes.room
+        here = routes.cell(seen.xy)
+        route = routes.to_goal(seen.xy) if self.retreating else self.nodes
+        if here is None or not len(route):
+            return None
+        reach = min(spec.sensor_range, self.lookahead * spec.v_max)
+        half = math.ceil(reach / room.resolution)
+        low = [max(here[k] - half, 0) for k in (0, 1)]
+        high = [min(here[k] + half + 1, room.shape[k]) for k in (0, 1)]
+        window = (low[0], low[1], high[0] - low[0], high[1] - low[1])
+        cells = np.floor(room.to_points(route) + 0.5).astype(np.int64)
+        inside = ((cells >= low) & (cells < high)).all(axis=1)
+        count = len(route) if inside.all() else int(np.argmin(inside))
+        if count == 0:
+            return None
+        beyond = 0.0 if self.retreating else (when - seen.t) * spec.v_max
+        i, reason = local_target(
+            route[:count], beyond, seen.xy, spec.v_max, reach, ahead.body, ahead.tubes, lambda p: routes.clear(seen.xy, p)
+        )
+        target = (int(cells[i, 0]), int(cells[i, 1]))
+        if target == here or not room.is_free(target):
+            return None
+        for whole in (False, True):
+            self.colonies += 1
+            found = explore(
+                Problem(room, here, target),
+                seed=(self.seed + self.colonies) % 2**64,
+                persistence=Adaptive(),
+                ants=self.ants,
+                cycles=self.cycles,
+                window=window,
+                forbidden=ahead.tubes.close(
+                    room, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
+                ),
+            )
+            if found.plan.status is Status.NO_PATH or not len(found.plan.cells):
+                continue
+            nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(room), route[i + 1 :])))
+            if self._free(ahead, nodes):
+                x, y = route[i].tolist()
+                return Detour(nodes, (x, y), reason, found)
+        return None
+
+    def _refuge(self, ahead: Ahead) -> Nodes | None:
+        """Return the way to the nearest place that can be reached and where the robot can stand."""
+        seen, routes = ahead.seen, self.routes
+        cells, far = routes.near(seen.xy, self.lookahead * self.spec.v_max)
+        for cell, way in zip(cells[:REFUGES].tolist(), far.tolist()):
+            arrival, there = np.array([seen.t + way / self.spec.v_max]), routes.room.to_xy(cell)
+            if ahead.tubes.conflict(arrival, there, ahead.until, ahead.body, self.growth)[0] < math.inf:
+                continue
+            nodes = routes.to_cell(seen.xy, (cell[0], cell[1]))
+            if len(nodes) and self._free(ahead, nodes):
+                return nodes
+        return None
+
+    def _last_resort(self, ahead: Ahead, who: int, costs: Costs) -> Command:
+        """Nothing is free: take the velocity, rest first, that puts contact off longest."""
+        seen, spec, step = ahead.seen, self.spec, max(self.spec.dt, 0.3)
+        best, velocity = -math.inf, (0.0, 0.0)
+        for k in range(17):
+            angle, speed = 2 * math.pi * k / 16, spec.v_max if k else 0.0
+            v = (speed * math.cos(angle), speed * math.sin(angle))
+            end = (seen.xy[0] + v[0] * step, seen.xy[1] + v[1] * step)
+            if self.routes.clear(seen.xy, end):
+                path = np.array([seen.t, seen.t + step]), np.array([seen.xy, end])
+                contact, _ = ahead.tubes.conflict(*path, ahead.until, spec.radius + 0.02)
+                if contact > best:
+                    best, velocity = contact, v
+        self.nodes, self.held, self.retreating = np.array([seen.xy]), -math.inf, True
+        action = "brake" if velocity == (0.0, 0.0) else "step-aside"
+        self._decide(action, "nothing is free: contact is put off as long as can be", ahead, who, costs)
+        return Command(velocity)
+
+    def _decide(self, action: str, reason: str, ahead: Ahead, who: int, costs: Costs, detour: Detour | None = None) -> None:
+        """Write down the decision, the encounter as it would be on the present course, and what the ants left."""
+        seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
+        aim = self.nodes[0].tolist()
+        way = math.dist(seen.xy, aim)
+        course = ((aim[0] - seen.xy[0]) / way * spec.v_max, (aim[1] - seen.xy[1]) / way * spec.v_max) if way else seen.velocity
+        (x, y), (vx, vy) = tracks.xy[who].tolist(), ahead.velocity[who].tolist()
+        time, distance = closest_approach(seen.xy, course, (x, y), (vx, vy))
+        more: dict[str, Any] = {}
+        if detour is not None:
+            row, col = detour.found.window[:2]
+            more = {
+                "local_target": detour.target,
+                "pheromone": (row, col, detour.found.heat),
+                "history": detour.found.history,
+            }
+        if action in ("avoid", "step-back"):
+            more["path"] = self.routes.timed(seen.t, seen.xy, self.nodes)
+        self.decision = Decision(
+            action,
+            reason,
+            obstacle=int(tracks.id[who]),
+            encounter=encounter(course, (vx, vy)),
+            time_to_closest=time,
+            distance_at_closest=distance - spec.radius - float(tracks.radius[who]),
+            alternatives=costs,
+            **more,
+        )
+
+    def _resume(self, seen: Observation, nodes: Nodes) -> None:
+        self.nodes, self.held, self.retreating = nodes, -math.inf, False
+        path = self.routes.timed(seen.t, seen.xy, nodes)
+        self.decision = Decision("follow", "the way is free again", path=path)
+
+    def _drive(self, seen: Observation) -> Command:
+        """Step 8: on along the path, exactly; or stand while the robot is to wait."""
+        if self.held > seen.t:
+            return STOP
+        command, self.nodes = self.routes.passed(seen, self.nodes)
+        return command

@@ -1,0 +1,103 @@
+"""The general range of motion of what the robot senses: each obstacle's predicted course and the room around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.grid import Grid
+from antway.kernels.rng import stream
+from antway.kernels.tubes import close_cells, first_conflict
+from antway.kernels.world import bounce
+from antway.world.policy import XY, Observation
+
+_KNOTS = 64  # of one predicted course at most; beyond, the obstacle is taken to stand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tubes:
+    """Predicted courses of K discs: constant velocity, mirrored at walls; the disc of knots first[k]:first[k + 1] is track k.
+
+    Attributes
+    ----------
+    t : float
+        When they were predicted, s.
+    knot_t, knot_xy, first, radius
+        As in `antway.world.timeline.Timeline`.
+    """
+
+    t: float
+    knot_t: NDArray[np.float64]
+    knot_xy: NDArray[np.float64]
+    first: NDArray[np.int64]
+    radius: NDArray[np.float64]
+
+    @staticmethod
+    def predict(seen: Observation, velocity: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
+        """Step 3: predict the tracks of `seen`, moving at `velocity` (float64[K, 2], m/s), for `horizon` s from its time on."""
+        stamp = seen.t if math.isnan(seen.stamp) else seen.stamp
+        state = np.array([stream(np.uint64(0), np.uint64(0))], np.uint64)
+        points = grid.to_points(seen.tracks.xy)
+        scale, times, places = grid.resolution, [], []
+        for k in range(len(seen.tracks)):
+            vx, vy = velocity[k].tolist()
+            t, rc = np.empty(_KNOTS), np.empty((_KNOTS, 2))
+            n = bounce(
+                grid.blocked,
+                points[k, 0],
+                points[k, 1],
+                math.hypot(vx, vy) / scale,
+                math.atan2(vy, vx),
+                float(seen.tracks.radius[k]) / scale,
+                math.inf,
+                seen.t - stamp + horizon,
+                state,
+                t,
+                rc,
+            )
+            n = min(n, _KNOTS)
+            times.append(stamp + t[:n])
+            places.append(grid.to_xy(rc[:n]))
+        first = np.cumsum([0, *map(len, times)], dtype=np.int64)
+        if not times:
+            return Tubes(seen.t, np.empty(0), np.empty((0, 2)), first, np.empty(0))
+        return Tubes(seen.t, np.concatenate(times), np.concatenate(places), first, seen.tracks.radius)
+
+    def conflict(
+        self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float = 0.0
+    ) -> tuple[float, int]:
+        """Return when and with which track a body of radius `body` m on the timed path (t, xy) first meets a tube."""
+        return first_conflict(t, xy, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius)
+
+    def close(
+        self, grid: Grid, window: tuple[int, int, int, int], xy: XY, v_max: float, body: float, horizon: float, *, whole: bool
+    ) -> NDArray[np.bool_]:
+        """Return the cells, bool[H, W], of `window` that a body from `xy` would find taken when it gets there, or ever."""
+        closed = np.zeros(grid.shape, np.bool_)
+        row, col, rows, cols = window
+        part = np.empty((rows, cols), np.bool_)
+        early, late = (0.0, 1e9) if whole else (0.9, 1.3)
+        frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
+        close_cells(
+            self.t,
+            xy[0],
+            xy[1],
+            v_max,
+            early,
+            late,
+            horizon,
+            body,
+            self.knot_t,
+            self.knot_xy,
+            self.first,
+            self.radius,
+            frame,
+            row,
+            col,
+            part,
+        )
+        closed[row : row + rows, col : col + cols] = part
+        return closed

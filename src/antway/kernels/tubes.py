@@ -1,0 +1,107 @@
+"""Predicted tubes of moving obstacles: the first conflict of a timed path with them, and the cells they close."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import swept_timeline
+from antway.kernels.jit import bare_kernel
+
+
+@bare_kernel
+def first_conflict(
+    t: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    until: float,
+    body: float,
+    growth: float,
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    first: NDArray[np.int64],
+    radius: NDArray[np.float64],
+) -> tuple[float, int]:
+    """First instant up to `until` at which a body on a timed path meets a tube.
+
+    Parameters
+    ----------
+    t, xy : float64[N], float64[N, 2]
+        The path; the body stands at its end.
+    until : float
+        s.
+    body : float
+        The body's radius with margin, m.
+    growth : float
+        How fast a tube widens after t[0], m/s.
+    knot_t, knot_xy, first, radius
+        The predicted courses (kernels/geometry.py).
+
+    Returns
+    -------
+    when, who : float, int
+        Infinite and -1 if there is none.
+    """
+    when, who = math.inf, -1
+    n = len(t)
+    for i in range(n):
+        last = i == n - 1
+        begin, end = t[i], until if last else min(t[i + 1], until)
+        if begin > end or begin >= when:
+            break
+        ax, ay = xy[i, 0], xy[i, 1]
+        bx, by = ax, ay
+        if not last and t[i + 1] > t[i]:
+            share = (end - t[i]) / (t[i + 1] - t[i])
+            bx, by = ax + share * (xy[i + 1, 0] - ax), ay + share * (xy[i + 1, 1] - ay)
+        for k in range(len(radius)):
+            reach = body + radius[k] + growth * (begin - t[0])
+            hit, _, _ = swept_timeline(ax, ay, bx, by, begin, end, reach, knot_t, knot_xy, first[k], first[k + 1])
+            if hit < when:
+                when, who = hit, k
+    return when, who
+
+
+@bare_kernel
+def close_cells(
+    now: float,
+    x: float,
+    y: float,
+    v_max: float,
+    early: float,
+    late: float,
+    horizon: float,
+    body: float,
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    first: NDArray[np.int64],
+    radius: NDArray[np.float64],
+    frame: NDArray[np.float64],
+    row0: int,
+    col0: int,
+    closed: NDArray[np.bool_],
+) -> None:
+    """Mark the cells in whose centre a body from (x, y) would meet a tube when it gets there.
+
+    A cell at distance d is reached between `early` d / v_max and `late` d / v_max + 0.5 s from `now`; with `early` 0 and `late`
+    large the whole tube up to `horizon` s from now is closed.
+
+    Parameters
+    ----------
+    closed : bool[h, w]
+        Filled; cell (row0, col0) of the map is its first.
+    """
+    for i in range(closed.shape[0]):
+        for j in range(closed.shape[1]):
+            cx, cy = frame[0] + (col0 + j + 0.5) * frame[2], frame[1] + (row0 + i + 0.5) * frame[2]
+            d = math.hypot(cx - x, cy - y) / v_max
+            begin, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
+            closed[i, j] = False
+            for k in range(len(radius)):
+                hit, _, _ = swept_timeline(
+                    cx, cy, cx, cy, begin, end, body + radius[k], knot_t, knot_xy, first[k], first[k + 1]
+                )
+                if hit < math.inf:
+                    closed[i, j] = True
+                    break
