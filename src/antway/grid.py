@@ -132,15 +132,9 @@ class Grid:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Grid):
             return NotImplemented
-        same_unknown = (self.unknown is None) == (other.unknown is None) and (
-            self.unknown is None or other.unknown is None or np.array_equal(self.unknown, other.unknown)
-        )
-        return (
-            self.resolution == other.resolution
-            and self.origin == other.origin
-            and np.array_equal(self.blocked, other.blocked)
-            and same_unknown
-        )
+        mine, theirs = (np.zeros_like(g.blocked) if g.unknown is None else g.unknown for g in (self, other))
+        same_place = self.resolution == other.resolution and self.origin == other.origin
+        return same_place and bool(np.array_equal(self.blocked, other.blocked) and np.array_equal(mine, theirs))
 
     __hash__ = None  # type: ignore[assignment]
 

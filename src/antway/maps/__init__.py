@@ -13,7 +13,7 @@ from antway import checks
 from antway.errors import BadMap, BadParameter
 from antway.grid import Grid
 from antway.maps import image, movingai, ros, text
-from antway.maps.limits import DEFAULT, Limits
+from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.movingai import ScenRow, load_scen
 from antway.maps.ros import GreyTrapWarning, load_costs
 
@@ -79,7 +79,7 @@ def load_map(
     GreyTrapWarning
         If unknown cells of a ROS map load as free.
     """
-    file = _path(path)
+    file = as_path(path)
     kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
     checks.instance("limits", limits, Limits)
     if kind in (".yaml", ".yml"):
@@ -114,7 +114,7 @@ def save_map(grid: Grid, path: str | PathLike[str]) -> None:
         For a suffix that is none of these, or a file that cannot be written.
     """
     checks.instance("grid", grid, Grid)
-    file = _path(path)
+    file = as_path(path)
     kind = checks.choice("suffix", file.suffix.lower(), _WRITE, error=BadMap, where=str(file))
     if kind not in (".yaml", ".yml"):
         text.bare(grid, kind)
@@ -122,9 +122,3 @@ def save_map(grid: Grid, path: str | PathLike[str]) -> None:
         _WRITE[kind](grid, file)
     except OSError as fault:
         raise BadMap("file", file.name, f"a file that can be written ({fault.strerror or fault})", where=str(file)) from None
-
-
-def _path(value: str | PathLike[str]) -> Path:
-    if not isinstance(value, (str, PathLike)):
-        raise BadMap("path", value, "a path")
-    return Path(value)

@@ -7,6 +7,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from os import PathLike
 from pathlib import Path
 from typing import BinaryIO
 
@@ -59,6 +60,13 @@ class Limits:
 
 
 DEFAULT = Limits()
+
+
+def as_path(value: str | PathLike[str]) -> Path:
+    """Return `value` as a path, or raise `BadMap`."""
+    if not isinstance(value, (str, PathLike)):
+        raise BadMap("path", value, "a path")
+    return Path(value)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from antway import checks
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.maps import text
-from antway.maps.limits import DEFAULT, HEAD, Limits, opened
+from antway.maps.limits import DEFAULT, HEAD, Limits, as_path, opened
 
 _HEADER = re.compile(rb"\s*type[ \t]+(\S{1,40})\s+height[ \t]+(\d{1,18})\s+width[ \t]+(\d{1,18})\s+map[ \t]*\n")
 
@@ -64,7 +64,7 @@ def load_scen(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> list[Sc
     TooLarge
         For more rows or bytes than `limits`.
     """
-    path = Path(path)
+    path = as_path(path)
     where = str(path)
     with opened(path, min(limits.file_bytes, 256 * limits.rows), error=BadScenario) as (file, _):
         data = text.unify(file.read())

@@ -22,7 +22,7 @@ from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter, TooLarge
 from antway.grid import Grid
 from antway.maps.image import pgm, read_grey
-from antway.maps.limits import DEFAULT, Limits, opened
+from antway.maps.limits import DEFAULT, Limits, as_path, opened
 
 UNKNOWN_GREY, FREE_GREY = 205, 254  # what map_saver writes
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", re.ASCII)
@@ -63,7 +63,7 @@ def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArra
     BadMap, TooLarge
         As `load_map`.
     """
-    path = Path(path)
+    path = as_path(path)
     return _costs(_describe(path, limits), path, limits)
 
 

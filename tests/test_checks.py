@@ -1,0 +1,94 @@
+"""Checks at the boundary and the errors they raise."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+from antway import checks, errors
+
+NO_NUMBERS = [True, np.True_, "1", None, math.nan, math.inf, -math.inf, 1j, [1.0], np.float64("nan"), 10**400, Decimal("NaN")]
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+def test_what_is_no_number(value: object) -> None:
+    """Booleans, texts, None, NaN, infinities and huge integers are no numbers; the error holds name, value and range."""
+    with pytest.raises(errors.BadParameter) as caught:
+        checks.number("radius", value, low=0.0, high=2.0, unit="m")
+    assert caught.value.field == "radius" and caught.value.value is value
+    assert "[0, 2] (m)" in str(caught.value)
+
+
+def test_ends_of_ranges() -> None:
+    """Ends of a range belong to it but for an open lower one; infinity only where allowed."""
+    assert checks.number("a", np.float32(2), low=2, high=2) == 2.0
+    assert math.copysign(1, checks.number("a", -0.0, low=0)) == -1
+    assert checks.number("a", math.inf, infinite=True) == math.inf
+    for wrong in ({"value": 0.0, "low": 0.0, "open_low": True}, {"value": 3, "high": 2.9}):
+        with pytest.raises(errors.BadParameter):
+            checks.number("a", **wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("value", [True, 1.0, "1", None, math.nan, np.float64(1), -1, 11])
+def test_what_is_no_integer(value: object) -> None:
+    """Only integers in range are integers."""
+    with pytest.raises(errors.BadParameter):
+        checks.integer("ants", value, low=0, high=10)
+
+
+def test_integers_and_seeds() -> None:
+    """NumPy's integers become Python's; a seed has 64 bits and no sign."""
+    assert type(checks.integer("a", np.int8(5))) is int
+    assert checks.seed(2**64 - 1) == 2**64 - 1
+    for wrong in (-1, 2**64, 0.0):
+        with pytest.raises(errors.BadParameter):
+            checks.seed(wrong)
+
+
+def test_points_arrays_choices_instances() -> None:
+    """Each check gives the value in its type or an error of the kind asked for."""
+    assert checks.point("xy", np.array([1, 2])) == (1.0, 2.0)
+    for wrong in ("12", b"12", {1: 2, 3: 4}, (1,), (1, math.nan), 5, (1, "2")):
+        with pytest.raises(errors.BadMap):
+            checks.point("xy", wrong, error=errors.BadMap)
+    array = checks.array("a", [[1, 2]], (None, 2))
+    assert array.dtype == np.float64 and not array.flags.writeable
+    for wrong, shape in (
+        ([[1, 2]], (2, 2)),
+        ([1.0, math.nan], (2,)),
+        ([[1], [1, 2]], (None, None)),
+        ("x", (1,)),
+        ([10**400], (1,)),
+    ):
+        with pytest.raises(errors.BadParameter):
+            checks.array("a", wrong, shape)
+    assert checks.choice("c", "b", "ab") == "b"
+    assert checks.instance("i", 3, int) == 3
+    for check, arguments in (
+        (checks.choice, ("c", 3, "ab")),
+        (checks.choice, ("c", "z", "ab")),
+        (checks.instance, ("i", "3", int)),
+    ):
+        with pytest.raises(errors.BadParameter):
+            check(*arguments)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("kind", [k for k in vars(errors).values() if isinstance(k, type) and issubclass(k, errors.BadInput)])
+def test_bad_input_survives_pickling(kind: type[errors.BadInput]) -> None:
+    """Each `BadInput` crosses processes whole, says where, and shortens a long value; it is a `ValueError`."""
+    error = kind("field", "x" * 500, "short", where="a.yaml")
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is kind and vars(again) == vars(error) and str(again) == str(error)
+    assert str(error).startswith("a.yaml: field = 'xxx") and len(str(error)) < 140
+    assert isinstance(error, ValueError) and isinstance(error, errors.AntwayError)
+
+
+def test_invalid_plan_survives_pickling() -> None:
+    """An `InvalidPlan` crosses processes with every violation."""
+    error = errors.InvalidPlan(["jumps", "leaves"])
+    assert pickle.loads(pickle.dumps(error)).violations == ("jumps", "leaves")
+    assert str(error) == "jumps; leaves"

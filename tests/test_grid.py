@@ -1,0 +1,137 @@
+"""Grid: coordinates, clearance and inflation, moves, immutability."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from antway import BadParameter, Grid, Moves, OutOfBounds
+from common import cases, random_grid
+from naive import geometry_grid
+
+ORIGINS = [(0.0, 0.0, 0.0), (-13.7, -250.3, 0.0), (5.0, -3.0, 0.7), (-1e4, 1e4, -2.9), (0.1, 0.2, math.pi / 2)]
+
+
+@pytest.mark.parametrize("origin", ORIGINS)
+@pytest.mark.parametrize("resolution", [0.05, 1.0, 0.3])
+def test_points_there_and_back(origin: tuple[float, float, float], resolution: float) -> None:
+    """C20: 1e5 points go to cells and metres and back to 1e-6 cells, whatever the origin and yaw."""
+    grid = Grid(np.zeros((300, 400), dtype=bool), resolution, origin)
+    points = np.random.default_rng(1).uniform(-0.5, 299.5, (cases(100_000, 1_000_000), 2))
+    assert np.abs(grid.to_points(grid.to_xy(points)) - points).max() < 1e-6
+    # an independent rotation: complex numbers
+    z = complex(*origin[:2]) + np.exp(1j * origin[2]) * ((points[:, 1] + 0.5) + 1j * (points[:, 0] + 0.5)) * resolution
+    assert np.abs(grid.to_xy(points) - np.column_stack((z.real, z.imag))).max() < 1e-9
+    for cell in np.random.default_rng(2).integers(0, 300, (500, 2)).tolist():
+        assert grid.cell_at(grid.centre((cell[0], cell[1]))) == tuple(cell)
+
+
+def test_cells_by_exact_arithmetic() -> None:
+    """C20: the cell of a point is the floor of its exact quotient, never a rounding, and off the map is `OutOfBounds`."""
+    rng = np.random.default_rng(3)
+    grid = Grid(np.zeros((40, 50), dtype=bool), 0.25, (-3.5, 2.25, 0.0))
+    xs, ys = rng.uniform(-5, 10, cases(20_000)), rng.uniform(1, 14, cases(20_000))
+    edges = np.arange(-4, 56) * 0.25 - 3.5
+    pairs = [*zip(xs, ys), *((x, 2.25 + 0.25 * k) for k, x in enumerate(edges)), (np.nextafter(-3.5, -9), 3.0)]
+    for x, y in pairs:
+        col = math.floor((Fraction(x) + Fraction(7, 2)) * 4)
+        row = math.floor((Fraction(y) - Fraction(9, 4)) * 4)
+        if 0 <= row < 40 and 0 <= col < 50:
+            assert grid.cell_at((x, y)) == (row, col)
+        else:
+            with pytest.raises(OutOfBounds):
+                grid.cell_at((x, y))
+
+
+@pytest.mark.parametrize("xy", [(1e308, 0.0), (-1e308, 1e308), (-1e-300, 0.5), (3.0, 0.5)])
+def test_points_far_off(xy: tuple[float, float]) -> None:
+    """Points just or far off the map are `OutOfBounds`, also turned ones, without a warning."""
+    for yaw in (0.0, 0.5):
+        with pytest.raises(OutOfBounds):
+            Grid(np.zeros((3, 3), dtype=bool), 1e-3 if xy[0] > 4 else 1.0, (0.0, 0.0, yaw)).cell_at((xy[0], xy[1] - 9 * yaw))
+
+
+def test_clearance_is_exact() -> None:
+    """Clearance and inflation equal distances square by square, the map's edge counted as blocked."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(60, 2000)):
+        grid = random_grid(rng, 1, 10, (0.0, 0.3))
+        resolution = float(rng.choice([0.05, 1.0, 0.3]))
+        grid = Grid(grid.blocked, resolution)
+        exact = geometry_grid.clearance(grid.blocked)
+        assert np.allclose(grid.clearance(), exact * resolution, rtol=1e-12, atol=0)
+        for radius in (0.0, 0.5, math.sqrt(0.5), 1.2, 1.5, 40.0):
+            if radius:
+                assert np.array_equal(grid.inflate(radius * resolution).blocked, grid.blocked | (exact < radius - 1e-9))
+    assert grid.inflate(0.0) is grid
+
+
+@pytest.mark.parametrize("moves", Moves)
+def test_moves_touch_what_they_touch(moves: Moves) -> None:
+    """The cells of each move are those whose closed squares hold a point of it, by exact sampling; moves are distinct."""
+    assert len({tuple(o) for o in moves.offsets.tolist()}) == len(moves.offsets) == len(moves.touched)
+    for (dr, dc), length, cells in zip(moves.offsets.tolist(), moves.lengths, moves.touched):
+        assert length == math.hypot(dr, dc)
+        assert set(cells) == geometry_grid.touched(dr, dc, 24)
+
+
+def test_nothing_can_be_changed() -> None:
+    """Arrays of a grid and of moves refuse to be written, and a grid keeps no hold on the array it came from."""
+    blocked = np.zeros((2, 2), dtype=bool)
+    grid = Grid(blocked, unknown=blocked)
+    blocked[0, 0] = True
+    assert not grid.blocked.any()
+    assert grid.unknown is not None
+    for array in (grid.blocked, grid.unknown, Moves.EIGHT.offsets, Moves.EIGHT.lengths):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+    with pytest.raises(AttributeError):
+        grid.resolution = 2.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("blocked.shape", {"blocked": np.zeros(3, dtype=bool)}),
+        ("blocked.shape", {"blocked": np.zeros((0, 3), dtype=bool)}),
+        ("blocked.dtype", {"blocked": np.full((2, 2), 0.5)}),
+        ("blocked.dtype", {"blocked": np.full((2, 2), 2)}),
+        ("blocked", {"blocked": [[True], [True, False]]}),
+        ("resolution", {"resolution": 0.0}),
+        ("resolution", {"resolution": math.nan}),
+        ("resolution", {"resolution": True}),
+        ("origin[2]", {"origin": (0.0, 0.0, math.inf)}),
+        ("origin[0]", {"origin": (1e10, 0.0, 0.0)}),
+        ("origin", {"origin": (0.0, 0.0)}),
+        ("unknown.shape", {"unknown": np.zeros((3, 3), dtype=bool)}),
+    ],
+)
+def test_wrong_grids(name: str, arguments: dict[str, object]) -> None:
+    """Each wrong argument of a grid is a `BadParameter` that names it."""
+    with pytest.raises(BadParameter) as caught:
+        Grid(**{"blocked": np.zeros((2, 2), dtype=bool), **arguments})  # type: ignore[arg-type]
+    assert caught.value.field == name
+
+
+@given(
+    st.integers(1, 30), st.integers(1, 30), st.floats(1e-3, 1e3), st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(-7, 7)
+)
+def test_centres_lie_in_their_cells(rows: int, cols: int, resolution: float, x: float, y: float, yaw: float) -> None:
+    """The centre of the corner cells lies in them, for any place of the map."""
+    grid = Grid(np.zeros((rows, cols), dtype=bool), resolution, (x, y, yaw))
+    for cell in ((0, 0), (rows - 1, cols - 1), (0, cols - 1)):
+        assert grid.cell_at(grid.centre(cell)) == cell
+
+
+def test_equality_is_by_meaning() -> None:
+    """Grids are equal when cells, place and unknown cells are; no mask is a mask of nothing."""
+    none = np.zeros((2, 2), dtype=bool)
+    assert Grid(none) == Grid(none, unknown=none)
+    assert Grid(none) != Grid(none, 2.0)
+    assert Grid(~none) != Grid(~none, unknown=~none)
+    assert Grid(none) != "grid"

@@ -1,0 +1,201 @@
+"""Map files: what each format means, that it comes back as it was saved, and what is said of a wrong one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from antway import BadInput, BadMap, BadParameter, Grid, load_map, save_map
+from antway.errors import BadScenario
+from antway.maps import GreyTrapWarning, load_costs, load_scen
+from common import SHARED, cases, needs_data, random_grid
+from mapfiles import YAML, seeds
+
+SUFFIXES = [".yaml", ".yml", ".pgm", ".png", ".map", ".txt", ".npy"]
+
+
+def cost(grey: int, alpha: int, mode: str, negate: bool, free: float, occupied: float) -> int:
+    """The cost of one pixel in map_server, step by step in single precision."""
+    if mode == "raw":
+        return grey if grey <= 100 else -1
+    o = np.float32(grey) / np.float32(255)
+    if not negate:
+        o = np.float32(1) - o
+    if alpha < 255:
+        return -1
+    if o <= np.float32(free):
+        return 0
+    if o >= np.float32(occupied):
+        return 100
+    if mode == "trinary":
+        return -1
+    return int(np.floor((o - np.float32(free)) / np.float32(occupied - free) * np.float32(100) + np.float32(0.5)))
+
+
+@pytest.mark.filterwarnings("ignore::antway.maps.GreyTrapWarning")
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("negate", [False, True])
+@pytest.mark.parametrize(("free", "occupied"), [(0.196, 0.65), (0.25, 0.65), (0.2, 0.6), (0.0, 1.0), (0.4, 0.4), (0.5, 0.5)])
+def test_every_grey_is_read_as_map_server_does(tmp_path: Path, mode: str, negate: bool, free: float, occupied: float) -> None:
+    """All 256 greys, opaque and not, in each mode; thresholds are inclusive and free wins a tie."""
+    pixels = np.full((2, 256, 2), 255, dtype=np.uint8)
+    pixels[:, :, 0] = np.arange(256)
+    pixels[1, :, 1] = np.arange(256)[::-1]
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    text = YAML.decode().replace("a.pgm", "a.png").replace("trinary", mode.upper()).replace("0.196", repr(free))
+    (tmp_path / "a.yaml").write_text(text.replace("0.65", repr(occupied)).replace("negate: 0", f"negate: {negate}"))
+    costs, grid = load_costs(tmp_path / "a.yaml"), load_map(tmp_path / "a.yaml")
+    wanted = [[cost(int(g), int(a), mode, negate, free, occupied) for g, a in row] for row in pixels[::-1]]
+    assert costs.dtype == np.int8 and costs.tolist() == wanted
+    assert np.array_equal(grid.blocked, (costs == 100) | (costs == -1))
+    assert np.array_equal(grid.unknown if grid.unknown is not None else costs == -2, costs == -1)
+    assert (grid.resolution, grid.origin) == (0.05, (-1.0, 2.5, 0.3))
+
+
+def test_grey_trap(tmp_path: Path) -> None:
+    """Unknown cells that load as free are counted in a warning that says what to set; at 0.196 there is none."""
+    Image.fromarray(np.array([[205, 205, 0, 254]], dtype=np.uint8)).save(tmp_path / "a.png")
+    text = YAML.replace(b"a.pgm", b"a.png")
+    (tmp_path / "a.yaml").write_bytes(text.replace(b"0.196", b"0.25"))
+    with pytest.warns(GreyTrapWarning, match=r"2 cells .*set free_thresh to 0\.196"):
+        assert load_map(tmp_path / "a.yaml").blocked.tolist() == [[False, False, True, False]]
+    (tmp_path / "a.yaml").write_bytes(text)
+    grid = load_map(tmp_path / "a.yaml")
+    assert grid.unknown is not None and grid.unknown.tolist() == [[True, True, False, False]]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_round_trip(tmp_path: Path, suffix: str) -> None:
+    """C19: what is saved loads as it was, and is saved again as the same bytes."""
+    rng = np.random.default_rng(6)
+    for i in range(cases(150, 1000)):
+        grid = random_grid(rng, 1, 30)
+        if suffix in (".yaml", ".yml"):
+            unknown = grid.blocked & (rng.random(grid.shape) < 0.5)
+            grid = Grid(grid.blocked, float(rng.uniform(1e-3, 9)), tuple(rng.uniform(-50, 50, 3)), unknown)
+        first, second = tmp_path / f"{i}" / f"m{suffix}", tmp_path / f"{i}b" / f"m{suffix}"
+        for file in (first, second):
+            file.parent.mkdir()
+        save_map(grid, first)
+        again = load_map(first)
+        assert again == grid
+        save_map(again, second)
+        assert [f.read_bytes() for f in sorted(first.parent.iterdir())] == [
+            f.read_bytes() for f in sorted(second.parent.iterdir())
+        ]
+
+
+def test_awkward_names(tmp_path: Path) -> None:
+    """A map whose name YAML would read otherwise still finds its picture."""
+    for name in ("a: b", "#x", "yes", "'q\"", "ünï", "0x1f", "- a", " s "):
+        save_map(Grid(np.eye(2, dtype=bool)), tmp_path / f"{name}.yaml")
+        assert load_map(tmp_path / f"{name}.yaml").blocked.sum() == 2
+
+
+@pytest.mark.parametrize("suffix", [s for s in SUFFIXES if not s.startswith(".y")])
+def test_formats_refuse_what_they_cannot_hold(tmp_path: Path, suffix: str) -> None:
+    """Resolution, origin and unknown cells are never dropped silently; they can be given at loading."""
+    cells = np.ones((2, 2), dtype=bool)
+    for grid, field in (
+        (Grid(cells, 0.5), "resolution"),
+        (Grid(cells, origin=(0.0, 1.0, 0.0)), "origin"),
+        (Grid(cells, unknown=cells), "unknown"),
+    ):
+        with pytest.raises(BadParameter) as caught:
+            save_map(grid, tmp_path / f"a{suffix}")
+        assert caught.value.field == field
+    save_map(Grid(cells), tmp_path / f"a{suffix}")
+    placed = load_map(tmp_path / f"a{suffix}", resolution=0.5, origin=(1.0, 2.0, 0.5))
+    assert placed == Grid(cells, 0.5, (1.0, 2.0, 0.5))
+    for wrong in ({"resolution": -1.0}, {"origin": (0.0, 0.0)}):
+        with pytest.raises(BadParameter):
+            load_map(tmp_path / f"a{suffix}", **wrong)  # type: ignore[arg-type]
+
+
+def test_saving_where_one_cannot(tmp_path: Path) -> None:
+    """A folder that is not there and an unknown suffix are `BadMap`; what is no grid is `BadParameter`."""
+    for name in ("no/a.txt", "a.xyz"):
+        with pytest.raises(BadMap):
+            save_map(Grid(np.zeros((1, 1), dtype=bool)), tmp_path / name)
+    with pytest.raises(BadParameter):
+        save_map("grid", tmp_path / "a.txt")  # type: ignore[arg-type]
+
+
+def test_all_seeds_load(tmp_path: Path) -> None:
+    """The sound files load, and the three PGM and three array files hold the same cells."""
+    grids = {f.name: load_map(f) for f in seeds(tmp_path) if f.suffix != ".scen"}
+    assert grids["a.pgm"] == grids["c.pgm"] == grids["d.png"] == grids["f.png"] == grids["b.pgm"]
+    assert grids["a.npy"] == grids["b.npy"] == grids["c.npy"]
+    assert grids["a.map"].blocked.astype(int).tolist() == [[0, 1, 0, 0], [1, 1, 1, 1], [0, 0, 0, 0]]
+    assert grids["a.txt"].blocked.astype(int).tolist() == [[0, 1, 0, 1], [0, 1, 0, 1]]
+    rows = load_scen(tmp_path / "a.scen")
+    assert rows[0] == (0, "maps/a.map", 4, 3, (2, 0), (2, 3), 3.0)
+    assert len(rows) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        (b"resolution: 0.05", b"", "resolution"),
+        (b"0.05", b"-0.05", "resolution"),
+        (b"0.05", b".nan", "resolution"),
+        (b"0.05", b"1e30", "resolution"),
+        (b"0.05", b"[1]", "resolution"),
+        (b"0.05", b"1_0", "resolution"),
+        (b"[-1.0, 2.5, 0.3]", b"[1, 2]", "origin"),
+        (b"[-1.0, 2.5, 0.3]", b"[1, .inf, 0]", "origin[1]"),
+        (b"negate: 0", b"", "negate"),
+        (b"negate: 0", b"negate: maybe", "negate"),
+        (b"0.65", b"65", "occupied_thresh"),
+        (b"0.65", b"0.1", "free_thresh"),
+        (b"0.196", b"nan", "free_thresh"),
+        (b"trinary", b"binary", "mode"),
+        (b"mode:", b"image:", "image"),
+        (b"image: a.pgm", b"", "image"),
+        (b"image: a.pgm", b"image: none.pgm", "file"),
+        (b"image: a.pgm", b"image: a.yaml", "content"),
+        (YAML, b"- a", "YAML"),
+        (YAML, b"", "YAML"),
+        (YAML, b"a: [", "YAML"),
+    ],
+)
+def test_wrong_descriptions(tmp_path: Path, old: bytes, new: bytes, field: str) -> None:
+    """Each wrong, missing or doubled part of a ROS description is a `BadMap` that names it and the file."""
+    seeds(tmp_path)
+    assert old in YAML
+    (tmp_path / "a.yaml").write_bytes(YAML.replace(old, new))
+    with pytest.raises(BadMap) as caught:
+        load_map(tmp_path / "a.yaml")
+    assert caught.value.field == field
+    assert caught.value.where.startswith(str(tmp_path)) and "must be" in str(caught.value)
+
+
+def test_scen_faults(tmp_path: Path) -> None:
+    """A wrong row of a .scen names its line and field."""
+    for row, field in (("0 a 4 3 4 0 0 0 1", "start x"), ("0 a 4 3 0 0 0 3 1", "goal y"), ("0 a 4 3 0 0 0 0 nan", "length"),
+                       ("0 a 4 3 0 0 0 0", "number of fields"), ("-1 a 4 3 0 0 0 0 1", "bucket")):  # fmt: skip
+        (tmp_path / "a.scen").write_text(f"version 1\n{row}\n")
+        with pytest.raises(BadScenario) as caught:
+            load_scen(tmp_path / "a.scen")
+        assert caught.value.field == field and "line 2" in caught.value.where
+
+
+@needs_data
+@pytest.mark.filterwarnings("ignore::antway.maps.GreyTrapWarning")
+def test_real_maps() -> None:
+    """Every real map loads: ROS maps with the cells of map_server's rule, MovingAI maps with every problem's ends free."""
+    blocked = {"depot": 5947, "depot_keepout": 31213, "depot_speed": 3735, "tb3_sandbox": 139553, "testmap": 29,
+               "lse_arena": 345, "corridor": 3684, "maze": 1494}  # fmt: skip
+    for name, count in blocked.items():
+        (path,) = (SHARED / "ros_maps").glob(f"*/{name}.yaml")
+        assert load_map(path).blocked.sum() == count, name
+    for path in sorted((SHARED / "movingai").glob("*.map")):
+        grid = load_map(path)
+        for row in load_scen(path.with_suffix(".map.scen")):
+            assert grid.shape == (row.height, row.width) and grid.is_free(row.start) and grid.is_free(row.goal)
+    for path in [*(SHARED / "mapf_yaml").glob("*.yaml"), SHARED / "ros_maps/nav2_test/invalid_image.yaml"]:
+        with pytest.raises(BadInput):
+            load_map(path)

@@ -1,0 +1,209 @@
+"""Hostile map files: spoilt ones, bombs, unsafe content. Each gives a `BadInput` or a map, in bounded time and memory."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import resource
+import subprocess
+import sys
+import time
+import warnings
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway.errors import BadInput, BadMap, TooLarge
+from antway.maps import Limits, load_costs, load_map, load_scen
+from common import cases
+from mapfiles import YAML, seeds, spoil
+
+REGRESSIONS = sorted((Path(__file__).parent / "regressions").glob("map-*"))
+
+
+def attempt(path: Path) -> None:
+    """Load `path`; whatever is not a `BadInput` gets through."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            load_scen(path) if path.suffix == ".scen" else load_map(path)
+        except BadInput as wrong:
+            assert str(wrong) and wrong.field and wrong.where.startswith(str(path.parent))
+
+
+def spoilt_run(folder: Path, count: int, seed: int) -> float:
+    """Load `count` spoilt files; returns the longest time in s."""
+    files = seeds(folder)
+    sound = {file: file.read_bytes() for file in files}
+    dice = random.Random(seed)
+    longest = 0.0
+    for _ in range(count):
+        file = dice.choice(files)
+        data = spoil(sound[file], list(sound.values()), dice)
+        file.write_bytes(data)
+        begun = time.perf_counter()
+        try:
+            attempt(folder / "a.yaml" if file.name == "a.pgm" and dice.random() < 0.5 else file)
+        except Exception:
+            print(file.suffix, data)
+            raise
+        longest = max(longest, time.perf_counter() - begun)
+        file.write_bytes(sound[file])
+    return longest
+
+
+def bounded(code: str, *, base: str = "import antway.maps.image, PIL.PngImagePlugin, test_maps_spoilt") -> float:
+    """Run `code` in its own process and return by how many MiB it raised the peak of memory over `base`."""
+    script = (
+        f"import resource\n{base}\nfrom pathlib import Path\n"
+        f"start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n{code}\n"
+        "print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start) / 1024)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, cwd=Path(__file__).parent, timeout=3600, check=False
+    )
+    assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-2000:]
+    return float(done.stdout.split()[-1])
+
+
+def test_spoilt_files_are_refused_or_read(tmp_path: Path) -> None:
+    """C14: thousands of spoilt files each give a map or a `BadInput` within 2 s, and memory stays within 256 MiB."""
+    code = f"assert test_maps_spoilt.spoilt_run(Path({str(tmp_path)!r}), {cases(5000, 500000)}, 1) < 2.0"
+    assert bounded(code) < 256
+
+
+@pytest.mark.parametrize("path", REGRESSIONS, ids=lambda p: p.name)
+def test_regressions(path: Path) -> None:
+    """Files that once got through as something else give a map or a `BadInput`."""
+    attempt(path)
+
+
+def _bombs(folder: Path) -> list[Path]:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+
+    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", (50000).to_bytes(4, "big") * 2 + b"\x08\0\0\0\0")
+    packer = zlib.compressobj(1)
+    zeros = b"".join(packer.compress(bytes(50001)) for _ in range(2000)) + packer.flush()
+    npy = b"{'descr': '|b1', 'fortran_order': False, 'shape': (100000, 100000), }\n"
+    laughs = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 10))
+    files = {
+        "square.pgm": b"P5\n65536 65536\n255\n" + bytes(1000),
+        "line.pgm": b"P2 1000000000 1 255\n0 0 0",
+        "zeros.png": png + chunk(b"IDAT", zeros) + chunk(b"IEND", b""),
+        "laughs.yaml": laughs.encode() + YAML,
+        "deep.yaml": b"[" * 60000,
+        "long.yaml": b"- a\n" * 100000,
+        "tall.map": b"type octile\nheight 1000000000\nwidth 1\nmap\n.\n",
+        "wide.npy": b"\x93NUMPY\x01\0" + len(npy).to_bytes(2, "little") + npy,
+    }
+    for name, data in files.items():
+        (folder / name).write_bytes(data)
+    sparse = folder / "gigabyte.txt"
+    with sparse.open("wb") as file:
+        file.truncate(10**9)
+    return [*(folder / name for name in files), sparse]
+
+
+def test_bombs(tmp_path: Path) -> None:
+    """C15: what would unpack to more than the limit is `TooLarge` before memory is taken for it."""
+    for path in _bombs(tmp_path):
+        begun = resource.getrusage(resource.RUSAGE_SELF)
+        with pytest.raises(TooLarge):
+            load_map(path)
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - begun.ru_utime < 2.0
+    code = f"for p in {[str(p) for p in tmp_path.iterdir()]}:\n    test_maps_spoilt.attempt(Path(p))"
+    assert bounded(code) <= 64
+
+
+def test_limits_can_be_set(tmp_path: Path) -> None:
+    """A map of exactly the limit loads and one of a cell more does not."""
+    path = tmp_path / "a.txt"
+    path.write_text("...\n...\n")
+    assert load_map(path, limits=Limits(cells=6)).shape == (2, 3)
+    with pytest.raises(TooLarge, match="at most 5 cells"):
+        load_map(path, limits=Limits(cells=5))
+
+
+@pytest.mark.parametrize(
+    "image",
+    [
+        "../a.pgm",
+        "/etc/passwd",
+        "sub/../../a.pgm",
+        "out.pgm",
+        "folder.pgm",
+        "pipe.pgm",
+        "zero.pgm",
+        "loop.pgm",
+        "",
+        "x" * 5000,
+        "b.pgm",
+    ],
+)
+def test_pictures_stay_in_the_folder(tmp_path: Path, image: str) -> None:
+    """C16: nothing outside the folder of the YAML is read, and pipes and devices neither read nor waited for."""
+    (tmp_path / "a.pgm").write_bytes(b"P5 1 1 255\n\0")
+    home = tmp_path / "home"
+    (home / "sub").mkdir(parents=True)
+    (home / "folder.pgm").mkdir()
+    os.symlink("../a.pgm", home / "out.pgm")
+    os.symlink("/dev/zero", home / "zero.pgm")
+    os.symlink("loop.pgm", home / "loop.pgm")
+    os.mkfifo(home / "pipe.pgm")
+    (home / "a.yaml").write_bytes(YAML.replace(b"a.pgm", b"'" + image.encode() + b"'"))
+    with pytest.raises(BadMap) as caught:
+        load_map(home / "a.yaml")
+    assert str(home) in caught.value.where
+
+
+def test_linked_maps_load(tmp_path: Path) -> None:
+    """A YAML and a picture that are both links into one other folder load, as workspaces of ROS install them."""
+    home, installed = tmp_path / "src", tmp_path / "install"
+    home.mkdir()
+    installed.mkdir()
+    seeds(home)
+    for name in ("a.yaml", "a.pgm"):
+        os.symlink(home / name, installed / name)
+    assert load_map(installed / "a.yaml") == load_map(home / "a.yaml")
+
+
+class _Trap:
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.mkdir, ("executed",)
+
+
+def test_nothing_is_executed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """C16: tags of Python objects and pickles are refused unread."""
+    monkeypatch.chdir(tmp_path)
+    Path("a.yaml").write_bytes(b"image: !!python/object/apply:os.mkdir [executed]\n" + YAML)
+    np.save("a.npy", np.array([_Trap()], dtype=object), allow_pickle=True)
+    Path("b.npy").write_bytes(pickle.dumps(_Trap()))
+    for name in ("a.yaml", "a.npy", "b.npy"):
+        with pytest.raises(BadMap):
+            load_map(name)
+    assert not Path("executed").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["missing.map", "folder.map", "pipe.map", "a.xyz", "none", "a\0.map", "x" * 3000 + ".map", "empty.map"]
+)
+def test_paths_that_are_no_map(tmp_path: Path, name: str) -> None:
+    """A path that is missing, a folder, a pipe, empty or of no known suffix is a `BadMap` that names it."""
+    (tmp_path / "folder.map").mkdir()
+    os.mkfifo(tmp_path / "pipe.map")
+    (tmp_path / "empty.map").touch()
+    with pytest.raises(BadMap) as caught:
+        load_map(tmp_path / name)
+    assert caught.value.where == str(tmp_path / name)
+
+
+@pytest.mark.parametrize("value", [None, 3, b"a.map", 1.5, []])
+def test_what_is_no_path(value: object) -> None:
+    """What is no path is a `BadMap`, from each of the loaders."""
+    for load in (load_map, load_costs, load_scen):
+        with pytest.raises(BadInput):
+            load(value)  # type: ignore[operator]
