@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from antway.kernels.bits import ctz
 from antway.kernels.buckets import BOUND, CUT, DIAGONAL, EXPANDED, FREE, KEY, KEYS, LAST, LIMIT, STRAIGHT, USED, next_block
 from antway.kernels.jit import kernel
-from antway.kernels.jps import jump
+from antway.kernels.jps import jump, place
 
 RUNNING, DONE, FULL = 0, 1, 2
 
@@ -37,8 +37,7 @@ def expand(
     parent: NDArray[np.int32],
     reached: NDArray[np.int32],
     jumping: bool,
-    rows: NDArray[np.uint64],
-    cols: NDArray[np.uint64],
+    words: NDArray[np.uint64],
     first: NDArray[np.int32],
     filled: NDArray[np.uint64],
     entries: NDArray[np.int32],
@@ -59,7 +58,10 @@ def expand(
     first, filled, entries, state
         The queue (see `buckets`).
     """
-    goal = goal_row * width + goal_col
+    height, goal = around.size // width, goal_row * width + goal_col
+    goal_lines, goal_bits = np.empty(4, np.int64), np.empty(4, np.int64)
+    for d in range(4):
+        goal_lines[d], goal_bits[d], _ = place(d, goal_row, goal_col, height, width)
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
     code = RUNNING
     for _ in range(steps):
@@ -102,12 +104,20 @@ def expand(
                 reached[n, 2], reached[n, 3] = g + (STRAIGHT if d < 4 else DIAGONAL), d
                 n += 1
             elif d < 4:
-                k = jump(rows, cols, row, col, d, goal_row, goal_col)
+                line, bit, length = place(d, row, col, height, width)
+                k = jump(words, line, bit, length)
+                if line == goal_lines[d] and bit < goal_bits[d] <= bit + abs(k):
+                    k = goal_bits[d] - bit
                 reached[n, 0], reached[n, 1] = row + k * _ROW[d], col + k * _COL[d]
                 reached[n, 2], reached[n, 3] = g + k * STRAIGHT, d
                 n += k > 0
             else:
                 one, other = d - 4, (d - 3) & 3
+                line1, bit1, length1 = place(one, row, col, height, width)
+                line2, bit2, length2 = place(other, row, col, height, width)
+                # In the part of one side the other side is the step from line to line.
+                side1 = length1 if other < 2 else -length1
+                side2 = length2 if one < 2 else -length2
                 free_around = np.uint8(1 << one | 1 << other | 1 << d)
                 r, c, g_here, x = row, col, g, cell
                 while around[x] & free_around == free_around:
@@ -115,18 +125,25 @@ def expand(
                     c += _COL[d]
                     x = r * width + c
                     g_here += DIAGONAL
+                    line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
                     if x == goal:
                         reached[n, 0], reached[n, 1], reached[n, 2], reached[n, 3] = r, c, g_here, d
                         n += 1
                         break
-                    k = jump(rows, cols, r, c, one, goal_row, goal_col)
-                    reached[n, 0], reached[n, 1] = r + k * _ROW[one], c + k * _COL[one]
-                    reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, one
-                    n += k > 0
-                    k = jump(rows, cols, r, c, other, goal_row, goal_col)
-                    reached[n, 0], reached[n, 1] = r + k * _ROW[other], c + k * _COL[other]
-                    reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, other
-                    n += k > 0
+                    if around[x] >> one & 1:
+                        k = jump(words, line1, bit1, length1)
+                        if line1 == goal_lines[one] and bit1 < goal_bits[one] <= bit1 + abs(k):
+                            k = goal_bits[one] - bit1
+                        reached[n, 0], reached[n, 1] = r + k * _ROW[one], c + k * _COL[one]
+                        reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, one
+                        n += k > 0
+                    if around[x] >> other & 1:
+                        k = jump(words, line2, bit2, length2)
+                        if line2 == goal_lines[other] and bit2 < goal_bits[other] <= bit2 + abs(k):
+                            k = goal_bits[other] - bit2
+                        reached[n, 0], reached[n, 1] = r + k * _ROW[other], c + k * _COL[other]
+                        reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, other
+                        n += k > 0
         for i in range(n):
             to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col

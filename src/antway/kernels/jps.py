@@ -1,11 +1,14 @@
-"""Jump points on bit-packed maps: successors of a cell that lie a whole run of cells away, for diagonals between free cells only.
+"""Jump points on a bit-packed map: successors that lie a whole run of cells away, for the moves of `Moves.EIGHT`.
 
 A straight jump goes on until a wall, the goal, or a jump point: a cell beside which an obstacle has just ended, so that a
 shortest path may turn there. 63 cells are examined at once, with the words of the line and of both lines beside it. A diagonal
 jump looks along both of its sides at every cell and takes the jump points found there at once, so that cells where it would
 merely turn are never opened (Harabor and Grastien, Improving jump point search, ICAPS 2014: JPS (B + P)).
 
-Maps are packed by rows and, transposed, by columns: line r + 1, bit c + 64, 1 where blocked; everything off the map is blocked.
+The map is packed four times, once for each straight direction, so that every jump runs up a line: part d of the array `words`
+has H + 2 lines of W // 64 + 3 words for the directions along rows, W + 2 lines of H // 64 + 3 words for those along columns.
+A bit is 1 where the map is blocked, and everything off the map is blocked. Line 1, bit 64 is cell (0, 0) for E and S, cell
+(0, W - 1) for W, cell (H - 1, 0) for N.
 """
 
 from __future__ import annotations
@@ -13,62 +16,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import clz, ctz
+from antway.kernels.bits import ctz
 from antway.kernels.jit import kernel
 
 _ONE, _LAST = np.uint64(1), np.uint64(63)
-_ALL_BUT_HIGHEST, _ALL_BUT_LOWEST = ~(_ONE << _LAST), ~_ONE
+_ALL_BUT_LAST = ~(_ONE << _LAST)
 
 
 @kernel
-def ahead(lines: NDArray[np.uint64], line: int, bit: int) -> int:
+def place(d: int, row: int, col: int, height: int, width: int) -> tuple[int, int, int]:
+    """Return where part `d` has a cell: the word at which its line begins, the bit in the line, and the words in a line."""
+    row_words, col_words = width // 64 + 3, height // 64 + 3
+    row_part, col_part = (height + 2) * row_words, (width + 2) * col_words
+    if d == 0:
+        return (row + 1) * row_words, col + 64, row_words
+    if d == 1:
+        return row_part + (col + 1) * col_words, row + 64, col_words
+    if d == 2:
+        return row_part + col_part + (row + 1) * row_words, width - 1 - col + 64, row_words
+    return 2 * row_part + col_part + (col + 1) * col_words, height - 1 - row + 64, col_words
+
+
+@kernel
+def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
     """Return how far up the line the next jump point is, or, negated, the next wall if that comes first."""
     start = bit
     wall = stop = np.uint64(0)
     while stop == 0:
-        word, low = bit >> 6, np.uint64(bit & 63)
+        low = np.uint64(bit & 63)
         high = _LAST - low
-        here = lines[line, word] >> low | lines[line, word + 1] << _ONE << high
-        above = lines[line - 1, word] >> low | lines[line - 1, word + 1] << _ONE << high
-        below = lines[line + 1, word] >> low | lines[line + 1, word + 1] << _ONE << high
+        i = line + (bit >> 6)
+        here = words[np.uint64(i)] >> low | words[np.uint64(i + 1)] << _ONE << high
+        above = words[np.uint64(i - length)] >> low | words[np.uint64(i - length + 1)] << _ONE << high
+        below = words[np.uint64(i + length)] >> low | words[np.uint64(i + length + 1)] << _ONE << high
         wall = here >> _ONE
-        stop = (wall | (above & ~(above >> _ONE)) | (below & ~(below >> _ONE))) & _ALL_BUT_HIGHEST
+        stop = (wall | (above & ~(above >> _ONE)) | (below & ~(below >> _ONE))) & _ALL_BUT_LAST
         bit += 63
     found = ctz(stop)
     distance = bit - 62 + found - start
     return -distance if wall >> np.uint64(found) & _ONE else distance
-
-
-@kernel
-def behind(lines: NDArray[np.uint64], line: int, bit: int) -> int:
-    """Return the same down the line."""
-    start = bit
-    wall = stop = np.uint64(0)
-    while stop == 0:
-        word, low = bit >> 6, np.uint64(bit & 63)
-        high = _LAST - low
-        here = lines[line, word] << high | lines[line, word - 1] >> _ONE >> low
-        above = lines[line - 1, word] << high | lines[line - 1, word - 1] >> _ONE >> low
-        below = lines[line + 1, word] << high | lines[line + 1, word - 1] >> _ONE >> low
-        wall = here << _ONE
-        stop = (wall | (above & ~(above << _ONE)) | (below & ~(below << _ONE))) & _ALL_BUT_LOWEST
-        bit -= 63
-    found = clz(stop)
-    distance = start - bit - 62 + found
-    return -distance if wall << np.uint64(found) >> _LAST else distance
-
-
-@kernel
-def jump(rows: NDArray[np.uint64], cols: NDArray[np.uint64], row: int, col: int, d: int, goal_row: int, goal_col: int) -> int:
-    """Return how far off in straight direction `d` the goal or the next jump point is; 0 if there is none before a wall."""
-    if d == 0:
-        reach, goal = ahead(rows, row + 1, col + 64), (goal_col - col if row == goal_row else 0)
-    elif d == 1:
-        reach, goal = ahead(cols, col + 1, row + 64), (goal_row - row if col == goal_col else 0)
-    elif d == 2:
-        reach, goal = behind(rows, row + 1, col + 64), (col - goal_col if row == goal_row else 0)
-    else:
-        reach, goal = behind(cols, col + 1, row + 64), (row - goal_row if col == goal_col else 0)
-    if 0 < goal <= abs(reach):
-        reach = goal
-    return max(reach, 0)

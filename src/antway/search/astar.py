@@ -18,7 +18,7 @@ from antway.search.result import found, not_found
 from antway.search.workspace import workspace
 
 STEPS = 1 << 16  # cells expanded between two looks at the clock, about 5 ms
-_NO_LINES = (np.empty((0, 0), np.uint64), np.empty((0, 0), np.uint64))
+_NO_WORDS = np.empty(0, np.uint64)
 
 
 def astar(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: ArrayLike | None = None) -> Plan:
@@ -38,7 +38,7 @@ def canonical_astar(problem: Problem, clock: Clock, jumping: bool = False) -> Pl
     estimate = octile(row, col, goal_row, goal_col, shorter)
     if estimate >= LIMIT:
         return spread_plan(problem, clock)
-    lines = packed(grid) if jumping else _NO_LINES
+    words = packed(grid) if jumping else _NO_WORDS
     with workspace(grid) as work:
         code, start = RUNNING, net.at(problem.start)
         work.label[start], work.came[start] = work.base, START
@@ -46,7 +46,7 @@ def canonical_astar(problem: Problem, clock: Clock, jumping: bool = False) -> Pl
         while code != DONE and not clock.spent():
             code = expand(
                 *(net.around, net.table, net.width, goal_row, goal_col, shorter, work.base, work.label, work.came),
-                *(work.parent, work.reached, jumping, *lines),
+                *(work.parent, work.reached, jumping, words),
                 *(work.first, work.filled, work.entries, work.state, STEPS),
             )
             if code == FULL:

@@ -103,13 +103,14 @@ def _around(grid: Grid) -> NDArray[np.uint8]:
     return np.ascontiguousarray(around[1:-1, 1:-1]).ravel()
 
 
-def packed(grid: Grid) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-    """Return the map packed into bits by rows and by columns (see `kernels.jps`)."""
-    return kept(grid, "packed", lambda: (_packed(grid.blocked), _packed(grid.blocked.T)))
+def packed(grid: Grid) -> NDArray[np.uint64]:
+    """Return the map packed into bits for the four straight directions (see `kernels.jps`)."""
+    b = grid.blocked
+    return kept(grid, "packed", lambda: np.concatenate([_packed(part) for part in (b, b.T, b[:, ::-1], b[::-1].T)]))
 
 
 def _packed(blocked: NDArray[np.bool_]) -> NDArray[np.uint64]:
     lines, length = blocked.shape
     bits = np.ones((lines + 2, 64 * (length // 64 + 3)), dtype=bool)
     bits[1:-1, 64 : 64 + length] = blocked
-    return np.packbits(bits, axis=1, bitorder="little").view("<u8").astype(np.uint64)
+    return np.packbits(bits, bitorder="little").view("<u8").astype(np.uint64)
