@@ -56,8 +56,6 @@ def brakes_free(
     radius: float,
     a_max: float,
     dt: float,
-    bound: float,
-    age: float,
     blocked: NDArray[np.bool_],
     resolution: float,
     ox: float,
@@ -65,8 +63,8 @@ def brakes_free(
 ) -> bool:
     """Tell whether a robot at (px, py) may drive one period with (wx, wy) and then brake, straight, to a stand.
 
-    `tracks` is float64[K, 5]: x, y, vx, vy, radius. Free means: until it stands, no obstacle that moves at most `bound` m/s
-    from where it was seen `age` s ago can be in contact with it, and no wall is.
+    `tracks` is float64[K, 6]: x, y, vx, vy, radius, bound on the speed. Free means: until the robot stands, no obstacle can be
+    in contact with it that moves in any way within its bound, and no wall is.
     """
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
@@ -75,7 +73,7 @@ def brakes_free(
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
-            reach = radius + tracks[k, 4] + bound * (age + t)
+            reach, bound = radius + tracks[k, 4] + tracks[k, 5] * t, tracks[k, 5]
             if gap_to_reach(x - tracks[k, 0], y - tracks[k, 1], ux * speed, uy * speed, reach, bound, dt) < -TOUCH:
                 return False
         x += ux * speed * dt
@@ -119,8 +117,6 @@ def guarded(
     v_max: float,
     a_max: float,
     dt: float,
-    bound: float,
-    age: float,
     lookahead: float,
     blocked: NDArray[np.bool_],
     resolution: float,
@@ -145,7 +141,7 @@ def guarded(
         if gap > TOUCH:  # what the robot will really do with it
             share = a_max * dt / (gap + a_max * dt)
             wx, wy = vx + (wx - vx) * share, vy + (wy - vy) * share
-        if brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, bound, age, blocked, resolution, ox, oy):
+        if brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
             return (cx, cy, FREE) if k == _FRACTIONS else (wx, wy, SLOWED)
     best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
     if best > lookahead or math.hypot(vx, vy) > TOUCH:
@@ -158,9 +154,7 @@ def guarded(
         after = time_to_contact(px + wx * dt, py + wy * dt, 0.0, 0.0, tracks, radius)
         escape = time_to_contact(px, py, wx, wy, tracks, radius)
         value = max(after, min(escape, 2 * lookahead))
-        if value > best + TOUCH and brakes_free(
-            px, py, wx, wy, tracks, radius, a_max, dt, bound, age, blocked, resolution, ox, oy
-        ):
+        if value > best + TOUCH and brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
             best, sx, sy = value, wx, wy
     if sx == 0.0 and sy == 0.0:
         return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED

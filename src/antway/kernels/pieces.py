@@ -1,8 +1,8 @@
 """When can a disc not stand, or not set off? Exact answers against pieces of uniform motion.
 
 A *piece* is a row (t0, t1, x, y, vx, vy, reach, berth): from t0 to t1 s an obstacle moves uniformly from (x, y) m with
-(vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `reach` m, a robot that moves below `berth` m,
-and that of where the obstacle was `lag` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
+(vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `reach` m, one that moves below `berth`
+m, and that of where the obstacle was `lag` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
 piecewise linear prediction is a list of pieces, and a tube that widens over time is one whose later pieces reach farther.
 """
 
@@ -65,8 +65,8 @@ def unsafe_departures(
 
     The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. In contact are the (z, t) in [0, duration] x
     [t0, t1], z the time since departure and t the time itself, with |a + v z - u (t - t0)| < reach: a convex set, so the
-    departures s = t - z that lead into it are one interval. Its ends lie on an edge of the rectangle or where a line of constant
-    s touches the ellipse. `work` is float64[2].
+    departures s = t - z that lead into it are one interval. Its ends lie on an edge of the rectangle or where a line of
+    constant s touches the ellipse. `work` is float64[2].
     """
     t0, t1 = pieces[p, 0], pieces[p, 1]
     ax, ay = x - pieces[p, 2], y - pieces[p, 3]

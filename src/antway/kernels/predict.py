@@ -25,7 +25,8 @@ def predict(
     robot_y: float,
     robot_radius: float,
     margin: float,
-    berth: float,
+    bound: float,
+    surge: float,
     lag: float,
     quantile: float,
     blocked: NDArray[np.bool_],
@@ -41,10 +42,11 @@ def predict(
         occasional turner widens (m/s).
     now, age, horizon : float
         Time now; how old the beliefs are; how far ahead to predict; s.
-    margin, berth, quantile : float
-        Added to the radii, m; added once more where the robot moves, m; times the standard deviation at each time.
-    lag : float
-        s; pieces begin so much earlier, because a moving robot keeps clear of where obstacles were.
+    margin, quantile : float
+        Added to the radii, m; times the standard deviation at each time.
+    bound, surge, lag : float
+        No obstacle is faster than `bound` m/s, nor faster than now by more than `surge` m/s^2 for each s. A moving robot keeps
+        clear of all that an obstacle could reach from where it was `lag` s before; pieces begin so much earlier.
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
     out : float64[P, 8]
@@ -52,8 +54,8 @@ def predict(
     Returns
     -------
     int
-        Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that a way
-        out is a way at all; its body never is.
+        Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that it
+        may stand there; its body never is.
     """
     n = 0
     size = frame[2]
@@ -82,7 +84,7 @@ def predict(
                 out[n, 0], out[n, 1] = now + t, now + until
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
                 out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
-                out[n, 7] = body + wide + berth
+                out[n, 7] = body + wide + min(bound, math.hypot(vx, vy) + surge * lag) * lag
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if hit:

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_cells
 from antway.kernels.jit import kernel
 from antway.kernels.pieces import TOUCH, earliest_departure, unsafe_stay
+from antway.kernels.place import Place, centre, clear
 from antway.kernels.rng import uniform
+from antway.kernels.trails import Trails, edge, lay, scent
 
 STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
-TRAILS = 1 << 12  # slots of the pheromone table, a power of two
 HEAP = 1 << 15
 LEGS = 64  # first moves at most: from wherever the robot is to cells around
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough
@@ -44,27 +44,7 @@ class Memory(NamedTuple):
     heap_state: NDArray[np.int32]  # [HEAP]
     leg_cell: NDArray[np.int32]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
-    trail_key: NDArray[np.int64]  # [TRAILS] (cell, move, bin of arrival), -1: empty
-    trail: NDArray[np.float32]  # [TRAILS] pheromone above the floor of 1
-    mark: NDArray[np.int32]  # [cells] cells that carry pheromone at all (stamp of the last evaporation)
     counter: NDArray[np.int64]  # [5] searches, states, moves tested, ant steps, heap entries
-
-
-class Place(NamedTuple):
-    """The static side: the map, its moves for this robot, and the exact field over them."""
-
-    blocked: NDArray[np.bool_]  # [H, W]
-    legal: NDArray[np.uint32]  # [H * W] bit k: move k is free of walls
-    field: NDArray[np.float64]  # [H * W] s to the goal at full speed over the same moves
-    offset: NDArray[np.int64]  # [K] flat
-    step: NDArray[np.float64]  # [K, 3] x and y in m, and time in s
-    resolution: float
-    x0: float  # m, centre of cell (0, 0)
-    y0: float
-    radius: float  # m
-    speed: float  # m/s
-    goal: int  # flat cell
-    bin: float  # s, of arrival in the pheromone's key
 
 
 @kernel
@@ -100,12 +80,6 @@ def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: flo
             since = max(since, highs[i])
     if cell >= 0:
         memory.count[cell] = memory.counter[1] - begin
-
-
-@kernel
-def _xy(place: Place, cell: int) -> tuple[float, float]:
-    cols = place.blocked.shape[1]
-    return place.x0 + (cell % cols) * place.resolution, place.y0 + (cell // cols) * place.resolution
 
 
 @kernel
@@ -160,7 +134,7 @@ def _expand(
     Returns the first state that is reached earlier than before, or -1.
     """
     soonest = -1
-    gx, gy = _xy(place, cell)
+    gx, gy = centre(place, cell)
     if memory.stamp[cell] != memory.counter[0]:
         _open(memory, cell, gx, gy, t0, horizon, pieces)
     memory.counter[2] += 1
@@ -186,66 +160,14 @@ def _expand(
 
 
 @kernel
-def _slot(memory: Memory, key: int) -> int:
-    """Slot of `key` in the pheromone table, or the empty one where it belongs; -1 if the table is full there."""
-    h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
-    for i in range(16):
-        j = np.int64((h + np.uint64(i)) & np.uint64(TRAILS - 1))
-        if memory.trail_key[j] == key or memory.trail_key[j] < 0:
-            return j
-    return -1
-
-
-@kernel
-def _key(place: Place, cell: int, move: int, t: float) -> int:
-    return (int(t / place.bin) * place.field.size + cell) * 64 + move
-
-
-@kernel
-def evaporate(memory: Memory, place: Place, now: float, low: float, high: float, cycle: float) -> None:
-    """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-t), low, high).
-
-    tau_min is 1, the floor that every edge has. What lies in the past is dropped: arrival bins are absolute, so the field
-    shifts by itself as time goes on.
-    """
-    bins = place.field.size * 64
-    for j in range(TRAILS):
-        if memory.trail_key[j] >= 0:
-            tau = 1.0 + memory.trail[j]
-            rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), low), high)
-            memory.trail[j] = max(rho * tau - 1.0, 0.0)
-            if memory.trail[j] < 0.05 or (memory.trail_key[j] // bins + 1) * place.bin < now:
-                memory.trail_key[j] = -2  # a slot that was used: still on the way of a probe
-    # rehash what is left, so that probes stay short
-    keys = memory.trail_key.copy()
-    values = memory.trail.copy()
-    memory.trail_key[:] = -1
-    memory.mark[:] = 0
-    for j in range(TRAILS):
-        if keys[j] >= 0:
-            i = _slot(memory, keys[j])
-            if i >= 0:
-                memory.trail_key[i], memory.trail[i] = keys[j], values[j]
-                memory.mark[(keys[j] // 64) % place.field.size] = 1
-
-
-@kernel
-def deposit(memory: Memory, place: Place, end: int, amount: float) -> None:
-    """Lay `amount` on each edge (cell, move, bin of arrival) of the way that leads to state `end`."""
+def deposit(memory: Memory, trails: Trails, place: Place, end: int, amount: float) -> None:
+    """Lay `amount` on each edge (cell, move, bin of arrival) of the way that leads to state `end`, Eq. (2)."""
     s = end
     while memory.cell[s] >= 0 and memory.cell[memory.parent[s]] >= 0:
         p = memory.parent[s]
-        move = -1
         for k in range(len(place.offset)):
             if memory.cell[p] + place.offset[k] == memory.cell[s]:
-                move = k
-        j = _slot(memory, _key(place, memory.cell[p], move, memory.arrival[p]))
-        if j >= 0:
-            if memory.trail_key[j] < 0:
-                memory.trail_key[j] = _key(place, memory.cell[p], move, memory.arrival[p])
-                memory.trail[j] = 0.0
-            memory.trail[j] += np.float32(amount)
-            memory.mark[memory.cell[p]] = 1
+                lay(trails, edge(trails, memory.cell[p], k, memory.arrival[p]), amount)
         s = p
 
 
@@ -261,7 +183,7 @@ def _legs(memory: Memory, place: Place, x: float, y: float, reach: int) -> int:
             cell = row * cols + col
             if place.field[cell] < math.inf and n < LEGS:
                 memory.leg_cell[n] = cell
-                gx, gy = _xy(place, cell)
+                gx, gy = centre(place, cell)
                 memory.leg_time[n] = math.hypot(gx - x, gy - y) / place.speed
                 n += 1
     return n
@@ -270,6 +192,7 @@ def _legs(memory: Memory, place: Place, x: float, y: float, reach: int) -> int:
 @kernel
 def search(
     memory: Memory,
+    trails: Trails,
     place: Place,
     pieces: NDArray[np.float64],
     lag: float,
@@ -283,6 +206,7 @@ def search(
     gain: float,
     limit: float,
     max_tests: int,
+    amount: float,
     state: NDArray[np.uint64],
 ) -> tuple[int, float, float]:
     """Send ants from (x, y) at t0; returns (best end state or -1, its arrival at the goal, a lower bound on any), in s.
@@ -303,6 +227,8 @@ def search(
         Arrival that has to be bettered (that of the plan in use), s; infinite for none.
     max_tests : int
         Moves tested in all.
+    amount : float
+        Q of the deposit Q / L on a way that is better than all before, L its duration in s; 0 for no pheromone.
     state : uint64[1]
         Of the random generator.
 
@@ -346,14 +272,15 @@ def search(
             done = now if cell == place.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
             if cell >= 0 and done + place.field[cell] < best_cost - gain:
                 best, best_cost = s, done + place.field[cell]
+                deposit(memory, trails, place, s, amount / (best_cost - t0))
             if cell == place.goal or now >= horizon:
                 memory.key[s] = math.inf
                 break
             memory.counter[3] += 1
             moves = legs if s == 0 else len(place.offset)
             at = here if s == 0 else place.field[cell]
-            sx, sy = (x, y) if s == 0 else _xy(place, cell)
-            scented = s != 0 and memory.mark[cell] == 1
+            sx, sy = (x, y) if s == 0 else centre(place, cell)
+            scented = s != 0 and trails.mark[cell]
             total, least = 0.0, math.inf
             for k in range(moves):
                 weight[k], cost[k] = 0.0, math.inf
@@ -370,9 +297,7 @@ def search(
                     continue
                 weight[k] = float(_EXP[min(int(max(beta * extra, 0.0) * 64.0), 1023)])
                 if scented:
-                    j = _slot(memory, _key(place, cell, k, now))
-                    if j >= 0 and memory.trail_key[j] >= 0:
-                        weight[k] *= 1.0 + memory.trail[j]
+                    weight[k] *= scent(trails, edge(trails, cell, k, now))
                 total += weight[k]
             then = -1
             while then < 0 and total > 1e-9:
@@ -387,7 +312,7 @@ def search(
                 total -= weight[k]
                 weight[k], cost[k] = 0.0, math.inf
                 target = memory.leg_cell[k] if s == 0 else cell + place.offset[k]
-                if s == 0 and not _clear(place, x, y, target):
+                if s == 0 and not clear(place, x, y, *centre(place, target)):
                     continue
                 duration = memory.leg_time[k] if s == 0 else place.step[k, 2]
                 then = _expand(memory, place, s, target, duration, sx, sy, t0, horizon, pieces, lag, work)
@@ -401,112 +326,3 @@ def search(
                 break
             s = then
     return best, best_cost, min(bound, best_cost)
-
-
-@kernel
-def _clear(place: Place, x: float, y: float, cell: int) -> bool:
-    """Tell whether the straight leg from (x, y) to the centre of `cell` is free of walls."""
-    gx, gy = _xy(place, cell)
-    size = place.resolution
-    return not segment_hits_cells(
-        place.blocked,
-        (y - place.y0) / size,
-        (x - place.x0) / size,
-        (gy - place.y0) / size,
-        (gx - place.x0) / size,
-        place.radius / size,
-        True,
-    )
-
-
-@kernel
-def trace_back(
-    memory: Memory,
-    place: Place,
-    pieces: NDArray[np.float64],
-    lag: float,
-    x: float,
-    y: float,
-    end: int,
-    horizon: float,
-    until: float,
-    out: NDArray[np.float64],
-) -> int:
-    """Write the way to state `end` and on along the field as knots (t, x, y) to out, waits included; returns how many.
-
-    Waits are shifted: each departure is made the earliest that is safe, now that arrivals may have become earlier than when the
-    move was tried. Past `end`, where obstacles are forgotten, the way follows the field to the goal or until time `until`.
-    """
-    chain = np.empty(512, np.int32)
-    work = np.empty(2)
-    length = 0
-    s = end
-    while s >= 0 and length < len(chain):
-        chain[length] = s
-        length += 1
-        s = memory.parent[s]
-    t = memory.arrival[chain[length - 1]]
-    out[0, 0], out[0, 1], out[0, 2] = t, x, y
-    n = 1
-    for i in range(length - 2, -1, -1):
-        c = chain[i]
-        px, py = out[n - 1, 1], out[n - 1, 2]
-        gx, gy = _xy(place, memory.cell[c])
-        duration = math.hypot(gx - px, gy - py) / place.speed
-        if duration == 0.0:
-            continue
-        limit = memory.depart[c]
-        vx, vy = (gx - px) / duration, (gy - py) / duration
-        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, pieces, lag, work)
-        depart = min(depart, limit)
-        if depart > t + TOUCH:
-            out[n, 0], out[n, 1], out[n, 2] = depart, px, py
-            n += 1
-        t = depart + duration
-        out[n, 0], out[n, 1], out[n, 2] = t, gx, gy
-        n += 1
-        if n + 3 > len(out):
-            return n
-    cell = memory.cell[end]
-    if cell != place.goal and t < horizon:
-        t = horizon
-        out[n, 0], out[n, 1], out[n, 2] = t, out[n - 1, 1], out[n - 1, 2]
-        n += 1
-    while cell >= 0 and cell != place.goal and t < until and n < len(out):
-        least, move = math.inf, -1
-        for k in range(len(place.offset)):
-            if (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
-                cost = place.step[k, 2] + place.field[cell + place.offset[k]]
-                if cost < least:
-                    least, move = cost, k
-        if move < 0:
-            break
-        cell += place.offset[move]
-        t += place.step[move, 2]
-        out[n, 0] = t
-        out[n, 1], out[n, 2] = _xy(place, cell)
-        n += 1
-    return n
-
-
-@kernel
-def first_conflict(
-    knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], lag: float, work: NDArray[np.float64]
-) -> float:
-    """Time at which the rest of a motion, rows (t, x, y), first meets a piece: when the leg sets off or, in a wait, the
-    contact itself; infinite if never."""
-    for i in range(len(knots) - 1):
-        t0, t1 = max(knots[i, 0], now), knots[i + 1, 0]
-        if t1 <= t0:
-            continue
-        span = knots[i + 1, 0] - knots[i, 0]
-        vx, vy = (knots[i + 1, 1] - knots[i, 1]) / span, (knots[i + 1, 2] - knots[i, 2]) / span
-        x, y = knots[i, 1] + vx * (t0 - knots[i, 0]), knots[i, 2] + vy * (t0 - knots[i, 0])
-        if vx == 0.0 and vy == 0.0:
-            for p in range(len(pieces)):
-                low, high = unsafe_stay(x, y, pieces, p)
-                if low < t1 - TOUCH and high > t0 + TOUCH:
-                    return max(low, t0)
-        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, pieces, lag, work) == math.inf:
-            return t0
-    return math.inf

@@ -80,6 +80,9 @@ class Task:
         The goal is reached within this distance, m, > 0.
     obstacle_speed : float
         Declared bound on the speed of moving obstacles, m/s, >= 0 (an assumption of the guard's promise).
+    obstacle_surge : float
+        Declared bound on how fast an obstacle's speed grows, m/s^2, >= 0; infinite: it may be at full speed at once. It may
+        turn at once in any case.
     """
 
     grid: Grid
@@ -88,6 +91,7 @@ class Task:
     goal: XY
     goal_tolerance: float = 0.2
     obstacle_speed: float = 1.5
+    obstacle_surge: float = math.inf
 
     def __post_init__(self) -> None:
         checks.instance("grid", self.grid, Grid)
@@ -98,6 +102,7 @@ class Task:
             object.__setattr__(self, name, checks.point(name, getattr(self, name)))
         checks.number("goal_tolerance", self.goal_tolerance, low=0.0, open_low=True, unit="m")
         checks.number("obstacle_speed", self.obstacle_speed, low=0.0, unit="m/s")
+        checks.number("obstacle_surge", self.obstacle_surge, low=0.0, infinite=True, unit="m/s^2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

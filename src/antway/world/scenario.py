@@ -39,8 +39,8 @@ class Scenario:
         Used where `run` is given none.
     goal_tolerance : float
         The goal is reached within this distance, m, > 0.
-    obstacle_speed : float
-        Declared bound on the obstacles' speed, m/s, >= 0.
+    obstacle_speed, obstacle_surge : float
+        Declared bounds on the obstacles' speed, m/s, >= 0, and on how fast it grows, m/s^2, >= 0, may be infinite.
     name : str
     map : str
         The map's file as the scenario file gives it; empty for a world made in Python.
@@ -59,6 +59,7 @@ class Scenario:
     seed: int = 0
     goal_tolerance: float = 0.2
     obstacle_speed: float = 1.5
+    obstacle_surge: float = math.inf
     name: str = "scenario"
     map: str = ""
     task: Task = field(init=False, repr=False, compare=False)
@@ -71,7 +72,8 @@ class Scenario:
         checks.seed(self.seed)
         for text in ("name", "map"):
             checks.instance(text, getattr(self, text), str)
-        task = Task(self.world.grid, self.robot, self.start, self.goal, self.goal_tolerance, self.obstacle_speed)
+        ends = (self.start, self.goal, self.goal_tolerance)
+        task = Task(self.world.grid, self.robot, *ends, self.obstacle_speed, self.obstacle_surge)
         set_(self, "task", task)
         if math.ceil(self.horizon / self.robot.dt) > MAX_STEPS:
             raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
@@ -84,7 +86,8 @@ class Scenario:
                 raise CellBlocked(end, getattr(task, end), allowed)
 
 
-_TOP = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "horizon", "seed", "robot", "sensor", "obstacles")
+_TOP = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "obstacle_surge", "horizon", "seed")
+_TOP += ("robot", "sensor", "obstacles")
 
 
 def load_scenario(path: str | Path) -> Scenario:

@@ -57,6 +57,7 @@ def to_json(trace: Trace, *, timing: bool = True) -> str:
             "goal": list(task.goal),
             "goal_tolerance": task.goal_tolerance,
             "obstacle_speed": task.obstacle_speed,
+            "obstacle_surge": task.obstacle_surge,
         },
         **{name: getattr(trace, name).tolist() for name in _ARRAYS},
         "timeline": {name: getattr(trace.timeline, name).tolist() for name in _TIMELINE},
@@ -163,7 +164,7 @@ class _Reader:
         )
 
     def task(self, record: object) -> Task:
-        parts = self.table("task", record, "grid robot start goal goal_tolerance obstacle_speed")
+        parts = self.table("task", record, "grid robot start goal goal_tolerance obstacle_speed obstacle_surge")
         grid = self.table("task.grid", parts["grid"], "resolution origin blocked unknown")
         robot = self.table("task.robot", parts["robot"], " ".join(_ROBOT))
         values: dict[str, Any] = {k: robot[k] if k == "drive" else self.real(f"task.robot.{k}", robot[k]) for k in _ROBOT}
@@ -180,6 +181,7 @@ class _Reader:
                 goal=parts["goal"],
                 goal_tolerance=self.real("task.goal_tolerance", parts["goal_tolerance"]),
                 obstacle_speed=self.real("task.obstacle_speed", parts["obstacle_speed"]),
+                obstacle_surge=self.real("task.obstacle_surge", parts["obstacle_surge"]),
             )
         except BadScenario:
             raise

@@ -1,0 +1,247 @@
+"""The policy `antway`: ants in space and time around what moves, the exact field over the map for the rest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.avoidance.explain import explain
+from antway.avoidance.guard import Guard
+from antway.errors import BadParameter
+from antway.grid import Grid, Moves
+from antway.kernels import track
+from antway.kernels.cycle import KEPT, Plan, Settings, cycle
+from antway.kernels.place import Place
+from antway.kernels.rng import stream
+from antway.kernels.spacetime import HEAP, LEGS, STATES, Memory
+from antway.kernels.timed import move_field, move_mask
+from antway.kernels.trails import TRAILS, Trails
+from antway.planning import TimedPath, free_cell
+from antway.world.policy import Command, Decision, Observation, RobotSpec, Task
+
+_KNOTS = 2048  # of a plan
+_PIECES = 2048  # of all predictions
+
+
+def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
+    """Return an empty memory for a map of so many cells."""
+
+    def ints(n: int) -> NDArray[np.int32]:
+        return np.zeros(n, np.int32)
+
+    return Memory(
+        stamp=ints(cells),
+        first=ints(cells),
+        count=ints(cells),
+        cell=ints(states),
+        low=np.zeros(states),
+        high=np.zeros(states),
+        arrival=np.zeros(states),
+        depart=np.zeros(states),
+        parent=ints(states),
+        tried=np.zeros(states, np.uint64),
+        key=np.zeros(states),
+        heap_key=np.zeros(heap),
+        heap_state=ints(heap),
+        leg_cell=ints(LEGS),
+        leg_time=np.zeros(LEGS),
+        counter=np.zeros(5, np.int64),
+    )
+
+
+def make_trails(cells: int, bin: float = 0.5) -> Trails:
+    """Return an empty table of pheromone for a map of so many cells and bins of arrival of `bin` s."""
+    return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
+
+
+def make_place(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO) -> Place:
+    """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them."""
+    (x, y, _), size, cols = grid.origin, grid.resolution, grid.shape[1]
+    mask = move_mask(grid.blocked, moves.offsets, robot.radius / size)
+    field = move_field(mask, moves.offsets, moves.lengths, np.array([goal], np.int64)) * (size / robot.v_max)
+    offsets = moves.offsets.astype(np.int64)
+    return Place(
+        blocked=grid.blocked,
+        legal=mask.ravel(),
+        field=field.ravel(),
+        offset=offsets[:, 0] * cols + offsets[:, 1],
+        step=np.column_stack((offsets[:, 1] * size, offsets[:, 0] * size, moves.lengths * (size / robot.v_max))),
+        resolution=size,
+        x0=x + size / 2,
+        y0=y + size / 2,
+        radius=robot.radius,
+        speed=robot.v_max,
+        goal=goal[0] * cols + goal[1],
+    )
+
+
+class AntwayPolicy:
+    """Cross a place among moving obstacles by ants in space and time.
+
+    Each cycle predicts the tracks, tests the plan in use against them, and lets the colony look for a better one until the gap
+    is certified to be nil or the budget of tests is spent. A plan is kept unless it is in conflict or another is better by
+    `commitment`. What comes out passes the guard.
+
+    Parameters
+    ----------
+    horizon : float
+        How far ahead obstacles are predicted, s, > 0.
+    margin : float
+        Least distance to predicted obstacles, m, >= 0.
+    chance : float
+        Probability in (0, 1) with which an uncertain track may leave its tube at any one time.
+    commitment : float
+        s; a plan is left for another only if that arrives so much sooner, >= 0.
+    gain : float
+        s; differences below are not worth a search, > 0.
+    tests : int
+        Moves that the colony may test in one cycle, >= 1.
+    moves : Moves
+        EIGHT, SIXTEEN or THIRTY_TWO.
+    deposit : float
+        Q of the deposit Q / L on a way that is better than all before, s; 0 switches pheromone off.
+    guard : bool
+        Whether commands pass the guard.
+
+    Raises
+    ------
+    BadParameter
+        For numbers out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        horizon: float = 5.0,
+        margin: float = 0.01,
+        chance: float = 0.05,
+        commitment: float = 0.05,
+        gain: float = 0.005,
+        tests: int = 2000,
+        moves: Moves = Moves.THIRTY_TWO,
+        deposit: float = 20.0,
+        guard: bool = True,
+    ) -> None:
+        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        chance = checks.number("chance", chance, low=1e-9, high=1.0 - 1e-9)
+        self.quantile = math.sqrt(-2.0 * math.log(chance))  # of the distance of a normal error in two dimensions
+        self.commitment = checks.number("commitment", commitment, low=0.0, unit="s")
+        self.gain = checks.number("gain", gain, low=0.0, open_low=True, unit="s")
+        self.tests = checks.integer("tests", tests, low=1)
+        if checks.instance("moves", moves, Moves) not in (Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO):
+            raise BadParameter("moves", moves.value, "eight, sixteen or thirty-two")
+        self.moves = moves
+        self.deposit = checks.number("deposit", deposit, low=0.0, unit="s")
+        self.guard = Guard() if checks.instance("guard", guard, bool) else None
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Begin an episode.
+
+        Raises
+        ------
+        OutOfBounds, CellBlocked
+            If the robot does not fit at the start or at the goal.
+        """
+        self.task, robot, grid = task, task.robot, task.grid
+        room = grid.inflate(robot.radius)
+        free_cell("start", grid.cell_at(task.start), room)
+        goal = free_cell("goal", grid.cell_at(task.goal), room)
+        self.place = make_place(grid, robot, goal, self.moves)
+        cells = grid.blocked.size
+        self.memory, self.trails = make_memory(cells), make_trails(cells)
+        self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
+        self.plan = Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.array([0.0, math.inf, 0.0]))
+        self.pieces = np.empty((_PIECES, 8))
+        stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
+        self.settings = Settings(
+            dt=robot.dt,
+            robot_radius=robot.radius,
+            horizon=self.horizon,
+            margin=self.margin,
+            bound=task.obstacle_speed if self.guard else 0.0,
+            surge=task.obstacle_surge if self.guard else 0.0,
+            lag=stopping if self.guard else 0.0,
+            quantile=self.quantile,
+            gain=self.gain,
+            commitment=self.commitment,
+            stray=0.02,
+            tests=self.tests,
+            amount=self.deposit,
+            reach=2,
+            low=0.1,
+            high=0.9,
+            goal_x=task.goal[0],
+            goal_y=task.goal[1],
+            betas=np.array([100.0, 30.0, 10.0, 100.0]),
+            slack=np.array([9.0, 0.0, 0.05, 0.2]),
+        )
+        self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
+        self.book, self.count = np.zeros((256, track.COLUMNS)), 0
+        self.beliefs, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
+        if self.guard:
+            self.guard.reset(task)
+        self.decision: Decision | None = None
+        self.did = ""
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o, t = observation, observation.tracks
+        stamp = o.t if math.isnan(o.stamp) else o.stamp
+        n = len(t)
+        if n > len(self.variance):
+            self.variance = np.zeros((2 * n, 2))
+        variance = self.variance[:n]
+        if t.covariance is not None:
+            variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0], t.covariance[:, 2, 2]
+        else:
+            variance[:] = 0.0
+        self.count, known = track.update(
+            self.book, self.count, stamp, t.id, t.xy, t.velocity, t.radius, variance, 1.0, 0.8, self.beliefs
+        )
+        vx, vy, what, arrival, bound, pieces = cycle(
+            self.memory,
+            self.trails,
+            self.place,
+            self.settings,
+            self.plan,
+            self.beliefs[:known],
+            o.t,
+            o.t - stamp,
+            o.xy[0],
+            o.xy[1],
+            self.frame,
+            self.pieces,
+            self.state,
+        )
+        command = Command((vx, vy))
+        if self.guard:
+            command = self.guard.limit(o, command)
+        did = self.guard.did if self.guard else ""
+        if what != KEPT or did != self.did:
+            self.decision = None
+            self.now, self.what, self.did, self.arrival, self.bound, self.count_pieces = o, what, did, arrival, bound, pieces
+        return command
+
+    def explain(self) -> Decision:
+        """Return why the last command was what it was; the same object for as long as the plan and the guard's part stay."""
+        if self.decision is None:
+            n = int(self.plan.state[0])
+            path = TimedPath(self.plan.knots[:n, 0].copy(), self.plan.knots[:n, 1:].copy()) if n else None
+            o = self.now
+            self.decision = explain(o, path, self.arrival - o.t, self.bound - o.t, self.did, self.pheromone())
+        return self.decision
+
+    def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:
+        """Return the pheromone by cell, the largest over moves and times, in the window that holds any."""
+        used = np.flatnonzero(self.trails.key >= 0)
+        if len(used) == 0:
+            return None
+        cells = (self.trails.key[used] // 64) % self.task.grid.blocked.size
+        row, col = np.divmod(cells, self.task.grid.shape[1])
+        window = np.zeros((int(np.ptp(row)) + 1, int(np.ptp(col)) + 1), np.float32)
+        np.maximum.at(window, (row - row.min(), col - col.min()), self.trails.tau[used])
+        return int(row.min()), int(col.min()), window

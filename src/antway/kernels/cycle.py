@@ -1,0 +1,145 @@
+"""One control cycle of the antway policy in one call: predict, keep or improve the plan, command."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
+from antway.kernels.place import Place, clear
+from antway.kernels.predict import predict
+from antway.kernels.rng import State
+from antway.kernels.spacetime import Memory, search
+from antway.kernels.trails import Trails, evaporate
+
+KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
+
+
+class Settings(NamedTuple):
+    """Numbers of the policy; see `AntwayPolicy`."""
+
+    dt: float  # s
+    robot_radius: float  # m
+    horizon: float  # s
+    margin: float  # m
+    bound: float  # m/s
+    surge: float  # m/s^2
+    lag: float  # s
+    quantile: float  # 1
+    gain: float  # s
+    commitment: float  # s
+    stray: float  # m
+    tests: int
+    amount: float  # Q of the deposit Q / L, s
+    reach: int  # cells
+    low: float  # persistence
+    high: float
+    goal_x: float  # m
+    goal_y: float
+    betas: NDArray[np.float64]
+    slack: NDArray[np.float64]
+
+
+class Plan(NamedTuple):
+    """The plan in use: knots (t, x, y), and [number of knots, arrival at the goal in s, cycles planned]."""
+
+    knots: NDArray[np.float64]
+    scratch: NDArray[np.float64]
+    state: NDArray[np.float64]
+
+
+@kernel
+def cycle(
+    memory: Memory,
+    trails: Trails,
+    place: Place,
+    settings: Settings,
+    plan: Plan,
+    beliefs: NDArray[np.float64],
+    now: float,
+    age: float,
+    x: float,
+    y: float,
+    frame: NDArray[np.float64],
+    pieces: NDArray[np.float64],
+    state: State,
+) -> tuple[float, float, int, float, float, int]:
+    """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival, number of pieces).
+
+    Arrivals are absolute, s; `beliefs` are as kernels/track.py leaves them, `age` s old; `pieces` is filled for who
+    wants to look.
+    """
+    s = settings
+    count = predict(
+        beliefs,
+        now,
+        age,
+        s.horizon,
+        x,
+        y,
+        s.robot_radius,
+        s.margin,
+        s.bound,
+        s.surge,
+        s.lag,
+        s.quantile,
+        place.blocked,
+        frame,
+        pieces,
+    )
+    ahead = pieces[:count]
+    work = np.empty(2)
+    n = int(plan.state[0])
+    valid = False
+    if n > 0 and plan.knots[n - 1, 0] > now + s.dt:
+        px, py, _ = place_at(plan.knots, n, now)
+        on_course = math.hypot(px - x, py - y) <= s.stray
+        valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.lag, work) == math.inf
+    limit = plan.state[1] - s.commitment if valid else math.inf
+    horizon = now + s.horizon
+    end, arrival, bound = search(
+        memory,
+        trails,
+        place,
+        ahead,
+        s.lag,
+        x,
+        y,
+        now,
+        horizon,
+        s.reach,
+        s.betas,
+        s.slack,
+        s.gain,
+        limit,
+        s.tests,
+        s.amount,
+        state,
+    )
+    what = KEPT if valid else NONE
+    if end >= 0:
+        what = IMPROVED if valid else NEW
+        m = trace_back(memory, place, ahead, s.lag, x, y, end, horizon, horizon + s.horizon, plan.scratch)
+        late = plan.scratch[m - 1, 0]
+        n = shorten(place, ahead, s.lag, plan.scratch, m, plan.knots)
+        plan.state[0], plan.state[1] = n, arrival - (late - plan.knots[n - 1, 0])
+        plan.state[2] += 1
+        evaporate(trails, now, s.low, s.high, plan.state[2])
+    elif not valid:
+        plan.state[0], plan.state[1] = 0, math.inf
+        return 0.0, 0.0, NONE, math.inf, bound, count
+    tx, ty, knot = place_at(plan.knots, n, now + s.dt)
+    if plan.knots[n - 1, 0] <= now + s.dt:  # the plan ends at the goal's cell; the goal itself is a little way off
+        tx, ty = s.goal_x, s.goal_y
+    if not clear(place, x, y, tx, ty):  # the chord cuts a corner of the plan that hugs a wall: go to the corner
+        _, _, knot = place_at(plan.knots, n, now)
+        tx, ty = plan.knots[knot, 1], plan.knots[knot, 2]
+    vx, vy = (tx - x) / s.dt, (ty - y) / s.dt
+    speed = math.hypot(vx, vy)
+    if speed > place.speed:
+        vx, vy = vx * place.speed / speed, vy * place.speed / speed
+    return vx, vy, what, plan.state[1], bound, count

@@ -1,0 +1,169 @@
+"""Motions, rows (t, x, y) of knots: read from the colony's memory, tested, and made shorter by any-angle shortcuts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+from antway.kernels.pieces import TOUCH, earliest_departure
+from antway.kernels.place import Place, can_stay, centre, clear
+from antway.kernels.spacetime import Memory
+
+LOOK = 10  # vertices ahead that a shortcut may reach
+
+
+@kernel
+def trace_back(
+    memory: Memory,
+    place: Place,
+    pieces: NDArray[np.float64],
+    lag: float,
+    x: float,
+    y: float,
+    end: int,
+    horizon: float,
+    until: float,
+    out: NDArray[np.float64],
+) -> int:
+    """Write the way to state `end` and on along the field as knots (t, x, y) to out, waits included; returns how many.
+
+    Waits are shifted: each departure is made the earliest that is safe, now that arrivals may have become earlier than when the
+    move was tried. Past `end`, where obstacles are forgotten, the way follows the field to the goal or until time `until`.
+    """
+    chain = np.empty(512, np.int32)
+    work = np.empty(2)
+    length = 0
+    s = end
+    while s >= 0 and length < len(chain):
+        chain[length] = s
+        length += 1
+        s = memory.parent[s]
+    t = memory.arrival[chain[length - 1]]
+    out[0, 0], out[0, 1], out[0, 2] = t, x, y
+    n = 1
+    for i in range(length - 2, -1, -1):
+        c = chain[i]
+        px, py = out[n - 1, 1], out[n - 1, 2]
+        gx, gy = centre(place, memory.cell[c])
+        duration = math.hypot(gx - px, gy - py) / place.speed
+        if duration == 0.0:
+            continue
+        limit = memory.depart[c]
+        vx, vy = (gx - px) / duration, (gy - py) / duration
+        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, pieces, lag, work)
+        depart = min(depart, limit)
+        if depart > t + TOUCH:
+            out[n, 0], out[n, 1], out[n, 2] = depart, px, py
+            n += 1
+        t = depart + duration
+        out[n, 0], out[n, 1], out[n, 2] = t, gx, gy
+        n += 1
+        if n + 3 > len(out):
+            return n
+    cell = memory.cell[end]
+    if cell != place.goal and t < horizon:
+        t = horizon
+        out[n, 0], out[n, 1], out[n, 2] = t, out[n - 1, 1], out[n - 1, 2]
+        n += 1
+    while cell >= 0 and cell != place.goal and t < until and n < len(out):
+        least, move = math.inf, -1
+        for k in range(len(place.offset)):
+            if (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
+                cost = place.step[k, 2] + place.field[cell + place.offset[k]]
+                if cost < least:
+                    least, move = cost, k
+        if move < 0:
+            break
+        cell += place.offset[move]
+        t += place.step[move, 2]
+        out[n, 0] = t
+        out[n, 1], out[n, 2] = centre(place, cell)
+        n += 1
+    return n
+
+
+@kernel
+def first_conflict(
+    knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], lag: float, work: NDArray[np.float64]
+) -> float:
+    """Time at which the rest of a motion, rows (t, x, y), first has a leg or wait that meets a piece; infinite if never."""
+    for i in range(len(knots) - 1):
+        t0, t1 = max(knots[i, 0], now), knots[i + 1, 0]
+        if t1 <= t0:
+            continue
+        span = knots[i + 1, 0] - knots[i, 0]
+        vx, vy = (knots[i + 1, 1] - knots[i, 1]) / span, (knots[i + 1, 2] - knots[i, 2]) / span
+        x, y = knots[i, 1] + vx * (t0 - knots[i, 0]), knots[i, 2] + vy * (t0 - knots[i, 0])
+        if vx == 0.0 and vy == 0.0:
+            if not can_stay(x, y, t0, t1, pieces):
+                return t0
+        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, pieces, lag, work) == math.inf:
+            return t0
+    return math.inf
+
+
+@kernel
+def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float, int]:
+    """Place at time t of the motion knots[:n], and the knot that the robot is on its way to."""
+    if t <= knots[0, 0]:
+        return knots[0, 1], knots[0, 2], min(1, n - 1)
+    for i in range(1, n):
+        if t < knots[i, 0]:
+            s = (t - knots[i - 1, 0]) / (knots[i, 0] - knots[i - 1, 0])
+            return (
+                knots[i - 1, 1] + s * (knots[i, 1] - knots[i - 1, 1]),
+                knots[i - 1, 2] + s * (knots[i, 2] - knots[i - 1, 2]),
+                i,
+            )
+    return knots[n - 1, 1], knots[n - 1, 2], n - 1
+
+
+@kernel
+def shorten(
+    place: Place, pieces: NDArray[np.float64], lag: float, knots: NDArray[np.float64], n: int, out: NDArray[np.float64]
+) -> int:
+    """Write a motion to `out` that is nowhere later than knots[:n], rows (t, x, y), and as free; returns its knots.
+
+    From each vertex it goes straight to the farthest of the next few that can be reached no later than before, after the first
+    safe departure, if there it may stand until the old departure; so what follows stays possible whatever was gained.
+    """
+    x, y = np.empty(n), np.empty(n)
+    arrive, depart = np.empty(n), np.empty(n)
+    work = np.empty(2)
+    m = 0
+    for i in range(n):
+        if m > 0 and knots[i, 1] == x[m - 1] and knots[i, 2] == y[m - 1]:
+            depart[m - 1] = knots[i, 0]
+            continue
+        x[m], y[m], arrive[m], depart[m] = knots[i, 1], knots[i, 2], knots[i, 0], knots[i, 0]
+        m += 1
+    out[0, 0], out[0, 1], out[0, 2] = arrive[0], x[0], y[0]
+    rows, i, t = 1, 0, arrive[0]
+    while i < m - 1 and rows + 2 < len(out):
+        j = min(i + LOOK, m - 1)
+        while True:
+            duration = math.hypot(x[j] - x[i], y[j] - y[i]) / place.speed
+            leave = math.inf
+            if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(place, x[i], y[i], x[j], y[j])):
+                vx, vy = (x[j] - x[i]) / duration, (y[j] - y[i]) / duration
+                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], pieces, lag, work)
+            if leave + duration <= arrive[j] + TOUCH and can_stay(x[j], y[j], leave + duration, depart[j], pieces):
+                break
+            if j == i + 1:
+                leave, duration = depart[i], arrive[j] - depart[i]  # as before
+                break
+            j -= 1
+        if leave > t + TOUCH:
+            out[rows, 0], out[rows, 1], out[rows, 2] = leave, x[i], y[i]
+            rows += 1
+        t = leave + duration
+        out[rows, 0], out[rows, 1], out[rows, 2] = t, x[j], y[j]
+        rows += 1
+        i = j
+    if depart[m - 1] > arrive[m - 1] and i == m - 1:  # a wait at the end stays one
+        out[rows, 0], out[rows, 1], out[rows, 2] = depart[m - 1], x[m - 1], y[m - 1]
+        rows += 1
+    return rows

@@ -1,0 +1,60 @@
+"""The static side of a motion: the map, the moves a robot can make on it, and the exact field over them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.jit import kernel
+from antway.kernels.pieces import TOUCH, unsafe_stay
+
+
+class Place(NamedTuple):
+    """The static side: the map, its moves for this robot, and the exact field over them."""
+
+    blocked: NDArray[np.bool_]  # [H, W]
+    legal: NDArray[np.uint32]  # [H * W] bit k: move k is free of walls
+    field: NDArray[np.float64]  # [H * W] s to the goal at full speed over the same moves
+    offset: NDArray[np.int64]  # [K] flat
+    step: NDArray[np.float64]  # [K, 3] x and y in m, and time in s
+    resolution: float
+    x0: float  # m, centre of cell (0, 0)
+    y0: float
+    radius: float  # m
+    speed: float  # m/s
+    goal: int  # flat cell
+
+
+@kernel
+def centre(place: Place, cell: int) -> tuple[float, float]:
+    """Return the x, y in m of the centre of a flat cell."""
+    cols = place.blocked.shape[1]
+    return place.x0 + (cell % cols) * place.resolution, place.y0 + (cell // cols) * place.resolution
+
+
+@kernel
+def clear(place: Place, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Tell whether the robot can go straight from (ax, ay) to (bx, by) m without contact with walls."""
+    s = place.resolution
+    return not segment_hits_cells(
+        place.blocked,
+        (ay - place.y0) / s,
+        (ax - place.x0) / s,
+        (by - place.y0) / s,
+        (bx - place.x0) / s,
+        place.radius / s,
+        True,
+    )
+
+
+@kernel
+def can_stay(x: float, y: float, t0: float, t1: float, pieces: NDArray[np.float64]) -> bool:
+    """Tell whether a robot may stand at (x, y) from t0 to t1."""
+    for p in range(len(pieces)):
+        low, high = unsafe_stay(x, y, pieces, p)
+        if low < t1 - TOUCH and high > t0 + TOUCH:
+            return False
+    return True

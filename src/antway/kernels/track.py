@@ -1,0 +1,132 @@
+"""Beliefs about moving obstacles: a Kalman filter for each track, and what its surprises say.
+
+Each axis has the state (place, velocity) under white acceleration; both axes share one covariance, because noise and motion
+are alike in x and y (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+from antway.kernels.predict import RADIUS, SIGMA, SIGMA_V, TURNS, VX, VY, X, Y
+
+ID, T, P11, P12, P22, SURPRISE = range(8, 14)  # columns of a book of tracks after those of a belief
+COLUMNS = 14
+_FORGET = 0.6  # s; how fast a surprise wears off
+_LOST = 1.0  # s; how long a track is believed in that is not seen
+
+
+@kernel
+def _row(book: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
+    """Row of the track called `name`, or, where sensors give no names (-1), the one whose prediction is nearest; -1 if none."""
+    if name >= 0.0:
+        for i in range(count):
+            if book[i, ID] == name:
+                return i
+        return -1
+    best, row = near, -1
+    for i in range(count):
+        dt = t - book[i, T]
+        gap = math.hypot(book[i, X] + book[i, VX] * dt - x, book[i, Y] + book[i, VY] * dt - y)
+        if dt > 0.0 and gap < best:
+            best, row = gap, i
+    return row
+
+
+@kernel
+def update(
+    book: NDArray[np.float64],
+    count: int,
+    t: float,
+    name: NDArray[np.int64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    agility: float,
+    near: float,
+    beliefs: NDArray[np.float64],
+) -> tuple[int, int]:
+    """Take in one scan; returns (tracks in the book, beliefs written).
+
+    Parameters
+    ----------
+    book : float64[M, COLUMNS]
+        What is known, rows below `count`.
+    t : float
+        Time of the scan, s.
+    name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
+        The scan; a name of -1 is found by nearness, a velocity that is NaN is estimated.
+    variance : float64[K, 2]
+        Of the places (m^2) and of the velocities (m^2/s^2); 0: exact.
+    agility : float
+        Standard deviation of the obstacles' acceleration, m/s^2, for the filter.
+    near : float
+        How far from its prediction a nameless track may be found, m.
+    beliefs : float64[N, 8]
+        Filled with the tracks of this scan, and those seen so lately that they must still be about, moved on to `t`.
+    """
+    for k in range(len(name)):
+        i = _row(book, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
+        known = not math.isnan(velocity[k, 0])
+        if i < 0:
+            if count == len(book):
+                i = int(np.argmin(book[:count, T]))  # the one unseen for longest makes room
+            else:
+                i, count = count, count + 1
+            book[i, ID], book[i, T] = float(name[k]), t
+            book[i, X], book[i, Y] = xy[k, 0], xy[k, 1]
+            book[i, VX], book[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
+            book[i, P11], book[i, P12] = variance[k, 0], 0.0
+            book[i, P22] = variance[k, 1] if known else 1.0
+            book[i, SURPRISE] = 0.0
+        else:
+            dt = t - book[i, T]
+            if dt <= 0.0:
+                continue  # a scan that was taken in already
+            q = agility * agility
+            x, y = book[i, X] + book[i, VX] * dt, book[i, Y] + book[i, VY] * dt
+            p11 = book[i, P11] + 2 * dt * book[i, P12] + dt * dt * book[i, P22] + q * dt**4 / 4
+            p12 = book[i, P12] + dt * book[i, P22] + q * dt**3 / 2
+            p22 = book[i, P22] + q * dt * dt
+            vx, vy = book[i, VX], book[i, VY]
+            # place
+            s = p11 + variance[k, 0]
+            rx, ry = xy[k, 0] - x, xy[k, 1] - y
+            g1, g2 = (p11 / s, p12 / s) if s > 0.0 else (1.0, 0.0)
+            unlikely = math.hypot(rx, ry) > 3.0 * math.sqrt(s) + 0.02
+            x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
+            p11, p12, p22 = (1 - g1) * p11, (1 - g1) * p12, p22 - g2 * p12
+            if known:
+                s = p22 + variance[k, 1]
+                wx, wy = velocity[k, 0] - vx, velocity[k, 1] - vy
+                unlikely = unlikely or math.hypot(wx, wy) > 3.0 * math.sqrt(s) + 0.02
+                g1, g2 = (p12 / s, p22 / s) if s > 0.0 else (0.0, 1.0)
+                x, y, vx, vy = x + g1 * wx, y + g1 * wy, vx + g2 * wx, vy + g2 * wy
+                p11, p12, p22 = p11 - g1 * p12, (1 - g2) * p12, (1 - g2) * p22
+            book[i, X], book[i, Y], book[i, VX], book[i, VY], book[i, T] = x, y, vx, vy, t
+            book[i, P11], book[i, P12], book[i, P22] = p11, p12, p22
+            book[i, SURPRISE] = book[i, SURPRISE] * math.exp(-dt / _FORGET) + (1.0 if unlikely else 0.0)
+        book[i, RADIUS] = radius[k]
+    n, kept = 0, 0
+    for i in range(count):
+        age = t - book[i, T]
+        if age > _LOST:
+            continue
+        if kept != i:
+            book[kept] = book[i]
+        kept += 1
+        if n == len(beliefs):
+            continue
+        b = book[kept - 1]
+        beliefs[n, X], beliefs[n, Y] = b[X] + b[VX] * age, b[Y] + b[VY] * age
+        beliefs[n, VX], beliefs[n, VY], beliefs[n, RADIUS] = b[VX], b[VY], b[RADIUS]
+        beliefs[n, SIGMA] = math.sqrt(max(b[P11] + 2 * age * b[P12] + age * age * b[P22], 0.0))
+        beliefs[n, SIGMA_V] = math.sqrt(max(book[kept - 1, P22], 0.0))
+        beliefs[n, TURNS] = 0.0
+        n += 1
+    return kept, n

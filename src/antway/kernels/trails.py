@@ -1,0 +1,76 @@
+"""Pheromone in space and time: on (cell, move, bin of arrival), in a small hash table of the edges that carry any."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+
+TRAILS = 1 << 12  # slots of the table, a power of two
+
+
+class Trails(NamedTuple):
+    """Pheromone above the floor of 1 that every edge has."""
+
+    key: NDArray[np.int64]  # [TRAILS] (bin of arrival, cell, move), -1: empty
+    tau: NDArray[np.float32]  # [TRAILS]
+    mark: NDArray[np.bool_]  # [cells] cells that carry any
+    bin: float  # s, width of a bin of arrival
+
+
+@kernel
+def edge(trails: Trails, cell: int, move: int, t: float) -> int:
+    """Return the key of the edge that leaves `cell`, reached at time t, by `move`."""
+    return (int(t / trails.bin) * len(trails.mark) + cell) * 64 + move
+
+
+@kernel
+def slot(trails: Trails, key: int) -> int:
+    """Return the slot of `key`, or the empty one where it belongs; -1 if the table is full there."""
+    h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
+    for i in range(16):
+        j = np.int64((h + np.uint64(i)) & np.uint64(TRAILS - 1))
+        if trails.key[j] == key or trails.key[j] < 0:
+            return j
+    return -1
+
+
+@kernel
+def scent(trails: Trails, key: int) -> float:
+    """Return the pheromone on an edge."""
+    j = slot(trails, key)
+    return 1.0 + trails.tau[j] if j >= 0 and trails.key[j] >= 0 else 1.0
+
+
+@kernel
+def lay(trails: Trails, key: int, amount: float) -> None:
+    """Add `amount` to an edge; an edge that finds no slot among so many goes without."""
+    j = slot(trails, key)
+    if j >= 0:
+        if trails.key[j] < 0:
+            trails.key[j], trails.tau[j] = key, 0.0
+        trails.tau[j] += np.float32(amount)
+        trails.mark[(key // 64) % len(trails.mark)] = True
+
+
+@kernel
+def evaporate(trails: Trails, now: float, low: float, high: float, cycle: float) -> None:
+    """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-t), low, high).
+
+    tau_min is 1, the floor that every edge has. What lies in the past is dropped: arrival bins are absolute, so the field
+    shifts by itself as time goes on.
+    """
+    bins = len(trails.mark) * 64
+    keys, taus = trails.key.copy(), trails.tau.copy()
+    trails.key[:] = -1
+    trails.mark[:] = False
+    for j in range(TRAILS):
+        if keys[j] >= 0 and (keys[j] // bins + 1) * trails.bin >= now:
+            tau = 1.0 + taus[j]
+            rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), low), high)
+            if rho * tau > 1.05:
+                lay(trails, keys[j], rho * tau - 1.0)
