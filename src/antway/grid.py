@@ -133,14 +133,15 @@ class Grid:
         if not isinstance(other, Grid):
             return NotImplemented
         mine, theirs = (np.zeros_like(g.blocked) if g.unknown is None else g.unknown for g in (self, other))
-        same_place = self.resolution == other.resolution and self.origin == other.origin
+        same_place = bool(self.resolution == other.resolution and self.origin == other.origin)
         return same_place and bool(np.array_equal(self.blocked, other.blocked) and np.array_equal(mine, theirs))
 
     __hash__ = None  # type: ignore[assignment]
 
     def contains(self, cell: Cell) -> bool:
         """Tell whether `cell` lies on the map."""
-        return 0 <= cell[0] < self.blocked.shape[0] and 0 <= cell[1] < self.blocked.shape[1]
+        rows, cols = self.shape
+        return 0 <= cell[0] < rows and 0 <= cell[1] < cols
 
     def is_free(self, cell: Cell) -> bool:
         """Tell whether `cell` lies on the map and is not blocked."""

@@ -100,8 +100,6 @@ def _decimals(data: bytes, count: int, path: Path) -> NDArray[np.uint16]:
 
 
 def _png(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> Picture:
-    from PIL.PngImagePlugin import PngImageFile
-
     if len(head) < 33 or head[12:16] != b"IHDR":
         raise BadMap("header", head[8:24], "an IHDR chunk", where=str(path))
     cols, rows, depth, kind = struct.unpack(">IIBB", head[16:26])
@@ -111,6 +109,8 @@ def _png(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> 
         raise BadMap("colour type and depth", (kind, depth), "those of a PNG", where=str(path))
     if rows * cols * depth * channels // 8 > _DEFLATE * size:
         raise BadMap("size of the file", size, f"enough for {cols} x {rows} pixels", where=str(path))
+    from PIL.PngImagePlugin import PngImageFile  # costs 0.2 s, which a bomb shall not
+
     file.seek(0)
     grey = np.empty((rows, cols), dtype=np.uint8)
     clear = None

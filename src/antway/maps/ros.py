@@ -137,6 +137,10 @@ def _describe(path: Path, limits: Limits) -> _Description:
 def _fields(data: bytes, where: str, limits: Limits) -> dict[str, object]:
     """Read the top of a YAML mapping as texts, lists of texts, or None for what is neither; makes no objects."""
     depth = aliases = 0
+    letters = np.frombuffer(data, dtype=np.uint8)
+    nested = np.cumsum(np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}")))
+    if nested.max(initial=0) > limits.yaml_depth:  # PyYAML takes a square of the depth before it says anything
+        raise TooLarge("YAML depth", int(nested.max()), f"at most {limits.yaml_depth}", where=where)
     try:
         for count, event in enumerate(yaml.parse(data, Loader=yaml.SafeLoader)):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)

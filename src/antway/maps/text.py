@@ -50,14 +50,16 @@ def unify(data: bytes) -> bytes:
 def cells(body: bytes, rows: int, cols: int, where: Path) -> NDArray[np.bool_]:
     """Read `rows` lines of `cols` characters, joined by line feeds, as bool[rows, cols], True where blocked."""
     letters = np.frombuffer(body + b"\n", dtype=np.uint8)
-    ends = np.flatnonzero(letters == ord("\n"))
-    wrong = np.flatnonzero(np.diff(ends, prepend=-1) != cols + 1)
-    if len(wrong):
-        line = int(wrong[0])
-        length = int(ends[line] - (ends[line - 1] if line else -1) - 1)
-        raise BadMap(f"length of map line {line + 1}", length, f"the width, {cols}", where=str(where))
-    if len(ends) != rows:
-        raise BadMap("number of map lines", len(ends), f"the height, {rows}", where=str(where))
+    sound = len(letters) == rows * (cols + 1) and bool((letters[cols :: cols + 1] == ord("\n")).all())
+    if not sound or body.count(b"\n") != rows - 1:
+        ends = np.flatnonzero(letters == ord("\n"))
+        wrong = np.flatnonzero(np.diff(ends, prepend=-1) != cols + 1)
+        if len(wrong):
+            line = int(wrong[0])
+            length = int(ends[line] - (ends[line - 1] if line else -1) - 1)
+            raise BadMap(f"length of map line {line + 1}", length, f"the width, {cols}", where=str(where))
+        if len(ends) != rows:
+            raise BadMap("number of map lines", len(ends), f"the height, {rows}", where=str(where))
     meaning = _MEANING[letters.reshape(rows, cols + 1)[:, :cols]]
     if meaning.max() == _BAD:
         row, col = (int(i) for i in np.argwhere(meaning == _BAD)[0])
