@@ -69,7 +69,7 @@ def limits(numbers: Numbers, rho: float, best: float, nodes: int, choices: float
     """Return MMAS's (tau_min, tau_max) for a best length > 0 in `nodes` steps of `choices` alternatives on average.
 
     rho is that of the strongest edge; a colony that forgets less than 1/1000 a cycle has the limits of one that forgets that.
-    tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p) with p = p_best ** (1 / nodes) (Stuetzle, Hoos 2000).
+    tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p), p = p_best ** (1 / nodes) (Stuetzle, Hoos 2000).
     """
     tau_max = numbers.q / (max(1.0 - rho, 1e-3) * best)
     p = numbers.p_best ** (1.0 / nodes)

@@ -1,0 +1,186 @@
+"""A colony one can ask for tours and tell what they are worth; `solve_tsp` runs the same one inside a kernel."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import Executor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.ants.immune import Immune
+from antway.ants.persistence import Persistence
+from antway.ants.rules import Rule, make_rule
+from antway.ants.tsplib import Tsp, permutation
+from antway.errors import BadParameter
+from antway.kernels import tour as cities_kernel
+from antway.kernels import tsp as kernel
+
+NO_LABOUR = kernel.Labour(-1, 0, 0, 0)
+
+
+class Colony:
+    """Ants that build closed tours over the cities of a TSP: construct, evaluate, deposit.
+
+    The costs are the caller's: `tell` takes any positive numbers, and the heuristic comes from the instance's distances.
+
+    Parameters
+    ----------
+    instance : Tsp
+        Of at least four cities, not all in one place.
+    rule : str or Rule
+        A name of `RULES` ("as", "eas", "rank", "mmas", "acs"), or a rule with its parameters.
+    ants, persistence : int, Persistence or None
+        Ants in a cycle, persistence policy; None: the rule's, or else 25 ants.
+    seed : int
+        In [0, 2**64 - 1]. The same seed and the same answers give the same bytes.
+    candidates : int
+        Edges per city that hold pheromone: those to the nearest other cities.
+    pheromone : array_like[n, k] or None
+        Where to start from, such as an earlier colony's `pheromone`; > 0.
+
+    Examples
+    --------
+    >>> colony = Colony(Tsp([(0, 0), (0, 1), (1, 1), (1, 0), (2, 0)]), seed=1)
+    >>> for _ in range(3):
+    ...     tours = colony.ask()
+    ...     colony.tell(tours, [colony.instance.length(tour) for tour in tours])
+    >>> round(colony.best_cost, 3)
+    5.414
+    """
+
+    def __init__(
+        self,
+        instance: Tsp,
+        rule: str | Rule = "mmas",
+        *,
+        ants: int | None = None,
+        persistence: Persistence | None = None,
+        seed: int = 0,
+        candidates: int = 20,
+        pheromone: object = None,
+        labour: kernel.Labour = NO_LABOUR,
+        immune: Immune | None = None,
+    ) -> None:
+        self.instance = checks.instance("instance", instance, Tsp)
+        self.rule = make_rule(rule, ants=ants, persistence=persistence)
+        self.labour = labour
+        self.immune = immune
+        self._seed = np.uint64(checks.seed(seed))
+        checks.integer("candidates", candidates, low=1)
+        if instance.size < 4:
+            raise BadParameter("instance.size", instance.size, "at least 4 cities")
+        self.cities = instance.cities(candidates)
+        m = self.rule.ants or 25
+        self.numbers = self.rule.numbers(m)
+        n, k = self.cities.near.shape
+        # The heuristic 1 / distance, each city's nearest as 1; cities in one place are a tenth of a usual step apart.
+        gap = np.maximum(self.cities.gap, 0.1 * float(self.cities.gap[:, 0].mean()) or 1.0)
+        eta = (gap[:, :1] / gap) ** self.numbers.beta
+        tau = np.ones((n, k))
+        orders = np.tile(np.arange(n, dtype=np.uint32), (m, 1))
+        record = np.array([math.inf, 0, 0, 0, math.inf, 1.0, 0, 0])
+        self.state = kernel.Colony(
+            tau, eta, np.ones((n, k), dtype=np.float32), orders, np.zeros(m), np.zeros((2, n), dtype=np.uint32), record
+        )
+        kernel.combine(tau, eta, 1.0, self.state.weight)
+        greedy = kernel.walk_once(self.cities, self.state, self.numbers._replace(q0=1.0, xi=0.0), self._seed)
+        self.state.bests[:] = orders[0]
+        if greedy <= 0.0:
+            raise BadParameter("instance", instance.name, "of cities that are not all in one place")
+        first = self.rule.initial(m, n, greedy)
+        if self.numbers.p_best > 0.0:
+            first = kernel.first_limit(self.numbers, greedy)
+        record[kernel.TAU_0] = first
+        tau[:] = first
+        if pheromone is not None:
+            field = checks.array("pheromone", pheromone, (n, k))
+            if not (field > 0.0).all():
+                raise BadParameter("pheromone", float(field.min()), "> 0 throughout")
+            tau[:] = field
+
+    @property
+    def best(self) -> NDArray[np.int32]:
+        """The best tour told so far, int32[n]."""
+        return self.state.bests[0].astype(np.int32)
+
+    @property
+    def best_cost(self) -> float:
+        """Its cost; infinite before the first cycle."""
+        return float(self.state.record[kernel.BEST])
+
+    @property
+    def cycle(self) -> int:
+        """Cycles done."""
+        return int(self.state.record[kernel.CYCLE])
+
+    @property
+    def pheromone(self) -> NDArray[np.float64]:
+        """Pheromone on the candidate edges, float64[n, k]: a copy; `candidates` names their other ends."""
+        return self.state.tau.copy()
+
+    @property
+    def candidates(self) -> NDArray[np.int32]:
+        """The cities that each city's candidate edges lead to, int32[n, k], nearest first."""
+        return self.cities.near.astype(np.int32)
+
+    def ask(self, pool: Executor | None = None, threads: int = 1) -> NDArray[np.int32]:
+        """Let the ants walk by Eq. (1) (and improve their tours, if so told); return the tours, int32[m, n]."""
+        self._construct(pool, threads)
+        return self.state.orders.astype(np.int32)
+
+    def tell(self, tours: object, costs: object) -> None:
+        """End the cycle: deposit by the rule, Eq. (2), for `tours` (int[m, n]) of `costs` (float[m], finite, > 0)."""
+        m, n = self.state.orders.shape
+        rows = checks.array("tours", tours, (m, n))
+        values = checks.array("costs", costs, (m,))
+        if not (values > 0.0).all():
+            raise BadParameter("costs", float(values.min()), "> 0")
+        for ant in range(m):
+            self.state.orders[ant] = permutation(f"tours[{ant}]", rows[ant], n)
+        self.state.lengths[:] = values
+        kernel.learn(self.cities, self.state, self.numbers)
+
+    def run(
+        self,
+        cycles: int,
+        history: NDArray[np.float64],
+        target: float = -math.inf,
+        pool: Executor | None = None,
+        threads: int = 1,
+    ) -> int:
+        """Run up to `cycles` cycles on the instance's own lengths, until one is at most `target` long.
+
+        Notes (cycle, best length) in `history`, float64[cycles, 2], whenever the best is better; returns how often that was.
+        """
+        if threads == 1 and self.immune is None:
+            return int(kernel.cycles(self.cities, self.state, self.numbers, self.labour, self._seed, cycles, target, history))
+        noted = 0
+        for _ in range(cycles):
+            self._construct(pool, threads)
+            if self.immune is not None:
+                self.immune.apply(self)
+            if kernel.learn(self.cities, self.state, self.numbers):
+                history[noted] = self.cycle, self.best_cost
+                noted += 1
+                if self.best_cost <= target:
+                    break
+        return noted
+
+    def _construct(self, pool: Executor | None, threads: int) -> None:
+        """Build the cycle's tours, ants spread over threads; the ants of ACS share what they do to pheromone and keep to one."""
+        m = len(self.state.lengths)
+        kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight)
+        whole = (self.cities, self.state, self.numbers, self.labour, self._seed)
+        if pool is None or threads == 1 or self.numbers.xi > 0.0:
+            kernel.build(*whole, 0, m)
+            return
+        cuts = [m * i // threads for i in range(threads + 1)]
+        for job in [pool.submit(kernel.build, *whole, a, b) for a, b in zip(cuts, cuts[1:])]:
+            job.result()
+
+
+def lengths(cities: cities_kernel.Cities, orders: NDArray[np.uint32]) -> NDArray[np.float64]:
+    """Return the lengths of the tours, float64[m]."""
+    return np.array([cities_kernel.length(cities, order) for order in orders])

@@ -1,0 +1,289 @@
+"""Instances of the travelling salesman problem and their files (Reinelt: TSPLIB95, 1995). Wrong files raise `BadMap`."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from antway import checks
+from antway.errors import BadMap, BadParameter, TooLarge
+from antway.kernels import tour as kernel
+
+MAX_BYTES = 64_000_000
+MAX_CITIES = 200_000
+MAX_MATRIX = 5_000  # cities; a matrix of them takes 200 MB
+
+OPTIMA = {
+    "eil51": 426, "berlin52": 7542, "st70": 675, "eil76": 538, "pr76": 108159, "kroA100": 21282, "kroB100": 22141,
+    "rd100": 7910, "eil101": 629, "lin105": 14379, "pr107": 44303, "ch130": 6110, "d198": 15780, "kroA200": 29368,
+    "a280": 2579, "lin318": 42029, "pcb442": 50778, "att48": 10628, "att532": 27686, "ulysses16": 6859, "ulysses22": 7013,
+    "rat783": 8806, "pr1002": 259045, "pcb1173": 56892, "d1291": 50801, "fl1577": 22249, "pr2392": 378032, "gr17": 2085,
+    "d15112": 1573084,
+}  # fmt: skip
+_KINDS = {
+    "MATRIX": kernel.MATRIX,
+    "EUC_2D": kernel.EUC_2D,
+    "CEIL_2D": kernel.CEIL_2D,
+    "ATT": kernel.ATT,
+    "EUCLID": kernel.EUCLID,
+}
+_MATRIX_UP_TO = 1_000  # cities up to which looking distances up is faster than computing them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tsp:
+    """A symmetric travelling salesman problem.
+
+    Parameters
+    ----------
+    xy : array_like[n, 2] or None
+        Places of the cities; |coordinate| <= 1e9.
+    matrix : array_like[n, n] or None
+        Distances >= 0, symmetric; its diagonal is not looked at. Exactly one of `xy` and `matrix` is given.
+    metric : str
+        How distances come from `xy`: EUCLID (not rounded), or by TSPLIB's definitions EUC_2D, CEIL_2D or ATT.
+    name : str
+    optimum : float or None
+        Length of the shortest tour, where it is known.
+
+    Raises
+    ------
+    BadParameter, TooLarge
+
+    Examples
+    --------
+    >>> Tsp([(0, 0), (0, 3), (4, 3)]).length([0, 1, 2])
+    12.0
+    """
+
+    xy: NDArray[np.float64] | None = None
+    matrix: NDArray[np.float64] | None = None
+    metric: str = "EUCLID"
+    name: str = ""
+    optimum: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.xy is None) == (self.matrix is None):
+            raise BadParameter("xy", self.xy, "given, or matrix, and not both")
+        if self.matrix is not None:
+            matrix = checks.array("matrix", self.matrix, (None, None))
+            if len(matrix) > MAX_MATRIX:
+                raise TooLarge("matrix", len(matrix), f"at most {MAX_MATRIX} cities")
+            if matrix.shape[0] != matrix.shape[1] or len(matrix) == 0:
+                raise BadParameter("matrix.shape", matrix.shape, "square and not empty")
+            off = ~np.eye(len(matrix), dtype=bool)
+            if (matrix != matrix.T)[off].any() or (matrix[off] < 0).any() or (matrix[off] > 1e9).any():
+                raise BadParameter("matrix", matrix, "symmetric, of distances in [0, 1e9]")
+            object.__setattr__(self, "matrix", matrix)
+            object.__setattr__(self, "metric", "MATRIX")
+        else:
+            checks.choice("metric", self.metric, [kind for kind in _KINDS if kind != "MATRIX"])
+            xy = checks.array("xy", self.xy, (None, 2))
+            if len(xy) == 0 or (np.abs(xy) > 1e9).any():
+                raise BadParameter("xy", xy, "one place or more, of coordinates in [-1e9, 1e9]")
+            if len(xy) > MAX_CITIES:
+                raise TooLarge("xy", len(xy), f"at most {MAX_CITIES} cities")
+            object.__setattr__(self, "xy", xy)
+        if self.optimum is not None:
+            object.__setattr__(self, "optimum", checks.number("optimum", self.optimum, low=0.0))
+
+    @property
+    def size(self) -> int:
+        """Number of cities."""
+        given = self.matrix if self.xy is None else self.xy
+        assert given is not None
+        return len(given)
+
+    def length(self, order: object) -> float:
+        """Return the length of the closed tour `order`, a permutation of the cities 0 ... n - 1."""
+        return float(kernel.length(self.cities(1), permutation("order", order, self.size)))
+
+    def cities(self, candidates: int) -> kernel.Cities:
+        """Return what kernels take: the distances and each city's `candidates` nearest others (k-d tree, or whole rows)."""
+        n = self.size
+        k = min(candidates, n - 1)
+        none = np.empty((0, 0))
+        xy = np.zeros((0, 2)) if self.xy is None else np.ascontiguousarray(self.xy)
+        kind, matrix = _KINDS[self.metric], none if self.matrix is None else np.ascontiguousarray(self.matrix)
+        if self.xy is None:
+            near = np.array(
+                [np.argsort(np.where(np.arange(n) == i, np.inf, row), kind="stable")[:k] for i, row in enumerate(matrix)]
+            )
+        elif k == n - 1:
+            near = np.array([np.delete(np.arange(n), i) for i in range(n)])
+        else:
+            found = cKDTree(xy).query(xy, k + 1)[1]
+            # Among cities in one place the tree need not put the city itself first, nor name it at all.
+            own = found == np.arange(n)[:, None]
+            own[~own.any(axis=1), k] = True
+            near = found[~own]
+        near = near.reshape(n, k).astype(np.uint32)
+        # Arrays are made writable, so that kernels are compiled for one type.
+        xy, matrix = xy.copy(), matrix.copy()
+        gap = kernel.gaps(kind, xy, matrix, near)
+        ranking = np.argsort(gap, axis=1, kind="stable")
+        near, gap = np.take_along_axis(near, ranking, 1), np.take_along_axis(gap, ranking, 1)
+        if self.xy is not None and n <= _MATRIX_UP_TO:
+            kind, matrix = kernel.MATRIX, kernel.gaps(kind, xy, none, np.tile(np.arange(n, dtype=np.uint32), (n, 1)))
+        span = matrix.max(initial=0.0) if matrix.size else float(np.hypot(*np.ptp(xy, axis=0)))
+        return kernel.Cities(kind, xy, matrix, near, gap, 1e-12 * float(span), kernel.backs(near))
+
+
+def permutation(field: str, order: object, n: int) -> NDArray[np.uint32]:
+    """Return `order` as uint32[n] if it is a permutation of 0 ... n - 1."""
+    result = checks.array(field, order, (n,))
+    if not np.array_equal(np.sort(result), np.arange(n)):
+        raise BadParameter(field, order, f"a permutation of the cities 0 to {n - 1}")
+    return result.astype(np.uint32)
+
+
+def load_tsp(path: str | os.PathLike[str]) -> Tsp:
+    """Read a TSPLIB file of TYPE TSP: EUC_2D, CEIL_2D, ATT, GEO, or EXPLICIT in any of its matrix formats.
+
+    Parameters
+    ----------
+    path : path_like
+        At most 64 MB, 200,000 cities, or 5,000 with a matrix (EXPLICIT and GEO).
+
+    Returns
+    -------
+    Tsp
+        With the optimum, where the name is that of a well-known instance.
+
+    Raises
+    ------
+    BadMap
+        If the file is no such file.
+    TooLarge
+        If it is beyond the limits.
+    OSError
+        If it cannot be opened.
+    """
+    where = os.fspath(path)
+    if not Path(path).is_file():
+        if Path(path).exists():
+            raise BadMap("path", where, "a file")
+        raise FileNotFoundError(f"no such file: {where}")
+    with open(path, "rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise TooLarge("size", len(data), f"at most {MAX_BYTES} bytes", where=where)
+    return parse(data, where)
+
+
+def parse(data: bytes, where: str = "") -> Tsp:
+    """Return the instance in `data`; `where` stands in messages."""
+    try:
+        lines = data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise BadMap("file", data[:40], "text in UTF-8", where=where) from None
+    header, sections = _split(lines, where)
+    checks.choice("TYPE", header.get("TYPE", "TSP").split(" ")[0], ["TSP"], error=BadMap, where=where)
+    text = header.get("DIMENSION", "")
+    if not (text.isascii() and text.isdigit() and len(text) < 10) or int(text) < 1:
+        raise BadMap("DIMENSION", text, "a whole number >= 1", where=where)
+    n = int(text)
+    kinds = ["EUC_2D", "CEIL_2D", "ATT", "GEO", "EXPLICIT"]
+    kind = checks.choice("EDGE_WEIGHT_TYPE", header.get("EDGE_WEIGHT_TYPE", ""), kinds, error=BadMap, where=where)
+    limit = MAX_MATRIX if kind in ("GEO", "EXPLICIT") else MAX_CITIES
+    if n > limit:
+        raise TooLarge("DIMENSION", n, f"at most {limit} cities of type {kind}", where=where)
+    name = header.get("NAME", "")
+    optimum = OPTIMA.get(name.removesuffix(".tsp"))
+    if kind == "EXPLICIT":
+        weights = _numbers("EDGE_WEIGHT_SECTION", sections, where)
+        return Tsp(matrix=_matrix(weights, n, header.get("EDGE_WEIGHT_FORMAT", ""), where), name=name, optimum=optimum)
+    rows = _numbers("NODE_COORD_SECTION", sections, where)
+    if len(rows) != 3 * n:
+        raise BadMap("NODE_COORD_SECTION", len(rows), f"{3 * n} numbers: a number and two coordinates per city", where=where)
+    rows = rows.reshape(n, 3)
+    if not np.array_equal(np.sort(rows[:, 0]), np.arange(1, n + 1)):
+        raise BadMap("NODE_COORD_SECTION", rows[:, 0].tolist()[:5], f"the cities 1 to {n}, each once", where=where)
+    xy = rows[np.argsort(rows[:, 0]), 1:]
+    if kind == "GEO":
+        return Tsp(matrix=_geographic(xy), name=name, optimum=optimum)
+    return Tsp(xy=xy, metric=kind, name=name, optimum=optimum)
+
+
+def _split(lines: list[str], where: str) -> tuple[dict[str, str], dict[str, list[str]]]:
+    """Return the header's `KEY : value` and the lines of each section."""
+    header: dict[str, str] = {}
+    sections: dict[str, list[str]] = {}
+    body: list[str] | None = None
+    for number, line in enumerate(lines, 1):
+        words = line.strip()
+        first = words[:1]
+        if words == "EOF":
+            break
+        if not first:
+            continue
+        if not first.isalpha():
+            if body is None:
+                raise BadMap("line", words, "KEY : value, or a section's name", where=f"{where}:{number}")
+            body.append(words)
+            continue
+        key, colon, value = words.partition(":")
+        key = key.strip()
+        if key in header or key in sections:
+            raise BadMap("line", words, "the only one of its key", where=f"{where}:{number}")
+        if key.endswith("_SECTION") and not value.strip():
+            body = sections[key] = []
+        elif colon:
+            header[key] = value.strip()
+            body = None
+        else:
+            raise BadMap("line", words, "KEY : value, or a section's name", where=f"{where}:{number}")
+    return header, sections
+
+
+def _numbers(section: str, sections: dict[str, list[str]], where: str) -> NDArray[np.float64]:
+    if section not in sections:
+        raise BadMap(section, None, "in the file", where=where)
+    try:
+        result = np.array(" ".join(sections[section]).split(), dtype=np.float64)
+    except ValueError as error:
+        raise BadMap(section, str(error), "numbers alone", where=where) from None
+    if not (np.abs(result) <= 1e9).all():
+        raise BadMap(section, float(result[~(np.abs(result) <= 1e9)][0]), "numbers in [-1e9, 1e9]", where=where)
+    return result
+
+
+def _matrix(weights: NDArray[np.float64], n: int, form: str, where: str) -> NDArray[np.float64]:
+    """Return the full matrix of EXPLICIT weights; a triangle by columns is the other triangle by rows."""
+    triangles = [f"{part}{diag}{line}" for part in ("UPPER_", "LOWER_") for diag in ("", "DIAG_") for line in ("ROW", "COL")]
+    checks.choice("EDGE_WEIGHT_FORMAT", form, ["FULL_MATRIX", *triangles], error=BadMap, where=where)
+    full = form == "FULL_MATRIX"
+    shift = 0 if "DIAG" in form else 1
+    wanted = n * n if full else n * (n + 1) // 2 - shift * n
+    if len(weights) != wanted:
+        raise BadMap("EDGE_WEIGHT_SECTION", len(weights), f"{wanted} weights for {form} of {n} cities", where=where)
+    if full:
+        matrix = weights.reshape(n, n).copy()
+    else:
+        matrix = np.zeros((n, n))
+        upper = form.startswith("UPPER") == form.endswith("ROW")
+        matrix[np.triu_indices(n, shift) if upper else np.tril_indices(n, -shift)] = weights
+        matrix = matrix + matrix.T
+    np.fill_diagonal(matrix, 0.0)
+    if (matrix < 0).any() or (matrix != matrix.T).any():
+        raise BadMap("EDGE_WEIGHT_SECTION", float(matrix.min()), "symmetric, of weights >= 0", where=where)
+    return matrix
+
+
+def _geographic(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return TSPLIB's GEO distances in km of places in degrees.minutes (latitude, longitude)."""
+    degrees = np.trunc(places)
+    latitude, longitude = (3.141592 * (degrees + 5.0 * (places - degrees) / 3.0) / 180.0).T
+    result = np.zeros((len(places), len(places)))
+    for i in range(len(places)):
+        q1 = np.cos(longitude[i] - longitude)
+        q2 = np.cos(latitude[i] - latitude)
+        q3 = np.cos(latitude[i] + latitude)
+        result[i] = np.trunc(6378.388 * np.arccos(np.clip(0.5 * ((1.0 + q1) * q2 - (1.0 - q1) * q3), -1.0, 1.0)) + 1.0)
+    np.fill_diagonal(result, 0.0)
+    return np.maximum(result, result.T)

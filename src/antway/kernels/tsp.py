@@ -1,0 +1,330 @@
+"""A colony on the TSP: an ant's walk through all cities, what a cycle teaches, and the cycles."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels import rng
+from antway.kernels.colony import Numbers, best_deposits, clip, evaporate, limits, persistence
+from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
+from antway.kernels.tour import Cities, Floats, Ids, column, distance
+
+BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
+
+
+class Colony(NamedTuple):
+    """What a colony of m ants knows; kernels change it in place."""
+
+    tau: Floats  # [n, k] pheromone on the candidate edges; where an edge is candidate at both ends, the same at both
+    eta: Floats  # [n, k] heuristic to the power beta, the nearest of each city 1
+    weight: NDArray[np.float32]  # [n, k] tau ** alpha * eta, row by row up to a factor: Eq. (1) before division
+    orders: Ids  # [m, n] the ants' tours of the last cycle
+    lengths: Floats  # [m]
+    bests: Ids  # [2, n] best tour ever, best since the last restart
+    record: Floats  # [8] see BEST ... TAU_MAX
+
+
+class Labour(NamedTuple):
+    """What an ant does to its tour besides walking."""
+
+    breadth: int  # of the local search, see `local_search.improve`; -1: none
+    longest: int  # of the local search
+    attempts: int  # > 0: focused construction, so many changes a cycle
+    window: int  # how many cities a part of a change spans at most
+
+
+@bare_kernel
+def combine(tau: Floats, eta: Floats, alpha: float, weight: NDArray[np.float32]) -> None:
+    """weight <- tau ** alpha * eta, with each row's tau relative to its largest, so that float32 suffices."""
+    n, k = tau.shape
+    for i in range(n):
+        top = 0.0
+        for c in range(k):
+            top = max(top, tau[i, c])
+        scale = 1.0 / top
+        if alpha == 1.0:
+            for c in range(k):
+                weight[i, c] = tau[i, c] * scale * eta[i, c]
+        else:
+            for c in range(k):
+                weight[i, c] = (tau[i, c] * scale) ** alpha * eta[i, c]
+
+
+@bare_kernel
+def choose(
+    weight: NDArray[np.float32], near: Ids, place: Ids, t: int, i: int, q0: float, state: rng.State, sums: NDArray[np.float32]
+) -> int:
+    """Draw the column of the next city among i's candidates that stand at place t or later; -1 if none has weight.
+
+    Eq. (1) by roulette, or, with probability q0, the candidate of most weight. sums: scratch of k.
+    """
+    k = near.shape[1]
+    if q0 > 0.0 and rng.uniform(state) < q0:
+        best, top = -1, np.float32(0.0)
+        for c in range(k):
+            if weight[i, c] > top and place[near[i, c]] >= t:
+                best, top = c, weight[i, c]
+        return best
+    row, to, total = weight[i], near[i], np.float32(0.0)
+    for c in range(k):
+        # A product in place of a branch: which candidates are left is hard to predict.
+        total += row[c] * np.float32(place[to[c]] >= t)
+        sums[c] = total
+    if not total > np.float32(0.0):
+        return -1
+    # 23 random bits: their largest product with the total is still below it.
+    draw = np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * total
+    c = 0
+    while sums[c] <= draw:
+        c += 1
+    return c
+
+
+@bare_kernel
+def walk(
+    cities: Cities, colony: Colony, numbers: Numbers, state: rng.State, order: Ids, place: Ids, sums: NDArray[np.float32]
+) -> float:
+    """Build one ant's tour in `order` and return its length.
+
+    order[:t] is the tour so far and order[t:] the cities left, in no order; place[order[i]] = i throughout. Where no candidate
+    is left the ant goes to the nearest city left.
+    """
+    near, gap = cities.near, cities.gap
+    n = len(order)
+    total = 0.0
+    i = np.uint32(rng.below(state, n))
+    swap(order, place, 0, i)
+    for t in range(1, n):
+        c = choose(colony.weight, near, place, t, i, numbers.q0, state, sums)
+        if c >= 0:
+            j = near[i, c]
+            total += gap[i, c]
+            if numbers.xi > 0.0:
+                local_update(cities, colony, numbers, i, c)
+        else:
+            j, least = np.uint32(0), math.inf
+            for other in order[t:]:
+                d = distance(cities.kind, cities.xy, cities.matrix, i, other)
+                if d < least or (d == least and other < j):
+                    j, least = other, d
+            total += least
+        swap(order, place, t, j)
+        i = j
+    return total + distance(cities.kind, cities.xy, cities.matrix, i, order[0])
+
+
+@bare_kernel
+def swap(order: Ids, place: Ids, t: int, city: int) -> None:
+    """Bring `city` to place t, in exchange for the one that stands there."""
+    other, p = order[t], place[city]
+    order[t], order[p] = city, other
+    place[city], place[other] = t, p
+
+
+@bare_kernel
+def local_update(cities: Cities, colony: Colony, numbers: Numbers, i: int, c: int) -> None:
+    """ACS: tau <- (1 - xi) tau + xi tau_0 on the edge that an ant takes from i, and its weight with it."""
+    j, d = cities.near[i, c], cities.back[i, c]
+    old = colony.tau[i, c]
+    tau = (1.0 - numbers.xi) * old + numbers.xi * colony.record[TAU_0]
+    ratio = np.float32((tau / old) ** numbers.alpha)
+    colony.tau[i, c] = tau
+    colony.weight[i, c] *= ratio
+    if d >= 0:
+        colony.tau[j, d] = tau
+        colony.weight[j, d] *= ratio
+
+
+@bare_kernel
+def deposit(near: Ids, tau: Floats, order: Ids, keep: float, amount: float) -> None:
+    """tau <- keep tau + amount on the tour's edges, at both ends, where they are candidates."""
+    i = order[-1]
+    for j in order:
+        c = column(near, i, j)
+        if c >= 0:
+            tau[i, c] = keep * tau[i, c] + amount
+        c = column(near, j, i)
+        if c >= 0:
+            tau[j, c] = keep * tau[j, c] + amount
+        i = j
+
+
+@kernel
+def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
+    """End a cycle: keep the best, fade and deposit by the rule; tell whether the best ever improved."""
+    near, tau, record, lengths = cities.near, colony.tau, colony.record, colony.lengths
+    t = int(record[CYCLE])
+    ranking = np.argsort(lengths, kind="mergesort")
+    shortest = lengths[ranking[0]]
+    better = shortest < record[BEST]
+    if better:
+        record[BEST] = shortest
+        colony.bests[0] = colony.orders[ranking[0]]
+    if shortest < record[BEST_SINCE]:
+        record[BEST_SINCE] = shortest
+        record[IMPROVED] = t
+        colony.bests[1] = colony.orders[ranking[0]]
+    best = max(record[BEST_SINCE], 1e-300)
+    excess = max(shortest, 1e-300) / best - 1.0
+    since = t - int(record[RESTARTED])
+    if numbers.best_only:
+        rho = persistence(numbers.fade, 1.0, 0.0, since, excess)
+        deposit(near, tau, colony.bests[1], rho, (1.0 - rho) * numbers.elite * numbers.q / best)
+    else:
+        evaporate(tau, numbers.fade, since, excess)
+        alone = best_deposits(numbers.schedule, since)
+        if not alone:
+            for r in range(len(lengths)):
+                if numbers.share[r] > 0.0:
+                    amount = numbers.share[r] * numbers.q / max(lengths[ranking[r]], 1e-300)
+                    deposit(near, tau, colony.orders[ranking[r]], 1.0, amount)
+        if numbers.elite > 0.0 and (alone or len(numbers.schedule) == 0):
+            deposit(near, tau, colony.bests[1], 1.0, numbers.elite * numbers.q / best)
+    if numbers.p_best > 0.0:
+        rho = persistence(numbers.fade, 1.0, 0.0, since, excess)
+        low, high = limits(numbers, rho, best, near.shape[0], 0.5 * near.shape[1])
+        record[TAU_MIN], record[TAU_MAX] = low, high
+        if numbers.restart > 0 and t - record[IMPROVED] >= numbers.restart:
+            tau[:] = high
+            record[RESTARTED], record[IMPROVED], record[BEST_SINCE] = t + 1, t + 1, math.inf
+        clip(tau, low, high)
+    record[CYCLE] += 1.0
+    return better
+
+
+@kernel
+def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: np.uint64, first: int, last: int) -> None:
+    """Let ants `first` to `last` - 1 make their tours; each draws from its own stream, whoever runs it."""
+    m, n = colony.orders.shape
+    search = workspace(n, 0 if plan.attempts == 0 else 500)
+    sums = np.empty(cities.near.shape[1], dtype=np.float32)
+    state = np.empty(1, dtype=np.uint64)
+    for ant in range(first, last):
+        order = colony.orders[ant]
+        state[0] = rng.stream(seed, np.uint64(int(colony.record[CYCLE]) * m + ant))
+        if plan.attempts > 0 and colony.record[CYCLE] > 0:
+            set_tour(search, order)
+            colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
+            order[:] = search.order
+            continue
+        for p in range(n):
+            search.place[order[p]] = p
+        colony.lengths[ant] = walk(cities, colony, numbers, state, order, search.place, sums)
+        if plan.breadth >= 0:
+            colony.lengths[ant] -= improve(cities, search, order, plan.breadth, plan.longest)
+
+
+@bare_kernel
+def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, search: Search, sums: NDArray[np.float32]) -> float:
+    """Focused construction: copy the ant's last tour, change four edges, repair around them, keep what is no longer.
+
+    The change is a double bridge, u B C D -> u D C B on a few dozen cities, which 3-opt cannot take back in one move; the
+    edge from u into D is drawn by Eq. (1). Done `attempts` times; returns the gain.
+    """
+    n, k = cities.near.shape
+    window = min(plan.window, (n - 2) // 3)
+    total = 0.0
+    for _ in range(plan.attempts):
+        p = np.int64(rng.below(state, n))
+        u = search.order[p]
+        # The drawn edge leads to a city 3 to 2 window places ahead.
+        weight = np.float32(0.0)
+        for c in range(k):
+            q = np.int64(search.place[cities.near[u, c]]) - p
+            if q < 0:
+                q += n
+            if 3 <= q <= 2 * window:
+                weight += colony.weight[u, c]
+            sums[c] = weight
+        if not weight > np.float32(0.0):
+            continue
+        draw = np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * weight
+        c = 0
+        while sums[c] <= draw:
+            c += 1
+        q = np.int64(search.place[cities.near[u, c]]) - p
+        if q < 0:
+            q += n
+        b = 1 + np.int64(rng.below(state, q - 2))
+        d = q + np.int64(rng.below(state, window))
+        if d > n - 2:
+            continue
+        gain = bridge(cities, search, p, b, q - 1, d)
+        gain += settle(cities, search, plan.breadth, plan.longest)
+        if gain < 0.0:
+            undo(search)
+        else:
+            search.count[LOGGED] = 0
+            total += gain
+    return total
+
+
+@bare_kernel
+def bridge(cities: Cities, search: Search, p: int, b: int, c: int, d: int) -> float:
+    """Double bridge: the parts p + (1..b), (b+1..c), (c+1..d) become third, second, first; return the gain."""
+    n = len(search.order)
+    u, v = search.order[p], search.order[(p + d + 1) % n]
+    b1, b2 = search.order[(p + 1) % n], search.order[(p + b) % n]
+    c1, c2 = search.order[(p + b + 1) % n], search.order[(p + c) % n]
+    d1, d2 = search.order[(p + c + 1) % n], search.order[(p + d) % n]
+    kind, xy, matrix = cities.kind, cities.xy, cities.matrix
+    gain = distance(kind, xy, matrix, u, b1) + distance(kind, xy, matrix, b2, c1)
+    gain += distance(kind, xy, matrix, c2, d1) + distance(kind, xy, matrix, d2, v)
+    gain -= distance(kind, xy, matrix, u, d1) + distance(kind, xy, matrix, d2, c1)
+    gain -= distance(kind, xy, matrix, c2, b1) + distance(kind, xy, matrix, b2, v)
+    flip(search, u, b1, d2, v)
+    flip(search, u, d2, d1, c2)
+    flip(search, d2, c2, c1, b2)
+    flip(search, c2, b2, b1, v)
+    push(search, u)
+    push(search, v)
+    push(search, b1)
+    push(search, b2)
+    push(search, c1)
+    push(search, c2)
+    push(search, d1)
+    push(search, d2)
+    return gain
+
+
+@kernel
+def cycles(
+    cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: np.uint64, count: int, target: float, history: Floats
+) -> int:
+    """Run up to `count` cycles of construct, improve, deposit, until one finds a tour of at most `target`.
+
+    Notes (cycle, best length) in history[count, 2] whenever the best is better; returns how often that was.
+    """
+    noted = 0
+    for _ in range(count):
+        combine(colony.tau, colony.eta, numbers.alpha, colony.weight)
+        build(cities, colony, numbers, plan, seed, 0, colony.orders.shape[0])
+        if learn(cities, colony, numbers):
+            history[noted, 0], history[noted, 1] = colony.record[CYCLE], colony.record[BEST]
+            noted += 1
+            if colony.record[BEST] <= target:
+                break
+    return noted
+
+
+@kernel
+def walk_once(cities: Cities, colony: Colony, numbers: Numbers, seed: np.uint64) -> float:
+    """Build one tour in orders[0] outside of any cycle; return its length."""
+    order = colony.orders[0]
+    place = np.empty(len(order), dtype=np.uint32)
+    for p in range(len(order)):
+        place[order[p]] = p
+    state = np.array([rng.mix(seed)], dtype=np.uint64)
+    return walk(cities, colony, numbers, state, order, place, np.empty(cities.near.shape[1], dtype=np.float32))
+
+
+@kernel
+def first_limit(numbers: Numbers, best: float) -> float:
+    """Return MMAS's tau_max before the first cycle, for a greedy tour of length `best`."""
+    rho = persistence(numbers.fade, 1.0, 0.0, 0, 0.0)
+    return limits(numbers, rho, best, 2, 2.0)[1]
