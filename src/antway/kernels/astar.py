@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.bits import ctz
-from antway.kernels.buckets import BOUND, CUT, DIAGONAL, EXPANDED, FREE, KEY, KEYS, LAST, LIMIT, STRAIGHT, USED, next_block
+from antway.kernels.buckets import (
+    BOUND,
+    CUT,
+    DIAGONAL,
+    EXPANDED,
+    FREE,
+    KEY,
+    KEYS,
+    LAST,
+    LIMIT,
+    STRAIGHT,
+    USED,
+    next_block,
+    reset,
+)
+from antway.kernels.canonical import START
 from antway.kernels.jit import kernel
 from antway.kernels.jps import jump, place
 
@@ -23,45 +40,40 @@ def octile(row: int, col: int, goal_row: int, goal_col: int, shorter: int) -> in
     return STRAIGHT * max(a, b) + shorter * min(a, b)
 
 
-@kernel
-def expand(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    width: int,
-    goal_row: int,
-    goal_col: int,
-    shorter: int,
-    base: int,
-    label: NDArray[np.int32],
-    came: NDArray[np.uint8],
-    parent: NDArray[np.int32],
-    reached: NDArray[np.int32],
-    jumping: bool,
-    words: NDArray[np.uint64],
-    first: NDArray[np.int32],
-    filled: NDArray[np.uint64],
-    entries: NDArray[np.int32],
-    state: NDArray[np.int64],
-    steps: int,
-) -> int:
-    """Expand up to `steps` cells; return RUNNING, DONE (the goal's label is final, or nothing is left), or FULL (`entries`).
+class Net(NamedTuple):
+    """The map: see `canonical` for `around` and `table`, `jps` for `words` (empty where nothing jumps)."""
 
-    Parameters
-    ----------
-    around, table, width
-        The map and its canonical successors (see `canonical`), cells in a row.
-    goal_row, goal_col, shorter
-        See `octile`.
-    base, label, came
-        `label[cell] - base` is the cost of the best path to the cell so far, and `came` its last move; labels of earlier
-        searches are at least `base + LIMIT`, so nothing is cleared between searches.
-    first, filled, entries, state
-        The queue (see `buckets`).
+    around: NDArray[np.uint8]
+    table: NDArray[np.uint8]
+    words: NDArray[np.uint64]
+    width: int
+    shorter: int  # what a cell costs of the shorter side of a box, see `octile`
+
+
+class Memory(NamedTuple):
+    """The arrays of a search: `label[cell] - base` is the cost of the best path to a cell so far, `came` its last move, `parent`
+    the cell it was jumped to from; `reached` holds the successors of one cell; the others are the queue (see `buckets`).
+
+    Labels of earlier searches are at least `base + LIMIT`, so that nothing has to be cleared between searches.
     """
+
+    label: NDArray[np.int32]
+    came: NDArray[np.uint8]
+    parent: NDArray[np.int32]
+    reached: NDArray[np.int32]
+    first: NDArray[np.int32]
+    filled: NDArray[np.uint64]
+    entries: NDArray[np.int32]
+    state: NDArray[np.int64]
+
+
+@kernel
+def expand(net: Net, memory: Memory, base: int, goal_row: int, goal_col: int, steps: int) -> int:
+    """Expand up to `steps` cells; return RUNNING, DONE (the goal's label is final, or nothing is left), or FULL (`entries`)."""
+    around, table, words, width, shorter = net
+    label, came, parent, reached, first, filled, entries, state = memory
+    jumping = words.size > 0
     height, goal = around.size // width, goal_row * width + goal_col
-    goal_lines, goal_bits = np.empty(4, np.int64), np.empty(4, np.int64)
-    for d in range(4):
-        goal_lines[d], goal_bits[d], _ = place(d, goal_row, goal_col, height, width)
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
     code = RUNNING
     for _ in range(steps):
@@ -106,8 +118,9 @@ def expand(
             elif d < 4:
                 line, bit, length = place(d, row, col, height, width)
                 k = jump(words, line, bit, length)
-                if line == goal_lines[d] and bit < goal_bits[d] <= bit + abs(k):
-                    k = goal_bits[d] - bit
+                goal_line, goal_bit, _ = place(d, goal_row, goal_col, height, width)
+                if line == goal_line and bit < goal_bit <= bit + abs(k):
+                    k = goal_bit - bit
                 reached[n, 0], reached[n, 1] = row + k * _ROW[d], col + k * _COL[d]
                 reached[n, 2], reached[n, 3] = g + k * STRAIGHT, d
                 n += k > 0
@@ -115,6 +128,8 @@ def expand(
                 one, other = d - 4, (d - 3) & 3
                 line1, bit1, length1 = place(one, row, col, height, width)
                 line2, bit2, length2 = place(other, row, col, height, width)
+                goal_line1, goal_bit1, _ = place(one, goal_row, goal_col, height, width)
+                goal_line2, goal_bit2, _ = place(other, goal_row, goal_col, height, width)
                 # In the part of one side the other side is the step from line to line.
                 side1 = length1 if other < 2 else -length1
                 side2 = length2 if one < 2 else -length2
@@ -132,15 +147,15 @@ def expand(
                         break
                     if around[x] >> one & 1:
                         k = jump(words, line1, bit1, length1)
-                        if line1 == goal_lines[one] and bit1 < goal_bits[one] <= bit1 + abs(k):
-                            k = goal_bits[one] - bit1
+                        if line1 == goal_line1 and bit1 < goal_bit1 <= bit1 + abs(k):
+                            k = goal_bit1 - bit1
                         reached[n, 0], reached[n, 1] = r + k * _ROW[one], c + k * _COL[one]
                         reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, one
                         n += k > 0
                     if around[x] >> other & 1:
                         k = jump(words, line2, bit2, length2)
-                        if line2 == goal_lines[other] and bit2 < goal_bits[other] <= bit2 + abs(k):
-                            k = goal_bits[other] - bit2
+                        if line2 == goal_line2 and bit2 < goal_bit2 <= bit2 + abs(k):
+                            k = goal_bit2 - bit2
                         reached[n, 0], reached[n, 1] = r + k * _ROW[other], c + k * _COL[other]
                         reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, other
                         n += k > 0
@@ -179,46 +194,59 @@ def expand(
 
 
 @kernel
-def trace(came: NDArray[np.uint8], row: int, col: int, width: int) -> NDArray[np.int32]:
-    """Return the path to (row, col), int32[N, 2], by the moves that its cells were reached by."""
-    r, c, n = row, col, 1
-    while came[r * width + c] < 8:
-        d = came[r * width + c]
-        r -= _ROW[d]
-        c -= _COL[d]
-        n += 1
-    path = np.empty((n, 2), np.int32)
-    for i in range(n - 1, -1, -1):
-        path[i, 0], path[i, 1] = row, col
-        d = came[row * width + col]
-        if d < 8:
-            row -= _ROW[d]
-            col -= _COL[d]
-    return path
+def begin(net: Net, memory: Memory, base: int, row: int, col: int, key: int) -> None:
+    """Empty the queue and put the start into it."""
+    label, came, _, _, first, filled, entries, state = memory
+    reset(first, filled, state)
+    label[row * net.width + col], came[row * net.width + col] = base, START
+    entries[0, 0], entries[0, 1], entries[0, 2], entries[0, 3], entries[0, 4] = -1, row, col, 0, key
+    first[KEYS + key // KEYS] = 0
+    state[USED], state[LAST], state[KEY] = 1, key // KEYS, -KEYS
 
 
 @kernel
-def trace_jumps(parent: NDArray[np.int32], start: int, goal: int, width: int) -> NDArray[np.int32]:
-    """Return the path from `start` to `goal`, int32[N, 2], with the cells of each jump: diagonal first, then straight."""
+def trace(came: NDArray[np.uint8], parent: NDArray[np.int32], jumping: bool, goal: int, width: int) -> NDArray[np.int32]:
+    """Return the path to `goal`, int32[N, 2], with the cells of each jump: diagonal first, then straight."""
     n, x = 1, goal
-    while x != start:
-        p = parent[x]
-        n += max(abs(x // width - p // width), abs(x % width - p % width))
-        x = p
+    while came[x] != START:
+        row, col = x // width, x % width
+        x = parent[x] if jumping else (row - _ROW[came[x]]) * width + col - _COL[came[x]]
+        n += max(abs(row - x // width), abs(col - x % width))
     path = np.empty((n, 2), np.int32)
     x = goal
     row, col = x // width, x % width
     path[n - 1, 0], path[n - 1, 1] = row, col
     n -= 1
-    while x != start:
-        x = parent[x]
+    while came[x] != START:
+        x = parent[x] if jumping else (row - _ROW[came[x]]) * width + col - _COL[came[x]]
         to_row, to_col = x // width, x % width
         while row != to_row or col != to_col:
             dr, dc = to_row - row, to_col - col
             if abs(dr) >= abs(dc):
-                row += np.sign(dr)
+                row += 1 if dr > 0 else -1
             if abs(dc) >= abs(dr):
-                col += np.sign(dc)
+                col += 1 if dc > 0 else -1
             n -= 1
             path[n, 0], path[n, 1] = row, col
     return path
+
+
+@kernel
+def solve(
+    net: Net, memory: Memory, base: int, row: int, col: int, goal_row: int, goal_col: int, fresh: bool, steps: int
+) -> tuple[int, int, NDArray[np.int32]]:
+    """Begin a search if it is `fresh`, expand up to `steps` cells, and return the code, the number of diagonals and the path.
+
+    The path is empty unless the search is DONE and found the goal.
+    """
+    if fresh:
+        begin(net, memory, base, row, col, octile(row, col, goal_row, goal_col, net.shorter))
+    code = expand(net, memory, base, goal_row, goal_col, steps)
+    goal = goal_row * net.width + goal_col
+    if code != DONE or memory.label[goal] >= base + LIMIT:
+        return code, 0, np.empty((0, 2), np.int32)
+    path = trace(memory.came, memory.parent, net.words.size > 0, goal, net.width)
+    diagonals = 0
+    for i in range(1, path.shape[0]):
+        diagonals += path[i, 0] != path[i - 1, 0] and path[i, 1] != path[i - 1, 1]
+    return code, diagonals, path

@@ -1,61 +1,110 @@
-"""A*."""
+"""A* with canonical successors, one move or one jump away."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from antway.grid import Moves
-from antway.kernels.astar import DONE, FULL, RUNNING, expand, octile, trace, trace_jumps
-from antway.kernels.buckets import CUT, DIAGONAL, EXPANDED, LIMIT, STRAIGHT
-from antway.kernels.canonical import START
-from antway.planning import Budget, Clock, Plan, Problem
+from antway.grid import Grid, Moves
+from antway.kernels.astar import DONE, FULL, RUNNING, Memory, Net, octile, solve
+from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, EXPANDED, KEYS, LIMIT, STRAIGHT
+from antway.planning import Budget, Clock, Plan, Problem, Status
 from antway.search import heap
 from antway.search.costs import checked_costs
-from antway.search.derived import NEIGHBOURS, lattice, packed
+from antway.search.derived import NEIGHBOURS, kept, lattice, packed
 from antway.search.dijkstra import spread_plan
-from antway.search.result import found, not_found
-from antway.search.workspace import workspace
+from antway.search.result import not_found
 
 STEPS = 1 << 16  # cells expanded between two looks at the clock, about 5 ms
+_TOP = 2**31 - 1
 _NO_WORDS = np.empty(0, np.uint64)
 
 
 def astar(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: ArrayLike | None = None) -> Plan:
-    """Return a shortest path, by A*; parameters and result as for `antway.search.dijkstra.dijkstra`."""
+    """Return a shortest path, by A*; parameters and result as for `antway.search.dijkstra.dijkstra`.
+
+    Examples
+    --------
+    >>> astar(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2))).cells.tolist()
+    [[0, 0], [1, 1], [2, 2]]
+    """
     clock = budget.start()
     if costs is not None or problem.moves not in NEIGHBOURS:
         weights = None if costs is None else checked_costs(costs, problem.grid)
         return heap.plan(problem, clock, heuristic=True, costs=weights)
-    return canonical_astar(problem, clock)
+    return searcher(problem.grid, problem.moves, jumping=False).plan(problem, clock)
 
 
-def canonical_astar(problem: Problem, clock: Clock, jumping: bool = False) -> Plan:
-    """Solve a problem with 4 or 8 moves by A* with canonical successors, one move or (8 moves only) one jump away."""
-    grid, (row, col), (goal_row, goal_col) = problem.grid, problem.start, problem.goal
-    net = lattice(grid, problem.moves)
-    shorter = STRAIGHT if problem.moves is Moves.FOUR else DIAGONAL - STRAIGHT
-    estimate = octile(row, col, goal_row, goal_col, shorter)
-    if estimate >= LIMIT:
-        return spread_plan(problem, clock)
-    words = packed(grid) if jumping else _NO_WORDS
-    with workspace(grid) as work:
-        code, start = RUNNING, net.at(problem.start)
-        work.label[start], work.came[start] = work.base, START
-        work.open(row, col, estimate)
-        while code != DONE and not clock.spent():
-            code = expand(
-                *(net.around, net.table, net.width, goal_row, goal_col, shorter, work.base, work.label, work.came),
-                *(work.parent, work.reached, jumping, words),
-                *(work.first, work.filled, work.entries, work.state, STEPS),
-            )
-            if code == FULL:
-                work.grow()
-        expanded = int(work.state[EXPANDED])
-        if code == DONE and work.label[net.at(problem.goal)] < work.base + LIMIT:
-            if jumping:
-                return found(problem, trace_jumps(work.parent, start, net.at(problem.goal), net.width), expanded, clock)
-            return found(problem, trace(work.came, goal_row, goal_col, net.width), expanded, clock)
-        if code == DONE and work.state[CUT]:
+class Workspace:
+    """The memory of a search, used again by every search on the same map, so that a query clears and allocates nothing.
+
+    Labels of a search lie in [base, base + LIMIT), below those of all searches before it; once in 92 searches, when the range
+    of int32 is used up, they are cleared.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        cells, longest = shape[0] * shape[1], 2 * max(shape) + 8
+        self.base = _TOP
+        self.memory = Memory(
+            label=np.full(cells, _TOP, np.int32),
+            came=np.empty(cells, np.uint8),
+            parent=np.empty(cells, np.int32),
+            reached=np.empty((longest, 4), np.int32),
+            first=np.full(KEYS + BLOCKS, -1, np.int32),
+            filled=np.zeros(KEYS // 64, np.uint64),
+            entries=np.empty((16 * longest, 5), np.int32),
+            state=np.zeros(8, np.int64),
+        )
+
+    def begin(self) -> None:
+        """Choose the labels of the next search."""
+        self.base -= LIMIT
+        if self.base < -(2**31):
+            self.memory.label.fill(_TOP)
+            self.base = _TOP - LIMIT
+
+    def grow(self) -> None:
+        """Double the room for entries of the queue."""
+        entries = self.memory.entries
+        self.memory = self.memory._replace(entries=np.concatenate((entries, np.empty_like(entries))))
+
+
+class Searcher:
+    """Searches on one map with moves of 4 or 8 neighbours, and the workspaces they use; any thread may call it."""
+
+    def __init__(self, grid: Grid, moves: Moves, jumping: bool) -> None:
+        net = lattice(grid, moves)
+        shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
+        self.net = Net(net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
+        self.spare: list[Workspace] = kept(grid, "workspaces", list)
+
+    def plan(self, problem: Problem, clock: Clock) -> Plan:
+        """Solve `problem`, which must be one on this map."""
+        (row, col), (goal_row, goal_col) = problem.start, problem.goal
+        if octile(row, col, goal_row, goal_col, self.net.shorter) >= LIMIT:
             return spread_plan(problem, clock)
-    return not_found(code == DONE, expanded, clock)
+        work = self.spare.pop() if self.spare else Workspace(problem.grid.shape)
+        try:
+            work.begin()
+            code, fresh = RUNNING, True
+            while code != DONE and not clock.spent():
+                code, diagonals, path = solve(self.net, work.memory, work.base, row, col, goal_row, goal_col, fresh, STEPS)
+                fresh = False
+                if code == FULL:
+                    work.grow()
+            expanded, cut = int(work.memory.state[EXPANDED]), bool(work.memory.state[CUT])
+        finally:
+            self.spare.append(work)
+        if code == DONE and len(path):
+            length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
+            return Plan(Status.FOUND, path, length, True, expanded, clock.elapsed(), length)
+        if code == DONE and cut:  # the only paths left are too long for integers of 32 bits
+            return spread_plan(problem, clock)
+        return not_found(code == DONE, expanded if not fresh else 0, clock)
+
+
+def searcher(grid: Grid, moves: Moves, jumping: bool) -> Searcher:
+    """Return the searcher of `grid`; made once."""
+    return kept(grid, (moves, jumping), lambda: Searcher(grid, moves, jumping))
