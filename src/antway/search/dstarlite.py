@@ -1,0 +1,159 @@
+"""D* Lite: shortest paths that are kept up to date while cells change and the robot moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from antway.errors import BadParameter, OutOfBounds
+from antway.grid import Cell, Moves
+from antway.kernels.dstarlite import EXPANDED, INF, begin, change, compute, descend, move
+from antway.planning import Budget, Plan, Problem
+from antway.search.result import found, not_found
+
+STEPS = 1 << 14  # expansions between two looks at the clock
+_NEED = {Moves.FOUR: 0, Moves.EIGHT: 2, Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 0}  # free side cells of a diagonal
+
+
+def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
+    """Return a shortest path, by the first search of D* Lite; see `DStarLite` for those that follow, which are its point.
+
+    Parameters
+    ----------
+    problem : Problem
+        With moves of 4 or 8 neighbours.
+    seed : int
+        Without effect.
+    budget : Budget
+        Time and cancellation.
+
+    Raises
+    ------
+    BadParameter
+        For longer moves than to neighbours.
+
+    Examples
+    --------
+    >>> from antway import Grid
+    >>> dstarlite(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 1))).length
+    2.414213562373095
+    """
+    return DStarLite(problem).plan(budget)
+
+
+class DStarLite:
+    """A problem that changes, and its shortest path after every change (Koenig and Likhachev, D* Lite, AAAI 2002).
+
+    The search runs from the goal and keeps its distances; after a change only those are computed anew that differ and matter. A
+    path is as short as a fresh search would find it: its cost is exact in integers (5741 a step, 8119 a diagonal), which order
+    paths as their lengths do while their numbers of diagonals differ by less than 5741.
+
+    Parameters
+    ----------
+    problem : Problem
+        Where it begins. Its grid is not touched: changes make a new one.
+
+    Raises
+    ------
+    BadParameter
+        For moves other than FOUR, EIGHT, EIGHT_NOSQUEEZE and EIGHT_CUT.
+
+    Attributes
+    ----------
+    problem : Problem
+        As it is now.
+
+    Examples
+    --------
+    >>> from antway import Grid
+    >>> robot = DStarLite(Problem(Grid(np.zeros((3, 3), dtype=bool)), (1, 0), (1, 2), Moves.FOUR))
+    >>> robot.plan().length
+    2.0
+    >>> robot.change([(1, 1)], True)
+    >>> robot.plan().length
+    4.0
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        if problem.moves not in _NEED:
+            raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _NEED)} for D* Lite")
+        free = np.pad(~problem.grid.blocked, 1)
+        size, self._width = free.size, free.shape[1]
+        self._free = free.ravel()
+        self._arrays = (
+            *(np.full(size, INF), np.full(size, INF), np.zeros((size, 2), np.int64)),  # g, rhs, key
+            *(np.empty(size, np.int64), np.full(size, -1)),  # queue, place
+            np.array([self._width, len(problem.moves.offsets) // 4 * 4, _NEED[problem.moves], *self._flat(problem), 0, 0, 0]),
+        )
+        self.problem = problem
+        begin(*self._arrays)
+
+    def _flat(self, problem: Problem) -> list[int]:
+        return [(r + 1) * self._width + c + 1 for r, c in (problem.start, problem.goal)]
+
+    def change(self, cells: ArrayLike, blocked: ArrayLike) -> None:
+        """Note that cells are blocked or free from now on.
+
+        Parameters
+        ----------
+        cells : int[N, 2]
+            (row, col); of a cell named twice the last state counts.
+        blocked : bool or bool[N]
+
+        Raises
+        ------
+        BadParameter, OutOfBounds
+            For arrays of another shape or type, and cells off the map.
+        CellBlocked
+            If the start or the goal would be blocked: a robot stands where it is, so move it first. Nothing is changed then.
+        """
+        at = np.asarray(cells)
+        at = np.empty((0, 2), np.int64) if at.size == 0 else at
+        if at.ndim != 2 or at.shape[1] != 2 or not np.issubdtype(at.dtype, np.integer):
+            raise BadParameter("cells", f"{at.dtype}{list(at.shape)}", "integers of shape Nx2")
+        state = np.asarray(blocked)
+        if state.dtype != np.bool_ or state.shape not in ((), (len(at),)):
+            raise BadParameter("blocked", f"{state.dtype}{list(state.shape)}", f"one bool, or {len(at)}")
+        grid = self.problem.grid
+        outside = ((at < 0) | (at >= grid.shape)).any(axis=1)
+        if outside.any():
+            cell = tuple(at[outside][0].tolist())
+            raise OutOfBounds("cells", cell, f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns")
+        now_blocked, unknown = grid.blocked.copy(), grid.unknown
+        now_blocked[at[:, 0], at[:, 1]] = state
+        if unknown is not None:
+            unknown = unknown & (now_blocked == grid.blocked)
+        self.problem = replace(self.problem, grid=replace(grid, blocked=now_blocked, unknown=unknown))
+        flat = (at[:, 0].astype(np.int64) + 1) * self._width + at[:, 1] + 1
+        change(self._free, *self._arrays, flat, ~now_blocked[at[:, 0], at[:, 1]])
+
+    def move(self, start: Cell) -> None:
+        """Note that the robot stands at `start` now, any free cell.
+
+        Raises
+        ------
+        BadParameter, OutOfBounds, CellBlocked
+        """
+        self.problem = replace(self.problem, start=start)
+        move(self._arrays[-1], self._flat(self.problem)[0])
+
+    def plan(self, budget: Budget = Budget()) -> Plan:
+        """Return a shortest path on the map as it is now; `expanded` counts this call alone.
+
+        Out of budget the search is kept and goes on at the next call.
+        """
+        clock = budget.start()
+        state, rhs = self._arrays[-1], self._arrays[1]
+        state[EXPANDED] = 0
+        done = False
+        while not done and not clock.spent():
+            done = compute(self._free, *self._arrays, STEPS)
+        start = self._flat(self.problem)[0]
+        if not done or rhs[start] == INF:
+            return not_found(done, int(state[EXPANDED]), clock)
+        path = np.empty(len(self._free), np.int64)
+        n = descend(self._free, self._arrays[0], state, path)
+        cells = np.column_stack(np.divmod(path[:n], self._width)) - 1
+        return found(self.problem, cells.astype(np.int32), int(state[EXPANDED]), clock)
