@@ -1,0 +1,215 @@
+"""The replay page, as text and in a real browser."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from antway import Decision
+from antway.view.figures import shortest
+from antway.view.replay import replay_page, write_replay
+from browser import DESKTOP, PHONE, chromium, needs_browser
+from sample import sample_trace
+
+NASTY = [
+    "</script><script>window.hit=1</script>",
+    "<img src=x onerror=window.hit=1>",
+    "<!--<script>",
+    '"><svg/onload=window.hit=1>',
+    "'-window.hit=1-'",
+    "{{script}}",
+    "\u2028window.hit=1",
+    "&lt;b&gt;",
+    "javascript:window.hit=1",
+    "]]><script>window.hit=1</script>",
+]
+
+
+def data_of(page: str) -> Any:
+    return json.loads(re.search(r'<script type="application/json" id="episode">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def test_a_minute_among_twenty_obstacles_takes_less_than_two_megabytes() -> None:
+    """60 s at 10 Hz with 20 obstacles and fresh pheromone every cycle fit into 2 MB."""
+    trace = sample_trace(600, 20)
+    rng = np.random.default_rng(0)
+    heat = [(2, 3, rng.random((40, 40)).astype(np.float32)) for _ in range(600)]
+    path = trace.decisions[1][1].path
+    decisions = tuple((i, Decision("avoid", f"{i} " + 100 * "x", obstacle=1, path=path, pheromone=heat[i])) for i in range(600))
+    object.__setattr__(trace, "decisions", decisions)
+    assert len(replay_page(trace, shortest=shortest(trace.task)).encode()) < 2_000_000
+
+
+def test_the_page_holds_the_episode_to_a_millimetre() -> None:
+    """Places unpacked from the page are within 1 mm of the trace, and sensed flags are equal."""
+    trace = sample_trace(150, 3)
+    data = data_of(replay_page(trace))
+    box = data["box"]
+    raw = np.frombuffer(base64.b64decode(data["robot"]["xy"]), "<u2").reshape(-1, 2) / 65535
+    xy = raw * [box["width"], box["height"]] + [box["x"], box["y"]]
+    assert np.abs(xy - trace.xy).max() < 1e-3
+    flags = np.unpackbits(np.frombuffer(base64.b64decode(data["obstacles"]["sensed"]), np.uint8), bitorder="little")
+    assert (flags[: trace.sensed.size].reshape(trace.sensed.shape) == trace.sensed).all()
+    assert [d["step"] for d in data["decisions"]] == [step for step, _ in trace.decisions]
+    assert len(data["pheromone"]) < len(trace.decisions), "equal pheromone is stored once"
+
+
+def test_the_policy_allows_only_the_pages_own_script_and_style() -> None:
+    """The security policy names the hashes of the inline script and style, and nothing else may run or load."""
+    page = replay_page(sample_trace(20, 1))
+    policy = re.search(r'Content-Security-Policy" content="(.*?)"', page)[1]
+    for kind, pattern in (("script", r'<script type="module">(.*?)</script>'), ("style", r"<style>(.*?)</style>")):
+        text = re.search(pattern, page, re.DOTALL)[1]
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none';") and "unsafe" not in policy
+    assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", page)
+
+
+def test_the_same_trace_gives_the_same_page() -> None:
+    """Two pages of one trace are equal byte for byte."""
+    assert replay_page(sample_trace(40, 2)) == replay_page(sample_trace(40, 2))
+
+
+def test_a_trace_of_no_steps_and_no_obstacles_makes_a_page() -> None:
+    """The smallest trace, one that ends as it begins, is no special case."""
+    data = data_of(replay_page(sample_trace(1, 0)))
+    assert data["obstacles"]["id"] == []
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as one:
+        yield one
+
+
+def opened(browser: Any, file: Path, **context: Any) -> tuple[Any, list[str]]:
+    """A page on `file` that is ready, and what it complained of or asked the network for."""
+    page = browser.new_context(**context).new_page()
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: None if request.url.startswith(("file:", "data:")) else complaints.append(request.url))
+    page.goto(file.as_uri())
+    page.wait_for_selector("body[data-ready=true]", timeout=20_000)
+    return page, complaints
+
+
+def pixels(page: Any, colour: str) -> int:
+    """How many pixels of the stage have the page's colour of that name, give or take a little."""
+    return int(
+        page.evaluate(
+            """(name) => {
+              const css = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+              const [r, g, b] = [1, 3, 5].map((i) => parseInt(css.slice(i, i + 2), 16));
+              const stage = document.getElementById("stage");
+              const copy = document.createElement("canvas");
+              [copy.width, copy.height] = [stage.width, stage.height];
+              const c = copy.getContext("2d", { willReadFrequently: true });
+              c.drawImage(stage, 0, 0);
+              const data = c.getImageData(0, 0, stage.width, stage.height).data;
+              let n = 0;
+              for (let i = 0; i < data.length; i += 4)
+                n += Math.abs(data[i] - r) + Math.abs(data[i + 1] - g) + Math.abs(data[i + 2] - b) < 12;
+              return n;
+            }""",
+            colour,
+        )
+    )
+
+
+@needs_browser
+def test_a_person_can_play_step_scrub_and_switch(browser: Any, tmp_path: Path) -> None:
+    """Play, pause, step, scrub, speed, keys, layers, zoom and theme all do what they say, without a word in the console."""
+    from playwright.sync_api import expect
+
+    trace = sample_trace(150, 3)
+    page, complaints = opened(browser, write_replay(trace, tmp_path / "r.html", shortest=shortest(trace.task)), **DESKTOP)
+    at = expect(page.locator("#scrub")).to_have_value
+
+    assert page.locator("#title").inner_text() == "sample" and page.locator("#outcome").inner_text() == "reached"
+    page.click("#forward")
+    page.click("#forward")
+    page.click("#back")
+    at("1")
+    page.keyboard.press("End")
+    at("150")
+    page.keyboard.press("n")
+    at("0")  # after the last encounter comes the beginning
+    page.click("#next")
+    at("50")
+    assert page.locator("#action").inner_text() == "avoid"
+    assert "Crossing from the right" in page.locator("#reason").inner_text()
+    assert "pass behind" in page.locator("#facts").inner_text()
+    page.locator("#scrub").fill("70")
+    expect(page.locator("#time")).to_have_text("7.0 / 15.0 s")
+
+    for layer, colour in (("trail", "robot"), ("planned", "planned")):
+        before = pixels(page, colour)
+        page.click(f"#layer-{layer}")
+        page.wait_for_timeout(60)
+        assert pixels(page, colour) < before
+        page.click(f"#layer-{layer}")
+    box = page.locator("#stage").bounding_box()
+    red = pixels(page, "moving")
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.wheel(0, -600)
+    page.wait_for_timeout(80)
+    assert pixels(page, "robot") > 0 and pixels(page, "moving") != red
+    page.keyboard.press("f")
+    page.keyboard.press("t")
+    assert page.evaluate("document.documentElement.dataset.theme") == "dark"
+    page.select_option("#speed", "8")
+    page.locator("#scrub").focus()
+    page.keyboard.press("Home")
+    page.click("#play")
+    at("150", timeout=20_000)
+    assert page.locator("#play").get_attribute("aria-label") == "Play", "it stops at the end"
+    page.keyboard.press("1")
+    assert not page.locator("#layer-global").is_checked()
+    with page.expect_download() as saved:
+        page.click("#save")
+    assert Path(saved.value.path()).read_bytes()[:4] == b"\x89PNG"
+    assert complaints == []
+
+
+@needs_browser
+@pytest.mark.parametrize("text", NASTY)
+def test_names_are_text_and_never_markup(browser: Any, tmp_path: Path, text: str) -> None:
+    """C41: a hostile scenario name or reason is shown as it is, runs nothing and asks the network for nothing."""
+    from playwright.sync_api import expect
+
+    page, complaints = opened(browser, write_replay(sample_trace(30, 1, text, text), tmp_path / "r.html"), **DESKTOP)
+    page.locator("#scrub").fill("12")
+    assert page.locator("#title").text_content() == text
+    expect(page.locator("#action")).to_have_text("avoid")
+    assert page.locator("#reason").text_content() == text
+    assert page.evaluate("window.hit") is None and complaints == []
+
+
+@needs_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
+def test_the_page_fits_the_screen(browser: Any, tmp_path: Path, screen: dict[str, Any], scheme: str) -> None:
+    """On a desktop and on a phone nothing runs off the side, buttons are large enough, and every control has a name."""
+    trace = sample_trace(60, 2)
+    page, complaints = opened(browser, write_replay(trace, tmp_path / "r.html"), color_scheme=scheme, **screen)
+    assert page.evaluate("document.documentElement.scrollWidth") <= screen["viewport"]["width"]
+    assert page.evaluate("document.documentElement.dataset.theme") == scheme
+    least = 44 if screen is PHONE else 32
+    for button in page.locator("button:visible").all():
+        box = button.bounding_box()
+        assert min(box["width"], box["height"]) >= least, button.get_attribute("id")
+        assert button.get_attribute("aria-label")
+    ink, paper = ("#1b1f24", "#ffffff") if scheme == "light" else ("#e9ecf0", "#1d2127")
+    css = "getComputedStyle(document.documentElement).getPropertyValue"
+    assert page.evaluate(f"{css}('--ink').trim()") == ink and page.evaluate(f"{css}('--panel').trim()") == paper
+    assert pixels(page, "robot") > 20 and pixels(page, "wall") > 100 and complaints == []
