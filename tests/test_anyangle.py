@@ -9,8 +9,6 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid, Moves
@@ -18,6 +16,7 @@ from antway.planning import Budget, Plan, Problem, Status
 from antway.search.anyangle import METHODS, anyangle
 from antway.verify import _segment_fault, check_plan
 from common import SHARED, cases, free_cells, needs_data, random_grid
+from naive.dstarlite import grid_distance
 from naive.visibility import VisibilityGraph
 
 GREEDY = ("theta", "lazy-theta")
@@ -25,21 +24,6 @@ GREEDY = ("theta", "lazy-theta")
 
 def ends(rng: np.random.Generator, grid: Grid) -> list[tuple[int, int]]:
     return [(int(r), int(c)) for r, c in rng.permutation(free_cells(grid))[:2]]
-
-
-def grid_distance(grid: Grid, start: tuple[int, int], goal: tuple[int, int]) -> float:
-    """The shortest path of eight moves that does not squeeze between two blocked cells, in cells, by SciPy."""
-    rows, cols = grid.shape
-    index = np.arange(rows * cols).reshape(rows, cols)
-    free = np.pad(~grid.blocked, 1)
-    links = []
-    for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        side = free[1 + dr : rows + 1 + dr, 1:-1] | free[1:-1, 1 + dc : cols + 1 + dc]
-        legal = free[1:-1, 1:-1] & free[1 + dr : rows + 1 + dr, 1 + dc : cols + 1 + dc] & side
-        links.append((index[legal], index[legal] + dr * cols + dc, np.full(legal.sum(), math.hypot(dr, dc))))
-    a, b, w = (np.concatenate(x) for x in zip(*links))
-    graph = coo_matrix((w, (a, b)), shape=(rows * cols, rows * cols)).tocsr()
-    return float(dijkstra(graph, directed=False, indices=int(index[start]))[index[goal]])
 
 
 def test_optimal_on_random_grids() -> None:
@@ -58,7 +42,7 @@ def test_optimal_on_random_grids() -> None:
             wanted = graph.distances(start).get(goal, math.inf)
             assert plan.length == pytest.approx(wanted, rel=1e-9, abs=1e-9)
             assert plan.optimal == (plan.status is Status.FOUND)
-            assert plan.length <= grid_distance(grid, start, goal) * (1 + 1e-12)
+            assert plan.length <= grid_distance(grid, start, goal, problem.moves) * (1 + 1e-12)
 
 
 def test_all_small_grids() -> None:

@@ -26,7 +26,7 @@ def compute(free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints
 
     By cell, flat and padded by one: `free`, `g`, `rhs`, `key` [N, 2] and `place`, where it stands in the `queue`, or -1.
     `queue` [N] is a heap of the cells where g and rhs differ. `state` [8] is the width of the padded grid, how many moves there
-    are (4 or 8), how many side cells of a diagonal must be free, start, goal, k_m, the size of the queue, and expansions so far.
+    are (4 or 8), how many side cells of a diagonal must be free, start, goal, k_m, the size of the queue, and the expansions.
     """
     start = state[START]
     for _ in range(steps):

@@ -28,8 +28,8 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
 
     A point may go wherever cells are free; it may touch walls and corners of blocked cells, but neither leave the map nor pass
     where two blocked cells touch diagonally. Taut paths do touch corners. For a robot with a radius plan on
-    `grid.inflate(radius)`, as `antway.plan` does for `robot_radius`: free cells then have that clearance at their centres, and a
-    path that touches their corners has at least `radius` less half a cell's diagonal; to keep all of it, inflate by that more.
+    `grid.inflate(radius)`, as `antway.plan` does for `robot_radius`: free cells then have that clearance at their centres, and
+    a path that touches their corners has `radius` less half a cell's diagonal at least; to keep it all, inflate by that more.
 
     Parameters
     ----------
