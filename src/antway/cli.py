@@ -121,7 +121,7 @@ def plan_command(
         _print_json(record)
     elif len(path.cells):
         proof = "the shortest" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest"
-        print(f"{path.length:.3f} m, {proof}; {path.expanded} nodes expanded in {1000 * path.elapsed:.2f} ms")
+        print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cells, {path.expanded} nodes expanded")
     else:
         print("no path" if path.status is Status.NO_PATH else "no path found within the time limit")
     if out is not None and not json:

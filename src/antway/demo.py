@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import antway
 from antway import checks
 from antway.planning import Plan, Problem
+from antway.scenes import SCENES
+from antway.scenes import scene as shipped_scene
 from antway.world.episode import EpisodeResult, run
 from antway.world.scenario import Scenario, load_scenario
 
-SCENES = ("paper", "office", "warehouse")
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
 
 
@@ -27,8 +27,7 @@ def scene(name: str) -> Scenario:
     BadScenario
         If there is neither.
     """
-    shipped = Path(antway.__file__).parent / "scenes" / f"{name}.toml"
-    return load_scenario(shipped if name in SCENES and not Path(name).exists() else name)
+    return load_scenario(shipped_scene(name) if name in SCENES and not Path(name).exists() else name)
 
 
 def summary(result: EpisodeResult, shortest: Plan) -> dict[str, Any]:
@@ -72,7 +71,7 @@ def write_episode(result: EpisodeResult, folder: Path, said: Callable[[str], Non
     figures.save(figures.plan_figure(trace.task.grid, path, ends=ends), folder / "figure4_global_path.png")
     about = figures.moment_figure(trace, meet, title="About to meet a moving obstacle", path=path)
     figures.save(about, folder / "figure5_encounter.png")
-    round_it = figures.moment_figure(trace, avoid, title="Avoiding it", path=path, pheromone=True)
+    round_it = figures.moment_figure(trace, avoid, title=figures.title_of(trace.decision_at(avoid)), path=path, pheromone=True)
     figures.save(round_it, folder / "figure6_avoidance.png")
     figures.save(figures.final_figure(trace, path=path), folder / "figure7_final_path.png")
     said("animation")

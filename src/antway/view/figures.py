@@ -13,9 +13,10 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.avoidance.routes import Routes
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.planning import Plan, plan
+from antway.planning import Plan, Problem, Status, solve
 from antway.view import style
 from antway.view.style import save
 from antway.world.policy import Decision, Task
@@ -30,6 +31,7 @@ __all__ = [
     "save",
     "shortest",
     "strip_figure",
+    "title_of",
     "tour_figure",
 ]
 
@@ -37,8 +39,12 @@ HORIZON = 3.0  # s that a prediction is drawn for
 
 
 def shortest(task: Task) -> Plan:
-    """Return the shortest path of `task` on its static map, for the robot's radius: Step 2 of the paper."""
-    return plan(task.grid, task.start, task.goal, robot_radius=task.robot.radius, planner="dijkstra")
+    """Return the shortest path over the cells of the static map on which the robot fits, moving by 8: Step 2 of the paper."""
+    routes = Routes(task)
+    ends = routes.cell(task.start), routes.cell(task.goal)
+    if ends[0] is None or ends[1] is None:
+        return Plan(Status.NO_PATH)
+    return solve(Problem(routes.room, ends[0], ends[1]), "dijkstra")
 
 
 @style.styled
@@ -108,7 +114,7 @@ def moment_figure(
     decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
     if decision is not None:
-        axes.set_xlabel(f"x (m)\n{_wrapped(decision.reason)}")
+        axes.set_xlabel(f"x (m)\n{_wrapped(decision)}")
     style.legend_below(axes)
     return fig
 
@@ -214,19 +220,28 @@ def tour_figure(xy: NDArray[np.float64], order: NDArray[np.int64], *, title: str
 
 
 def moments(trace: Trace) -> tuple[int, int]:
-    """Return the step just before the first encounter and the step in it that shows most: (about to meet, avoiding).
+    """Return two steps worth a picture: (about to meet an obstacle, in the midst of the encounter).
 
-    An encounter begins with the first decision to do anything but follow the path; the step shown of it is the one at which
-    robot and obstacle come closest among those whose decision carries pheromone, or among all of the encounter.
+    The encounter is the first in which ants left pheromone; without such, the first decision to do other than follow the path;
+    without that, the closest approach. The first step lies a second and a half before the second.
     """
-    calm = ("follow", "arrived")
-    begun = next((step for step, decision in trace.decisions if decision.action not in calm), None)
-    if begun is None:
-        middle = len(trace) // 2
-        return middle, middle
-    inside = [(step, decision) for step, decision in trace.decisions if step >= begun and decision.action not in calm]
-    shown = [step for step, decision in inside if decision.pheromone is not None] or [step for step, _ in inside]
-    return begun, shown[0]
+    busy = [(step, decision) for step, decision in trace.decisions if decision.action not in ("follow", "arrived")]
+    shown = [step for step, decision in busy if decision.pheromone is not None] or [step for step, _ in busy]
+    if shown:
+        midst = min(shown[0], len(trace))
+    elif len(trace.obstacle_id):
+        gaps = np.hypot(*(trace.obstacle_xy - trace.xy[:, None]).transpose(2, 0, 1)) - trace.obstacle_radius
+        midst = int(gaps.min(axis=1).argmin())
+    else:
+        midst = len(trace) // 2
+    return max(0, midst - round(1.5 / trace.task.robot.dt)), midst
+
+
+def title_of(decision: Decision | None) -> str:
+    """Return the title of a picture in the midst of an encounter: what the robot does about the obstacle."""
+    doing = {"avoid": "Going round it", "wait": "Waiting for it", "brake": "Braking for it", "stuck": "Stuck"}
+    doing |= {"step-back": "Stepping back from it", "step-aside": "Stepping aside"}
+    return doing.get("" if decision is None else decision.action, "Passing it")
 
 
 def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
@@ -365,5 +380,7 @@ def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _wrapped(text: str, width: int = 95) -> str:
-    return "\n".join(textwrap.wrap(text, width)[:3]).replace("$", r"\$")
+def _wrapped(decision: Decision, width: int = 90) -> str:
+    """The decision in words, on at most two lines, with no character that Matplotlib would take for a formula."""
+    text = f"{decision.action.replace('-', ' ')}: {decision.reason}"
+    return "\n".join(textwrap.wrap(text, width, max_lines=2, placeholder=" ...")).replace("$", r"\$")

@@ -68,6 +68,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 def figure(width: float = 6.4, height: float = 4.8) -> Figure:
     """Return an empty figure of `width` x `height` inches with its own Agg canvas."""
     result = Figure(figsize=(width, height), dpi=160, layout="constrained")
+    result.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[call-arg, union-attr]
     FigureCanvasAgg(result)
     return result
 
