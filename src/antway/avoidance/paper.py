@@ -24,7 +24,7 @@ from antway.planning import Problem, Status
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
-REFUGES = 800  # cells looked at for a place to step back to
+REFUGES = 30  # places to step back to that are tried
 Costs = tuple[tuple[str, float], ...]
 
 
@@ -176,14 +176,17 @@ class PaperPolicy:
         count = len(route) if inside.all() else int(np.argmin(inside))
         if count == 0:
             return None
+        route, cells, rest = route[:count], cells[:count], route[count:]
         beyond = 0.0 if self.retreating else (when - seen.t) * spec.v_max
-        i, reason = local_target(
-            route[:count], beyond, seen.xy, spec.v_max, reach, ahead.body, ahead.tubes, lambda p: routes.clear(seen.xy, p)
-        )
-        target = (int(cells[i, 0]), int(cells[i, 1]))
-        if target == here or not room.is_free(target):
-            return None
         for whole in (False, True):
+            closed = ahead.tubes.close(
+                room, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
+            )
+            taken = closed[cells[:, 0], cells[:, 1]]
+            i, reason = local_target(route, taken, beyond, seen.xy, reach, lambda p: routes.clear(seen.xy, p))
+            target = (int(cells[i, 0]), int(cells[i, 1]))
+            if target == here or closed[target] or not room.is_free(target):
+                continue
             self.colonies += 1
             found = explore(
                 Problem(room, here, target),
@@ -192,13 +195,11 @@ class PaperPolicy:
                 ants=self.ants,
                 cycles=self.cycles,
                 window=window,
-                forbidden=ahead.tubes.close(
-                    room, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
-                ),
+                forbidden=closed,
             )
             if found.plan.status is Status.NO_PATH or not len(found.plan.cells):
                 continue
-            nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(room), route[i + 1 :])))
+            nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(room), route[i + 1 :], rest)))
             if self._free(ahead, nodes):
                 x, y = route[i].tolist()
                 return Detour(nodes, (x, y), reason, found)
@@ -208,13 +209,17 @@ class PaperPolicy:
         """Return the way to the nearest place that can be reached and where the robot can stand."""
         seen, routes = ahead.seen, self.routes
         cells, far = routes.near(seen.xy, self.lookahead * self.spec.v_max)
-        for cell, way in zip(cells[:REFUGES].tolist(), far.tolist()):
+        tries = 0
+        for cell, way in zip(cells.tolist(), far.tolist()):
             arrival, there = np.array([seen.t + way / self.spec.v_max]), routes.room.to_xy(cell)
             if ahead.tubes.conflict(arrival, there, ahead.until, ahead.body, self.growth)[0] < math.inf:
                 continue
             nodes = routes.to_cell(seen.xy, (cell[0], cell[1]))
             if len(nodes) and self._free(ahead, nodes):
                 return nodes
+            tries += 1
+            if tries == REFUGES:
+                break
         return None
 
     def _last_resort(self, ahead: Ahead, who: int, costs: Costs) -> Command:
