@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -112,3 +113,51 @@ def update(rule, tau, first, low, high, offsets, start, paths, best, t):
         elif ranked:
             deposit(ranked[0], 1)
     return {edge: min(max(value, low), high) for edge, value in tau.items()}
+
+
+def guide(legal, offsets, lengths, cost, turn, goal):
+    """Least cost to `goal` beginning with each move: Bellman's equation, swept until nothing changes."""
+    n = len(legal)
+    value = np.full((n, 8), math.inf)
+    moves = [(i, k) for i in range(n) for k in range(8) if legal[i] >> k & 1 and offsets[k] and i != goal]
+    while True:
+        before = value.copy()
+        for i, k in moves:
+            j = i + offsets[k]
+            rest = 0.0 if j == goal else min(value[j, m] + (0.0 if m == k else turn) for m in range(8))
+            value[i, k] = lengths[k] * 0.5 * (cost[i] + cost[j]) + rest
+        if np.array_equal(before, value):
+            return value
+
+
+def score(offsets, lengths, start, path, clearance, danger):
+    """Length, turns, -(least clearance) and the integral of the danger along one path."""
+    cells = [start + sum(offsets[k] for k in path[:i]) for i in range(len(path) + 1)]
+    exposure = sum(lengths[k] * (danger[a] + danger[b]) / 2 for k, (a, b) in zip(path, pairwise(cells)))
+    return [length(path), sum(a != b for a, b in pairwise(path)), -min(clearance[c] for c in cells), exposure]
+
+
+def front(legal, offsets, lengths, start, goal):
+    """The exact Pareto front (length, turns): shortest walks with at most 0, 1, 2, ... turns over (cell, last move)."""
+    n, result = len(legal), []
+    reached = {}  # (cell, last move) -> length with as many turns as the layer
+    for turns in range(n):
+        layer = {}
+        if turns == 0:
+            heap = [(0.0, start, k) for k in range(8)]
+        else:
+            heap = [(d, c, k) for (c, last), d in reached.items() for k in range(8) if k != last]
+        for d, c, k in heap:  # straight on from every way of having turned here
+            while c != goal and legal[c] >> k & 1 and offsets[k]:
+                c, d = c + offsets[k], d + lengths[k]
+                if d >= min(layer.get((c, k), math.inf), reached.get((c, k), math.inf)):
+                    break
+                layer[c, k] = d
+        for key, d in layer.items():
+            reached[key] = min(d, reached.get(key, math.inf))
+        best = min((d for (c, _), d in reached.items() if c == goal), default=math.inf)
+        if best < (result[-1][0] if result else math.inf) - 1e-9:
+            result.append((best, turns))
+        if not layer:
+            return result[::-1]
+    return result[::-1]

@@ -23,7 +23,7 @@ from antway.kernels import walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status
 
 OBJECTIVES = ("length", "turns", "clearance", "exposure")
-KEEN = (3.0, 6.0, 12.0)  # beta by cycle, 1 / cells
+KEEN = (2.0, 4.0, 8.0)  # beta by cycle, 1 / cells
 PURE = 100.0  # cells: an objective weighted so leaves length as a tie-breaker
 WEIGHTS = {0: 1, 1: 12, 2: 5, 3: 3}  # how many for each objective besides length, by how many there are
 SPREAD = 16.0  # they run from 1 / SPREAD to SPREAD times the exchange rate between the ends of the front
@@ -107,15 +107,14 @@ def pareto(
     status = mixed.status()
     if status is Status.FOUND:
         clearance = ground.flat(grid.clearance() / grid.resolution)
-        maps = np.stack((ground.flat(risk), 0.5 / np.maximum(clearance, 0.5)))  # the second is 1 beside a wall
-        maps[~np.isfinite(maps)] = 0.0
-        columns = [{"turns": 1, "exposure": 3, "clearance": 4}[name] for name in names if name != "length"]
+        danger = ground.flat(risk)
+        danger[~np.isfinite(danger)] = 0.0
         with mixed.squad:
-            aims = _weightings(mixed, archive, clearance, maps, columns)
+            aims = _weightings(mixed, archive, names, clearance, danger)
             for t in range(cycles):
                 for value, turn in aims:
                     if mixed.walk(value, turn, KEEN[t % len(KEEN)]):
-                        archive.take(mixed.score(clearance, maps), mixed.squad)
+                        archive.take(mixed.score(clearance, danger), mixed.squad)
     spent = status is Status.FOUND and clock.spent()
     order = np.argsort(archive.scores[:, 0], kind="stable")
     values = archive.scores[order] * np.array(
@@ -252,10 +251,10 @@ class Mixed:
         self._walked += self._ants
         return bool((self.squad.depth >= 0).any())
 
-    def score(self, clearance: NDArray[np.float64], maps: NDArray[np.float64]) -> NDArray[np.float64]:
+    def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what `kernels.walk.score` does for the ants that walked last."""
         ground, squad = self.ground, self.squad
-        return kernel.score(ground.offsets, ground.lengths, ground.start, squad.moves, squad.depth, clearance, maps)
+        return kernel.score(ground.offsets, ground.lengths, ground.start, squad.moves, squad.depth, clearance, danger)
 
 
 class _Archive:
@@ -277,31 +276,35 @@ class _Archive:
 
 
 def _weightings(
-    mixed: Mixed, archive: _Archive, clearance: NDArray[np.float64], maps: NDArray[np.float64], columns: list[int]
+    mixed: Mixed, archive: _Archive, names: Sequence[str], clearance: NDArray[np.float64], danger: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], float]]:
     """Return the costs of each weighting as `Mixed.guide` gives them, and what a turn costs in it.
 
-    Weights are exchange rates: cells of length for a unit of the score in each of `columns`. They spread about the rate
-    between the ends of the front, the paths that are best by length or by one of the other scores alone.
+    A turn and a unit of exposure cost so many cells of length: rates spread about that between the ends of the front, the
+    paths that are best by length or by one other objective alone. Clearance is a constraint: less than a level costs PURE.
     """
 
-    def aim(rates: Sequence[float]) -> tuple[NDArray[np.float64], float]:
-        rate = dict(zip(columns, rates))
-        cost = 1.0 + sum((rate.get(3 + m, 0.0) * maps[m] for m in range(len(maps))), np.zeros(maps.shape[1]))
-        return mixed.guide(cost, rate.get(1, 0.0)), rate.get(1, 0.0)
+    def aim(turn: float, exposure: float, level: float) -> tuple[NDArray[np.float64], float]:
+        return mixed.guide(1.0 + exposure * danger + PURE * (clearance < level), turn), turn
 
-    unit = np.array([1.0 if c < 3 else 1.0 / max(float(maps[c - 3].max()), 1e-300) for c in columns])
+    ground = mixed.ground
+    widest = min(clearance[ground.start], clearance[ground.goal])
+    most = {"turns": PURE, "exposure": PURE / max(float(danger.max()), 1e-300), "clearance": widest}
+    extra = [name for name in most if name in names]
     ends = []
-    for pure in (np.zeros(len(columns)), *np.eye(len(columns))):
-        value, turn = aim((pure * PURE + 1e-3) * unit)
+    for end in (None, *extra):
+        value, turn = aim(*(most[name] * (1.0 if name == end else 1e-5) for name in most))  # the others break ties
         if mixed.walk(value, turn, KEEN[-1]):
-            scores = mixed.score(clearance, maps)
+            scores = mixed.score(clearance, danger)
             archive.take(scores, mixed.squad)
-            ends.append(scores[np.argmin(scores[:, [0, *columns]] @ [1.0, *((pure * PURE + 1e-3) * unit)])])
-    rate = np.array(unit)
-    if ends:
-        span = np.ptp(np.array(ends), axis=0)
-        known = (span[0] > _SAME) & (span[columns] > _SAME)
-        rate[known] = span[0] / span[columns][known]
-    steps = np.geomspace(1 / SPREAD, SPREAD, WEIGHTS[len(columns)]) if columns else np.empty(0)
-    return [aim(rate * rates) for rates in product(steps, repeat=len(columns))]
+            column = OBJECTIVES.index(end or "length")
+            ends.append(scores[np.lexsort((scores[:, 0], scores[:, column]))[0]])
+    span = np.ptp(np.array(ends), axis=0) if ends else np.zeros(len(OBJECTIVES))
+    number = WEIGHTS[len(extra)]
+    rates = np.geomspace(1 / SPREAD, SPREAD, number)
+    levels = np.unique(clearance[np.isfinite(ground.distance) & (clearance <= widest)])
+    choices = {"clearance": levels[np.linspace(0, len(levels) - 1, number).round().astype(int)]}
+    for name, column in (("turns", 1), ("exposure", 3)):
+        known = span[0] > _SAME and span[column] > _SAME
+        choices[name] = rates * (span[0] / span[column] if known else most[name] / PURE)
+    return [aim(*chosen) for chosen in product(*(choices[name] if name in extra else (0.0,) for name in most))]

@@ -329,27 +329,26 @@ def score(
     moves: NDArray[np.uint8],
     depth: NDArray[np.int32],
     clearance: NDArray[np.float64],
-    maps: NDArray[np.float64],
+    danger: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return for each ant float64[A, 3 + M]: length, turns, -(least `clearance` float64[N] on the way), integral of each map.
+    """Return for each ant float64[A, 4]: length, turns, -(least clearance on the way), integral of the danger along the way.
 
-    Maps are float64[M, N], integrated along the path as `guide` does its cost; lengths in cells; infinite for an ant that died.
+    `clearance`, `danger` float64[N]; the integral takes the mean of both ends of a move, as `guide` does; lengths in cells;
+    infinite for an ant that died.
     """
-    out = np.full((depth.size, 3 + len(maps)), math.inf)
+    out = np.full((depth.size, 4), math.inf)
     for ant in range(depth.size):
         if depth[ant] < 0:
             continue
-        cell, diagonal, turns, narrowest = start, 0, 0, clearance[start]
-        out[ant, 3:] = 0.0
+        cell, diagonal, turns, narrowest, exposure = start, 0, 0, clearance[start], 0.0
         for i in range(depth[ant]):
             k = moves[ant, i]
             to = cell + offsets[k]
             diagonal += k >> 2
             turns += int(i > 0 and k != moves[ant, i - 1])
-            for m in range(len(maps)):
-                out[ant, 3 + m] += lengths[k] * 0.5 * (maps[m, cell] + maps[m, to])
+            exposure += lengths[k] * 0.5 * (danger[cell] + danger[to])
             narrowest = min(narrowest, clearance[to])
             cell = to
         out[ant, 0] = depth[ant] - diagonal + diagonal * math.sqrt(2.0)
-        out[ant, 1], out[ant, 2] = turns, -narrowest
+        out[ant, 1], out[ant, 2], out[ant, 3] = turns, -narrowest, exposure
     return out

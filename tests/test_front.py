@@ -1,0 +1,192 @@
+"""Pareto fronts and diverse ways against exact fronts, naive twins and their own promises."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from antway.ants.front import OBJECTIVES, alternatives, pareto
+from antway.ants.walkers import Squad
+from antway.errors import BadInput
+from antway.grid import Grid, Moves
+from antway.kernels import walk as kernel
+from antway.planning import Budget, Problem, Status
+from antway.verify import check_plan
+from common import SHARED, cases, needs_data
+from naive import walk as naive
+from test_walk import random_ground, random_weights
+
+
+def test_the_guide_is_the_fixed_point_of_bellmans_equation():
+    """Least costs over cells and headings agree with the naive sweeps, whatever the costs of cells and turns."""
+    rng = np.random.default_rng(1)
+    for _ in range(cases(15, 300)):
+        ground = random_ground(rng, 3, 8)
+        cost, turn = rng.random(ground.distance.size) + 0.1, float(rng.choice([0.0, 0.3, 5.0]))
+        args = (ground.net.legal, ground.offsets, ground.lengths, cost, turn, ground.goal)
+        np.testing.assert_allclose(kernel.guide(*args), naive.guide(*args), rtol=1e-9)
+    plain = kernel.guide(ground.net.legal, ground.offsets, ground.lengths, np.ones(cost.size), 0.0, ground.goal)
+    assert plain[ground.start].min() == pytest.approx(ground.bound)
+
+
+def test_scores_are_those_of_each_path():
+    """Length, turns, narrowest clearance and integrals of the ants' paths agree with the naive twin."""
+    rng = np.random.default_rng(2)
+    for _ in range(cases(20, 300)):
+        ground = random_ground(rng)
+        squad = Squad(ground, 6, 40)
+        squad.walk(random_weights(rng, ground), 1, 0, Budget().start())
+        clearance, danger = rng.random((2, ground.distance.size))
+        found = kernel.score(ground.offsets, ground.lengths, ground.start, squad.moves, squad.depth, clearance, danger)
+        for ant in range(6):
+            if squad.depth[ant] < 0:
+                assert np.isinf(found[ant]).all()
+            else:
+                args = (ground.offsets, ground.lengths, ground.start, squad.path(ant).tolist(), clearance, danger)
+                np.testing.assert_allclose(found[ant], naive.score(*args), rtol=1e-12)
+
+
+@needs_data
+def test_fronts_of_length_and_turns_are_found_whole():
+    """On all six shared grids the front of the exhaustive search comes out whole in at least 95 % of the seeds."""
+    fronts = json.loads((SHARED / "grids" / "optima.json").read_text())["front_nosqueeze"]
+    for name, exact in fronts.items():
+        rows = (SHARED / "grids" / f"{name}.txt").read_text().split()
+        grid = Grid(np.array([[cell == "@" for cell in row] for row in rows]))
+        problem = Problem(grid, (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1), Moves.EIGHT_NOSQUEEZE)
+        seeds, whole = cases(5, 100), 0
+        for seed in range(seeds):
+            front = pareto(problem, seed=seed)
+            for plan in front.plans:
+                check_plan(problem, plan)
+            found = [(turns, round(length, 4)) for length, turns in front.values.tolist()]
+            whole += found == [(turns, pytest.approx(length, abs=2e-4)) for turns, length in exact]
+        assert whole >= 0.95 * seeds, name
+
+
+def test_fronts_of_small_maps_are_exact():
+    """On random small maps under all moves the front of length and turns is the exact one in at least 95 % of the cases."""
+    rng = np.random.default_rng(3)
+    whole, number = 0, cases(30, 500)
+    for seed in range(number):
+        ground = random_ground(rng, 3, 12)
+        front = pareto(ground.problem, seed=seed)
+        exact = naive.front(ground.net.legal, ground.offsets, ground.lengths, ground.start, ground.goal)
+        whole += len(exact) == len(front.values) and np.allclose(front.values, exact)
+        for plan in front.plans:
+            check_plan(ground.problem, plan)
+    assert whole >= 0.95 * number
+
+
+def test_no_plan_of_a_front_is_beaten_whatever_the_objectives():
+    """For all objectives: legal plans with the values stated, the shortest path among them, none dominated by another."""
+    rng = np.random.default_rng(4)
+    blocked = rng.random((16, 20)) < 0.12
+    blocked[0, 0] = blocked[-1, -1] = False
+    problem = Problem(Grid(blocked, resolution=0.5), (0, 0), (15, 19))
+    risk = rng.random((16, 20)) ** 4 * 5
+    clearance = problem.grid.clearance()
+    for names in (OBJECTIVES, ("clearance", "length"), ("exposure",), ("turns", "exposure")):
+        front = pareto(problem, objectives=names, exposure=risk, cycles=6)
+        assert front.status is Status.FOUND and len(front.plans) == len(front.values) > 0
+        assert (np.diff(front.values[:, 0]) * (-1 if names[0] == "clearance" else 1) >= 0).all()
+        costs = front.values * [-1 if name == "clearance" else 1 for name in names]
+        for i, plan in enumerate(front.plans):
+            check_plan(problem, plan)
+            steps = np.diff(plan.cells, axis=0)
+            at = tuple(plan.cells.T)
+            far = np.hypot(*steps.T) * 0.5
+            exposed = (far * (risk[at][1:] + risk[at][:-1]) / 2).sum()
+            turns = (np.diff(steps, axis=0) != 0).any(axis=1).sum()
+            stated = {"length": plan.length, "turns": turns, "clearance": clearance[at].min(), "exposure": exposed}
+            np.testing.assert_allclose(front.values[i], [stated[name] for name in names], rtol=1e-9)
+            assert not ((costs <= costs[i] + 1e-9).all(axis=1) & (costs < costs[i] - 1e-9).any(axis=1)).any()
+
+
+def test_a_front_trades_length_for_clearance():
+    """Through a gap of one cell, or round by the wide way: both are on the front, and its ends are what they must be."""
+    blocked = np.zeros((15, 15), dtype=bool)
+    blocked[3:, 7] = True
+    blocked[10, 7] = False
+    front = pareto(Problem(Grid(blocked), (10, 3), (10, 11)), objectives=("length", "clearance"))
+    assert front.values[0].tolist() == [8.0, 0.5] and front.values[-1, 1] == 1.5
+    assert (np.diff(front.values, axis=0) > 0).all()
+
+
+def test_alternatives_are_different_short_and_legal():
+    """Ways share no more ground than allowed, stretch no more than allowed, and the first is a shortest path."""
+    blocked = np.zeros((21, 31), dtype=bool)
+    blocked[3:9, 8:23] = blocked[12:18, 8:23] = True
+    problem = Problem(Grid(blocked, resolution=0.5), (10, 0), (10, 30))
+    ways = alternatives(problem, 3, overlap=0.55, seed=1)
+    assert len(ways) == 3 and ways[0].optimal and ways[-1].length <= 1.5 * ways[0].length
+    assert [way.length for way in ways] == sorted(way.length for way in ways)
+    rows = sorted(int(way.cells[len(way.cells) // 2, 0]) for way in ways)
+    assert rows[0] < 3 and 9 <= rows[1] < 12 and rows[2] >= 18  # above, between and below the blocks
+    for way in ways:
+        check_plan(problem, way)
+    assert len(alternatives(problem, 3, stretch=1.01)) == 1
+    corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
+    assert [way.length for way in alternatives(corridor, 4)] == [8.0]
+
+
+def test_fronts_and_ways_are_repeatable_with_any_number_of_threads():
+    """The same seed gives the same bytes for 1, 2 and 4 threads."""
+    blocked = np.zeros((12, 12), dtype=bool)
+    blocked[4:8, 4:8] = True
+    problem = Problem(Grid(blocked), (5, 0), (6, 11))
+    fronts = [pareto(problem, seed=5, cycles=3, ants=9, threads=threads) for threads in (1, 2, 4)]
+    ways = [alternatives(problem, seed=5, threads=threads) for threads in (1, 2, 4)]
+    for i in (1, 2):
+        assert fronts[i].values.tobytes() == fronts[0].values.tobytes()
+        assert [p.cells.tobytes() for p in fronts[i].plans] == [p.cells.tobytes() for p in fronts[0].plans]
+        assert [p.cells.tobytes() for p in ways[i]] == [p.cells.tobytes() for p in ways[0]]
+
+
+def test_no_way_no_time_and_no_distance_are_told():
+    """NO_PATH where walls part the ends, BUDGET where time ran out, one plan of one cell where start is goal."""
+    blocked = np.zeros((5, 5), dtype=bool)
+    blocked[:, 2] = True
+    apart = Problem(Grid(blocked), (0, 0), (0, 4))
+    assert pareto(apart).status is Status.NO_PATH and pareto(apart).plans == ()
+    assert [plan.status for plan in alternatives(apart)] == [Status.NO_PATH]
+    near = Problem(Grid(blocked), (0, 0), (4, 1))
+    late = Budget(seconds=0.0)
+    assert pareto(near, budget=late).status is Status.BUDGET
+    assert [plan.status for plan in alternatives(near, budget=late)] == [Status.BUDGET]
+    here = Problem(Grid(blocked), (0, 0), (0, 0))
+    assert pareto(here).values.tolist() == [[0.0, 0.0]]
+    assert [plan.length for plan in alternatives(here)] == [0.0]
+    for plan in (*pareto(here).plans, *alternatives(here)):
+        check_plan(here, plan)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"objectives": ("speed",)},
+        {"objectives": ()},
+        {"objectives": ("length", "length")},
+        {"objectives": ("length", "exposure")},
+        {"objectives": ("exposure",), "exposure": np.full((3, 3), -1.0)},
+        {"objectives": ("exposure",), "exposure": np.zeros((2, 3))},
+        {"ants": 0},
+        {"cycles": -1},
+        {"threads": 0},
+        {"seed": -1},
+    ],
+)
+def test_wrong_options_of_a_front_are_refused(options):
+    """Each raises a BadInput."""
+    with pytest.raises(BadInput):
+        pareto(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2)), **options)
+
+
+@pytest.mark.parametrize("options", [{"k": 0}, {"overlap": 1.1}, {"apart": -1}, {"stretch": 0.9}, {"overlap": math.nan}])
+def test_wrong_options_of_alternatives_are_refused(options):
+    """Each raises a BadInput."""
+    with pytest.raises(BadInput):
+        alternatives(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2)), **options)
