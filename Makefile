@@ -2,18 +2,32 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+CORE   := $(VENV)/.core
 READY  := $(VENV)/.ready
 
-.PHONY: demo test check nightly clean
+.PHONY: demo browser test check nightly clean
 
-$(READY): pyproject.toml
+$(CORE): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing antway and its development tools into $(VENV) ..."
+	@echo "installing antway into $(VENV) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(READY): $(CORE)
+	@echo "installing the development tools into $(VENV) ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[web,smooth,dev]'
 	@touch $@
 
-demo: $(READY)
+demo: $(CORE)
 	@$(BIN)/antway demo --out demo
+
+# The tests of pages drive Debian's Chromium; it is installed here where that is possible, and missed aloud where it is not.
+browser:
+	@command -v chromium >/dev/null \
+	|| { test "$$(id -u)" = 0 && command -v apt-get >/dev/null && echo "installing chromium for the tests of pages ..." \
+	     && apt-get update -qq >/dev/null 2>&1 \
+	     && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends chromium >/dev/null 2>&1; } \
+	|| echo "no chromium, and no root with apt-get and a network to install it: the tests of pages will be skipped"
 
 check: $(READY)
 	$(BIN)/ruff check .
@@ -21,10 +35,10 @@ check: $(READY)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: $(READY) check
+test: $(READY) browser check
 	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
-nightly: $(READY)
+nightly: $(READY) browser
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
 clean:

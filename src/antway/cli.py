@@ -1,4 +1,4 @@
-"""The command line: the only file that prints. A command imports what it needs when it runs, so that `--help` stays quick.
+"""The command line. A command imports what it needs when it runs, so that `--help` stays quick.
 
 Exit status: 0 done, 1 interrupted output or a fault of antway's own, 2 wrong input, 3 no path, 4 out of budget, 5 contact in a
 run, 130 interrupted. Answers go to stdout (with --json nothing else does), everything said on the way to stderr.
@@ -6,17 +6,13 @@ run, 130 interrupted. Answers go to stdout (with --json nothing else does), ever
 
 from __future__ import annotations
 
-import os
-import sys
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from antway.errors import BadInput, BadParameter, CellBlocked, OutOfBounds
+from antway.console import exit_with, number_option, print_json, print_table, working
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
 
 if TYPE_CHECKING:
     from antway.grid import Grid
@@ -31,25 +27,9 @@ app = typer.Typer(
 )
 
 
-class Refused(Exception):
-    """Carries a `BadInput` out of an option's parser; Typer would put words of its own round any `ValueError`."""
-
-
-def _number(field: str, kind: type, metavar: str, help: str) -> Any:
-    """An option that holds a number; text that is none is refused in the library's own words."""
-
-    def parse(text: str) -> Any:
-        try:
-            return kind(text)
-        except ValueError:
-            raise Refused(BadParameter(field, text, "an integer" if kind is int else "a number")) from None
-
-    return typer.Option(parser=parse, metavar=metavar, help=help)
-
-
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
-Seed = Annotated[int, _number("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
-RunSeed = Annotated[int | None, _number("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
+Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
+RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
 PolicyName = Annotated[
     str, typer.Option(metavar="NAME", help="What steers the robot: antway, paper, follow, stop, replan, ...")
 ]
@@ -76,12 +56,12 @@ def plan_command(
     moves: Annotated[
         str, typer.Option(metavar="NAME", help="four, eight, eight-nosqueeze, eight-cut, sixteen or thirty-two.")
     ] = "eight",
-    radius: Annotated[float, _number("radius", float, "M", "The robot's radius in m.")] = 0.0,
+    radius: Annotated[float, number_option("radius", float, "M", "The robot's radius in m.")] = 0.0,
     resolution: Annotated[
-        float | None, _number("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")
+        float | None, number_option("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")
     ] = None,
     seed: Seed = 0,
-    time_limit: Annotated[float | None, _number("time_limit", float, "S", "Stop after this many seconds.")] = None,
+    time_limit: Annotated[float | None, number_option("time_limit", float, "S", "Stop after this many seconds.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
     json: Json = False,
 ) -> int:
@@ -90,7 +70,7 @@ def plan_command(
 
     ends = {name: _pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
-    with _working("planning"):
+    with working("planning"):
         grid = load_map(map_file, resolution=resolution)
         room = grid.inflate(radius)
         source, target = (end if cells else _cell(name, end, grid, room, radius) for name, end in ends.items())
@@ -101,7 +81,7 @@ def plan_command(
         from antway.view import figures
 
         title = {Status.FOUND: "Plan", Status.NO_PATH: "No path", Status.BUDGET: "Out of budget"}[path.status]
-        with _working("drawing"):
+        with working("drawing"):
             figures.save(
                 figures.plan_figure(grid, path, title=title, ends=(grid.centre(problem.start), grid.centre(problem.goal))), out
             )
@@ -118,7 +98,7 @@ def plan_command(
             "cells": path.cells.tolist(),
             "xy": xy.tolist(),
         }
-        _print_json(record)
+        print_json(record)
     elif len(path.cells):
         proof = "the shortest" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest"
         print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cells, {path.expanded} nodes expanded")
@@ -154,7 +134,7 @@ def run_command(
     from antway.demo import scene, summary, write_episode
     from antway.view.figures import shortest
 
-    with _working("running"):
+    with working("running"):
         place = scene(scenario)
         result = run(place, policy, seed=seed)
         if out is not None:
@@ -162,9 +142,9 @@ def run_command(
         else:
             numbers = {"scenario": place.name, "policy": policy, **summary(result, shortest(place.task))}
     if json:
-        _print_json(numbers)
+        print_json(numbers)
     else:
-        _print_table([(place.name, numbers)])
+        print_table([(place.name, numbers)])
         print(f"{numbers['outcome']}: {numbers['reason']}")
         if out is not None:
             print(f"written to {out}")
@@ -185,13 +165,13 @@ def demo_command(
 
     console = Console(stderr=True)
     rows = []
-    with console.status("starting") as status, _working("playing the scenes"):
+    with console.status("starting") as status, working("playing the scenes"):
         for name, numbers in run_demo(out, policy=policy, seed=seed, said=lambda name, what: status.update(f"{name}: {what}")):
             rows.append((name, numbers))
     if json:
-        _print_json({"scenes": dict(rows), "out": str(out)})
+        print_json({"scenes": dict(rows), "out": str(out)})
     else:
-        _print_table(rows)
+        print_table(rows)
         print(f"pictures in {out}; open {out / 'replay.html'} in a browser to play the episode")
     return CONTACT if any(numbers["outcome"].startswith("hit-") for _, numbers in rows) else 0
 
@@ -200,45 +180,86 @@ def demo_command(
 def view_command(
     trace_file: Annotated[Path, typer.Argument(metavar="TRACE", help="A trace.json that run or demo wrote.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Its suffix says what: .html, .gif, .mp4, .png, .svg or .pdf.")],
-    at: Annotated[float | None, _number("at", float, "S", "For a picture: the moment, in s, instead of the whole way.")] = None,
+    at: Annotated[
+        float | None, number_option("at", float, "S", "For a picture: the moment, in s, instead of the whole way.")
+    ] = None,
 ) -> int:
     """Turn a trace into a replay page, an animation or a picture."""
     from antway.view import write_view
 
-    with _working("drawing"):
+    with working("drawing"):
         write_view(trace_file, out, at=at)
     print(f"written to {out}")
     return 0
 
 
-def _print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
-    """Print the summaries of episodes as a table."""
+@app.command("tsp")
+def tsp_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A TSPLIB .tsp file.")],
+    rule: Annotated[str, typer.Option(metavar="NAME", help="as, eas, rank, mmas or acs.")] = "mmas",
+    local_search: Annotated[str | None, typer.Option(metavar="NAME", help="2opt, oropt or 3opt; none without it.")] = None,
+    seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
+    seed: Seed = 0,
+    threads: Annotated[int, number_option("threads", int, "N", "Threads; the answer does not depend on them.")] = 1,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw tour and convergence: .png, .svg or .pdf.")] = None,
+    json: Json = False,
+) -> int:
+    """Solve a travelling salesman problem by ants; Ctrl-C ends the search and keeps the best tour."""
+    import signal
+    import threading
+
     from rich.console import Console
-    from rich.table import Table
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    table = Table(title="Robot among moving obstacles", title_justify="left")
-    heads = ["scene", "policy", "outcome", "time", "driven", "over the\nshortest path", "waits", "re-plans"]
-    for head in (*heads, "smallest\nclearance", "cycle ms\np50 / p99"):
-        table.add_column(head, justify="left" if head in heads[:3] else "right")
-    for name, n in rows:
-        over = _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %")
-        table.add_row(
-            name,
-            n["policy"],
-            f"[{'green' if n['reached'] else 'red'}]{n['outcome']}[/]",
-            _shown(n["time"], ".1f", " s"),
-            _shown(n["length"], ".2f", " m"),
-            over,
-            str(n["waits"]),
-            str(n["replans"]),
-            _shown(n["min_clearance"], ".2f", " m"),
-            f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
-        )
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    from antway import checks, load_tsp, solve_tsp
 
+    seconds = checks.number("seconds", seconds, low=0.0, unit="s")
+    instance = load_tsp(file)
+    stop = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stop.set())
+    words = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    try:
+        with working("searching"), Progress(*words, console=Console(stderr=True), transient=True) as bar:
+            search = bar.add_task("searching", total=seconds)
 
-def _shown(value: float | None, form: str, unit: str) -> str:
-    return "-" if value is None else f"{value:{form}}{unit}"
+            def show(tours: int, best: float, elapsed: float) -> None:
+                bar.update(search, completed=elapsed, description=f"best {best:,.6g} after {tours:,} tours")
+
+            tour = solve_tsp(
+                instance,
+                rule,
+                local_search=local_search,
+                seconds=seconds,
+                seed=seed,
+                threads=threads,
+                progress=show,
+                cancel=stop,
+            )
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if out is not None:
+        from antway.view import figures
+
+        with working("drawing"):
+            figures.save(figures.tour_figure(instance, tour, title=f"{instance.name}: {tour.length:,.6g}"), out)
+    record = {
+        "instance": instance.name,
+        "cities": instance.size,
+        "length": tour.length,
+        "optimum": tour.optimum,
+        "gap": tour.gap,
+        "tours": tour.tours,
+        "elapsed": tour.elapsed,
+        "order": tour.order.tolist(),
+    }
+    if json:
+        print_json(record)
+        return 0
+    gap = "" if tour.gap is None else f", {100 * tour.gap:.2f} % over the optimum"
+    print(f"{instance.name}: {tour.length:,.6g}{gap}; {tour.tours:,} tours in {tour.elapsed:.1f} s")
+    if out is not None:
+        print(f"drawn in {out}")
+    return 0
 
 
 def _pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
@@ -253,74 +274,6 @@ def _pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
     return values[0], values[1]
 
 
-@contextmanager
-def _working(what: str) -> Iterator[None]:
-    """Say on stderr what is going on once it takes a second, and that kernels are being compiled when they are."""
-    import threading
-
-    from numba.core import event
-
-    class Compiling(event.Listener):
-        told = False
-
-        def on_start(self, event: object) -> None:
-            if not Compiling.told:
-                Compiling.told = True
-                _say("compiling the kernels; this happens once and is kept on disk ...")
-
-        def on_end(self, event: object) -> None:
-            pass
-
-    late = threading.Timer(1.0, _say, (f"{what} ...",))
-    late.daemon = True
-    late.start()
-    try:
-        with event.install_listener("numba:compile", Compiling()):
-            yield
-    finally:
-        late.cancel()
-
-
-def _print_json(record: dict[str, Any]) -> None:
-    """Print `record` as JSON; numbers that JSON lacks become null."""
-    import json
-    import math
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: plain(part) for key, part in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [plain(part) for part in value]
-        return None if isinstance(value, float) and not math.isfinite(value) else value
-
-    print(json.dumps(plain(record), allow_nan=False))
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
 def main() -> None:
     """Run the command line and exit with its status."""
-    warnings.showwarning = lambda message, *_, **__: _say(f"warning: {message}")
-    usage_error: Any = typer.BadParameter.__base__
-    try:
-        status = app(standalone_mode=False)
-        sys.stdout.flush()
-    except (BadInput, Refused) as error:
-        _say(f"error: {error}")
-        status = 2
-    except usage_error as error:
-        _say(f"error: {' '.join(error.format_message().split())}")
-        status = 2
-    except OSError as error:
-        if isinstance(error, BrokenPipeError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            status = 1
-        else:
-            _say(f"error: {error}")
-            status = 2
-    except (KeyboardInterrupt, typer.Abort):
-        _say("interrupted")
-        status = 130
-    sys.exit(status or 0)
+    exit_with(app)

@@ -13,6 +13,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.ants.tsp import Tour, Tsp
 from antway.avoidance.routes import Routes
 from antway.errors import BadParameter
 from antway.grid import Grid
@@ -206,16 +207,26 @@ def convergence_figure(
 
 
 @style.styled
-def tour_figure(xy: NDArray[np.float64], order: NDArray[np.int64], *, title: str) -> Figure:
-    """Draw a closed tour through cities at `xy`, float64[N, 2], visited in `order`, int[N]."""
-    xy = checks.array("xy", xy, (None, 2))
-    fig = style.figure(6.4, 6.0)
-    axes = fig.subplots()
-    closed = xy[np.append(order, order[:1])]
-    axes.plot(*closed.T, color=style.BLUE, linewidth=1.1 if len(xy) < 2000 else 0.5, zorder=2)
-    axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 4.5 - np.log10(max(len(xy), 1))), markeredgewidth=0, zorder=3)
-    axes.set(title=title, xlabel="x", ylabel="y", aspect="equal")
-    axes.spines[["top", "right"]].set_visible(False)
+def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
+    """Draw a tour on its cities, where they have places, and the best length against the number of tours made."""
+    mapped = instance.xy is not None
+    fig = style.figure(10.4 if mapped else 5.6, 5.2)
+    *left, right = fig.subplots(1, 2 if mapped else 1, squeeze=False, width_ratios=(1.35, 1) if mapped else None)[0]
+    if instance.xy is not None:
+        axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)
+        axes.plot(*xy[np.append(tour.order, tour.order[:1])].T, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
+        axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 5.0 - np.log2(max(len(xy), 1)) / 2.5), markeredgewidth=0)
+        axes.set(title=title or instance.name, xlabel="x", ylabel="y", aspect="equal")
+        axes.locator_params(nbins=7, steps=[1, 2, 5, 10])
+    made, best, _ = np.vstack((tour.history, [tour.tours, tour.length, tour.elapsed])).T
+    right.step(np.maximum(made, 1), best, where="post", color=style.BLUE, linewidth=1.8, label=f"best tour, {tour.length:,.6g}")
+    if tour.optimum is not None:
+        right.axhline(tour.optimum, color=style.INK, linewidth=0.8, label=f"optimum, {tour.optimum:,.6g}")
+    right.set(title="Best length so far", xlabel="tours made", ylabel="length", xscale="log")
+    right.grid(color=style.RULE, linewidth=0.6)
+    right.legend()
+    for axes in (*left, right):
+        axes.spines[["top", "right"]].set_visible(False)
     return fig
 
 

@@ -1,0 +1,133 @@
+"""What the commands share: options that hold numbers, progress on stderr, answers on stdout, and the exit status."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+from antway.errors import BadInput, BadParameter
+
+
+class Refused(Exception):
+    """Carries a `BadInput` out of an option's parser; Typer would put words of its own round any `ValueError`."""
+
+
+def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
+    """An option that holds a number; text that is none is refused in the library's own words."""
+
+    def parse(text: str) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            raise Refused(BadParameter(field, text, "an integer" if kind is int else "a number")) from None
+
+    return typer.Option(parser=parse, metavar=metavar, help=help)
+
+
+@contextmanager
+def working(what: str) -> Iterator[None]:
+    """Say on stderr what is going on once it takes a second, and that kernels are being compiled when they are."""
+    import threading
+
+    from numba.core import event
+
+    class Compiling(event.Listener):
+        told = False
+
+        def on_start(self, event: object) -> None:
+            if not Compiling.told:
+                Compiling.told = True
+                say("compiling the kernels; this happens once and is kept on disk ...")
+
+        def on_end(self, event: object) -> None:
+            pass
+
+    late = threading.Timer(1.0, say, (f"{what} ...",))
+    late.daemon = True
+    late.start()
+    try:
+        with event.install_listener("numba:compile", Compiling()):
+            yield
+    finally:
+        late.cancel()
+
+
+def print_json(record: dict[str, Any]) -> None:
+    """Print `record` as JSON; numbers that JSON lacks become null."""
+    import json
+    import math
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: plain(part) for key, part in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [plain(part) for part in value]
+        return None if isinstance(value, float) and not math.isfinite(value) else value
+
+    print(json.dumps(plain(record), allow_nan=False))
+
+
+def say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
+    """Print the summaries of episodes as a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Robot among moving obstacles", title_justify="left")
+    heads = ["scene", "policy", "outcome", "time", "driven", "over the\nshortest path", "waits", "re-plans"]
+    for head in (*heads, "smallest\nclearance", "cycle ms\np50 / p99"):
+        table.add_column(head, justify="left" if head in heads[:3] else "right")
+    for name, n in rows:
+        over = _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %")
+        table.add_row(
+            name,
+            n["policy"],
+            f"[{'green' if n['reached'] else 'red'}]{n['outcome']}[/]",
+            _shown(n["time"], ".1f", " s"),
+            _shown(n["length"], ".2f", " m"),
+            over,
+            str(n["waits"]),
+            str(n["replans"]),
+            _shown(n["min_clearance"], ".2f", " m"),
+            f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
+        )
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def _shown(value: float | None, form: str, unit: str) -> str:
+    return "-" if value is None else f"{value:{form}}{unit}"
+
+
+def exit_with(app: Callable[..., Any]) -> None:
+    """Run the command line `app` and exit with its status; wrong input is one line on stderr and status 2."""
+    warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
+    usage_error: Any = typer.BadParameter.__base__
+    try:
+        status = app(standalone_mode=False)
+        sys.stdout.flush()
+    except (BadInput, Refused) as error:
+        say(f"error: {error}")
+        status = 2
+    except usage_error as error:
+        say(f"error: {' '.join(error.format_message().split())}")
+        status = 2
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            status = 1
+        else:
+            say(f"error: {error}")
+            status = 2
+    except (KeyboardInterrupt, typer.Abort):
+        say("interrupted")
+        status = 130
+    sys.exit(status or 0)
