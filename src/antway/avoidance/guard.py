@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.kernels.guard import BRAKED, guarded
+from antway.kernels.guard import BRAKED, guarded, within_reach
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 
 DID = ("free", "slowed", "braked", "stepped-aside")
@@ -45,10 +46,10 @@ class Guard:
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
         robot, (x, y, _) = task.robot, task.grid.origin
-        self.task, self.frame = task, (task.grid.blocked, task.grid.resolution, x, y)
+        self.task, self.corner = task, (x, y)
         self.stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
-        self.seen: dict[int, tuple[float, NDArray[np.float64]]] = {}
-        self.tracks = np.empty((64, 6))
+        self.book, self.count = np.zeros((128, 8)), 0
+        self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
         self.last_stamp = -math.inf
         self.did = ""
 
@@ -76,42 +77,39 @@ class Guard:
             robot.a_max,
             robot.dt,
             self.lookahead,
-            *self.frame,
+            self.task.grid.blocked,
+            self.task.grid.resolution,
+            *self.corner,
         )
         self.did = DID[did]
         return Command((vx, vy))
 
     def _within_reach(self, o: Observation, stamp: float) -> NDArray[np.float64]:
-        """Rows x, y, vx, vy, radius, bound of all tracks that count; what could have been moved since it was seen widens it."""
+        """Rows x, y, vx, vy, radius, bound of all tracks that count, wider by what they could have moved since seen."""
         t, task = o.tracks, self.task
-        n = len(t)
-        if n + len(self.seen) > len(self.tracks):
-            self.tracks = np.empty((2 * (n + len(self.seen)), 6))
-        rows = self.tracks
-        rows[:n, 0:2] = t.xy
-        rows[:n, 2:4] = t.velocity
-        unknown = np.isnan(rows[:n, 2])
-        rows[:n, 2:4][unknown] = 0.0
-        rows[:n, 5] = task.obstacle_speed
-        if not math.isinf(task.obstacle_surge):
-            speed = np.hypot(rows[:n, 2], rows[:n, 3]) + task.obstacle_surge * (self.stopping + o.t - stamp)
-            rows[:n, 5] = np.where(unknown, task.obstacle_speed, np.minimum(speed, task.obstacle_speed))
-        rows[:n, 4] = t.radius + rows[:n, 5] * (o.t - stamp)
+        most = self.count + len(t)
+        if most > len(self.book):
+            self.book = np.resize(self.book, (2 * most, 8))
+            self.tracks, self.spread = np.empty((2 * most, 6)), np.zeros(2 * most)
         if t.covariance is not None:
-            rows[:n, 4] += 2.0 * np.sqrt(t.covariance[:, 0, 0])
-        if self.hold > 0.0:
-            ids = t.id.tolist()
-            for name, (when, row) in list(self.seen.items()):
-                age = o.t - when
-                if age > self.hold:
-                    del self.seen[name]
-                elif name not in ids:
-                    rows[n] = row
-                    rows[n, 4] += row[5] * age
-                    n += 1
-            for i, name in enumerate(ids):
-                self.seen[name] = (o.t, rows[i].copy())
-        return rows[:n]
+            self.spread[: len(t)] = 2.0 * np.sqrt(t.covariance[:, 0, 0])
+        self.count, n = within_reach(
+            self.book,
+            self.count,
+            o.t,
+            stamp,
+            self.hold,
+            t.id,
+            t.xy,
+            t.velocity,
+            t.radius,
+            self.spread,
+            task.obstacle_speed,
+            task.obstacle_surge,
+            self.stopping,
+            self.tracks,
+        )
+        return self.tracks[:n]
 
 
 class Guarded:
@@ -138,6 +136,4 @@ class Guarded:
 
     def explain(self) -> Decision:
         """Return the policy's reason, and what the guard did."""
-        from dataclasses import replace
-
         return replace(self.policy.explain(), guard=self.guard.did)

@@ -35,7 +35,7 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
     return Memory(
         stamp=ints(cells),
         first=ints(cells),
-        count=ints(cells),
+        intervals=ints(cells),
         cell=ints(states),
         low=np.zeros(states),
         high=np.zeros(states),
@@ -97,8 +97,8 @@ class AntwayPolicy:
         s; a plan is left for another only if that arrives so much sooner, >= 0.
     gain : float
         s; differences below are not worth a search, > 0.
-    tests : int
-        Moves that the colony may test in one cycle, >= 1.
+    tests, second_looks : int
+        Moves that the colony may test in a cycle that needs a new plan, >= 1, and in one that has a plan, >= 0.
     moves : Moves
         EIGHT, SIXTEEN or THIRTY_TWO.
     deposit : float
@@ -116,11 +116,12 @@ class AntwayPolicy:
         self,
         *,
         horizon: float = 5.0,
-        margin: float = 0.01,
+        margin: float = 0.005,
         chance: float = 0.05,
         commitment: float = 0.05,
-        gain: float = 0.005,
-        tests: int = 2000,
+        gain: float = 0.02,
+        tests: int = 4000,
+        second_looks: int = 400,
         moves: Moves = Moves.THIRTY_TWO,
         deposit: float = 20.0,
         guard: bool = True,
@@ -132,6 +133,7 @@ class AntwayPolicy:
         self.commitment = checks.number("commitment", commitment, low=0.0, unit="s")
         self.gain = checks.number("gain", gain, low=0.0, open_low=True, unit="s")
         self.tests = checks.integer("tests", tests, low=1)
+        self.second_looks = checks.integer("second_looks", second_looks, low=0)
         if checks.instance("moves", moves, Moves) not in (Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO):
             raise BadParameter("moves", moves.value, "eight, sixteen or thirty-two")
         self.moves = moves
@@ -170,6 +172,7 @@ class AntwayPolicy:
             commitment=self.commitment,
             stray=0.02,
             tests=self.tests,
+            second_looks=self.second_looks,
             amount=self.deposit,
             reach=2,
             low=0.1,

@@ -33,7 +33,8 @@ class Settings(NamedTuple):
     gain: float  # s
     commitment: float  # s
     stray: float  # m
-    tests: int
+    tests: int  # moves tested where there is no plan
+    second_looks: int  # and where there is one
     amount: float  # Q of the deposit Q / L, s
     reach: int  # cells
     low: float  # persistence
@@ -116,7 +117,7 @@ def cycle(
         s.slack,
         s.gain,
         limit,
-        s.tests,
+        s.second_looks if valid else s.tests,
         s.amount,
         state,
     )

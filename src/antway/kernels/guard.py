@@ -16,6 +16,69 @@ _SIDES = 16  # directions tried for a step aside
 
 
 @kernel
+def within_reach(
+    book: NDArray[np.float64],
+    count: int,
+    now: float,
+    stamp: float,
+    hold: float,
+    name: NDArray[np.int64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    fastest: float,
+    surge: float,
+    stopping: float,
+    out: NDArray[np.float64],
+) -> tuple[int, int]:
+    """Write the rows x, y, vx, vy, radius, bound of all tracks that count: those of this scan, and those not long lost.
+
+    Parameters
+    ----------
+    book : float64[M, 8]
+        The tracks of late, rows below `count`: id, when seen, and the row; M is at least `count` + K.
+    now, stamp, hold : float
+        Time now and of the scan; how long a lost track counts; s.
+    name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
+        The scan; an unknown velocity is NaN.
+    spread : float64[K]
+        How far off the places may be, m.
+    fastest, surge, stopping : float
+        Bounds on an obstacle's speed (m/s) and its growth (m/s^2); time the robot needs to stand (s).
+
+    Returns
+    -------
+    count, rows : int
+        What could have been moved since a track was seen is added to its radius.
+    """
+    n = 0
+    for k in range(len(name)):
+        vx, vy, bound = velocity[k, 0], velocity[k, 1], fastest
+        if math.isnan(vx) or math.isnan(vy):
+            vx, vy = 0.0, 0.0
+        else:
+            bound = min(fastest, math.hypot(vx, vy) + surge * (stopping + now - stamp))
+        i = 0
+        while i < count and (book[i, 0] != name[k] or name[k] < 0):
+            i += 1
+        if i == count:
+            count += 1
+        book[i, 0], book[i, 1], book[i, 2], book[i, 3] = name[k], stamp, xy[k, 0], xy[k, 1]
+        book[i, 4], book[i, 5], book[i, 6], book[i, 7] = vx, vy, radius[k] + spread[k], bound
+    kept = 0
+    for i in range(count):
+        age = now - book[i, 1]
+        if book[i, 1] < stamp and age > hold:
+            continue
+        book[kept] = book[i]
+        out[n] = book[i, 2:]
+        out[n, 4] += book[i, 7] * age
+        kept, n = kept + 1, n + 1
+    return kept, n
+
+
+@kernel
 def gap_to_reach(ax: float, ay: float, wx: float, wy: float, reach: float, growth: float, t: float) -> float:
     """Least of |a + w s| - (reach + growth s) over s in [0, t]; below 0 the growing disc around an obstacle is entered.
 

@@ -54,7 +54,7 @@ def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, r
     root = math.sqrt(root)
     out[0] = max(low, (-bd - root) / dd)
     out[1] = min(high, (-bd + root) / dd)
-    return out[0] < out[1]
+    return bool(out[0] < out[1])
 
 
 @kernel

@@ -31,7 +31,7 @@ class Memory(NamedTuple):
 
     stamp: NDArray[np.int32]  # [cells] search in which a cell's intervals were made
     first: NDArray[np.int32]  # [cells] its first state
-    count: NDArray[np.int32]  # [cells] how many
+    intervals: NDArray[np.int32]  # [cells] how many
     cell: NDArray[np.int32]  # [STATES] -1: the start
     low: NDArray[np.float64]  # [STATES] the safe interval, s
     high: NDArray[np.float64]
@@ -79,7 +79,7 @@ def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: flo
         if i < n:
             since = max(since, highs[i])
     if cell >= 0:
-        memory.count[cell] = memory.counter[1] - begin
+        memory.intervals[cell] = memory.counter[1] - begin
 
 
 @kernel
@@ -141,7 +141,7 @@ def _expand(
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
     limit = min(memory.high[s], horizon)
-    for c in range(memory.first[cell], memory.first[cell] + memory.count[cell]):
+    for c in range(memory.first[cell], memory.first[cell] + memory.intervals[cell]):
         if memory.high[c] <= since + duration:
             continue
         if memory.low[c] - duration > limit:

@@ -33,7 +33,7 @@ def slot(trails: Trails, key: int) -> int:
     """Return the slot of `key`, or the empty one where it belongs; -1 if the table is full there."""
     h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
     for i in range(16):
-        j = np.int64((h + np.uint64(i)) & np.uint64(TRAILS - 1))
+        j: int = np.int64((h + np.uint64(i)) & np.uint64(TRAILS - 1))  # type: ignore[assignment]
         if trails.key[j] == key or trails.key[j] < 0:
             return j
     return -1

@@ -86,8 +86,8 @@ class Scenario:
                 raise CellBlocked(end, getattr(task, end), allowed)
 
 
-_TOP = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "obstacle_surge", "horizon", "seed")
-_TOP += ("robot", "sensor", "obstacles")
+_PLAIN = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "obstacle_surge", "horizon", "seed")
+_TOP = (*_PLAIN, "robot", "sensor", "obstacles")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -198,7 +198,7 @@ def _inside(value: object, name: str, folder: Path, where: str) -> Path:
 
 def to_toml(scenario: Scenario) -> str:
     """Return `scenario` as the text of a TOML file, every field written out; `load_scenario` reads it back equal."""
-    lines = [f"{key} = {_toml(getattr(scenario, key))}" for key in _TOP[:8]]
+    lines = [f"{key} = {_toml(getattr(scenario, key))}" for key in _PLAIN]
     for table in ("robot", "sensor"):
         part = getattr(scenario, table)
         lines += ["", f"[{table}]", *(f"{f.name} = {_toml(getattr(part, f.name))}" for f in fields(part))]
