@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,38 +38,40 @@ def octile(row: int, col: int, goal_row: int, goal_col: int, shorter: int) -> in
     return STRAIGHT * max(a, b) + shorter * min(a, b)
 
 
-class Net(NamedTuple):
-    """The map: see `canonical` for `around` and `table`, `jps` for `words` (empty where nothing jumps)."""
-
-    around: NDArray[np.uint8]
-    table: NDArray[np.uint8]
-    words: NDArray[np.uint64]
-    width: int
-    shorter: int  # what a cell costs of the shorter side of a box, see `octile`
-
-
-class Memory(NamedTuple):
-    """The arrays of a search: `label[cell] - base` is the cost of the best path to a cell so far, `came` its last move, `parent`
-    the cell it was jumped to from; `reached` holds the successors of one cell; the others are the queue (see `buckets`).
-
-    Labels of earlier searches are at least `base + LIMIT`, so that nothing has to be cleared between searches.
-    """
-
-    label: NDArray[np.int32]
-    came: NDArray[np.uint8]
-    parent: NDArray[np.int32]
-    reached: NDArray[np.int32]
-    first: NDArray[np.int32]
-    filled: NDArray[np.uint64]
-    entries: NDArray[np.int32]
-    state: NDArray[np.int64]
-
-
 @kernel
-def expand(net: Net, memory: Memory, base: int, goal_row: int, goal_col: int, steps: int) -> int:
-    """Expand up to `steps` cells; return RUNNING, DONE (the goal's label is final, or nothing is left), or FULL (`entries`)."""
-    around, table, words, width, shorter = net
-    label, came, parent, reached, first, filled, entries, state = memory
+def expand(
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    words: NDArray[np.uint64],
+    width: int,
+    shorter: int,
+    nodes: NDArray[np.int32],
+    reached: NDArray[np.int32],
+    first: NDArray[np.int32],
+    filled: NDArray[np.uint64],
+    entries: NDArray[np.int32],
+    state: NDArray[np.int64],
+    base: int,
+    goal_row: int,
+    goal_col: int,
+    steps: int,
+) -> int:
+    """Expand up to `steps` cells; return RUNNING, DONE (the goal's label is final, or nothing is left), or FULL (`entries`).
+
+    Parameters
+    ----------
+    around, table, words, width, shorter
+        The map: see `canonical` for the first two, `jps` for `words` (empty: no jumps), `octile` for `shorter`.
+    nodes : int32[cells, 2]
+        The label, base + cost of the best path so far, and the link: last move, and for jumps 16 * the cell it was reached from.
+        Labels of earlier searches are at least `base + LIMIT`, so that nothing has to be cleared between searches.
+    reached : int32[M, 4]
+        Room for the successors of one cell: row, col, cost, last move.
+    first, filled, entries, state
+        The queue (see `buckets`).
+    base, goal_row, goal_col, steps
+        Base of the labels, the goal, how many cells to expand at most.
+    """
     jumping = words.size > 0
     height, goal = around.size // width, goal_row * width + goal_col
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
@@ -100,13 +100,13 @@ def expand(net: Net, memory: Memory, base: int, goal_row: int, goal_col: int, st
         free = entry
         row, col, g = entries[entry, 1], entries[entry, 2], entries[entry, 3]
         cell = row * width + col
-        if label[cell] != base + g:
+        if nodes[cell, 0] != base + g:
             continue
         if cell == goal:
             code = DONE
             break
         state[EXPANDED] += 1
-        moves = np.uint64(table[9 * np.int64(around[cell]) + came[cell]])
+        moves = np.uint64(table[9 * np.int64(around[cell]) + (nodes[cell, 1] & 15)])
         n = 0
         while moves:
             d = ctz(moves)
@@ -162,15 +162,13 @@ def expand(net: Net, memory: Memory, base: int, goal_row: int, goal_col: int, st
         for i in range(n):
             to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col
-            if base + g_to >= label[to]:
+            if base + g_to >= nodes[to, 0]:
                 continue
             key = g_to + octile(to_row, to_col, goal_row, goal_col, shorter)
             if key >= bound:
                 state[CUT] |= key >= LIMIT
                 continue
-            label[to], came[to] = base + g_to, reached[i, 3]
-            if jumping:
-                parent[to] = cell
+            nodes[to, 0], nodes[to, 1] = base + g_to, cell << 4 | reached[i, 3]
             if to == goal:
                 bound = key
             # Put it into the queue.
@@ -194,31 +192,43 @@ def expand(net: Net, memory: Memory, base: int, goal_row: int, goal_col: int, st
 
 
 @kernel
-def begin(net: Net, memory: Memory, base: int, row: int, col: int, key: int) -> None:
+def begin(
+    nodes: NDArray[np.int32],
+    first: NDArray[np.int32],
+    filled: NDArray[np.uint64],
+    entries: NDArray[np.int32],
+    state: NDArray[np.int64],
+    base: int,
+    cell: int,
+    row: int,
+    col: int,
+    key: int,
+) -> None:
     """Empty the queue and put the start into it."""
-    label, came, _, _, first, filled, entries, state = memory
     reset(first, filled, state)
-    label[row * net.width + col], came[row * net.width + col] = base, START
+    nodes[cell, 0], nodes[cell, 1] = base, START
     entries[0, 0], entries[0, 1], entries[0, 2], entries[0, 3], entries[0, 4] = -1, row, col, 0, key
     first[KEYS + key // KEYS] = 0
     state[USED], state[LAST], state[KEY] = 1, key // KEYS, -KEYS
 
 
 @kernel
-def trace(came: NDArray[np.uint8], parent: NDArray[np.int32], jumping: bool, goal: int, width: int) -> NDArray[np.int32]:
-    """Return the path to `goal`, int32[N, 2], with the cells of each jump: diagonal first, then straight."""
-    n, x = 1, goal
-    while came[x] != START:
-        row, col = x // width, x % width
-        x = parent[x] if jumping else (row - _ROW[came[x]]) * width + col - _COL[came[x]]
-        n += max(abs(row - x // width), abs(col - x % width))
+def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.int32], int]:
+    """Return the path to `goal`, int32[N, 2], with the cells of each jump, diagonal first, and the number of diagonal moves."""
+    n, diagonals, x = 1, 0, goal
+    while nodes[x, 1] != START:
+        parent = nodes[x, 1] >> 4
+        dr, dc = abs(x // width - parent // width), abs(x % width - parent % width)
+        n += max(dr, dc)
+        diagonals += min(dr, dc)
+        x = parent
     path = np.empty((n, 2), np.int32)
     x = goal
     row, col = x // width, x % width
     path[n - 1, 0], path[n - 1, 1] = row, col
     n -= 1
-    while came[x] != START:
-        x = parent[x] if jumping else (row - _ROW[came[x]]) * width + col - _COL[came[x]]
+    while nodes[x, 1] != START:
+        x = nodes[x, 1] >> 4
         to_row, to_col = x // width, x % width
         while row != to_row or col != to_col:
             dr, dc = to_row - row, to_col - col
@@ -228,25 +238,42 @@ def trace(came: NDArray[np.uint8], parent: NDArray[np.int32], jumping: bool, goa
                 col += 1 if dc > 0 else -1
             n -= 1
             path[n, 0], path[n, 1] = row, col
-    return path
+    return path, diagonals
 
 
 @kernel
 def solve(
-    net: Net, memory: Memory, base: int, row: int, col: int, goal_row: int, goal_col: int, fresh: bool, steps: int
-) -> tuple[int, int, NDArray[np.int32]]:
-    """Begin a search if it is `fresh`, expand up to `steps` cells, and return the code, the number of diagonals and the path.
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    words: NDArray[np.uint64],
+    width: int,
+    shorter: int,
+    nodes: NDArray[np.int32],
+    reached: NDArray[np.int32],
+    first: NDArray[np.int32],
+    filled: NDArray[np.uint64],
+    entries: NDArray[np.int32],
+    state: NDArray[np.int64],
+    base: int,
+    row: int,
+    col: int,
+    goal_row: int,
+    goal_col: int,
+    fresh: bool,
+    steps: int,
+) -> tuple[int, NDArray[np.int32], int]:
+    """Begin a search if it is `fresh`, expand up to `steps` cells, and return the code, the path and its number of diagonals.
 
-    The path is empty unless the search is DONE and found the goal.
+    The path is empty unless the search is DONE and found the goal. Other parameters as for `expand`.
     """
     if fresh:
-        begin(net, memory, base, row, col, octile(row, col, goal_row, goal_col, net.shorter))
-    code = expand(net, memory, base, goal_row, goal_col, steps)
-    goal = goal_row * net.width + goal_col
-    if code != DONE or memory.label[goal] >= base + LIMIT:
-        return code, 0, np.empty((0, 2), np.int32)
-    path = trace(memory.came, memory.parent, net.words.size > 0, goal, net.width)
-    diagonals = 0
-    for i in range(1, path.shape[0]):
-        diagonals += path[i, 0] != path[i - 1, 0] and path[i, 1] != path[i - 1, 1]
-    return code, diagonals, path
+        key = octile(row, col, goal_row, goal_col, shorter)
+        begin(nodes, first, filled, entries, state, base, row * width + col, row, col, key)
+    code = expand(
+        around, table, words, width, shorter, nodes, reached, first, filled, entries, state, base, goal_row, goal_col, steps
+    )
+    goal = goal_row * width + goal_col
+    if code != DONE or nodes[goal, 0] >= base + LIMIT:
+        return code, np.empty((0, 2), np.int32), 0
+    path, diagonals = trace(nodes, goal, width)
+    return code, path, diagonals

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
-from antway.kernels.astar import DONE, FULL, RUNNING, Memory, Net, octile, solve
+from antway.kernels.astar import DONE, FULL, RUNNING, octile, solve
 from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, EXPANDED, KEYS, LIMIT, STRAIGHT
 from antway.planning import Budget, Clock, Plan, Problem, Status
 from antway.search import heap
@@ -47,28 +47,23 @@ class Workspace:
     def __init__(self, shape: tuple[int, int]) -> None:
         cells, longest = shape[0] * shape[1], 2 * max(shape) + 8
         self.base = _TOP
-        self.memory = Memory(
-            label=np.full(cells, _TOP, np.int32),
-            came=np.empty(cells, np.uint8),
-            parent=np.empty(cells, np.int32),
-            reached=np.empty((longest, 4), np.int32),
-            first=np.full(KEYS + BLOCKS, -1, np.int32),
-            filled=np.zeros(KEYS // 64, np.uint64),
-            entries=np.empty((16 * longest, 5), np.int32),
-            state=np.zeros(8, np.int64),
-        )
+        self.nodes = np.full((cells, 2), _TOP, np.int32)
+        self.reached = np.empty((longest, 4), np.int32)
+        self.first = np.full(KEYS + BLOCKS, -1, np.int32)
+        self.filled = np.zeros(KEYS // 64, np.uint64)
+        self.entries = np.empty((16 * longest, 5), np.int32)
+        self.state = np.zeros(8, np.int64)
 
     def begin(self) -> None:
         """Choose the labels of the next search."""
         self.base -= LIMIT
         if self.base < -(2**31):
-            self.memory.label.fill(_TOP)
+            self.nodes.fill(_TOP)
             self.base = _TOP - LIMIT
 
     def grow(self) -> None:
         """Double the room for entries of the queue."""
-        entries = self.memory.entries
-        self.memory = self.memory._replace(entries=np.concatenate((entries, np.empty_like(entries))))
+        self.entries = np.concatenate((self.entries, np.empty_like(self.entries)))
 
 
 class Searcher:
@@ -77,24 +72,29 @@ class Searcher:
     def __init__(self, grid: Grid, moves: Moves, jumping: bool) -> None:
         net = lattice(grid, moves)
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
-        self.net = Net(net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
+        self.net = (net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
+        self.shorter = shorter
         self.spare: list[Workspace] = kept(grid, "workspaces", list)
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve `problem`, which must be one on this map."""
         (row, col), (goal_row, goal_col) = problem.start, problem.goal
-        if octile(row, col, goal_row, goal_col, self.net.shorter) >= LIMIT:
+        if octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT:
             return spread_plan(problem, clock)
         work = self.spare.pop() if self.spare else Workspace(problem.grid.shape)
         try:
             work.begin()
             code, fresh = RUNNING, True
             while code != DONE and not clock.spent():
-                code, diagonals, path = solve(self.net, work.memory, work.base, row, col, goal_row, goal_col, fresh, STEPS)
+                code, path, diagonals = solve(
+                    *self.net,
+                    *(work.nodes, work.reached, work.first, work.filled, work.entries, work.state),
+                    *(work.base, row, col, goal_row, goal_col, fresh, STEPS),
+                )
                 fresh = False
                 if code == FULL:
                     work.grow()
-            expanded, cut = int(work.memory.state[EXPANDED]), bool(work.memory.state[CUT])
+            expanded, cut = int(work.state[EXPANDED]), bool(work.state[CUT])
         finally:
             self.spare.append(work)
         if code == DONE and len(path):
