@@ -5,12 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from antway.errors import InvalidPlan
 from antway.grid import Cell, Grid, Moves
 from antway.planning import Plan, Problem, Status
+
+if TYPE_CHECKING:
+    from antway.world.episode import EpisodeResult
+    from antway.world.trace import Trace
 
 _REACH = {
     Moves.FOUR: 1,
@@ -209,3 +215,182 @@ def _inside(a: Sequence[float], b: Sequence[float], low: tuple[float, float], hi
         enter, leave = (least - p) / d, (most - p) / d
         first, last = max(first, min(enter, leave)), min(last, max(enter, leave))
     return first, last
+
+
+_NEAR = 1e-6  # m, m/s, rad: by how much an episode may miss its own rules
+
+
+def check_episode(episode: EpisodeResult | Trace) -> None:
+    """Raise `InvalidPlan` with every way in which an episode breaks the rules of its own robot, map and obstacles.
+
+    Parameters
+    ----------
+    episode : EpisodeResult or Trace
+        A result must have been run with `record=True`.
+
+    Raises
+    ------
+    InvalidPlan
+        If times do not increase by the control period, the robot does not begin at its start, jumps, exceeds a limit of speed,
+        acceleration or turn rate, passes through an obstacle or a wall, or the outcome or a figure contradicts the trace.
+    """
+    trace = _trace_of(episode)
+    faults = _shape_faults(trace) or [*_motion_faults(trace), *_end_faults(trace)]
+    if hasattr(episode, "min_clearance") and not faults:
+        faults = _figure_faults(cast("EpisodeResult", episode), trace)
+    if faults:
+        raise InvalidPlan(faults)
+
+
+def _trace_of(episode: EpisodeResult | Trace) -> Trace:
+    trace = getattr(episode, "trace", episode)
+    if trace is None:
+        raise InvalidPlan(["the result has no trace: run it with record=True"])
+    return cast("Trace", trace)
+
+
+def _shape_faults(trace: Trace) -> list[str]:
+    n, k = len(trace.command), len(trace.timeline)
+    shapes = {"t": (n + 1,), "xy": (n + 1, 2), "velocity": (n + 1, 2), "heading": (n + 1,), "command": (n, 2)}
+    shapes |= {"sensed": (n + 1, k), "cycle_ms": (n,)}
+    faults = [
+        f"{name} has the shape {getattr(trace, name).shape}" for name in shapes if getattr(trace, name).shape != shapes[name]
+    ]
+    if not faults:
+        faults = [
+            f"{name} is not finite"
+            for name in ("t", "xy", "velocity", "heading")
+            if not np.isfinite(getattr(trace, name)).all()
+        ]
+    if any(not 0 <= step <= n for step, _ in trace.decisions):
+        faults.append("a decision stands outside the episode")
+    return faults
+
+
+def _motion_faults(trace: Trace) -> Iterator[str]:
+    """Times, limits of the robot, and contact with anything on the way."""
+    spec, t, xy, v = trace.task.robot, trace.t, trace.xy, trace.velocity
+    dt = np.diff(t)
+    if t[0] != 0.0 or (dt <= 0).any():
+        yield "times do not increase from 0"
+        return
+    if (np.abs(t[:-1] - np.arange(len(t) - 1) * spec.dt) > 1e-9 * (1 + t[:-1])).any() or (dt > spec.dt * (1 + 1e-9)).any():
+        yield "steps are not the control period apart"
+    if tuple(xy[0].tolist()) != trace.task.start:
+        yield f"begins at {tuple(xy[0])}, not at the start {trace.task.start}"
+    if (np.abs(np.diff(xy, axis=0) - v[1:] * dt[:, None]) > _NEAR).any():
+        yield "a place is not where its velocity leads"
+    if (np.hypot(v[:, 0], v[:, 1]) > spec.v_max + _NEAR).any():
+        yield "is faster than v_max"
+    ahead = np.column_stack((np.cos(trace.heading), np.sin(trace.heading)))
+    speed = (v * ahead).sum(axis=1)
+    if spec.drive == "differential":
+        turn = np.abs(np.angle(np.exp(1j * np.diff(trace.heading))))
+        if (turn > spec.turn_rate * spec.dt + _NEAR).any():
+            yield "turns faster than turn_rate"
+        if (np.abs(v[:, 0] * ahead[:, 1] - v[:, 1] * ahead[:, 0]) > _NEAR).any() or (speed < -_NEAR).any():
+            yield "moves aside or backwards, which a differential drive does not"
+    change = np.abs(np.diff(speed)) if spec.drive == "differential" else np.hypot(*np.diff(v, axis=0).T)
+    if (change > spec.a_max * spec.dt + _NEAR).any():
+        yield "accelerates faster than a_max"
+    gap = _gaps(trace)
+    for k in np.flatnonzero(gap.min(axis=0) < -_NEAR).tolist() if gap.size else []:
+        yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
+    depth = [_wall_gap(trace, i) for i in range(len(t) - 1)]
+    if depth and min(depth) < -_NEAR:
+        yield f"passes through a wall in step {depth.index(min(depth))}"
+
+
+def _end_faults(trace: Trace) -> Iterator[str]:
+    """Whether the trace ends as its outcome says, and not before."""
+    outcome = trace.outcome.value
+    task, last = trace.task, trace.xy[-1]
+    away = np.hypot(*(trace.xy - np.array(task.goal)).T)
+    if outcome == "reached" and away[-1] > task.goal_tolerance + _NEAR:
+        yield f"claims to have reached the goal from {away[-1]:g} m away"
+    if (away[:-1] < task.goal_tolerance - _NEAR).any():
+        yield "goes on after it reached the goal"
+    touched = [
+        math.dist(last.tolist(), place) <= task.robot.radius + radius + _NEAR
+        for place, radius in zip(_obstacles_at(trace, float(trace.t[-1])), trace.timeline.radius.tolist())
+    ]
+    moving = math.hypot(*trace.velocity[-1].tolist()) > 1e-9
+    if outcome in ("hit-moving", "hit-standing"):
+        if not any(touched):
+            yield "claims a contact with an obstacle that it does not touch"
+        if moving != (outcome == "hit-moving"):
+            yield f"claims {outcome} though the robot was {'moving' if moving else 'at rest'}"
+    if outcome == "hit-wall" and (len(trace.t) == 1 or _wall_gap(trace, len(trace.t) - 2) > _NEAR):
+        yield "claims a contact with a wall that it does not touch"
+    if outcome == "timeout" and trace.t[-1] < trace.config.get("horizon", 0.0) - _NEAR:
+        yield "claims to have run out of time before the horizon"
+
+
+def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
+    gap = _gaps(trace)
+    least = float(gap.min()) if gap.size else math.inf
+    length = math.fsum(math.dist(a, b) for a, b in pairwise(trace.xy.tolist()))
+    figures = {
+        "time": (result.time, float(trace.t[-1])),
+        "length": (result.length, length),
+        "min_clearance": (result.min_clearance, least),
+    }
+    faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= _NEAR]
+    if result.outcome is not trace.outcome or result.seed != trace.seed:
+        faults.append("outcome or seed of result and trace differ")
+    return faults
+
+
+def _obstacles_at(trace: Trace, t: float) -> list[tuple[float, float]]:
+    line = trace.timeline
+    spans = [slice(a, b) for a, b in pairwise(line.first.tolist())]
+    return [
+        (float(np.interp(t, line.knot_t[s], line.knot_xy[s, 0])), float(np.interp(t, line.knot_t[s], line.knot_xy[s, 1])))
+        for s in spans
+    ]
+
+
+def _gaps(trace: Trace) -> NDArray[np.float64]:
+    """Least distance between the edges of robot and obstacle in each step, float64[N, K]; between knots all goes straight."""
+    line, t = trace.timeline, trace.t
+    gap = np.empty((len(t) - 1, len(line)))
+    for k, (low, high) in enumerate(pairwise(line.first.tolist())):
+        knots, places = line.knot_t[low:high], line.knot_xy[low:high]
+        every = np.union1d(t, knots[(knots > t[0]) & (knots < t[-1])])
+        apart = np.column_stack([np.interp(every, t, trace.xy[:, a]) - np.interp(every, knots, places[:, a]) for a in (0, 1)])
+        step = np.diff(apart, axis=0)
+        square = (step**2).sum(axis=1)
+        share = np.clip(-(apart[:-1] * step).sum(axis=1) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+        near = np.hypot(*(apart[:-1] + share[:, None] * step).T)
+        np.minimum.reduceat(near, np.searchsorted(every, t[:-1]), out=gap[:, k])
+        gap[:, k] -= line.radius[k] + trace.task.robot.radius
+    return gap
+
+
+def _wall_gap(trace: Trace, i: int) -> float:
+    """Least distance between the robot's edge and blocked squares or the map's edges in step i, m (only those near count)."""
+    grid, radius = trace.task.grid, trace.task.robot.radius / trace.task.grid.resolution
+    rows, cols = grid.shape
+    a, b = grid.to_points(trace.xy[i : i + 2]).tolist()
+    least = min(min(p[0] + 0.5, rows - 0.5 - p[0], p[1] + 0.5, cols - 0.5 - p[1]) for p in (a, b))
+    low = [math.floor(min(a[k], b[k]) - radius - 1) for k in (0, 1)]
+    high = [math.ceil(max(a[k], b[k]) + radius + 1) for k in (0, 1)]
+    near = grid.blocked[max(low[0], 0) : max(high[0] + 1, 0), max(low[1], 0) : max(high[1] + 1, 0)]
+    for r, c in np.argwhere(near).tolist():
+        least = min(least, _square_distance(a, b, r + max(low[0], 0), c + max(low[1], 0)))
+    return float((least - radius) * grid.resolution)
+
+
+def _square_distance(a: Sequence[float], b: Sequence[float], r: int, c: int) -> float:
+    """Distance of the segment from the closed square of cell (r, c), in cells."""
+    first, last = _inside(a, b, (r - 0.5, c - 0.5), (r + 0.5, c + 0.5))
+    if first <= last:
+        return 0.0
+    ends = (math.hypot(max(abs(p[0] - r) - 0.5, 0.0), max(abs(p[1] - c) - 0.5, 0.0)) for p in (a, b))
+    d = (b[0] - a[0], b[1] - a[1])
+    square = d[0] * d[0] + d[1] * d[1]
+    corners = []
+    for p in ((r + i, c + j) for i in (-0.5, 0.5) for j in (-0.5, 0.5)):
+        share = min(max(((p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1]) / square, 0.0), 1.0) if square else 0.0
+        corners.append(math.dist(p, (a[0] + share * d[0], a[1] + share * d[1])))
+    return min(*ends, *corners)
