@@ -69,7 +69,7 @@ class Scanner:
         self.sensor, self.timeline = sensor, timeline
         self.reach, self.blocked = task.robot.sensor_range, task.grid.blocked
         self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
-        self.seed = stream(np.uint64(seed), np.uint64(_STREAM))
+        self.seed = np.uint64(stream(np.uint64(seed), np.uint64(_STREAM)))
         count = len(timeline)
         self.seen, self.state = np.empty(count, np.int64), np.empty((count, 4))
         self.plain = sensor.dropout == sensor.noise == sensor.velocity_noise == 0.0 and sensor.velocity == "exact"
