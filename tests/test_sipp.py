@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from antway import Grid, Moves, Status
-from antway.search.sipp import TIMED_MOVES, sipp, timed_field, timed_moves
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.search.sipp import TIMED_MOVES, Sipp, sipp, timed_field, timed_moves
 from antway.world.timeline import Timeline
 from common import cases, random_grid
 from naive import timed as naive
@@ -169,3 +171,145 @@ def test_sipp_between_searches_over_ticks():
         )
         plan = sipp(grid, centre[start], centre[goal], timeline, radius=0.3, v_max=1.0, moves=Moves.FOUR)
         assert below - 1e-6 <= plan.arrival <= above + 1e-6
+
+
+def test_start_off_the_centres():
+    """From anywhere the robot reaches a centre by one straight leg; the arrival is the best over all legs within reach."""
+    rng = np.random.default_rng(7)
+    for _ in range(cases(40, 2000)):
+        grid, timeline = random_world(rng, 3, 9, 5)
+        radius = 0.3 * grid.resolution
+        mask = timed_moves(grid, radius)
+        free = np.argwhere(mask)
+        start = rng.uniform(0, 1, 2) * grid.shape[::-1] * grid.resolution
+        point = grid.to_points(start)[0]
+        if len(free) == 0 or hits_cells(grid.blocked, point, point, radius, True, 1) < radius / grid.resolution + 1e-6:
+            continue
+        goal = grid.centre(tuple(int(i) for i in rng.choice(free)))
+        search = Sipp(grid, goal, radius=radius, v_max=1.0)
+        plan = search.plan(start, timeline)
+        if plan.status is Status.FOUND:
+            check(grid, plan, timeline, radius, 1.0, start, goal)
+        still = search.plan(start)
+        cell = np.array(grid.cell_at(start))
+        legs = [
+            math.dist(start, grid.centre((r, c))) + search.field[r, c]
+            for r, c in np.ndindex(grid.shape)
+            if max(abs(cell - (r, c))) <= 3
+            and mask[r, c]
+            and hits_cells(grid.blocked, point, (r, c), radius, True, 2000) >= radius / grid.resolution
+        ]
+        assert math.isclose(still.arrival, min(legs, default=np.inf), abs_tol=1e-6)
+        assert still.arrival <= plan.arrival + 1e-9
+
+
+def test_one_search_asked_again():
+    """Queries leave nothing behind: a search asked in any order, after a tiny budget too, answers as a new one, bit for bit."""
+    rng = np.random.default_rng(8)
+    grid = Grid(rng.random((30, 30)) < 0.1)
+    goal = grid.centre(tuple(int(i) for i in np.argwhere(timed_moves(grid, 0.4))[0]))
+    search = Sipp(grid, goal, radius=0.4, v_max=1.0)
+    for _ in range(cases(30)):
+        _, timeline = random_world(rng, 20, 30, 40)
+        start = grid.centre(tuple(int(i) for i in rng.choice(np.argwhere(search.mask))))
+        search.plan(start, timeline, max_expanded=int(rng.integers(0, 5)))
+        ours, fresh = search.plan(start, timeline), sipp(grid, start, goal, timeline, radius=0.4, v_max=1.0)
+        assert ours.status is fresh.status and ours.expanded == fresh.expanded and ours.arrival == fresh.arrival
+        assert ours.path.t.tobytes() == fresh.path.t.tobytes() and ours.path.xy.tobytes() == fresh.path.xy.tobytes()
+
+
+def test_budget_and_bound():
+    """Out of budget there is no path but a bound that no arrival undercuts and that never falls as the budget grows."""
+    rng = np.random.default_rng(9)
+    for _ in range(cases(20)):
+        grid, timeline = random_world(rng, 8, 12, 8)
+        cells = np.argwhere(timed_moves(grid, 0.2 * grid.resolution))
+        start, goal = (grid.centre(tuple(int(i) for i in rng.choice(cells))) for _ in range(2))
+        search = Sipp(grid, goal, radius=0.2 * grid.resolution, v_max=1.0)
+        best, last = search.plan(start, timeline), -math.inf
+        for budget in range(best.expanded + 1):
+            plan = search.plan(start, timeline, max_expanded=budget)
+            if plan.status is Status.BUDGET:
+                assert len(plan.path.t) == 0 and plan.arrival == math.inf
+                assert last - 1e-8 <= plan.lower_bound <= best.arrival + 1e-8
+                last = plan.lower_bound
+            else:
+                assert plan.arrival == best.arrival and budget >= best.expanded
+
+
+def test_goal_region():
+    """With a tolerance the robot goes to the cell it can reach first within that distance of the goal."""
+    grid = Grid(np.zeros((5, 12), dtype=bool))
+    plan = sipp(grid, (0.5, 2.5), (11.5, 2.5), radius=0.4, v_max=2.0, goal_tolerance=3.0)
+    assert plan.arrival == 4.0 and plan.path.xy[-1].tolist() == [8.5, 2.5]
+
+
+def test_horizon_forgets():
+    """A disc that closes a corridor for ever is waited out to the horizon, and without one there is no path."""
+    grid = Grid(np.zeros((1, 9), dtype=bool))
+    wall = Timeline.of([1], [0.5], [([0.0], [(4.5, 0.5)])])
+    options = {"radius": 0.5, "v_max": 1.0}
+    assert sipp(grid, (0.5, 0.5), (8.5, 0.5), wall, **options).status is Status.NO_PATH
+    plan = sipp(grid, (0.5, 0.5), (8.5, 0.5), wall, horizon=20.0, **options)
+    assert math.isclose(plan.arrival, 25.0, abs_tol=1e-8)
+    assert sipp(grid, (0.5, 0.5), (8.5, 0.5), wall, horizon=2.0, **options).arrival == 8.0
+    assert sipp(grid, (4.0, 0.5), (8.5, 0.5), wall, **options).status is Status.NO_PATH  # in contact at the start
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0, "1", None, True])
+@pytest.mark.parametrize("name", ["radius", "v_max", "t", "horizon", "goal_tolerance", "max_expanded"])
+def test_bad_numbers(name, bad):
+    """A number that is none or out of range raises an error that names it."""
+    good = {"radius": 0.3, "v_max": 1.0, "t": 0.0, "horizon": 9.0, "goal_tolerance": 0.0, "max_expanded": 9}
+    if (name, bad) in (("t", -1.0), ("horizon", math.inf), ("max_expanded", None)):
+        return
+    with pytest.raises(BadParameter, match=name):
+        sipp(Grid(np.zeros((3, 3), dtype=bool)), (0.5, 0.5), (2.5, 2.5), **(good | {name: bad}))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("radius", [-0.1, 0.2]),
+        ("radius", [math.nan, 0.2]),
+        ("radius", [0.2]),
+        ("knot_t", [1.0, 1.0, 0.0]),
+        ("knot_t", [0.0, math.inf, 0.0]),
+        ("knot_t", [0.0, 1.0]),
+        ("knot_xy", [[0.0, 0.0]] * 2),
+        ("knot_xy", [[0.0, math.nan]] * 3),
+        ("first", [0, 2, 4]),
+        ("first", [1, 2, 3]),
+        ("first", [0, 0, 3]),
+        ("first", [0.0, 2.0, 3.0]),
+    ],
+)
+def test_bad_courses(field, value):
+    """Arrays of obstacles that do not fit together or are not finite raise an error that names the obstacles."""
+    good = {"radius": [0.2, 0.2], "knot_t": [0.0, 1.0, 0.0], "knot_xy": [[0.0, 0.0]] * 3, "first": [0, 2, 3]}
+    courses = SimpleNamespace(**{k: np.array(v) for k, v in (good | {field: value}).items()})
+    with pytest.raises(BadParameter, match="obstacles"):
+        sipp(Grid(np.zeros((3, 3), dtype=bool)), (0.5, 0.5), (2.5, 2.5), courses, radius=0.3, v_max=1.0)
+
+
+def test_bad_places():
+    """Ends off the map or within the robot's radius of a wall, turned maps and moves that cut corners are refused."""
+    grid = Grid(np.pad(np.zeros((3, 3), dtype=bool), 1, constant_values=True))
+    for start, goal, error in (
+        ((2.5, 9.0), (2.5, 2.5), OutOfBounds),
+        ((2.5, 2.5), (-1.0, 2.5), OutOfBounds),
+        ((1.2, 2.5), (2.5, 2.5), CellBlocked),
+        ((2.5, 2.5), (0.5, 2.5), CellBlocked),
+        ((math.nan, 2.5), (2.5, 2.5), BadParameter),
+        ((2.5,), (2.5, 2.5), BadParameter),
+    ):
+        with pytest.raises(error):
+            sipp(grid, start, goal, radius=0.3, v_max=1.0)
+    with pytest.raises(BadParameter, match="yaw"):
+        sipp(Grid(grid.blocked, origin=(0.0, 0.0, 0.5)), (2.5, 2.5), (2.5, 2.5), radius=0.3, v_max=1.0)
+    with pytest.raises(BadParameter, match="moves"):
+        timed_moves(grid, 0.3, Moves.EIGHT_CUT)
+    with pytest.raises(BadParameter, match="goals"):
+        timed_field(timed_moves(grid, 0.3), Moves.THIRTY_TWO, (5, 0))
+    with pytest.raises(BadParameter, match="mask"):
+        timed_field(grid.blocked, Moves.THIRTY_TWO, (1, 1))

@@ -112,10 +112,10 @@ def sipp(mask, offsets, centre, speed, radius, start, goal, courses, t0=0.0, hor
     a, b = (np.array([centre[m[i]] for m in moves]).reshape(-1, 1, 2) for i in (0, 1))
     duration = np.hypot(*np.moveaxis(b - a, -1, 0)) / speed
     leaves = unsafe(a, b, duration, pieces, reach)
-    safe = {c: _gaps(stays[0][i], stays[1][i], t0) for i, c in enumerate(cells)}
+    safe = {c: gaps(stays[0][i], stays[1][i], t0) for i, c in enumerate(cells)}
     outgoing = {c: [] for c in cells}
     for i, (c, d) in enumerate(moves):
-        outgoing[c].append((d, duration[i, 0], _gaps(leaves[0][i], leaves[1][i], t0)))
+        outgoing[c].append((d, duration[i, 0], gaps(leaves[0][i], leaves[1][i], t0)))
     if not safe[start] or safe[start][0][0] > t0:
         return np.inf
     best = {(start, 0): t0}
@@ -126,9 +126,9 @@ def sipp(mask, offsets, centre, speed, radius, start, goal, courses, t0=0.0, hor
             continue
         if c == goal:
             return t
-        for d, length, gaps in outgoing[c]:
+        for d, length, windows in outgoing[c]:
             for j, (enter, leave) in enumerate(safe[d]):
-                for begin, end in gaps:
+                for begin, end in windows:
                     s = max(t, begin, enter - length)
                     if s <= min(end, safe[c][i][1], leave - length) and s + length < best.get((d, j), np.inf):
                         best[d, j] = s + length
@@ -136,15 +136,15 @@ def sipp(mask, offsets, centre, speed, radius, start, goal, courses, t0=0.0, hor
     return np.inf
 
 
-def _gaps(low, high, begin):
+def gaps(low, high, begin):
     """The closed intervals from `begin` on between the open intervals (low, high); those under a nanosecond are none."""
-    gaps = []
+    free = []
     for a, b in sorted(zip(low, high)):
         if a < b and a > begin + 1e-9:
-            gaps.append((begin, a))
+            free.append((begin, a))
         if a < b:
             begin = max(begin, b)
-    return [*gaps, (begin, NEVER)] if begin < NEVER - 1 else gaps
+    return [*free, (begin, NEVER)] if begin < NEVER - 1 else free
 
 
 def unit_steps(blocked, walks, start, goal):

@@ -141,7 +141,7 @@ def sipp(
                 return BUDGET, -1, expanded, bound
             expanded += 1
         at = (x0 + col * cell_size, y0 + row * cell_size)
-        limit, rest = ws.todo[i] + SLACK, np.inf
+        limit, rest = 2 * ws.todo[i] + SLACK, np.inf  # doubled, so that few rounds make all moves
         for k in range(len(offsets)):
             if mask[row, col] >> np.uint32(k) & np.uint32(1):
                 r, c = row + offsets[k, 0], col + offsets[k, 1]
@@ -194,9 +194,11 @@ def _reach(
         return -1, -1
     vx, vy = (dx / duration, dy / duration) if duration > 0.0 else (0.0, 0.0)
     for j in range(ws.first[cell], ws.first[cell] + ws.size[cell]):
+        if max(ws.arrival[i] + duration, ws.begin[j]) >= ws.arrival[j]:
+            continue
         depart = max(ws.arrival[i], ws.begin[j] - duration)
         latest = min(ws.end[i], ws.end[j] - duration)
-        if depart > latest or depart + duration >= ws.arrival[j]:
+        if depart > latest:
             continue
         depart = earliest_departure(at[0], at[1], vx, vy, duration, depart, latest, pieces, 0.0, ws.work)
         arrival = max(depart + duration, ws.begin[j])
