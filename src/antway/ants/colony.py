@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import Executor
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.ants.immune import Immune
+from antway.ants.immune import Immune, Immunity, vaccinate_tour
 from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
 from antway.ants.tsplib import Tsp, permutation
 from antway.errors import BadParameter
 from antway.kernels import tour as cities_kernel
 from antway.kernels import tsp as kernel
+from antway.kernels.colony import Numbers
 
 NO_LABOUR = kernel.Labour(-1, 0, 0, 0)
 
@@ -66,7 +68,9 @@ class Colony:
         self.instance = checks.instance("instance", instance, Tsp)
         self.rule = make_rule(rule, ants=ants, persistence=persistence)
         self.labour = labour
-        self.immune = immune
+        self._immunity = (
+            None if immune is None else Immunity(checks.instance("immune", immune, Immune), True, checks.seed(seed), [])
+        )
         self._seed = np.uint64(checks.seed(seed))
         checks.integer("candidates", candidates, low=1)
         if instance.size < 4:
@@ -103,7 +107,8 @@ class Colony:
     @property
     def best(self) -> NDArray[np.int32]:
         """The best tour told so far, int32[n]."""
-        return self.state.bests[0].astype(np.int32)
+        tour: NDArray[np.int32] = self.state.bests[0].astype(np.int32)
+        return tour
 
     @property
     def best_cost(self) -> float:
@@ -154,22 +159,39 @@ class Colony:
 
         Notes (cycle, best length) in `history`, float64[cycles, 2], whenever the best is better; returns how often that was.
         """
-        if threads == 1 and self.immune is None:
+        if threads == 1 and self._immunity is None:
             return int(kernel.cycles(self.cities, self.state, self.numbers, self.labour, self._seed, cycles, target, history))
         noted = 0
         for _ in range(cycles):
             self._construct(pool, threads)
-            if self.immune is not None:
-                self.immune.apply(self)
-            if kernel.learn(self.cities, self.state, self.numbers):
+            numbers = self.numbers if self._immunity is None else self._immunise(self._immunity)
+            if kernel.learn(self.cities, self.state, numbers):
                 history[noted] = self.cycle, self.best_cost
                 noted += 1
                 if self.best_cost <= target:
                     break
         return noted
 
+    def _immunise(self, immunity: Immunity) -> Numbers:
+        """Let the cycle's tours pass the immune operator; return the rule, its deposits shifted by concentration."""
+        state, policy = self.state, immunity.policy
+        tours, costs, scale = immunity.respond(
+            self.cycle,
+            list(state.orders),
+            state.lengths,
+            lambda order: float(cities_kernel.length(self.cities, order.astype(np.uint32))),
+            vaccinate_tour,
+        )
+        state.orders[:], state.lengths[:] = np.array(tours), costs
+        unchanged = self.cycle - int(state.record[kernel.IMPROVED])
+        if policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
+            kernel.deposit(self.cities.near, state.tau, state.bests[1], policy.suppression, 0.0)
+        share = self.numbers.share * scale[np.argsort(costs, kind="stable")]
+        total = float(share.sum())
+        return self.numbers._replace(share=share * (float(self.numbers.share.sum()) / total if total > 0.0 else 1.0))
+
     def _construct(self, pool: Executor | None, threads: int) -> None:
-        """Build the cycle's tours, ants spread over threads; the ants of ACS share what they do to pheromone and keep to one."""
+        """Build the cycle's tours, ants spread over threads; those of ACS change pheromone as they walk and keep to one."""
         m = len(self.state.lengths)
         kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight)
         whole = (self.cities, self.state, self.numbers, self.labour, self._seed)
@@ -177,10 +199,5 @@ class Colony:
             kernel.build(*whole, 0, m)
             return
         cuts = [m * i // threads for i in range(threads + 1)]
-        for job in [pool.submit(kernel.build, *whole, a, b) for a, b in zip(cuts, cuts[1:])]:
+        for job in [pool.submit(kernel.build, *whole, a, b) for a, b in pairwise(cuts)]:
             job.result()
-
-
-def lengths(cities: cities_kernel.Cities, orders: NDArray[np.uint32]) -> NDArray[np.float64]:
-    """Return the lengths of the tours, float64[m]."""
-    return np.array([cities_kernel.length(cities, order) for order in orders])

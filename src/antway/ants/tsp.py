@@ -19,6 +19,7 @@ from antway.ants.persistence import Constant, Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule
 from antway.ants.tsplib import Tsp as Tsp
 from antway.ants.tsplib import load_tsp as load_tsp
+from antway.errors import BadParameter
 from antway.kernels.tsp import Labour
 from antway.planning import Budget
 
@@ -198,7 +199,7 @@ def _plan(n: int, rule: str | Rule, local_search: str | None, focused: bool | No
     """Return what ants do besides walking, and the rule they follow."""
     if local_search is None:
         if focused:
-            raise checks.BadParameter("focused", focused, "False without a local_search")
+            raise BadParameter("focused", focused, "False without a local_search")
         return Labour(-1, 0, 0, 0), rule
     breadth, longest = _SEARCHES[local_search]
     attempts = min(n, 5000) if (n >= _FOCUSED_FROM if focused is None else focused) and n >= 8 else 0

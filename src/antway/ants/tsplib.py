@@ -117,7 +117,7 @@ class Tsp:
         elif k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
         else:
-            found = cKDTree(xy).query(xy, k + 1)[1]
+            found = np.asarray(cKDTree(xy).query(xy, k + 1)[1])
             # Among cities in one place the tree need not put the city itself first, nor name it at all.
             own = found == np.arange(n)[:, None]
             own[~own.any(axis=1), k] = True

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.jit import bare_kernel, kernel
-from antway.kernels.tour import Cities, Ids, distance
+from antway.kernels.tour import Cities, Ids, Index, distance
 
 HEAD, SIZE, LOGGED = range(3)
+TWO, THREE, SWAPPED, REVERSED = range(4)
 
 
 class Search(NamedTuple):
@@ -25,7 +26,7 @@ class Search(NamedTuple):
     queue: Ids  # [n] ring of the cities to look at
     queued: NDArray[np.bool_]  # [n] which those are (the don't-look bits, negated)
     log: NDArray[np.int64]  # [r, 2] reversals made since the log was cleared, for undoing; empty: none is kept
-    count: NDArray[np.int64]  # [3] head and size of the queue, reversals logged
+    counts: NDArray[np.int64]  # [3] head and size of the queue, reversals logged
 
 
 @kernel
@@ -50,50 +51,53 @@ def set_tour(search: Search, order: Ids) -> None:
 
 
 @bare_kernel
-def push(search: Search, city: int) -> None:
+def push(search: Search, city: Index) -> None:
     """Put `city` at the end of the queue, unless it is in it."""
     if not search.queued[city]:
         search.queued[city] = True
-        tail = search.count[HEAD] + search.count[SIZE]
+        tail = search.counts[HEAD] + search.counts[SIZE]
         n = len(search.queue)
         search.queue[tail - n if tail >= n else tail] = city
-        search.count[SIZE] += 1
+        search.counts[SIZE] += 1
 
 
 @bare_kernel
 def pop(search: Search) -> int:
     """Take the first city off the queue."""
-    head = search.count[HEAD]
-    city = search.queue[head]
-    search.count[HEAD] = head + 1 if head + 1 < len(search.queue) else 0
-    search.count[SIZE] -= 1
+    head = search.counts[HEAD]
+    city: int = search.queue[head]
+    search.counts[HEAD] = head + 1 if head + 1 < len(search.queue) else 0
+    search.counts[SIZE] -= 1
     search.queued[city] = False
     return city
 
 
 @bare_kernel
-def beside(search: Search, city: int, forward: bool) -> int:
+def beside(search: Search, city: Index, forward: bool) -> int:
     """Return the city after `city`, or before it."""
     p, last = search.place[city], len(search.order) - 1
     if forward:
-        return search.order[0 if p == last else p + 1]
-    return search.order[last if p == 0 else p - 1]
+        after: int = search.order[0 if p == last else p + 1]
+        return after
+    before: int = search.order[last if p == 0 else p - 1]
+    return before
 
 
 @bare_kernel
-def between(search: Search, a: int, b: int, c: int, forward: bool) -> bool:
+def between(search: Search, a: Index, b: Index, c: Index, forward: bool) -> bool:
     """Tell whether b lies on the way from a to c, ends included, in that direction."""
     p, q, r = search.place[a], search.place[b], search.place[c]
     if not forward:
         p, r = r, p
-    return (p <= q and q <= r) if p <= r else (q >= p or q <= r)
+    inside: bool = (p <= q and q <= r) if p <= r else (q >= p or q <= r)
+    return inside
 
 
 @bare_kernel
-def reverse(search: Search, i: int, j: int) -> None:
+def reverse(search: Search, i: Index, j: Index) -> None:
     """Reverse the places i to j (round the end if j < i), or all others if those are fewer, which is the same closed tour."""
     order, place = search.order, search.place
-    n = np.int64(len(order))
+    n: Index = np.int64(len(order))
     inside = j - i + 1 if j >= i else j - i + 1 + n
     if 2 * inside > n:
         i, j, inside = j + 1, i - 1, n - inside
@@ -114,116 +118,95 @@ def reverse(search: Search, i: int, j: int) -> None:
 
 
 @bare_kernel
-def flip(search: Search, a: int, b: int, c: int, d: int) -> None:
+def flip(search: Search, a: Index, b: Index, c: Index, d: Index) -> None:
     """Replace edges (a, b), (c, d) by (a, c), (b, d), where b comes next to a and d next to c in the same direction."""
     if beside(search, a, True) == b:
         i, j = np.int64(search.place[b]), np.int64(search.place[c])
     else:
         i, j = np.int64(search.place[a]), np.int64(search.place[d])
     if len(search.log) > 0:
-        at = search.count[LOGGED]
+        at = search.counts[LOGGED]
         search.log[at, 0], search.log[at, 1] = i, j
-        search.count[LOGGED] += 1
+        search.counts[LOGGED] += 1
     reverse(search, i, j)
 
 
 @bare_kernel
 def undo(search: Search) -> None:
     """Take back all logged reversals."""
-    for at in range(search.count[LOGGED] - 1, -1, -1):
+    for at in range(search.counts[LOGGED] - 1, -1, -1):
         reverse(search, search.log[at, 0], search.log[at, 1])
-    search.count[LOGGED] = 0
+    search.counts[LOGGED] = 0
 
 
 @bare_kernel
-def push_six(search: Search, t1: int, t2: int, t3: int, t4: int, t5: int, t6: int) -> None:
-    """Queue the ends of a move."""
-    push(search, t1)
-    push(search, t2)
-    push(search, t3)
-    push(search, t4)
-    push(search, t5)
-    push(search, t6)
-
-
-@bare_kernel
-def small(search: Search, t2: int, t3: int, t5: int, longest: int) -> bool:
+def small(search: Search, t2: Index, t3: Index, t5: Index, longest: int) -> bool:
     """Tell whether a part that a 3-opt move displaces, cut at t2, t3 and t5, has at most `longest` cities or so."""
     n = len(search.order)
     if longest >= n:
         return True
     p, q, r = np.int64(search.place[t2]), np.int64(search.place[t3]), np.int64(search.place[t5])
     parts = min(abs(p - q), n - abs(p - q)), min(abs(q - r), n - abs(q - r)), min(abs(p - r), n - abs(p - r))
-    return min(parts[0], min(parts[1], parts[2])) < longest
+    return bool(min(parts[0], min(parts[1], parts[2])) < longest)
 
 
 @bare_kernel
-def move(cities: Cities, search: Search, t1: int, breadth: int, longest: int) -> float:
+def exchange(search: Search, shape: int, t1: Index, t2: Index, t3: Index, t4: Index, t5: Index, t6: Index) -> None:
+    """Make a move by one to three flips, and queue its ends."""
+    steps = (t1, t2, t4, t3), (t1, t4, t6, t5), (t1, t2, t4, t3)
+    count = 1 if shape == TWO else 2
+    if shape == SWAPPED:  # the parts t2 ... t5 and t6 ... t3 change places
+        steps, count = ((t1, t2, t3, t4), (t1, t3, t6, t5), (t3, t5, t2, t4)), 3
+    elif shape == REVERSED:  # the parts t2 ... t6 and t5 ... t3 are reversed
+        steps = (t1, t2, t6, t5), (t2, t5, t3, t4), (t1, t2, t4, t3)
+    for s in range(count):
+        flip(search, steps[s][0], steps[s][1], steps[s][2], steps[s][3])
+    for city in (t1, t2, t3, t4, t5, t6):
+        push(search, city)
+
+
+@bare_kernel
+def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) -> float:
     """Make the first improving move found that removes an edge of t1; return its gain, or 0 if there is none."""
     kind, xy, matrix, near, gap, least = cities.kind, cities.xy, cities.matrix, cities.near, cities.gap, cities.least
-    k = near.shape[1]
     for forward in (True, False):
         t2 = beside(search, t1, forward)
         d12 = distance(kind, xy, matrix, t1, t2)
-        for c in range(k):
+        for c in range(near.shape[1]):
             t3 = near[t2, c]
             g1 = d12 - gap[t2, c]
             if g1 <= least:
                 break
-            # t4 before t3: a 2-opt move, and from there on to a third edge.
-            t4 = beside(search, t3, not forward)
-            if t4 != t2 and t3 != t1:
+            if t3 == t1:
+                continue
+            # t4 before t3 closes a tour. With t4 after t3, t2 ... t3 is a cycle, and the third edge must open it.
+            for cycle in (False, True):
+                t4 = beside(search, t3, forward == cycle)
+                if t4 == t2:
+                    continue
                 g2 = g1 + distance(kind, xy, matrix, t3, t4)
-                gain = g2 - distance(kind, xy, matrix, t4, t1)
-                if gain > least:
-                    flip(search, t1, t2, t4, t3)
-                    push_six(search, t1, t2, t3, t4, t1, t2)
-                    return gain
+                if not cycle:
+                    gain: float = g2 - distance(kind, xy, matrix, t4, t1)
+                    if gain > least:
+                        exchange(search, TWO, t1, t2, t3, t4, t1, t2)
+                        return gain
                 for e in range(breadth):
                     t5 = near[t4, e]
                     g3 = g2 - gap[t4, e]
                     if g3 <= least:
                         break
-                    if t5 in (t3, t1) or not small(search, t2, t3, t5, longest):
+                    inside = between(search, t2, t5, t3 if cycle else t4, forward)
+                    if t5 in (t3, t1) or (cycle and not inside) or not small(search, t2, t3, t5, longest):
                         continue
-                    t6 = beside(search, t5, between(search, t2, t5, t4, forward) == forward)
-                    if t6 == t4:
-                        continue
-                    gain = g3 + distance(kind, xy, matrix, t5, t6) - distance(kind, xy, matrix, t6, t1)
-                    if gain > least:
-                        flip(search, t1, t2, t4, t3)
-                        flip(search, t1, t4, t6, t5)
-                        push_six(search, t1, t2, t3, t4, t5, t6)
-                        return gain
-            # t4 after t3: closing here would leave a cycle t2 ... t3; the third edge must open it.
-            t4 = beside(search, t3, forward)
-            if t3 == t1 or t4 == t2 or breadth == 0:
-                continue
-            g2 = g1 + distance(kind, xy, matrix, t3, t4)
-            for e in range(breadth):
-                t5 = near[t4, e]
-                g3 = g2 - gap[t4, e]
-                if g3 <= least:
-                    break
-                if t5 == t3 or not between(search, t2, t5, t3, forward) or not small(search, t2, t3, t5, longest):
-                    continue
-                t6 = beside(search, t5, forward)
-                gain = g3 + distance(kind, xy, matrix, t5, t6) - distance(kind, xy, matrix, t6, t1)
-                if gain > least:
-                    flip(search, t1, t2, t3, t4)
-                    flip(search, t1, t3, t6, t5)
-                    flip(search, t3, t5, t2, t4)
-                    push_six(search, t1, t2, t3, t4, t5, t6)
-                    return gain
-                if t5 == t2:
-                    continue
-                t6 = beside(search, t5, not forward)
-                gain = g3 + distance(kind, xy, matrix, t5, t6) - distance(kind, xy, matrix, t6, t1)
-                if gain > least:
-                    flip(search, t1, t2, t6, t5)
-                    flip(search, t2, t5, t3, t4)
-                    push_six(search, t1, t2, t3, t4, t5, t6)
-                    return gain
+                    for way in (True, False):
+                        t6 = beside(search, t5, way)
+                        if t6 in (t1, t4) or (not cycle and way != (inside == forward)):
+                            continue
+                        gain = g3 + distance(kind, xy, matrix, t5, t6) - distance(kind, xy, matrix, t6, t1)
+                        if gain > least:
+                            shape = THREE if not cycle else SWAPPED if way == forward else REVERSED
+                            exchange(search, shape, t1, t2, t3, t4, t5, t6)
+                            return gain
     return 0.0
 
 
@@ -232,9 +215,9 @@ def settle(cities: Cities, search: Search, breadth: int, longest: int) -> float:
     """Improve until the queue is empty (or the log of reversals full); return the gain."""
     total = 0.0
     room = len(search.log)
-    while search.count[SIZE] > 0:
+    while search.counts[SIZE] > 0:
         city = pop(search)
-        if room > 0 and search.count[LOGGED] + 3 > room:
+        if room > 0 and search.counts[LOGGED] + 3 > room:
             continue
         gain = move(cities, search, city, breadth, longest)
         if gain > 0.0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from antway.kernels.jit import bare_kernel, kernel
 
 MATRIX, EUC_2D, CEIL_2D, ATT, EUCLID = range(5)
 
+Index = int | np.integer[Any]
 Floats = NDArray[np.float64]
 Ids = NDArray[np.uint32]  # unsigned, so that an index costs no test for counting from the end
 
@@ -29,7 +30,7 @@ class Cities(NamedTuple):
 
 
 @bare_kernel
-def distance(kind: int, xy: Floats, matrix: Floats, i: int, j: int) -> float:
+def distance(kind: int, xy: Floats, matrix: Floats, i: Index, j: Index) -> float:
     """Return the distance between cities i and j by TSPLIB's definitions."""
     if kind == MATRIX:
         return float(matrix[i, j])
@@ -66,7 +67,7 @@ def gaps(kind: int, xy: Floats, matrix: Floats, near: Ids) -> Floats:
 
 
 @bare_kernel
-def column(near: Ids, i: int, j: int) -> int:
+def column(near: Ids, i: Index, j: Index) -> int:
     """Return the column of j among the candidates of i, or -1."""
     for c in range(near.shape[1]):
         if near[i, c] == j:

@@ -12,7 +12,7 @@ from antway.kernels import rng
 from antway.kernels.colony import Numbers, best_deposits, clip, evaporate, limits, persistence
 from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
-from antway.kernels.tour import Cities, Floats, Ids, column, distance
+from antway.kernels.tour import Cities, Floats, Ids, Index, column, distance
 
 BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
 
@@ -57,7 +57,7 @@ def combine(tau: Floats, eta: Floats, alpha: float, weight: NDArray[np.float32])
 
 @bare_kernel
 def choose(
-    weight: NDArray[np.float32], near: Ids, place: Ids, t: int, i: int, q0: float, state: rng.State, sums: NDArray[np.float32]
+    weight: NDArray[np.float32], near: Ids, place: Ids, t: int, i: Index, q0: float, state: rng.State, sums: NDArray[np.float32]
 ) -> int:
     """Draw the column of the next city among i's candidates that stand at place t or later; -1 if none has weight.
 
@@ -119,7 +119,7 @@ def walk(
 
 
 @bare_kernel
-def swap(order: Ids, place: Ids, t: int, city: int) -> None:
+def swap(order: Ids, place: Ids, t: Index, city: Index) -> None:
     """Bring `city` to place t, in exchange for the one that stands there."""
     other, p = order[t], place[city]
     order[t], order[p] = city, other
@@ -127,7 +127,7 @@ def swap(order: Ids, place: Ids, t: int, city: int) -> None:
 
 
 @bare_kernel
-def local_update(cities: Cities, colony: Colony, numbers: Numbers, i: int, c: int) -> None:
+def local_update(cities: Cities, colony: Colony, numbers: Numbers, i: Index, c: Index) -> None:
     """ACS: tau <- (1 - xi) tau + xi tau_0 on the edge that an ant takes from i, and its weight with it."""
     j, d = cities.near[i, c], cities.back[i, c]
     old = colony.tau[i, c]
@@ -161,7 +161,7 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
     t = int(record[CYCLE])
     ranking = np.argsort(lengths, kind="mergesort")
     shortest = lengths[ranking[0]]
-    better = shortest < record[BEST]
+    better: bool = shortest < record[BEST]
     if better:
         record[BEST] = shortest
         colony.bests[0] = colony.orders[ranking[0]]
@@ -250,7 +250,7 @@ def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, searc
         q = np.int64(search.place[cities.near[u, c]]) - p
         if q < 0:
             q += n
-        b = 1 + np.int64(rng.below(state, q - 2))
+        b = 1 + np.int64(rng.below(state, int(q) - 2))
         d = q + np.int64(rng.below(state, window))
         if d > n - 2:
             continue
@@ -259,36 +259,26 @@ def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, searc
         if gain < 0.0:
             undo(search)
         else:
-            search.count[LOGGED] = 0
+            search.counts[LOGGED] = 0
             total += gain
     return total
 
 
 @bare_kernel
-def bridge(cities: Cities, search: Search, p: int, b: int, c: int, d: int) -> float:
+def bridge(cities: Cities, search: Search, p: Index, b: Index, c: Index, d: Index) -> float:
     """Double bridge: the parts p + (1..b), (b+1..c), (c+1..d) become third, second, first; return the gain."""
     n = len(search.order)
     u, v = search.order[p], search.order[(p + d + 1) % n]
     b1, b2 = search.order[(p + 1) % n], search.order[(p + b) % n]
     c1, c2 = search.order[(p + b + 1) % n], search.order[(p + c) % n]
     d1, d2 = search.order[(p + c + 1) % n], search.order[(p + d) % n]
-    kind, xy, matrix = cities.kind, cities.xy, cities.matrix
-    gain = distance(kind, xy, matrix, u, b1) + distance(kind, xy, matrix, b2, c1)
-    gain += distance(kind, xy, matrix, c2, d1) + distance(kind, xy, matrix, d2, v)
-    gain -= distance(kind, xy, matrix, u, d1) + distance(kind, xy, matrix, d2, c1)
-    gain -= distance(kind, xy, matrix, c2, b1) + distance(kind, xy, matrix, b2, v)
-    flip(search, u, b1, d2, v)
-    flip(search, u, d2, d1, c2)
-    flip(search, d2, c2, c1, b2)
-    flip(search, c2, b2, b1, v)
-    push(search, u)
-    push(search, v)
-    push(search, b1)
-    push(search, b2)
-    push(search, c1)
-    push(search, c2)
-    push(search, d1)
-    push(search, d2)
+    gain = 0.0
+    for i, j, sign in ((u, b1, 1), (b2, c1, 1), (c2, d1, 1), (d2, v, 1), (u, d1, -1), (d2, c1, -1), (c2, b1, -1), (b2, v, -1)):
+        gain += sign * distance(cities.kind, cities.xy, cities.matrix, i, j)
+    for i, j, k, m in ((u, b1, d2, v), (u, d2, d1, c2), (d2, c2, c1, b2), (c2, b2, b1, v)):
+        flip(search, i, j, k, m)
+    for city in (u, v, b1, b2, c1, c2, d1, d2):
+        push(search, city)
     return gain
 
 
