@@ -217,14 +217,18 @@ def tsp_command(
     instance = load_tsp(file)
     stop = threading.Event()
     before = signal.signal(signal.SIGINT, lambda *_: stop.set())
-    words = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), console=Console(stderr=True), transient=True
+    )
+    search = bar.add_task("searching", total=seconds)
+
+    def show(tours: int, best: float, elapsed: float) -> None:
+        if elapsed > 1.0:
+            bar.start()
+            bar.update(search, completed=elapsed, description=f"best {best:,.6g} after {tours:,} tours")
+
     try:
-        with working("searching"), Progress(*words, console=Console(stderr=True), transient=True) as bar:
-            search = bar.add_task("searching", total=seconds)
-
-            def show(tours: int, best: float, elapsed: float) -> None:
-                bar.update(search, completed=elapsed, description=f"best {best:,.6g} after {tours:,} tours")
-
+        with working("searching"):
             tour = solve_tsp(
                 instance,
                 rule,
@@ -236,6 +240,8 @@ def tsp_command(
                 cancel=stop,
             )
     finally:
+        if bar.live.is_started:
+            bar.stop()
         signal.signal(signal.SIGINT, before)
     if out is not None:
         from antway.view import figures

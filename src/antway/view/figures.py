@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from antway import checks
@@ -223,6 +224,7 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     if tour.optimum is not None:
         right.axhline(tour.optimum, color=style.INK, linewidth=0.8, label=f"optimum, {tour.optimum:,.6g}")
     right.set(title="Best length so far", xlabel="tours made", ylabel="length", xscale="log")
+    right.xaxis.set_minor_formatter(NullFormatter())
     right.grid(color=style.RULE, linewidth=0.6)
     right.legend()
     for axes in (*left, right):

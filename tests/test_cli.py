@@ -1,0 +1,225 @@
+"""The command line: exit statuses, one line for wrong input, JSON alone on stdout."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from antway import Grid, save_map
+from antway.cli import main
+from common import SHARED, needs_data
+
+ROOM = np.zeros((20, 30), dtype=bool)
+ROOM[5:15, 12] = True
+SEALED = ROOM.copy()
+SEALED[:, 12] = True
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    save_map(Grid(ROOM, 0.5), tmp_path / "room.yaml")
+    save_map(Grid(SEALED, 0.5), tmp_path / "sealed.yaml")
+    return tmp_path / "room.yaml"
+
+
+@pytest.fixture
+def antway(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Run a command line in this process: (exit status, stdout, stderr)."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["antway", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end, warnings.catch_warnings():
+            warnings.simplefilter("default")
+            main()
+        said = capsys.readouterr()
+        return int(end.value.code or 0), said.out, said.err
+
+    return run
+
+
+def test_a_plan_in_metres_and_in_cells(antway: Any, room: Path) -> None:
+    """`plan` finds the same shortest path by points and by cells, says so, and --json prints one object and nothing else."""
+    status, out, _ = antway("plan", room, "--start", "1.25,5.25", "--goal", "12.25,5.25", "--json")
+    by_points = json.loads(out)
+    assert status == 0 and by_points["status"] == "found" and by_points["optimal"] is True
+    status, out, _ = antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24", "--json", "--planner", "dijkstra")
+    by_cells = json.loads(out)
+    assert by_cells["length"] == by_points["length"] and by_cells["cells"][0] == [10, 2]
+    assert by_cells["xy"][-1] == [12.25, 5.25]
+    status, out, _ = antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24")
+    assert status == 0 and "the shortest" in out and f"{by_cells['length']:.3f} m" in out
+
+
+@pytest.mark.parametrize("planner", ["dijkstra", "astar", "jps", "anyangle", "dstarlite", "ants"])
+def test_every_planner_has_its_name_on_the_command_line(antway: Any, room: Path, planner: str) -> None:
+    """Each planner of the table answers, and the command checks its answer."""
+    status, out, _ = antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24", "--planner", planner, "--json")
+    assert status == 0 and json.loads(out)["planner"] == planner
+
+
+def test_no_path_is_status_three_and_no_time_is_status_four(antway: Any, room: Path) -> None:
+    """C22: a sealed room ends with 3, a time limit of nothing with 4; infinite lengths are null in JSON."""
+    sealed = room.with_name("sealed.yaml")
+    status, out, _ = antway("plan", sealed, "--cells", "--start", "10,2", "--goal", "10,24", "--json")
+    assert status == 3 and json.loads(out)["length"] is None
+    assert antway("plan", sealed, "--cells", "--start", "10,2", "--goal", "10,24")[1] == "no path\n"
+    arguments = ("plan", room, "--cells", "--start", "10,2", "--goal", "10,24", "--time-limit", "0")
+    assert antway(*arguments)[0] == 4
+
+
+def test_a_plan_is_drawn(antway: Any, room: Path, tmp_path: Path) -> None:
+    """--out writes a picture in the format of the suffix."""
+    for suffix, magic in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")):
+        file = tmp_path / f"plan.{suffix}"
+        assert antway("plan", room, "--cells", "--start", "10,2", "--goal", "10,24", "--out", file)[0] == 0
+        assert file.read_bytes().startswith(magic)
+
+
+PLAN = ("plan", "room.yaml", "--start", "1,1", "--goal", "9,9")
+BAD: list[tuple[tuple[str, ...], str]] = [
+    (("plan", "nowhere.yaml", "--start", "1,1", "--goal", "9,9"), "nowhere.yaml"),
+    (("plan", "room.tiff", "--start", "1,1", "--goal", "9,9"), "suffix"),
+    ((*PLAN, "--start", "1"), "start = '1'"),
+    ((*PLAN, "--start", "1,2,3"), "start = '1,2,3'"),
+    ((*PLAN, "--start", "a,b"), "start = 'a,b'"),
+    ((*PLAN, "--start", "nan,1"), "nan"),
+    ((*PLAN, "--goal", "inf,1"), "inf"),
+    ((*PLAN, "--start", "-5,1"), "start = (-5.0, 1.0)"),
+    ((*PLAN, "--goal", "6.2,5"), "goal = (6.2, 5.0)"),
+    ((*PLAN, "--goal", "5.9,5", "--radius", "0.4"), "with a radius of 0.4 m"),
+    ((*PLAN, "--cells", "--start", "1.5,2"), "start = '1.5,2'"),
+    ((*PLAN, "--cells", "--goal", "99,2"), "goal = (99, 2)"),
+    ((*PLAN, "--cells", "--goal", "10,12"), "goal = (10, 12)"),
+    ((*PLAN, "--planner", "magic"), "planner = 'magic'"),
+    ((*PLAN, "--moves", "nine"), "moves = 'nine'"),
+    ((*PLAN, "--radius", "-1"), "robot_radius = -1.0"),
+    ((*PLAN, "--radius", "nan"), "robot_radius = nan"),
+    ((*PLAN, "--radius", "wide"), "radius = 'wide'"),
+    ((*PLAN, "--seed", "-1"), "seed = -1"),
+    ((*PLAN, "--seed", "1.5"), "seed = '1.5'"),
+    ((*PLAN, "--seed", str(2**64)), f"seed = {2**64}"),
+    ((*PLAN, "--time-limit", "-1"), "time_limit = -1.0"),
+    ((*PLAN, "--time-limit", "nan"), "time_limit = nan"),
+    ((*PLAN, "--resolution", "1"), "resolution = 1.0"),
+    ((*PLAN, "--out", "plan.bmp"), "out = 'plan.bmp'"),
+    (("plan", "room.yaml", "--start", "1,1"), "--goal"),
+    ((*PLAN, "--nonsense"), "--nonsense"),
+    (("fly",), "fly"),
+    (("run", "nowhere.toml"), "nowhere.toml"),
+    (("run", "room.yaml"), "room.yaml"),
+    (("run", "paper", "--policy", "magic"), "policy = 'magic'"),
+    (("run", "paper", "--seed", "x"), "seed = 'x'"),
+    (("view", "nowhere.json", "--out", "a.html"), "nowhere.json"),
+    (("view", "room.yaml", "--out", "a.html"), "room.yaml"),
+    (("view", "room.yaml", "--out", "a.doc"), "out = 'a.doc'"),
+    (("tsp", "nowhere.tsp"), "nowhere.tsp"),
+    (("tsp", "five.tsp", "--rule", "magic"), "rule = 'magic'"),
+    (("tsp", "five.tsp", "--local-search", "9opt"), "local_search = '9opt'"),
+    (("tsp", "five.tsp", "--seconds", "-1"), "seconds = -1.0"),
+    (("tsp", "five.tsp", "--threads", "0"), "threads = 0"),
+]
+FIVE = "NAME: five\nTYPE: TSP\nDIMENSION: 5\nEDGE_WEIGHT_TYPE: EUC_2D\nNODE_COORD_SECTION\n"
+FIVE += "".join(f"{i} {x} {y}\n" for i, (x, y) in enumerate([(0, 0), (0, 20), (20, 20), (20, 0), (10, 0)], 1)) + "EOF\n"
+
+
+@pytest.mark.parametrize(("arguments", "named"), BAD, ids=lambda value: " ".join(value) if isinstance(value, tuple) else "")
+def test_wrong_input_is_one_line_and_status_two(
+    antway: Any, room: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], named: str
+) -> None:
+    """C18, C22: wrong input ends with status 2, nothing on stdout and one line that names what is wrong, no traceback."""
+    monkeypatch.chdir(room.parent)
+    Path("five.tsp").write_text(FIVE)
+    status, out, err = antway(*arguments)
+    said = [line for line in err.splitlines() if not line.endswith("...")]
+    assert status == 2 and out == ""
+    assert len(said) == 1 and said[0].startswith("error: ") and named in said[0], err
+
+
+def test_help_and_version(antway: Any) -> None:
+    """Help of the program and of every command comes with status 0; without a command the program prints its help."""
+    status, out, _ = antway("--help")
+    assert status == 0 and all(name in out for name in ("demo", "plan", "run", "view", "tsp"))
+    assert antway()[1] == out
+    for name in ("demo", "plan", "run", "view", "tsp"):
+        status, out, _ = antway(name, "--help")
+        assert status == 0 and "Usage" in out
+    assert antway("--version")[1].startswith("antway ")
+
+
+def test_help_imports_nothing_heavy() -> None:
+    """`antway --help` loads no NumPy, Numba, Matplotlib, SciPy or Rich: that is what keeps it quick."""
+    code = "import sys, antway.cli\nsys.argv = ['antway', '--help']\ntry: antway.cli.main()\nexcept SystemExit: pass\n"
+    code += "print(sorted({'numpy', 'numba', 'matplotlib', 'scipy', 'rich', 'PIL', 'yaml'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_tour_of_five_cities(antway: Any, tmp_path: Path) -> None:
+    """`tsp` prints the tour of a file, as words, as JSON and as a picture."""
+    (tmp_path / "five.tsp").write_text(FIVE)
+    status, out, _ = antway("tsp", tmp_path / "five.tsp", "--seconds", "0.2", "--json")
+    tour = json.loads(out)
+    assert status == 0 and tour["length"] == 80 and sorted(tour["order"]) == [0, 1, 2, 3, 4]
+    status, out, _ = antway("tsp", tmp_path / "five.tsp", "--seconds", "0.2", "--out", tmp_path / "five.png")
+    assert status == 0 and "five: 80" in out and (tmp_path / "five.png").stat().st_size > 10_000
+
+
+@needs_data
+def test_an_interrupt_ends_a_search_with_its_best_tour() -> None:
+    """Ctrl-C during `tsp` prints the best tour so far and ends with status 0."""
+    command = [sys.executable, "-c", "from antway.cli import main; main()", "tsp", str(SHARED / "tsplib" / "rat783.tsp")]
+    process = subprocess.Popen(
+        [*command, "--seconds", "300", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("searching")  # printed a second after the search began, handler in place
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    tour = json.loads(out)
+    assert process.returncode == 0, err
+    assert sorted(tour["order"]) == list(range(783)) and "Traceback" not in err
+
+
+@needs_data
+def test_a_warning_is_one_line(antway: Any) -> None:
+    """The grey trap of ROS maps is said in one line on stderr, and the plan is made all the same."""
+    depot = SHARED / "ros_maps" / "nav2_depot" / "depot.yaml"
+    status, out, err = antway("plan", depot, "--start", "1,0.6", "--goal", "28.7,15", "--radius", "0.2", "--json")
+    warned = [line for line in err.splitlines() if line.startswith("warning: ")]
+    assert status == 0 and len(warned) == 1 and "205" in warned[0] and json.loads(out)["status"] == "found"
+
+
+def test_an_episode_and_its_views(antway: Any, tmp_path: Path) -> None:
+    """`run` prints the numbers of an episode and writes its files, and `view` turns the trace into each format."""
+    status, out, _ = antway("run", "paper", "--policy", "paper", "--seed", 1, "--out", tmp_path, "--json")
+    numbers = json.loads(out)
+    assert status == 0 and numbers["reached"] and numbers == json.loads((tmp_path / "summary.json").read_text())
+    magic = {"html": b"<!doctype html>", "gif": b"GIF89a", "png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+    for suffix, start in magic.items():
+        file = tmp_path / f"view.{suffix}"
+        assert antway("view", tmp_path / "trace.json", "--out", file)[0] == 0
+        assert file.read_bytes().startswith(start)
+    assert antway("view", tmp_path / "trace.json", "--out", tmp_path / "at.png", "--at", "3.05")[0] == 0
+    assert antway("view", tmp_path / "trace.json", "--out", tmp_path / "at.png", "--at", "1e9")[0] == 2
+
+
+def test_a_contact_is_status_five(antway: Any, tmp_path: Path) -> None:
+    """C22: a robot that something runs into, in a passage too narrow for both, ends with status 5."""
+    save_map(Grid(np.zeros((1, 20), dtype=bool)), tmp_path / "hall.yaml")
+    obstacle = "[[obstacles]]\nradius = 0.4\nmotion = 'line'\nstart = [19.0, 0.5]\nend = [1.0, 0.5]\nspeed = 1.0\n"
+    (tmp_path / "hall.toml").write_text("map = 'hall.yaml'\nstart = [3.0, 0.5]\ngoal = [15.0, 0.5]\n" + obstacle)
+    status, out, _ = antway("run", tmp_path / "hall.toml", "--policy", "paper", "--json")
+    assert status == 5 and json.loads(out)["outcome"].startswith("hit-")

@@ -1,0 +1,158 @@
+"""Figures, flow charts and animations: what is in them, where, and that nothing lies over anything else."""
+
+from __future__ import annotations
+
+import io
+import sys
+from itertools import combinations
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+
+from antway import BadParameter, Grid, Plan, Status, plan
+from antway.ants.tsp import Tsp, solve_tsp
+from antway.view import diagrams, figures
+from antway.view.animation import write_animation
+from antway.view.style import BLUE, RED, TEAL
+from sample import sample_trace
+
+TRACE = sample_trace(150, 3)
+PATH = figures.shortest(TRACE.task)
+HISTORY = np.column_stack((50 - np.arange(20), 70 - np.arange(20), np.linspace(0, 1, 20), np.zeros(20)))
+HISTORY[0, :2] = np.inf, np.nan
+
+
+def every_figure() -> dict[str, Figure]:
+    square = Tsp([(0, 0), (0, 2), (2, 2), (2, 0), (1, 0)], name="five")
+    turned = Grid(np.eye(6, dtype=bool), 0.3, (-2.0, 1.0, 0.7))
+    return {
+        "plan": figures.plan_figure(TRACE.task.grid, PATH),
+        "no path": figures.plan_figure(TRACE.task.grid, Plan(Status.NO_PATH), ends=((0.5, 0.5), (18.5, 18.5)), title="No path"),
+        "turned": figures.plan_figure(turned, plan(turned, turned.centre((0, 1)), turned.centre((0, 5)))),
+        "wide": figures.plan_figure(Grid(np.zeros((4, 90), bool)), Plan(Status.NO_PATH)),
+        "tall": figures.plan_figure(Grid(np.zeros((90, 6), bool)), Plan(Status.NO_PATH)),
+        "meet": figures.moment_figure(TRACE, 40, title="About to meet a moving obstacle", path=PATH),
+        "avoid": figures.moment_figure(TRACE, 70, title="Going round it", path=PATH, pheromone=True),
+        "end": figures.moment_figure(TRACE, len(TRACE), title="At the goal"),
+        "final": figures.final_figure(TRACE, path=PATH),
+        "strip": figures.strip_figure(TRACE, [10, 50, 80, 120], path=PATH),
+        "convergence": figures.convergence_figure({"constant": HISTORY, "adaptive": HISTORY - 3}, optimum=27.0),
+        "tour": figures.tour_figure(square, solve_tsp(square, cycles=20)),
+        "chart 1": diagrams.ant_system_chart(),
+        "chart 2": diagrams.improved_chart(),
+        "chart 3": diagrams.avoidance_chart(),
+    }
+
+
+FIGURES = every_figure()
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_no_text_lies_over_another_or_off_the_page(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every word of a figure is on the page and clear of every other word."""
+    fig, drawn, draw = FIGURES[name], [], Text.draw
+    monkeypatch.setattr(Text, "draw", lambda text, renderer: (drawn.append(text), draw(text, renderer))[1])
+    fig.canvas.draw()
+    boxes = [(text.get_text(), text.get_window_extent()) for text in drawn if text.get_visible() and text.get_text().strip()]
+    page = fig.bbox
+    for words, box in boxes:
+        assert page.x0 - 1 <= box.x0 and box.x1 <= page.x1 + 1 and page.y0 - 1 <= box.y0 and box.y1 <= page.y1 + 1, words
+    for (a, one), (b, other) in combinations(boxes, 2):
+        across = min(one.x1, other.x1) - max(one.x0, other.x0)
+        along = min(one.y1, other.y1) - max(one.y0, other.y0)
+        assert across <= 1 or along <= 1, f"{a!r} lies over {b!r}"
+
+
+@pytest.mark.parametrize("name", ["plan", "meet", "avoid", "final", "strip", "convergence"])
+def test_figures_are_titled_and_name_their_units(name: str) -> None:
+    """Each figure has a title, and axes that carry numbers say of what and in which unit."""
+    axes = FIGURES[name].axes[0]
+    assert axes.get_title(loc="left") and "(" in axes.get_ylabel()
+
+
+def test_the_drawing_leaves_matplotlib_as_it_was(tmp_path: Path) -> None:
+    """No figure touches pyplot's state or the global settings."""
+    before = dict(mpl.rcParams)
+    figures.save(figures.final_figure(TRACE), tmp_path / "figure.png")
+    assert dict(mpl.rcParams) == before
+    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+
+
+def shares(fig: Figure, colour: str) -> float:
+    """The share of a figure's pixels that are near a colour."""
+    buffer = io.BytesIO()
+    fig.savefig(buffer, format="png", dpi=80)
+    pixels = np.asarray(Image.open(buffer).convert("RGB")).astype(int)
+    wanted = np.array(mpl.colors.to_rgb(colour)) * 255
+    return float((np.abs(pixels - wanted).sum(axis=2) < 30).mean())
+
+
+def test_what_moves_is_red_and_only_that() -> None:
+    """The plan on the empty map has no red; where obstacles are, red shows; the robot's way is blue, the chosen one green."""
+    assert shares(FIGURES["plan"], RED) == 0.0 and shares(FIGURES["plan"], BLUE) > 1e-3
+    for name in ("meet", "avoid", "final"):
+        assert shares(FIGURES[name], RED) > 3e-4, name
+    assert shares(FIGURES["avoid"], TEAL) > 3e-4
+
+
+def test_colours_are_told_apart_by_the_colour_blind() -> None:
+    """Robot, obstacle and chosen way stay far apart in CIE lightness or hue as seen with deuteranopia and protanopia."""
+    deutan = np.array([[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]])
+    protan = np.array([[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]])
+    for seen in (np.eye(3), deutan, protan):
+        colours = [seen @ np.array(mpl.colors.to_rgb(c)) ** 2.2 for c in (BLUE, RED, TEAL, "#454B54")]
+        for a, b in combinations(colours, 2):
+            assert np.linalg.norm(np.clip(a, 0, 1) ** (1 / 2.2) - np.clip(b, 0, 1) ** (1 / 2.2)) > 0.2
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_the_same_figure_is_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+    """A figure drawn twice gives equal files, raster and vector."""
+    for k in range(2):
+        figures.save(figures.moment_figure(TRACE, 70, title="Twice", pheromone=True), tmp_path / f"{k}.{suffix}")
+    assert (tmp_path / f"0.{suffix}").read_bytes() == (tmp_path / f"1.{suffix}").read_bytes()
+
+
+def test_wrong_steps_and_names_are_refused(tmp_path: Path) -> None:
+    """A step outside the trace, an unknown suffix and a history of another shape are named."""
+    with pytest.raises(BadParameter, match="step = 151"):
+        figures.moment_figure(TRACE, 151, title="")
+    with pytest.raises(BadParameter, match="steps"):
+        figures.strip_figure(TRACE, [])
+    with pytest.raises(BadParameter, match="out"):
+        figures.save(FIGURES["plan"], tmp_path / "a.bmp")
+    with pytest.raises(BadParameter, match="history of ants"):
+        figures.convergence_figure({"ants": np.zeros((3, 2))})
+    with pytest.raises(BadParameter, match="out"):
+        write_animation(TRACE, tmp_path / "a.avi")
+
+
+def test_names_with_signs_of_formulas_are_drawn_as_they_are() -> None:
+    """A reason with a dollar sign is no formula."""
+    figures.moment_figure(sample_trace(30, 1, reason="costs $5 and $x^{$"), 12, title="Money").canvas.draw()
+
+
+def test_an_animation_shows_the_whole_episode(tmp_path: Path) -> None:
+    """A GIF has at most as many frames as asked for, loops, and its first and last differ by more than the robot's place."""
+    with Image.open(write_animation(TRACE, tmp_path / "a.gif", shortest=PATH, frames=12, width=200)) as gif:
+        assert gif.n_frames == 12 and gif.size[0] == 200 and gif.info["loop"] == 0
+        first = np.asarray(gif.convert("RGB")).astype(int)
+        gif.seek(11)
+        last = np.asarray(gif.convert("RGB")).astype(int)
+        assert (np.abs(first - last).sum(axis=2) > 60).sum() > 500
+
+
+def test_the_encounter_is_found() -> None:
+    """The moments worth a picture are in the encounter, and without one at the closest approach."""
+    assert figures.moments(TRACE) == (35, 50)
+    calm = sample_trace(150, 1)
+    object.__setattr__(calm, "decisions", calm.decisions[:1])
+    meet, midst = figures.moments(calm)
+    gaps = np.hypot(*(calm.obstacle_xy[:, 0] - calm.xy).T)
+    assert gaps[midst] == gaps.min() and meet <= midst
+    assert figures.moments(sample_trace(1, 0)) == (0, 0)
