@@ -1,0 +1,230 @@
+"""Ants on grids: steps a second beside peers, the paper's persistence, the shared grids, Pareto fronts, the immune operator.
+
+Run as `python benchmarks/walk.py [--json FILE] [--quick]`. All ratios are within one run, best of several.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from antway import Budget, Grid, Moves, Problem
+from antway.ants.front import pareto
+from antway.ants.gridpath import ants, explore
+from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
+from antway.ants.rules import RULES, make_rule
+from antway.ants.walkers import Ground, Squad, Trail
+from common import SHARED
+
+PERSISTENCE: dict[str, Persistence] = {"constant 0.7": Constant(0.7), "printed": Printed(), "corrected": Adaptive()}
+
+
+def shared(name: str, moves: Moves) -> Problem:
+    rows = (SHARED / "grids" / f"{name}.txt").read_text().split()
+    grid = Grid(np.array([[cell == "@" for cell in row] for row in rows]))
+    return Problem(grid, (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1), moves)
+
+
+def scattered(size: int = 50, density: float = 0.25) -> Ground:
+    """A seeded random square with the ends in its corners."""
+    for seed in range(100):
+        blocked = np.random.default_rng(seed).random((size, size)) < density
+        blocked[0, 0] = blocked[-1, -1] = False
+        ground = Ground(Problem(Grid(blocked), (0, 0), (size - 1, size - 1)))
+        if np.isfinite(ground.bound):
+            return ground
+    raise AssertionError("no map")
+
+
+def best_rates(runs: dict[str, Callable[[], int]], repeats: int) -> dict[str, float]:
+    """Million steps a second of each run, which returns the steps it made: best of `repeats` rounds that take all in turn."""
+    rates = dict.fromkeys(runs, 0.0)
+    for turn in range(repeats + 1):
+        for name, run in runs.items():
+            begun = time.perf_counter()
+            rate = run() / (time.perf_counter() - begun) / 1e6
+            rates[name] = max(rates[name], rate) if turn else 0.0  # the first round compiles
+    return rates
+
+
+@njit
+def casual(blocked, goal, tau, distance, alpha, beta, ants, limit):  # type: ignore[no-untyped-def]
+    """The walk as one writes it down at first: neighbours and powers at each step, NumPy's random numbers, no retreat."""
+    rows, cols = blocked.shape
+    steps = 0
+    for _ in range(ants):
+        visited = np.zeros((rows, cols), dtype=np.bool_)
+        r, c = 0, 0
+        visited[r, c] = True
+        for _ in range(limit):
+            weights = np.zeros(8)
+            k = 0
+            for dr in range(-1, 2):
+                for dc in range(-1, 2):
+                    if dr == 0 and dc == 0:
+                        continue
+                    i, j = r + dr, c + dc
+                    free = 0 <= i < rows and 0 <= j < cols and not blocked[i, j] and not visited[i, j]
+                    if free and not (dr and dc and (blocked[i, c] or blocked[r, j])):
+                        weights[k] = tau[r, c, k] ** alpha * (1.0 / max(distance[i, j], 1e-3)) ** beta
+                    k += 1
+            total = weights.sum()
+            if total == 0.0:
+                break
+            drawn, k = np.random.random() * total, 0  # noqa: NPY002
+            while k < 7 and drawn >= weights[k]:
+                drawn -= weights[k]
+                k += 1
+            k += k >= 4
+            r, c = r + k // 3 - 1, c + k % 3 - 1
+            visited[r, c] = True
+            steps += 1
+            if (r, c) == goal:
+                break
+    return steps
+
+
+def routing(ground: Ground) -> Callable[[], int] | None:
+    """A walk of ten ants of the package aco-routing on the same graph, None if it is not installed."""
+    try:
+        import networkx as nx
+        from aco_routing.aco import ACO
+        from aco_routing.ant import Ant
+    except ImportError:
+        return None
+    graph = nx.DiGraph()
+    for cell, bits in enumerate(ground.net.legal.tolist()):
+        for k in range(8):
+            if bits >> k & 1:
+                graph.add_edge(str(cell), str(cell + int(ground.offsets[k])), cost=float(ground.lengths[k]))
+    colony = ACO(graph, ant_max_steps=100, num_iterations=1, ant_random_spawn=False)
+
+    def run() -> int:
+        colony.search_ants = [Ant(colony.graph_api, str(ground.start), str(ground.goal)) for _ in range(10)]
+        colony._deploy_forward_search_ants()
+        return sum(len(ant.path) - 1 for ant in colony.search_ants)
+
+    return run
+
+
+def speed(repeats: int) -> dict[str, float]:
+    """Million ant steps a second on one core: the walk alone, peers, and whole cycles by rule."""
+    ground, clock = scattered(), Budget().start()
+    runs: dict[str, Callable[[], int]] = {}
+
+    def walker(heuristic: str, rule: str) -> Callable[[], int]:
+        trail = Trail(ground, make_rule(rule, beta=8.0 if heuristic == "field" else 7.0), 2000, heuristic)
+        squad, number = Squad(ground, 2000, 700), count(0, 2000)
+        return lambda: squad.walk(trail.weights(), 1, next(number), clock, greedy=trail.numbers.q0)
+
+    runs["walk, field"] = walker("field", "as")
+    runs["walk, distance"] = walker("distance", "as")
+    runs["walk, field, greed of acs"] = walker("field", "acs")
+    distance = ground.distance.reshape(-1, ground.net.width)[1:-1, 1:-1].copy()
+    tau = np.ones((*distance.shape, 8))
+    blocked, goal = ground.problem.grid.blocked, ground.problem.goal
+    runs["casual Numba, distance"] = lambda: casual(blocked, goal, tau, distance, 1.0, 7.0, 500, 700)
+    peer = routing(ground)
+    if peer:
+        runs["aco-routing"] = peer
+    for rule in RULES:
+        runs[f"20 cycles of 500 ants, {rule}"] = partial(cycles_of, ground.problem, rule)
+    return best_rates(runs, repeats)
+
+
+def cycles_of(problem: Problem, rule: str) -> int:
+    return explore(problem, rule=rule, ants=500, cycles=20, record=False).plan.expanded
+
+
+def paper(seeds: int) -> dict[str, Any]:
+    """Ant System as printed, 50 ants x 50 cycles on the 30 x 30 grid (optimum 44.527), by persistence."""
+    problem, rows = shared("iq30", Moves.EIGHT_NOSQUEEZE), {}
+    for name, persistence in PERSISTENCE.items():
+        runs = [
+            explore(
+                problem,
+                seed=s,
+                rule="as",
+                ants=50,
+                cycles=50,
+                persistence=persistence,
+                heuristic="goal",
+                retreat=False,
+                step_limit=100,
+            )
+            for s in range(seeds)
+        ]
+        rows[name] = {
+            "mean length": float(np.mean([run.plan.length for run in runs])),
+            "optimal": float(np.mean([run.plan.optimal for run in runs])),
+            "arrived": float(np.mean([run.history[:, 2].mean() for run in runs])),
+        }
+    return rows
+
+
+def grids(seeds: int) -> dict[str, Any]:
+    """Default ants on the shared grids: share optimal, cycles needed, time; and the share of whole fronts."""
+    table = json.loads((SHARED / "grids" / "optima.json").read_text())
+    rows: dict[str, Any] = {}
+    for name, lengths in table["optimum"].items():
+        for rule, moves in (("nocut", Moves.EIGHT), ("nosqueeze", Moves.EIGHT_NOSQUEEZE)):
+            problem = shared(name, moves)
+            plans = [ants(problem, seed=seed) for seed in range(seeds)]
+            needed = [len(explore(problem, seed=seed, stop_at_bound=True).history) for seed in range(seeds)]
+            row = {
+                "optimal": float(np.mean([abs(plan.length - lengths[rule][0]) < 1e-3 for plan in plans])),
+                "cycles": float(np.mean(needed)),
+                "ms median": 1e3 * float(np.median([plan.elapsed for plan in plans])),
+                "ms most": 1e3 * max(plan.elapsed for plan in plans[1:]),
+            }
+            if rule == "nosqueeze":
+                exact = [(turns, round(length, 3)) for turns, length in table["front_nosqueeze"][name]]
+                begun = time.perf_counter()
+                fronts = [pareto(problem, seed=seed).values.tolist() for seed in range(seeds)]
+                row["front s"] = (time.perf_counter() - begun) / seeds
+                row["front whole"] = float(np.mean([[(t, round(v, 3)) for v, t in front] == exact for front in fronts]))
+            rows[f"{name} {rule}"] = row
+    return rows
+
+
+def show(title: str, rows: dict[str, Any]) -> None:
+    print(f"\n{title}")
+    for name, row in rows.items():
+        cells = row.items() if isinstance(row, dict) else [("", row)]
+        print(f"  {name:32}" + "  ".join(f"{key} {value:.3f}".strip() for key, value in cells))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--quick", action="store_true", help="few repeats and seeds")
+    given = parser.parse_args()
+    seeds, repeats = (3, 3) if given.quick else (30, 15)
+    rates = speed(repeats)
+    result: dict[str, Any] = {"million steps a second": rates}
+    result["ratios"] = {f"walk, distance / {peer}": rates["walk, distance"] / rates[peer] for peer in rates if peer[0] in "ca"}
+    result["ratios"]["slowest rule / as, time"] = max(
+        rates["20 cycles of 500 ants, as"] / rates[f"20 cycles of 500 ants, {rule}"] for rule in RULES
+    )
+    if SHARED.is_dir():
+        result["persistence on 30 x 30, optimum 44.527"] = paper(seeds)
+        result["shared grids, default ants"] = grids(seeds)
+    for title, rows in result.items():
+        show(title, rows)
+    if given.json:
+        given.json.write_text(json.dumps(result, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
