@@ -130,6 +130,8 @@ def test_refuses_what_makes_no_sense() -> None:
     for cells, blocked, error in (
         ([(1.0, 2.0)], True, BadParameter),
         ([1, 2], True, BadParameter),
+        ([(1, 2), (1,)], True, BadParameter),
+        (None, True, BadParameter),
         ([(1, 2)], 1, BadParameter),
         ([(1, 2)], [True, False], BadParameter),
         ([(1, 2), (4, 0)], True, OutOfBounds),
@@ -143,7 +145,9 @@ def test_refuses_what_makes_no_sense() -> None:
     robot.change([(0, 0)], False)
     assert robot.problem.grid == problem.grid
     robot.change([(1, 2)], True)
-    with pytest.raises(CellBlocked):
-        robot.move((1, 2))
+    for start, error in (((1, 2), CellBlocked), ((4, 0), OutOfBounds), ((0.5, 1), BadParameter), (3, BadParameter)):
+        with pytest.raises(error, match="start"):
+            robot.move(start)
+    assert robot.problem.start == (0, 0)
     with pytest.raises(BadParameter, match="moves"):
         DStarLite(replace(problem, moves=Moves.SIXTEEN))

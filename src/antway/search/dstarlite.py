@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from antway.errors import BadParameter, OutOfBounds
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
-from antway.kernels.dstarlite import EXPANDED, INF, begin, change, compute, descend, move
+from antway.kernels.dstarlite import EXPANDED, GOAL, INF, START, begin, change, compute, descend, move
 from antway.planning import Budget, Plan, Problem
 from antway.search.result import found, not_found
 
@@ -60,11 +60,6 @@ class DStarLite:
     BadParameter
         For moves other than FOUR, EIGHT, EIGHT_NOSQUEEZE and EIGHT_CUT.
 
-    Attributes
-    ----------
-    problem : Problem
-        As it is now.
-
     Examples
     --------
     >>> from antway import Grid
@@ -81,17 +76,26 @@ class DStarLite:
             raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _NEED)} for D* Lite")
         free = np.pad(~problem.grid.blocked, 1)
         size, self._width = free.size, free.shape[1]
-        self._free = free.ravel()
+        self._problem, self._stale, self._free = problem, False, free.ravel()
+        start, goal = self._flat("ends", [problem.start, problem.goal])
         self._arrays = (
             *(np.full(size, INF), np.full(size, INF), np.zeros((size, 2), np.int64)),  # g, rhs, key
             *(np.empty(size, np.int64), np.full(size, -1)),  # queue, place
-            np.array([self._width, len(problem.moves.offsets) // 4 * 4, _NEED[problem.moves], *self._flat(problem), 0, 0, 0]),
+            np.array([self._width, len(problem.moves.offsets), _NEED[problem.moves], start, goal, 0, 0, 0]),
         )
-        self.problem = problem
         begin(*self._arrays)
 
-    def _flat(self, problem: Problem) -> list[int]:
-        return [(r + 1) * self._width + c + 1 for r, c in (problem.start, problem.goal)]
+    @property
+    def problem(self) -> Problem:
+        """The problem as it is now; its grid is made when it is asked for."""
+        if self._stale:
+            grid, blocked = self._problem.grid, ~self._free.reshape(-1, self._width)[1:-1, 1:-1]
+            unknown = None if grid.unknown is None else grid.unknown & (blocked == grid.blocked)
+            self._problem = replace(
+                self._problem, grid=replace(grid, blocked=blocked, unknown=unknown), start=self._cell(self._arrays[-1][START])
+            )
+            self._stale = False
+        return self._problem
 
     def change(self, cells: ArrayLike, blocked: ArrayLike) -> None:
         """Note that cells are blocked or free from now on.
@@ -109,25 +113,16 @@ class DStarLite:
         CellBlocked
             If the start or the goal would be blocked: a robot stands where it is, so move it first. Nothing is changed then.
         """
-        at = np.asarray(cells)
-        at = np.empty((0, 2), np.int64) if at.size == 0 else at
-        if at.ndim != 2 or at.shape[1] != 2 or not np.issubdtype(at.dtype, np.integer):
-            raise BadParameter("cells", f"{at.dtype}{list(at.shape)}", "integers of shape Nx2")
+        flat = self._flat("cells", cells)
         state = np.asarray(blocked)
-        if state.dtype != np.bool_ or state.shape not in ((), (len(at),)):
-            raise BadParameter("blocked", f"{state.dtype}{list(state.shape)}", f"one bool, or {len(at)}")
-        grid = self.problem.grid
-        outside = ((at < 0) | (at >= grid.shape)).any(axis=1)
-        if outside.any():
-            cell = tuple(at[outside][0].tolist())
-            raise OutOfBounds("cells", cell, f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns")
-        now_blocked, unknown = grid.blocked.copy(), grid.unknown
-        now_blocked[at[:, 0], at[:, 1]] = state
-        if unknown is not None:
-            unknown = unknown & (now_blocked == grid.blocked)
-        self.problem = replace(self.problem, grid=replace(grid, blocked=now_blocked, unknown=unknown))
-        flat = (at[:, 0].astype(np.int64) + 1) * self._width + at[:, 1] + 1
-        change(self._free, *self._arrays, flat, ~now_blocked[at[:, 0], at[:, 1]])
+        if state.dtype != np.bool_ or state.shape not in ((), flat.shape):
+            raise BadParameter("blocked", f"{state.dtype}{list(state.shape)}", f"one bool, or {len(flat)}")
+        now_free = np.array(np.broadcast_to(~state, flat.shape))
+        for name, end in zip(("start", "goal"), self._arrays[-1][[START, GOAL]]):
+            if not now_free[flat == end][-1:].all():
+                raise CellBlocked("cells", self._cell(end), f"other than the {name} if they become blocked")
+        change(self._free, *self._arrays, flat, now_free)
+        self._stale = True
 
     def move(self, start: Cell) -> None:
         """Note that the robot stands at `start` now, any free cell.
@@ -136,8 +131,30 @@ class DStarLite:
         ------
         BadParameter, OutOfBounds, CellBlocked
         """
-        self.problem = replace(self.problem, start=start)
-        move(self._arrays[-1], self._flat(self.problem)[0])
+        flat = int(self._flat("start", [start])[0])
+        if not self._free[flat]:
+            raise CellBlocked("start", start, "a free cell; this one is blocked")
+        move(self._arrays[-1], flat)
+        self._stale = True
+
+    def _flat(self, name: str, cells: ArrayLike) -> NDArray[np.int64]:
+        """Return the indices of cells in the padded grid."""
+        try:
+            at = np.asarray(cells)
+        except ValueError:
+            raise BadParameter(name, cells, "cells (row, col)") from None
+        at = np.empty((0, 2), np.int64) if at.size == 0 else at
+        if at.ndim != 2 or at.shape[1] != 2 or not np.issubdtype(at.dtype, np.integer):
+            raise BadParameter(name, cells, "cells (row, col)")
+        rows, cols = self._problem.grid.shape
+        outside = ((at < 0) | (at >= (rows, cols))).any(axis=1)
+        if outside.any():
+            raise OutOfBounds(name, tuple(at[outside][0].tolist()), f"on the map of {rows} rows and {cols} columns")
+        padded = at.astype(np.int64) + 1
+        return padded[:, 0] * self._width + padded[:, 1]
+
+    def _cell(self, flat: int) -> Cell:
+        return int(flat) // self._width - 1, int(flat) % self._width - 1
 
     def plan(self, budget: Budget = Budget()) -> Plan:
         """Return a shortest path on the map as it is now; `expanded` counts this call alone.
@@ -150,10 +167,9 @@ class DStarLite:
         done = False
         while not done and not clock.spent():
             done = compute(self._free, *self._arrays, STEPS)
-        start = self._flat(self.problem)[0]
-        if not done or rhs[start] == INF:
+        if not done or rhs[state[START]] == INF:
             return not_found(done, int(state[EXPANDED]), clock)
         path = np.empty(len(self._free), np.int64)
         n = descend(self._free, self._arrays[0], state, path)
         cells = np.column_stack(np.divmod(path[:n], self._width)) - 1
-        return found(self.problem, cells.astype(np.int32), int(state[EXPANDED]), clock)
+        return found(self._problem, cells.astype(np.int32), int(state[EXPANDED]), clock)
