@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import heapq
 import json
+import math
 import sys
 import time
 from functools import cache
@@ -17,6 +18,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, Moves, Status
+from antway.kernels.pieces import unsafe_departures, unsafe_stay
 from antway.kernels.timed import timeline_pieces
 from antway.search.sipp import Sipp
 from antway.world.timeline import Timeline
@@ -40,24 +42,28 @@ def world(rng: np.random.Generator, resolution: float, density: float) -> tuple[
 
 
 def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: tuple[int, int], timeline: Timeline) -> float:
-    """The peer: SIPP as one writes it in Python, with the same field, intervals found by NumPy, cell by cell as needed."""
-    pieces = naive.course_pieces(timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first, 0.0, np.inf)
-    reach = RADIUS + pieces[:, 6] - 1e-9
-    moves = list(enumerate(search.moves.offsets.tolist()))
+    """The peer: SIPP as one writes it in Python, cell by cell as needed, with the same field and the same compiled tests."""
+    pieces = timeline_pieces(timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first, RADIUS, 0.0, np.inf)
+    moves, work = list(enumerate(search.moves.offsets.tolist())), np.empty(2)
 
     @cache
     def safe(cell: tuple[int, int]) -> list[tuple[float, float]]:
-        low, high = naive.unsafe(centre[cell][None, None], centre[cell][None, None], np.zeros((1, 1)), pieces, reach)
-        return naive.gaps(low[0], high[0], 0.0)
+        return naive.gaps(*zip(*(unsafe_stay(*centre[cell], pieces, p) for p in range(len(pieces)))), 0.0)
 
     @cache
     def leave(cell: tuple[int, int]) -> list[tuple[tuple[int, int], float, list[tuple[float, float]]]]:
-        to = [(cell[0] + dr, cell[1] + dc) for k, (dr, dc) in moves if int(search.mask[cell]) >> k & 1]
-        b = np.array([centre[c] for c in to])[:, None]
-        a = np.broadcast_to(centre[cell], b.shape)
-        duration = np.hypot(*np.moveaxis(b - a, -1, 0)) / SPEED
-        low, high = naive.unsafe(a, b, duration, pieces, reach)
-        return [(c, duration[i, 0], naive.gaps(low[i], high[i], 0.0)) for i, c in enumerate(to)]
+        x, y = centre[cell]
+        found = []
+        for k, (dr, dc) in moves:
+            if int(search.mask[cell]) >> k & 1:
+                to = (cell[0] + dr, cell[1] + dc)
+                dx, dy = centre[to] - centre[cell]
+                duration = math.hypot(dx, dy) / SPEED
+                spans = [
+                    unsafe_departures(x, y, dx / duration, dy / duration, duration, pieces, p, work) for p in range(len(pieces))
+                ]
+                found.append((to, duration, naive.gaps(*zip(*spans), 0.0)))
+        return found
 
     best = {(start, 0): 0.0}
     heap = [(search.field[start], 0.0, start, 0)] if safe(start) and safe(start)[0][0] == 0.0 else []
