@@ -150,8 +150,8 @@ class DStarLite:
         outside = ((at < 0) | (at >= (rows, cols))).any(axis=1)
         if outside.any():
             raise OutOfBounds(name, tuple(at[outside][0].tolist()), f"on the map of {rows} rows and {cols} columns")
-        padded = at.astype(np.int64) + 1
-        return padded[:, 0] * self._width + padded[:, 1]
+        flat: NDArray[np.int64] = (at.astype(np.int64) + 1) @ np.array([self._width, 1])
+        return flat
 
     def _cell(self, flat: int) -> Cell:
         return int(flat) // self._width - 1, int(flat) % self._width - 1
