@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +17,18 @@ from antway.grid import Grid, Moves
 from antway.kernels import track
 from antway.kernels.cycle import KEPT, Plan, Settings, cycle
 from antway.kernels.place import Place
+from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
 from antway.kernels.spacetime import HEAP, LEGS, STATES, Memory
-from antway.kernels.timed import move_field, move_mask
 from antway.kernels.trails import TRAILS, Trails
 from antway.planning import TimedPath, free_cell
-from antway.world.policy import Command, Decision, Observation, RobotSpec, Task
+from antway.search.sipp import timed_field, timed_moves
+from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
 
 _KNOTS = 2048  # of a plan
 _PIECES = 2048  # of all predictions
+_AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
+_NEAR = 0.8  # m; how far from its prediction a track without a name may be found
 
 
 def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
@@ -60,8 +65,8 @@ def make_trails(cells: int, bin: float = 0.5) -> Trails:
 def make_place(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO) -> Place:
     """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them."""
     (x, y, _), size, cols = grid.origin, grid.resolution, grid.shape[1]
-    mask = move_mask(grid.blocked, moves.offsets, robot.radius / size)
-    field = move_field(mask, moves.offsets, moves.lengths, np.array([goal], np.int64)) * (size / robot.v_max)
+    mask = timed_moves(grid, robot.radius, moves)
+    field = timed_field(mask, moves, goal, scale=size / robot.v_max)
     offsets = moves.offsets.astype(np.int64)
     return Place(
         blocked=grid.blocked,
@@ -129,7 +134,7 @@ class AntwayPolicy:
         self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
         chance = checks.number("chance", chance, low=1e-9, high=1.0 - 1e-9)
-        self.quantile = math.sqrt(-2.0 * math.log(chance))  # of the distance of a normal error in two dimensions
+        self.quantile = max(NormalDist().inv_cdf(1.0 - chance), 0.0)  # of the error towards the robot
         self.commitment = checks.number("commitment", commitment, low=0.0, unit="s")
         self.gain = checks.number("gain", gain, low=0.0, open_low=True, unit="s")
         self.tests = checks.integer("tests", tests, low=1)
@@ -199,11 +204,22 @@ class AntwayPolicy:
             self.variance = np.zeros((2 * n, 2))
         variance = self.variance[:n]
         if t.covariance is not None:
-            variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0], t.covariance[:, 2, 2]
+            estimated = np.where(t.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
+            variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0] * estimated, t.covariance[:, 2, 2] * estimated
         else:
             variance[:] = 0.0
         self.count, known = track.update(
-            self.book, self.count, stamp, t.id, t.xy, t.velocity, t.radius, variance, 1.0, 0.8, self.beliefs
+            self.book,
+            self.count,
+            stamp,
+            t.id,
+            t.xy,
+            t.velocity,
+            t.radius,
+            variance,
+            _AGILITY,
+            _NEAR,
+            self.beliefs,
         )
         vx, vy, what, arrival, bound, pieces = cycle(
             self.memory,
@@ -222,12 +238,20 @@ class AntwayPolicy:
         )
         command = Command((vx, vy))
         if self.guard:
-            command = self.guard.limit(o, command)
+            command = self.guard.limit(o if t.covariance is None else self._believed(o, known), command)
         did = self.guard.did if self.guard else ""
         if what != KEPT or did != self.did:
             self.decision = None
             self.now, self.what, self.did, self.arrival, self.bound, self.count_pieces = o, what, did, arrival, bound, pieces
         return command
+
+    def _believed(self, o: Observation, known: int) -> Observation:
+        """Return what is seen, as the filter sees it."""
+        b = self.beliefs[:known]
+        covariance = np.zeros((known, 4, 4))
+        covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
+        covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
+        return replace(o, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], b[:, 2:4], b[:, RADIUS], covariance))
 
     def explain(self) -> Decision:
         """Return why the last command was what it was; the same object for as long as the plan and the guard's part stay."""

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from antway.kernels.jit import kernel
 from antway.kernels.world import first_wall
 
-X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, TURNS = range(8)  # columns of a belief, one row a track
+X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of a belief, one row a track
 MIRRORS = 4  # at most, of one track
-_TIERS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # s; a tube that widens does so in steps
+_TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube that widens does so in steps
+_KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a wider tube would close every way
 
 
 @kernel
@@ -38,8 +39,7 @@ def predict(
     Parameters
     ----------
     beliefs : float64[K, 8]
-        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and how fast the tube of an
-        occasional turner widens (m/s).
+        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's id.
     now, age, horizon : float
         Time now; how old the beliefs are; how far ahead to predict; s.
     margin, quantile : float
@@ -66,7 +66,7 @@ def predict(
         x, y, t, mirrors = x - vx * lag, y - vy * lag, -age - lag, 0
         while t < horizon and n < len(out):
             end = horizon
-            sure = beliefs[k, SIGMA] == 0.0 and beliefs[k, SIGMA_V] == 0.0 and beliefs[k, TURNS] == 0.0
+            sure = beliefs[k, SIGMA] == 0.0 and beliefs[k, SIGMA_V] == 0.0
             if not sure:
                 for tier in _TIERS:
                     if tier > t + 1e-9:
@@ -79,8 +79,8 @@ def predict(
             hit = share <= 1.0 and mirrors < MIRRORS
             until = t + share * (end - t) if hit else end
             if until > t:
-                variance = beliefs[k, SIGMA] ** 2 + (beliefs[k, SIGMA_V] * max(until + age, 0.0)) ** 2
-                wide = margin + quantile * math.sqrt(variance) + beliefs[k, TURNS] * max(until, 0.0)
+                variance = beliefs[k, SIGMA] ** 2 + (beliefs[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
+                wide = margin + quantile * math.sqrt(variance)
                 out[n, 0], out[n, 1] = now + t, now + until
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
                 out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)

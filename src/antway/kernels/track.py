@@ -1,4 +1,4 @@
-"""Beliefs about moving obstacles: a Kalman filter for each track, and what its surprises say.
+"""Beliefs about moving obstacles: a Kalman filter for each track.
 
 Each axis has the state (place, velocity) under white acceleration; both axes share one covariance, because noise and motion
 are alike in x and y (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6).
@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.jit import kernel
-from antway.kernels.predict import RADIUS, SIGMA, SIGMA_V, TURNS, VX, VY, X, Y
+from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 
-ID, T, P11, P12, P22, SURPRISE = range(8, 14)  # columns of a book of tracks after those of a belief
-COLUMNS = 14
-_FORGET = 0.6  # s; how fast a surprise wears off
+ID, T, P11, P12, P22 = range(8, 13)  # columns of a book of tracks after those of a belief
+COLUMNS = 13
 _LOST = 1.0  # s; how long a track is believed in that is not seen
 
 
@@ -62,7 +61,8 @@ def update(
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
         The scan; a name of -1 is found by nearness, a velocity that is NaN is estimated.
     variance : float64[K, 2]
-        Of the places (m^2) and of the velocities (m^2/s^2); 0: exact.
+        Of the places (m^2) and of the velocities (m^2/s^2); 0: exact. Negative: these are estimates of a filter already, with
+        the variances' absolute values, and are taken as they are.
     agility : float
         Standard deviation of the obstacles' acceleration, m/s^2, for the filter.
     near : float
@@ -73,17 +73,16 @@ def update(
     for k in range(len(name)):
         i = _row(book, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
         known = not math.isnan(velocity[k, 0])
-        if i < 0:
-            if count == len(book):
-                i = int(np.argmin(book[:count, T]))  # the one unseen for longest makes room
-            else:
-                i, count = count, count + 1
+        filtered = variance[k, 0] < 0.0
+        if i < 0 or filtered:
+            if i < 0:
+                i = count if count < len(book) else int(np.argmin(book[:count, T]))  # the one unseen for longest makes room
+                count = min(count + 1, len(book))
             book[i, ID], book[i, T] = float(name[k]), t
             book[i, X], book[i, Y] = xy[k, 0], xy[k, 1]
             book[i, VX], book[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
-            book[i, P11], book[i, P12] = variance[k, 0], 0.0
-            book[i, P22] = variance[k, 1] if known else 1.0
-            book[i, SURPRISE] = 0.0
+            book[i, P11], book[i, P12] = abs(variance[k, 0]), 0.0
+            book[i, P22] = abs(variance[k, 1]) if known else 1.0
         else:
             dt = t - book[i, T]
             if dt <= 0.0:
@@ -98,19 +97,21 @@ def update(
             s = p11 + variance[k, 0]
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
             g1, g2 = (p11 / s, p12 / s) if s > 0.0 else (1.0, 0.0)
-            unlikely = math.hypot(rx, ry) > 3.0 * math.sqrt(s) + 0.02
             x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
             p11, p12, p22 = (1 - g1) * p11, (1 - g1) * p12, p22 - g2 * p12
             if known:
                 s = p22 + variance[k, 1]
                 wx, wy = velocity[k, 0] - vx, velocity[k, 1] - vy
-                unlikely = unlikely or math.hypot(wx, wy) > 3.0 * math.sqrt(s) + 0.02
+                jump = math.hypot(wx, wy)
+                if jump > 3.0 * math.sqrt(s) + 0.02:  # it turned since the last scan: its place was predicted wrongly
+                    p11 = min(p11 + (jump * dt) ** 2, variance[k, 0])
+                    if variance[k, 0] < (jump * dt) ** 2:
+                        x, y = xy[k, 0], xy[k, 1]
                 g1, g2 = (p12 / s, p22 / s) if s > 0.0 else (0.0, 1.0)
                 x, y, vx, vy = x + g1 * wx, y + g1 * wy, vx + g2 * wx, vy + g2 * wy
                 p11, p12, p22 = p11 - g1 * p12, (1 - g2) * p12, (1 - g2) * p22
             book[i, X], book[i, Y], book[i, VX], book[i, VY], book[i, T] = x, y, vx, vy, t
             book[i, P11], book[i, P12], book[i, P22] = p11, p12, p22
-            book[i, SURPRISE] = book[i, SURPRISE] * math.exp(-dt / _FORGET) + (1.0 if unlikely else 0.0)
         book[i, RADIUS] = radius[k]
     n, kept = 0, 0
     for i in range(count):
@@ -126,7 +127,7 @@ def update(
         beliefs[n, X], beliefs[n, Y] = b[X] + b[VX] * age, b[Y] + b[VY] * age
         beliefs[n, VX], beliefs[n, VY], beliefs[n, RADIUS] = b[VX], b[VY], b[RADIUS]
         beliefs[n, SIGMA] = math.sqrt(max(b[P11] + 2 * age * b[P12] + age * age * b[P22], 0.0))
-        beliefs[n, SIGMA_V] = math.sqrt(max(book[kept - 1, P22], 0.0))
-        beliefs[n, TURNS] = 0.0
+        beliefs[n, SIGMA_V] = math.sqrt(max(b[P22], 0.0))
+        beliefs[n, NAME] = b[ID]
         n += 1
     return kept, n
