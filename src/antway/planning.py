@@ -140,8 +140,8 @@ class Plan:
     lower_bound : float
         No path is shorter, m; length / lower_bound - 1 is a certified gap.
     points : float64[M, 2] or None
-        For an any-angle path its vertices as real-valued (row, col), integers at cell centres; `cells` then lists the cells
-        of the vertices' neighbourhood from start to goal and `length` is that of the polyline.
+        For an any-angle path its vertices as real-valued (row, col), integers at cell centres; `cells` are then the free cells
+        along it, each a neighbour of eight of the one before, and `length` is that of the polyline.
     """
 
     status: Status
