@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.jit import kernel
 
 CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)
+FLOOR = 1e-150  # an edge that no ant takes keeps this much, so that pheromone is always > 0
 
 
 class Numbers(NamedTuple):
@@ -52,16 +53,16 @@ def persistence(fade: NDArray[np.float64], tau: float, tau_min: float, t: int, e
 
 @kernel
 def evaporate(tau: NDArray[np.float64], fade: NDArray[np.float64], t: int, excess: float) -> None:
-    """tau <- rho tau on all edges (tau: [n, k], in place); see `persistence`."""
+    """tau <- max(rho tau, FLOOR) on all edges (tau: [n, k], in place); see `persistence`."""
     flat = tau.reshape(tau.size)
     if fade[0] == ADAPTIVE or fade[0] == PRINTED:
         tau_min = flat.min()
         for e in range(flat.size):
-            flat[e] *= persistence(fade, flat[e], tau_min, t, excess)
+            flat[e] = max(flat[e] * persistence(fade, flat[e], tau_min, t, excess), FLOOR)
     else:
         rho = persistence(fade, 1.0, 1.0, t, excess)
         for e in range(flat.size):
-            flat[e] *= rho
+            flat[e] = max(flat[e] * rho, FLOOR)
 
 
 @kernel
@@ -69,7 +70,8 @@ def limits(numbers: Numbers, rho: float, best: float, nodes: int, choices: float
     """Return MMAS's (tau_min, tau_max) for a best length > 0 in `nodes` steps of `choices` alternatives on average.
 
     rho is that of the strongest edge; a colony that forgets less than 1/1000 a cycle has the limits of one that forgets that.
-    tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p), p = p_best ** (1 / nodes) (Stuetzle, Hoos 2000).
+    tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p) with p = p_best ** (1 / nodes)
+    (Stuetzle, Hoos 2000).
     """
     tau_max = numbers.q / (max(1.0 - rho, 1e-3) * best)
     p = numbers.p_best ** (1.0 / nodes)

@@ -15,6 +15,7 @@ from antway.kernels.local_search import LOGGED, Search, flip, improve, push, set
 from antway.kernels.tour import Cities, Floats, Ids, Index, column, distance
 
 BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
+TINY, HUGE = np.float32(1e-30), np.float32(1e30)  # between them float32 multiplies without underflow or overflow
 
 
 class Colony(NamedTuple):
@@ -75,7 +76,7 @@ def choose(
         # A product in place of a branch: which candidates are left is hard to predict.
         total += row[c] * np.float32(place[to[c]] >= t)
         sums[c] = total
-    if not total > np.float32(0.0):
+    if not TINY < total < HUGE:
         return -1
     # 23 random bits: their largest product with the total is still below it.
     draw = np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * total
@@ -241,7 +242,7 @@ def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, searc
             if 3 <= q <= 2 * window:
                 weight += colony.weight[u, c]
             sums[c] = weight
-        if not weight > np.float32(0.0):
+        if not TINY < weight < HUGE:
             continue
         draw = np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * weight
         c = 0
