@@ -130,7 +130,7 @@ def run_command(
     json: Json = False,
 ) -> int:
     """Take a robot through a scenario; exit status 5 on a contact."""
-    from antway import run
+    from antway import check_episode, run
     from antway.demo import scene, summary, write_episode
     from antway.view.figures import shortest
 
@@ -140,6 +140,7 @@ def run_command(
         if out is not None:
             numbers = write_episode(result, out)
         else:
+            check_episode(result)
             numbers = {"scenario": place.name, "policy": policy, **summary(result, shortest(place.task))}
     if json:
         print_json(numbers)

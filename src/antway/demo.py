@@ -13,6 +13,7 @@ from antway import checks
 from antway.planning import Plan, Problem
 from antway.scenes import SCENES
 from antway.scenes import scene as shipped_scene
+from antway.verify import check_episode
 from antway.world.episode import EpisodeResult, run
 from antway.world.scenario import Scenario, load_scenario
 
@@ -60,6 +61,7 @@ def write_episode(result: EpisodeResult, folder: Path, said: Callable[[str], Non
 
     trace = result.trace
     assert trace is not None, "the episode was run without a record"
+    check_episode(result)
     folder.mkdir(parents=True, exist_ok=True)
     path = figures.shortest(trace.task)
     numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, path)}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib as mpl
 import numpy as np
@@ -97,7 +97,7 @@ def map_size(grid: Grid, *, width: float = 6.4, extra: float = 1.35) -> tuple[fl
     ratio = (high[1] - low[1]) / (high[0] - low[0])
     height = (width - 0.8) * ratio
     if height > 6.4:
-        width, height = max(4.8, 6.4 / ratio + 0.8), 6.4
+        width, height = max(5.2, 6.4 / ratio + 0.8), 6.4
     return width, max(height, 1.2) + extra
 
 
@@ -124,7 +124,8 @@ def draw_map(axes: Axes, grid: Grid) -> None:
     low, high = _corners(grid)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)", aspect="equal")
     shape = (high[1] - low[1]) / (high[0] - low[0])
-    for axis, inches in (("x", 5.6 / max(1.0, shape)), ("y", 5.6 * min(1.0, shape))):
+    ticks: tuple[tuple[Literal["x", "y"], float], ...] = (("x", 5.6 / max(1.0, shape)), ("y", 5.6 * min(1.0, shape)))
+    for axis, inches in ticks:
         axes.locator_params(axis, nbins=max(1, min(8, int(2.2 * inches))), steps=[1, 2, 5, 10])
 
 
