@@ -72,7 +72,7 @@ def test_no_step_tunnels() -> None:
         line.knot_t, line.knot_xy, line.first, line.radius,
     )  # fmt: skip
     assert (what, who) == (1, 0) and t[1] == pytest.approx((200.0 - 0.5) / 200.0, abs=1e-12)
-    assert clearance == pytest.approx(-0.5) and xy[1, 0] == pytest.approx(100.5 + 100 * t[1])
+    assert clearance == pytest.approx(0.0, abs=1e-9) and xy[1, 0] == pytest.approx(100.5 + 100 * t[1])
 
 
 def test_world_refuses_what_is_no_world() -> None:

@@ -112,7 +112,7 @@ def advance(
     who : int
         Index of the obstacle touched, else -1.
     clearance : float
-        Least distance between robot and obstacle edges in this step, m; infinite without obstacles.
+        Least distance between robot and obstacle edges up to row i + 1, m; infinite without obstacles.
     """
     vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, robot, dt)
     t0, t1 = t[i], (i + 1) * dt
@@ -138,6 +138,11 @@ def advance(
     if what != GOES_ON:
         when = max(when, np.nextafter(t0, math.inf))
         bx, by = ax + vx * (when - t0), ay + vy * (when - t0)
+        clearance = math.inf
+        for k in range(len(radius)):
+            reach = robot[4] + radius[k]
+            _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, reach, knot_t, knot_xy, first[k], first[k + 1])
+            clearance = min(clearance, distance - reach)
     t[i + 1] = when
     xy[i + 1, 0], xy[i + 1, 1] = bx, by
     velocity[i + 1, 0], velocity[i + 1, 1] = vx, vy

@@ -1,0 +1,252 @@
+"""Episodes: exact outcomes, clean ends of faulty policies, a verifier that kills, the same bytes for the same seed."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import antway
+from antway import BadParameter, BadScenario, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
+from antway.kernels.rng import stream
+from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay
+from antway.world.policy import Command, Decision
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
+from common import cases
+
+ROOM = Grid(np.zeros((40, 60), dtype=bool), 0.25)
+
+
+class Steer:
+    """Drives by a function of the observation."""
+
+    def __init__(self, velocity) -> None:
+        self.velocity, self.decision = velocity, Decision("follow", "as told")
+
+    def reset(self, task, seed) -> None:
+        self.task = task
+
+    def act(self, observation):
+        velocity = self.velocity(observation)
+        return None if velocity is None else Command(velocity)
+
+    def explain(self):
+        return self.decision
+
+
+def crossing(*obstacles: Obstacle, goal=(14.0, 5.0), **changes) -> Scenario:
+    return Scenario(World(ROOM, obstacles), (1.0, 5.0), goal, horizon=20.0, **changes)
+
+
+def east(observation):
+    return (1.0, 0.0)
+
+
+def random_scenario(seed: int) -> Scenario:
+    rng = np.random.default_rng(seed)
+    places = [tuple(p) for p in rng.uniform((2.5, 0.5), (14.5, 9.5), (6, 2))]
+    kinds = (Bounce, RandomWalk)
+    obstacles = [Obstacle(0.3, kinds[i % 2](p, (0.3, 0.9))) for i, p in enumerate(places)]
+    robot = RobotSpec(
+        a_max=[math.inf, 2.0][seed % 2], drive=["holonomic", "differential"][seed // 2 % 2], dt=[0.1, 0.05][seed // 4 % 2]
+    )
+    sensor = Sensor(noise=0.02 * (seed % 3), dropout=0.1 * (seed % 2), latency=0.1 * (seed % 2))
+    return crossing(*obstacles, robot=robot, sensor=sensor, name=f"random {seed}")
+
+
+def test_outcomes_and_their_instants_are_exact() -> None:
+    """Goal, moving and standing contact, wall and horizon end an episode at the computed instant."""
+    done = run(crossing(), Steer(east))
+    assert (
+        done.outcome is Outcome.REACHED and done.time == pytest.approx(12.8, abs=1e-12) and done.length == pytest.approx(12.8)
+    )
+    head_on = crossing(Obstacle(0.4, Line((12.0, 5.0), (0.5, 5.0), speed=1.0)))
+    hit = run(head_on, Steer(east))
+    assert hit.outcome is Outcome.HIT_MOVING and hit.time == pytest.approx((11.0 - 0.7) / 2, abs=1e-9)
+    stood = run(head_on, Steer(lambda o: (0.0, 0.0)))
+    assert stood.outcome is Outcome.HIT_STANDING and stood.time == pytest.approx(10.3, abs=1e-9) and stood.waits == 1
+    wall = run(crossing(), Steer(lambda o: (0.0, 1.0)))
+    assert wall.outcome is Outcome.HIT_WALL and wall.time == pytest.approx(4.7, abs=1e-8)
+    late = run(crossing(), Steer(lambda o: (0.0, 0.0)), horizon=3.0)
+    assert late.outcome is Outcome.TIMEOUT and late.time == pytest.approx(3.0)
+    near = run(crossing(goal=(1.1, 5.0)), Steer(east))
+    assert near.outcome is Outcome.REACHED and near.time == 0.0 and len(near.trace) == 0
+    for result in (done, hit, stood, wall, late, near):
+        check_episode(result)
+    assert run(crossing(), Steer(east), record=False).trace is None
+
+
+def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:
+    """An exception brakes the robot and names itself; None and NaN mean stop; Ctrl-C passes."""
+
+    def breaks(observation):
+        if observation.t > 1.0:
+            raise RuntimeError("lost the way")
+        return (1.0, 0.0)
+
+    result = run(crossing(robot=RobotSpec(a_max=1.0)), Steer(breaks))
+    assert result.outcome is Outcome.ERROR and "RuntimeError: lost the way" in result.reason
+    assert np.hypot(*result.trace.velocity[-1]) < 1e-9 and result.time < 2.5
+    check_episode(result)
+
+    class Unready(Steer):
+        def reset(self, task, seed):
+            raise ValueError("no map")
+
+    assert run(crossing(), Unready(east)).reason == "Unready at reset: ValueError: no map"
+    for nothing in (None, (math.nan, 0.0), (math.inf, 1.0)):
+        still = run(crossing(), Steer(lambda o, nothing=nothing: nothing), horizon=1.0)
+        assert still.outcome is Outcome.TIMEOUT and still.length == 0.0
+    wrong = run(crossing(), Steer(lambda o: "east"), horizon=1.0)
+    assert wrong.outcome is Outcome.ERROR and "ValueError" in wrong.reason
+
+    def interrupts(observation):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(crossing(), Steer(interrupts))
+
+
+def test_a_guard_stands_between_policy_and_robot() -> None:
+    """What the guard returns is what the robot drives."""
+
+    class Half:
+        def reset(self, task):
+            self.task = task
+
+        def limit(self, observation, command):
+            return Command((command.velocity[0] / 2, 0.0))
+
+    result = run(crossing(), Steer(east), guard=Half(), horizon=2.0)
+    assert result.length == pytest.approx(1.0) and result.config["guard"] == "Half"
+
+
+def test_wrong_arguments_are_refused() -> None:
+    """Wrong scenario, seed, horizon, policy, or an obstacle upon the robot raise the typed error."""
+    for bad in ({"seed": -1}, {"seed": 1.5}, {"horizon": 0.0}, {"horizon": math.nan}, {"policy": "nobody"}):
+        with pytest.raises(BadParameter):
+            run(crossing(), **({"policy": Steer(east)} | bad))
+    with pytest.raises(BadParameter):
+        run("crossing", Steer(east))
+    with pytest.raises(BadScenario, match=r"obstacles\[0\]"):
+        run(crossing(Obstacle(0.3, Line((1.2, 5.0), (3, 5), 1.0))), Steer(east))
+
+
+def test_random_episodes_pass_the_verifier_and_replay() -> None:
+    """Whatever happens, the trace obeys the rules; driven again by its commands every state is the same."""
+    outcomes = set()
+    for seed in range(cases(24, 500)):
+        scenario = random_scenario(seed)
+        angle = np.random.default_rng(seed).uniform(-0.7, 0.7, 400)
+        wander = Steer(lambda o, a=angle: (math.cos(a[int(o.t)]), math.sin(a[int(o.t)])))
+        try:
+            result = run(scenario, wander, seed=seed)
+        except BadScenario:
+            continue  # an obstacle drawn upon the robot
+        check_episode(result)
+        outcomes.add(result.outcome)
+        trace = result.trace
+        courses = [trace.timeline.course(k) for k in range(len(trace.timeline))]
+        again = [Replay(tuple(t.tolist()), tuple(map(tuple, xy.tolist()))) for t, xy in courses]
+        world = World(ROOM, [Obstacle(float(r), m) for r, m in zip(trace.obstacle_radius, again)])
+        commands = iter(trace.command.tolist())
+        replay = run(replace(scenario, world=world), Steer(lambda o, c=commands: tuple(next(c))), seed=seed).trace
+        for name in ("t", "xy", "velocity", "heading", "sensed", "obstacle_xy"):
+            assert getattr(replay, name).tobytes() == getattr(trace, name).tobytes(), name
+    assert len(outcomes) >= 3
+
+
+def test_the_verifier_kills_broken_episodes() -> None:
+    """Every way of breaking a legal episode is refused."""
+    result = run(crossing(Obstacle(0.3, BackAndForth((8.0, 1.0), (8.0, 9.0), 0.5))), Steer(east), horizon=10.0)
+    check_episode(result)
+    trace = result.trace
+
+    def bent(name: str, row: int, value) -> dict:
+        array = getattr(trace, name).copy()
+        array[row] = value
+        return {name: array}
+
+    n = len(trace)
+    through = trace.timeline.knot_xy.copy()
+    through[:] = trace.xy[n // 2]
+    breaks = [
+        bent("xy", 5, (3.0, 3.0)),
+        bent("xy", 0, (1.0, 5.5)),
+        bent("xy", 7, math.nan),
+        bent("t", 9, 0.85),
+        bent("t", 3, 0.2),
+        bent("velocity", 4, (3.0, 0.0)),
+        {"outcome": Outcome.REACHED},
+        {"outcome": Outcome.HIT_STANDING},
+        {"outcome": Outcome.HIT_WALL},
+        {"command": trace.command[:-1]},
+        {"timeline": replace(trace.timeline, knot_xy=through)},
+        {"task": replace(trace.task, robot=replace(trace.task.robot, v_max=0.5))},
+        {"task": replace(trace.task, robot=replace(trace.task.robot, a_max=0.5))},
+        {"task": replace(trace.task, robot=replace(trace.task.robot, radius=6.0))},
+        {"task": replace(trace.task, goal=tuple(trace.xy[n // 2].tolist()))},
+        {"outcome": Outcome.TIMEOUT, "config": {"horizon": 50.0}},
+        {"decisions": ((n + 1, Decision("follow", "late")),)},
+    ]
+    for change in breaks:
+        with pytest.raises(InvalidPlan):
+            check_episode(replace(trace, **change))
+    for change in ({"time": 3.0}, {"length": 1.0}, {"min_clearance": 9.0}, {"seed": 5}, {"trace": None}):
+        with pytest.raises(InvalidPlan):
+            check_episode(replace(result, **change))
+
+
+SCRIPT = """
+import sys
+sys.path[:0] = [{tests!r}]
+from test_episode import random_scenario, digests
+print("\\n".join(digests()))
+"""
+
+
+def digests() -> list[str]:
+    out = []
+    for seed in (0, 1, 3, 4, 6, 8, 9, 10, 11, 13, 14, 15):
+        try:
+            out.append(run(random_scenario(seed), "paper", seed=seed, horizon=10.0).trace.digest())
+        except BadScenario as error:
+            out.append(str(error))
+    return out
+
+
+def test_two_processes_give_the_same_bytes(tmp_path: Path) -> None:
+    """Another process with another hash seed, time zone, locale and directory gets identical traces."""
+    here = digests()
+    assert sum(len(d) == 64 for d in here) >= 10
+    env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C"}
+    script = SCRIPT.format(tests=str(Path(__file__).parent))
+    there = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True, check=True)
+    assert there.stdout.split("\n")[:-1] == here
+
+
+def test_global_randomness_is_untouched() -> None:
+    """No public call moves the states of `random` and `numpy.random`."""
+    random.seed(1)
+    np.random.seed(1)  # noqa: NPY002
+    before = random.getstate(), np.random.get_state()[1].tobytes()  # noqa: NPY002
+    run(random_scenario(0), "paper", horizon=5.0)
+    stream(np.uint64(1), np.uint64(2))
+    assert (random.getstate(), np.random.get_state()[1].tobytes()) == before  # noqa: NPY002
+
+
+def test_importing_antway_is_light() -> None:
+    """`import antway` brings neither numba nor matplotlib nor scipy, sets up no logging and writes no file."""
+    code = "import sys, antway, logging; assert not logging.root.handlers; " + (
+        "print([m for m in ('numba', 'matplotlib', 'scipy', 'PIL', 'yaml', 'typer') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]" and antway.__version__

@@ -1,0 +1,182 @@
+"""Scenario files: round trips, and errors that name the file, the table and the key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import BadInput, BadParameter, BadScenario, CellBlocked, Grid, RobotSpec, Scenario, World, load_scenario, run
+from antway.scenes import SCENES, scene
+from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
+from antway.world.scenario import save_scenario, to_toml
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
+from common import cases
+
+GOOD = """
+name = "hall"
+map = "hall.txt"
+start = [1.5, 1.5]
+goal = [8.5, 1.5]
+[robot]
+radius = 0.3
+[sensor]
+noise = 0.01
+[[obstacles]]
+radius = 0.3
+motion = "line"
+start = [5, 5]
+end = [5, 1]
+speed = [0.2, 0.4]
+[[obstacles]]
+radius = 0.2
+motion = "replay"
+file = "track.csv"
+"""
+
+
+@pytest.fixture
+def hall(tmp_path: Path) -> Path:
+    (tmp_path / "hall.txt").write_text("..........\n" * 10)
+    (tmp_path / "track.csv").write_text("0,2,7\n1,3,7\n5.5,4,8\n")
+    (tmp_path / "hall.toml").write_text(GOOD)
+    return tmp_path / "hall.toml"
+
+
+def test_a_scenario_file_is_read(hall: Path) -> None:
+    """Every key arrives where it belongs; what is left out has its default."""
+    scenario = load_scenario(hall)
+    assert scenario.robot == RobotSpec(radius=0.3) and scenario.sensor == Sensor(noise=0.01) and scenario.horizon == 60.0
+    assert scenario.world.obstacles[0] == Obstacle(0.3, Line((5, 5), (5, 1), (0.2, 0.4)))
+    assert scenario.world.obstacles[1].motion == Replay((0, 1, 5.5), ((2, 7), (3, 7), (4, 8)))
+
+
+def test_round_trips(tmp_path: Path) -> None:
+    """A random scenario saved and loaded is the same, plays the same, and saved again has the same bytes."""
+    rng = np.random.default_rng(4)
+    for case in range(cases(5, 200)):
+        grid = Grid(np.zeros((20, 20), dtype=bool), 0.5, (-1.0, 2.5, 0.0))
+        p = [tuple(q) for q in rng.uniform((2, 4), (8, 11), (5, 2))]
+        kinds = [
+            Line(p[0], p[1], (0.1, rng.random() + 0.2)),
+            Waypoints(tuple(p), rng.random() + 0.1, loop=False, pause=0.25),
+            Bounce(p[2], 0.5),
+            RandomWalk(p[3], 0.5, turn_every=2.0),
+            Replay((0.0, rng.random() + 0.1), (p[0], p[3])),
+        ]
+        scenario = Scenario(
+            World(grid, [Obstacle(rng.random() + 0.05, kind) for kind in kinds]),
+            (0.0, 3.5),
+            (8.0, 11.0),
+            RobotSpec(a_max=rng.random() + 1),
+            Sensor(latency=rng.random()),
+            name='a "name"\n',
+            seed=case,
+        )
+        save_scenario(scenario, tmp_path / "one.toml")
+        back = load_scenario(tmp_path / "one.toml")
+        assert to_toml(back).replace("one_map.yaml", "") == to_toml(scenario)
+        assert np.array_equal(back.world.grid.blocked, grid.blocked) and back.world.grid.origin == grid.origin
+        first = (tmp_path / "one.toml").read_bytes()
+        save_scenario(back, tmp_path / "one.toml")
+        assert (tmp_path / "one.toml").read_bytes() == first
+        lines = [s.world.timeline(case, 20.0) for s in (scenario, back)]
+        assert lines[0].knot_xy.tobytes() == lines[1].knot_xy.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ("radius = 0.3\n[sensor]", "radius = -0.3\n[sensor]", r"robot\.radius = -0.3"),
+        ("radius = 0.3\n[sensor]", 'radius = "big"\n[sensor]', r"robot\.radius"),
+        ("noise = 0.01", "nois = 0.01", r"sensor\.nois .*the keys are period"),
+        ("noise = 0.01", "noise = nan", r"sensor\.noise"),
+        ("speed = [0.2, 0.4]", "speed = [0.4, 0.2]", r"obstacles\[0\]\.speed"),
+        ("speed = [0.2, 0.4]", "speed = true", r"obstacles\[0\]\.speed"),
+        ("speed = [0.2, 0.4]", "", r"obstacles\[0\]\.speed = None: must be given"),
+        ("end = [5, 1]", "end = [5]", r"obstacles\[0\]\.end"),
+        ('motion = "line"', 'motion = "fly"', r"obstacles\[0\]\.motion .*line, back-and-forth"),
+        ("radius = 0.2", "", r"obstacles\[1\]\.radius"),
+        ("track.csv", "../track.csv", r"obstacles\[1\]\.file"),
+        ("track.csv", "hall.txt", r"obstacles\[1\]\.file"),
+        ("hall.txt", "/etc/passwd", "map"),
+        ("hall.txt", "../hall.txt", "map"),
+        ("hall.txt", "none.txt", "map"),
+        ("start = [1.5, 1.5]", "start = [99, 1.5]", "start"),
+        ("start = [1.5, 1.5]", "start = [0.1, 1.5]", "start"),
+        ("start = [1.5, 1.5]", "", "start = None"),
+        ('name = "hall"', "name = 3", "name"),
+        ('name = "hall"', "horizon = 0", "horizon"),
+        ('name = "hall"', "seed = 1.5", "seed"),
+        ('name = "hall"', "horizon = 1e9", "horizon"),
+        ('name = "hall"', "color = 1", "color .*the keys are name, map"),
+        ("[robot]", "[[robot]]", "robot"),
+        ("[[obstacles]]\nradius = 0.3", "[obstacles]\nradius = 0.3", "."),
+        ("[sensor]", "[sensor", "scenario"),
+    ],
+)
+def test_wrong_files_are_refused_by_name(hall: Path, old: str, new: str, field: str) -> None:
+    """Each fault raises an error that names the file, the table and the key."""
+    assert old in GOOD
+    hall.write_text(GOOD.replace(old, new, 1))
+    with pytest.raises(BadInput, match=field) as caught:
+        load_scenario(hall)
+    assert "hall.toml" in str(caught.value)
+
+
+def test_links_out_of_the_folder_are_refused(hall: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A link that leads out of the scenario's folder is not followed."""
+    outside = tmp_path_factory.mktemp("outside") / "map.txt"
+    outside.write_text("..........\n" * 10)
+    (hall.parent / "hall.txt").unlink()
+    (hall.parent / "hall.txt").symlink_to(outside)
+    with pytest.raises(BadScenario, match="map"):
+        load_scenario(hall)
+
+
+def test_mutated_files_end_in_the_typed_error(hall: Path) -> None:
+    """Any change of bytes gives a scenario or a BadInput."""
+    rng = np.random.default_rng(11)
+    good = GOOD.encode()
+    for _ in range(cases(200, 20_000)):
+        data = bytearray(good)
+        for _ in range(rng.integers(1, 4)):
+            at = int(rng.integers(len(data)))
+            data[at : at + int(rng.integers(0, 3))] = bytes(rng.integers(0, 256, rng.integers(0, 3)).tolist())
+        hall.write_bytes(data)
+        try:
+            load_scenario(hall)
+        except BadInput as error:
+            assert str(error)
+
+
+def test_scenarios_in_python_are_checked() -> None:
+    """Ends in walls and wrong parts raise the typed error."""
+    blocked = np.zeros((10, 10), dtype=bool)
+    blocked[5, 5] = True
+    world = World(Grid(blocked))
+    for end in ((5.5, 5.5), (4.8, 5.5), (0.2, 5.0)):
+        with pytest.raises(CellBlocked, match="goal"):
+            Scenario(world, (1.0, 1.0), end)
+    for wrong in ({"horizon": -1}, {"seed": -1}, {"goal_tolerance": 0.0}, {"sensor": None}, {"name": 3}):
+        with pytest.raises(BadParameter, match=next(iter(wrong))):
+            Scenario(world, (1.0, 1.0), (9.0, 9.0), **wrong)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_shipped_scenes_load(name: str) -> None:
+    """Each shipped scene is a legal scenario whose obstacles keep clear of walls for its whole time."""
+    scenario = load_scenario(scene(name))
+    assert scenario.name == name
+    line = scenario.world.timeline(0, scenario.horizon)
+    grid = scenario.world.grid
+    clearance = grid.clearance()
+    for t in np.linspace(0, scenario.horizon, 300):
+        for place, radius in zip(line.at(t)[0], line.radius):
+            assert clearance[grid.cell_at(place)] >= radius - grid.resolution * 0.75, (name, place)
+    with pytest.raises(BadParameter):
+        scene("moon")
+    with pytest.raises(BadParameter):
+        run(scenario, "nobody")

@@ -1,0 +1,172 @@
+"""Traces: the file gives back every bit, and damage is refused with the file and key named."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import BadInput, BadScenario, Grid, Outcome, RobotSpec, Task, TimedPath
+from antway.world.policy import Decision
+from antway.world.timeline import Timeline
+from antway.world.trace import Trace
+from common import cases
+
+
+def sample(seed: int = 0) -> Trace:
+    rng = np.random.default_rng(seed)
+    n = 6
+    decision = Decision(
+        "avoid",
+        'a reason with "quotes" and ü',
+        obstacle=3,
+        local_target=(1.5, 2.0),
+        path=TimedPath(np.array([0.0, 1.0]), rng.random((2, 2))),
+        alternatives=(("wait", math.inf), ("avoid", 0.1)),
+        pheromone=(1, 2, rng.random((3, 4)).astype(np.float32)),
+        history=rng.random((2, 4)),
+    )
+    return Trace(
+        Task(Grid(rng.random((5, 6)) < 0.3, 0.5), RobotSpec(), (1.0, 1.0), (2.0, 2.0)),
+        "paper",
+        2**64 - 1,
+        "sample",
+        np.arange(n + 1) * 0.1,
+        rng.random((n + 1, 2)),
+        rng.random((n + 1, 2)),
+        rng.random(n + 1),
+        np.where(rng.random((n, 2)) < 0.2, math.nan, rng.random((n, 2))),
+        Timeline.of([3, 9], [0.3, 0.4], [([0, 1, 2.5], [(0, 0), (1, 0), (1, 1)]), ([0], [(3, 3)])]),
+        rng.random((n + 1, 2)) < 0.5,
+        ((0, Decision("follow", "go")), (3, decision)),
+        rng.random(n),
+        Outcome.TIMEOUT,
+        "why",
+        {"horizon": 1.0},
+    )
+
+
+def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
+    """Saved and loaded, every array, decision and number is the same, and the digest with it."""
+    trace = sample()
+    trace.save(tmp_path / "trace.json")
+    back = Trace.load(tmp_path / "trace.json")
+    for name in (
+        "t",
+        "xy",
+        "velocity",
+        "heading",
+        "command",
+        "sensed",
+        "cycle_ms",
+        "obstacle_xy",
+        "obstacle_id",
+        "obstacle_radius",
+    ):
+        assert getattr(back, name).tobytes() == getattr(trace, name).tobytes(), name
+    assert back.digest() == trace.digest() and back.task.grid == trace.task.grid and back.task.robot == trace.task.robot
+    assert (back.policy, back.seed, back.scenario, back.outcome, back.config) == (
+        "paper",
+        2**64 - 1,
+        "sample",
+        Outcome.TIMEOUT,
+        {"horizon": 1.0},
+    )
+    step, decision = back.decisions[1]
+    assert step == 3 and decision.alternatives[0] == ("wait", math.inf) and decision.pheromone[2].dtype == np.float32
+    assert decision.pheromone[2].tobytes() == trace.decisions[1][1].pheromone[2].tobytes()
+    assert back.decision_at(2).action == "follow" and back.decision_at(5).action == "avoid"
+    back.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "trace.json").read_bytes()
+
+
+def test_a_digest_sees_every_bit_but_the_clock() -> None:
+    """One changed bit changes the digest; the policy's wall time does not."""
+    trace = sample()
+    same = sample()
+    object.__setattr__(same, "cycle_ms", same.cycle_ms + 1)
+    assert same.digest() == trace.digest()
+    xy = trace.xy.copy()
+    xy[2, 0] = np.nextafter(xy[2, 0], 2)
+    object.__setattr__(same, "xy", xy)
+    assert same.digest() != trace.digest()
+
+
+def test_damage_is_refused(tmp_path: Path) -> None:
+    """Mutated bytes, cut files and wrong values give the typed error or a legal trace, never another exception."""
+    path = tmp_path / "trace.json"
+    sample().save(path)
+    good = path.read_bytes()
+    rng = np.random.default_rng(7)
+    for _ in range(cases(300, 20_000)):
+        data = bytearray(good)
+        kind = rng.integers(4)
+        at = int(rng.integers(len(data)))
+        if kind == 0:
+            data[at] ^= 1 << int(rng.integers(8))
+        elif kind == 1:
+            del data[at : at + int(rng.integers(1, 50))]
+        elif kind == 2:
+            data[at:at] = bytes(rng.integers(0, 256, 5).tolist())
+        else:
+            del data[at:]
+        path.write_bytes(data)
+        try:
+            Trace.load(path)
+        except BadInput as error:
+            assert str(path) in str(error) or "trace" in str(error)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("format", "other"),
+        ("version", 2),
+        ("t", [0, "a"]),
+        ("xy", [[0, 0]]),
+        ("outcome", "won"),
+        ("seed", -1),
+        ("timeline", {"id": [1]}),
+        ("sensed", {"dtype": "|b1", "shape": [10**9, 10**9], "zlib": ""}),
+        ("sensed", {"dtype": "<f8", "shape": [7, 2], "zlib": ""}),
+        ("decisions", [{"step": 0}]),
+        ("decisions", 3),
+        ("task", None),
+    ],
+)
+def test_wrong_values_are_named(tmp_path: Path, key: str, value: object) -> None:
+    """A wrong value raises an error that names the file and the key."""
+    path = tmp_path / "trace.json"
+    sample().save(path)
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps(record | {key: value}))
+    with pytest.raises(BadInput, match=key) as caught:
+        Trace.load(path)
+    assert str(path) in str(caught.value)
+
+
+def test_no_file_is_a_typed_error(tmp_path: Path) -> None:
+    """A missing file, a folder and deep nesting are refused."""
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    (tmp_path / "list.json").write_text("[]")
+    for name in ("none.json", ".", "deep.json", "list.json"):
+        with pytest.raises(BadScenario):
+            Trace.load(tmp_path / name)
+
+
+def test_timelines_refuse_what_does_not_fit() -> None:
+    """Ids twice, radii not above 0, times that do not increase and misfit arrays are refused."""
+    knots = [([0.0, 1.0], [(0, 0), (1, 0)])]
+    for wrong in (
+        lambda: Timeline.of([1, 1], [0.3, 0.3], knots * 2),
+        lambda: Timeline.of([1], [0.0], knots),
+        lambda: Timeline.of([1], [0.3], [([1.0, 1.0], [(0, 0), (1, 0)])]),
+        lambda: Timeline.of([1], [0.3], [([0.0, math.nan], [(0, 0), (1, 0)])]),
+        lambda: Timeline.of([1], [0.3], [([0.0], [(0, 0), (1, 0)])]),
+        lambda: Timeline.of([1], [0.3], [([], [])]),
+    ):
+        with pytest.raises(BadScenario, match="timeline"):
+            wrong()
