@@ -54,6 +54,10 @@ class BadScenario(BadInput):
     """A scenario, track or trace file that cannot be read."""
 
 
+class BadResults(BadInput):
+    """A results file that is none, is damaged, of another schema, or cannot be written."""
+
+
 class BadParameter(BadInput):
     """A number, name or array argument outside what it may be."""
 

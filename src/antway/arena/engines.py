@@ -1,0 +1,299 @@
+"""Play episodes on many processes: local ones, or those of a Ray cluster. The driver alone writes the results."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any, cast
+
+import antway
+from antway import checks
+from antway.arena import metrics
+from antway.arena.store import Results, Row
+from antway.arena.suites import Episode, stage
+from antway.errors import BadParameter
+from antway.world.episode import run
+from antway.world.policy import Policy, make_policy
+from antway.world.trace import Outcome
+
+PATIENCE = 120.0  # s of wall time after which an episode is given up
+ENGINES = ("local", "ray")
+Answer = tuple[Row, str]  # and the JSON of the trace of one that failed, else empty
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One episode to be played by one policy."""
+
+    episode: Episode
+    policy: str
+
+    @property
+    def key(self) -> tuple[str, str, str, int, str]:
+        """The key of its row."""
+        return self.episode.suite, self.episode.name, self.policy, self.episode.seed, antway.__version__
+
+    def failed(self, outcome: Outcome, reason: str) -> Answer:
+        """Return the row of an episode that nothing came of."""
+        return Row(*self.key, self.episode.group, outcome.value, reason), ""
+
+
+def load_policy(spec: str) -> Policy:
+    """Return a new policy: NAME as for `make_policy`, or MODULE:CLASS, either followed by /OPTION=VALUE as often as needed.
+
+    Raises
+    ------
+    BadParameter
+        For what is none of these.
+
+    Examples
+    --------
+    >>> type(load_policy("sipp/predictions=mirrored/margin=0.1")).__name__
+    'Sipp'
+    """
+    name, *parts = checks.instance("policy", spec, str).split("/")
+    options: dict[str, Any] = {}
+    for part in parts:
+        key, equals, text = part.partition("=")
+        if not key.isidentifier() or not equals:
+            raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE for each option")
+        try:
+            options[key] = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            options[key] = text
+    module, colon, kind = name.partition(":")
+    try:
+        if not colon:
+            return make_policy(name, **options)
+        return cast(Policy, getattr(importlib.import_module(module), kind)(**options))
+    except (ImportError, AttributeError) as error:
+        raise BadParameter("policy", spec, f"the name of a policy that can be imported; {error}") from None
+    except TypeError as error:
+        raise BadParameter("policy", spec, f"a policy with options that it has; {error}") from None
+
+
+def play(job: Job) -> Answer:
+    """Play an episode and measure it; never raises for what a policy does."""
+    episode = job.episode
+    scenario, facts = stage(episode)
+    result = run(scenario, load_policy(job.policy), seed=episode.seed)
+    trace = result.trace
+    assert trace is not None
+    row = Row(
+        *job.key,
+        group=episode.group,
+        outcome=result.outcome.value,
+        reason=result.reason,
+        time=result.time,
+        length=result.length,
+        clearance=result.min_clearance,
+        discomfort=metrics.discomfort(trace),
+        flips=metrics.side_flips(trace),
+        replans=result.replans,
+        waits=result.waits,
+        jerk=metrics.jerk(trace),
+        bound=facts.bound,
+        shortest=facts.shortest,
+        survival=facts.survival,
+        cycle_p50=result.cycle(50),
+        cycle_p99=result.cycle(99),
+        cycle_max=result.cycle(100),
+    )
+    if result.reached:
+        return row, ""
+    from antway.world.tracefile import to_json
+
+    return row, to_json(trace)
+
+
+def bench(
+    jobs: Iterable[Job],
+    results: Results,
+    *,
+    engine: str = "local",
+    workers: int = 1,
+    patience: float = PATIENCE,
+    done: Callable[[Row | None], None] = lambda row: None,
+) -> None:
+    """Play all `jobs` that `results` does not have yet, and write each row as it comes.
+
+    Parameters
+    ----------
+    jobs : iterable of Job
+    results : Results
+        Written by this process alone, so that killing any process at any moment loses nothing finished.
+    engine : str
+        "local" (processes of this machine) or "ray".
+    workers : int
+        >= 1.
+    patience : float
+        An episode that takes longer is a row with the outcome TIMEOUT, s, > 0.
+    done : function of Row or None
+        Called after each job, with None where its row was there already.
+
+    Raises
+    ------
+    BadParameter
+        For an unknown engine, or Ray where it is not installed.
+    BadResults
+        If the results cannot be written.
+    """
+    checks.integer("workers", workers, low=1, high=1024)
+    patience = checks.number("patience", patience, low=0.0, open_low=True, unit="s")
+    play_all = {"local": local, "ray": ray}[checks.choice("engine", engine, ENGINES)]
+
+    def missing() -> Iterator[Job]:
+        for job in jobs:
+            if results.has(job.key):
+                done(None)
+            else:
+                yield job
+
+    for row, trace in play_all(missing(), workers, patience):
+        results.add(row, trace)
+        done(row)
+
+
+def local(jobs: Iterator[Job], workers: int, patience: float) -> Iterator[Answer]:
+    """Play jobs on `workers` processes of this machine. One that dies or hangs costs its episode and is replaced."""
+    desks: list[_Desk] = []
+    try:
+        while True:
+            while len(desks) < workers and (job := next(jobs, None)) is not None:
+                desks.append(_Desk(job, patience))
+            if not desks:
+                return
+            first = min(desk.deadline for desk in desks)
+            ready = wait([desk.pipe for desk in desks], max(first - time.monotonic(), 0.0))
+            for desk in list(desks):
+                answer = None
+                if desk.pipe in ready:
+                    answer = desk.collect()
+                elif time.monotonic() >= desk.deadline:
+                    answer = desk.job.failed(Outcome.TIMEOUT, f"given up after {patience:g} s of wall time")
+                    desk.stop()
+                if answer is None:
+                    continue
+                yield answer
+                following = next(jobs, None) if desk.process.is_alive() else None
+                if following is None:
+                    desk.stop()
+                    desks.remove(desk)
+                else:
+                    desk.give(following)
+    finally:
+        for desk in desks:
+            desk.stop()
+
+
+class _Desk:
+    """A worker process and the job it has."""
+
+    def __init__(self, job: Job, patience: float) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, far = context.Pipe()
+        self.patience = patience
+        self.process: BaseProcess = context.Process(target=_work, args=(far,), daemon=True)
+        self.process.start()
+        far.close()
+        self.pipe.recv()  # it stands ready: start-up does not count as the policy's time
+        self.give(job)
+
+    def give(self, job: Job) -> None:
+        self.job, self.deadline = job, time.monotonic() + self.patience
+        self.pipe.send(job)
+
+    def collect(self) -> Answer:
+        """Return the answer that has come, or what there is to say if the process died instead."""
+        try:
+            return cast(Answer, self.pipe.recv())
+        except (EOFError, OSError):
+            self.process.join()
+            return self.job.failed(Outcome.ERROR, f"the process died with exit status {self.process.exitcode}")
+
+    def stop(self) -> None:
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+
+def _work(pipe: Connection) -> None:
+    """Play what comes through the pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver decides when to stop
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
+    pipe.send(None)
+    while True:
+        try:
+            job = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_safely(job))
+
+
+def _safely(job: Job) -> Answer:
+    try:
+        return play(job)
+    except Exception as error:  # an episode that cannot even begin is a row too
+        return job.failed(Outcome.ERROR, f"{type(error).__name__}: {error}")
+
+
+def ray(jobs: Iterator[Job], workers: int, patience: float) -> Iterator[Answer]:
+    """Play jobs on a Ray cluster: the one that RAY_ADDRESS names, else one started on this machine."""
+    try:
+        cluster: Any = importlib.import_module("ray")
+    except ImportError:
+        raise BadParameter("engine", "ray", "local, or install ray") from None
+    mine = not cluster.is_initialized()
+    if mine:
+        where = os.environ.get("RAY_ADDRESS")
+        size = {} if where else {"num_cpus": workers, "include_dashboard": False}
+        cluster.init(address=where, log_to_driver=False, logging_level="ERROR", **size)
+    remote = cluster.remote(num_cpus=1, max_retries=0)(_safely)
+    running: dict[Any, tuple[Job, float]] = {}
+    try:
+        while True:
+            while len(running) < workers and (job := next(jobs, None)) is not None:
+                running[remote.remote(job)] = job, time.monotonic() + patience
+            if not running:
+                return
+            ready, _ = cluster.wait(list(running), timeout=1.0)
+            late = [one for one, (_, deadline) in running.items() if time.monotonic() > deadline and one not in ready]
+            for one in late:
+                cluster.cancel(one, force=True)
+                yield running.pop(one)[0].failed(Outcome.TIMEOUT, f"given up after {patience:g} s of wall time")
+            for one in ready:
+                job, _ = running.pop(one)
+                try:
+                    yield cluster.get(one)
+                except cluster.exceptions.RayError as error:
+                    yield job.failed(Outcome.ERROR, f"the process died: {type(error).__name__}")
+    finally:
+        for one in running:
+            cluster.cancel(one, force=True)
+        if mine:
+            cluster.shutdown()
+
+
+def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:
+    """Return the jobs of all policies on all episodes; `oracle` need not be among them, every row knows its optimum.
+
+    Raises
+    ------
+    BadParameter
+        For an unknown policy.
+    """
+    names = list(dict.fromkeys(policies))
+    for name in names:
+        load_policy(name)
+    return [Job(episode, name) for episode in episodes for name in names]

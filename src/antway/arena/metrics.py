@@ -1,0 +1,155 @@
+"""What is measured: of one episode from its trace, of a policy over many, and which differences between policies are real."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway.world.trace import Outcome, Trace
+
+DISCOMFORT = 0.2  # m between the edges of the robot and an obstacle
+RESAMPLES = 2000
+Z95 = 1.959963984540054  # of the normal distribution
+Interval = tuple[float, float]
+
+
+# Of one episode
+
+
+def gaps(trace: Trace) -> NDArray[np.float64]:
+    """Return the distances between the edges of the robot and of each obstacle at each `t`, float64[N + 1, K], m."""
+    away = trace.obstacle_xy - trace.xy[:, None, :]
+    return np.hypot(away[..., 0], away[..., 1]) - trace.task.robot.radius - trace.obstacle_radius
+
+
+def discomfort(trace: Trace) -> float:
+    """Return the time in s that the robot ended a control step nearer than 0.2 m to some obstacle."""
+    if not len(trace.obstacle_id):
+        return 0.0
+    return float(np.diff(trace.t)[gaps(trace)[1:].min(axis=1) < DISCOMFORT].sum())
+
+
+def jerk(trace: Trace) -> float:
+    """Return the root mean square of the third derivative of the robot's place, m/s^3: second differences of its velocity."""
+    whole = trace.velocity[1:-1] if len(trace) > 1 else trace.velocity[1:]  # the last step may be cut short
+    if len(whole) < 3:
+        return 0.0
+    return float(np.sqrt((np.diff(whole, n=2, axis=0) ** 2).sum(axis=1).mean())) / trace.task.robot.dt**2
+
+
+def side_flips(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
+    """Return how often the robot changed the side on which it was about to pass an obstacle.
+
+    The side is the sign of the cross product of the way to the obstacle and the relative velocity. It counts while the two
+    approach each other within `near` m and would pass at least `clear` m off centre, if both went on as they do.
+    """
+    flips, steps = 0, np.diff(trace.t)[:, None, None]
+    way = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
+    relative = trace.velocity[1:, None, :] - np.diff(trace.obstacle_xy, axis=0) / steps
+    speed = np.hypot(relative[..., 0], relative[..., 1])
+    cross = relative[..., 0] * way[..., 1] - relative[..., 1] * way[..., 0]
+    ahead = (relative * way).sum(axis=2) > 0.0
+    counts = ahead & (np.hypot(way[..., 0], way[..., 1]) < near) & (np.abs(cross) >= clear * speed) & (speed > 0.0)
+    for k in range(counts.shape[1]):
+        moments = np.flatnonzero(counts[:, k])
+        side = np.sign(cross[moments, k])
+        same = np.diff(moments) <= 5  # steps; a longer pause is another meeting
+        flips += int((same & (np.diff(side) != 0)).sum())
+    return flips
+
+
+# Of a policy, over rows of the results (antway.arena.store.Row) or anything with the same fields
+
+
+def success(outcomes: Sequence[str]) -> float:
+    """Return the share of episodes in which the goal was reached."""
+    return share(outcomes, Outcome.REACHED)
+
+
+def share(outcomes: Sequence[str], outcome: Outcome) -> float:
+    """Return the share of episodes that ended so."""
+    return sum(one == outcome.value for one in outcomes) / len(outcomes) if outcomes else math.nan
+
+
+def wilson(count: int, total: int, z: float = Z95) -> Interval:
+    """Return Wilson's interval of a rate, by default at 95 %.
+
+    Wilson: Probable inference, the law of succession, and statistical inference, JASA 1927.
+
+    Examples
+    --------
+    >>> [round(end, 3) for end in wilson(0, 100)]
+    [0.0, 0.037]
+    """
+    if total == 0:
+        return 0.0, 1.0
+    p, n = count / total, float(total)
+    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (0.0 if count == 0 else middle - half), (1.0 if count == total else middle + half)
+
+
+def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] = np.mean, *, seed: int = 0) -> Interval:
+    """Return the 95 % percentile interval of a statistic of `values`, float[N], over 2000 resamples; (nan, nan) of none.
+
+    Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes hand in the differences.
+    """
+    sample = np.asarray(values, np.float64)
+    if not len(sample):
+        return math.nan, math.nan
+    drawn = np.random.default_rng(seed).integers(0, len(sample), (RESAMPLES, len(sample)))
+    low, high = np.quantile(statistic(sample[drawn], axis=1), (0.025, 0.975))
+    return float(low), float(high)
+
+
+def regret(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
+    """Return times as multiples of the clairvoyant optimum; below 1 is possible, for the optimum is bound to its grid."""
+    return np.asarray(time, np.float64) / np.asarray(bound, np.float64)
+
+
+def stretch(length: ArrayLike, shortest: ArrayLike) -> NDArray[np.float64]:
+    """Return lengths as multiples of the shortest way among the walls."""
+    return np.asarray(length, np.float64) / np.asarray(shortest, np.float64)
+
+
+def real_difference(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> tuple[float, Interval, bool]:
+    """Return the mean of a - b over paired episodes, its 95 % interval, and whether that leaves out 0."""
+    difference = np.asarray(a, np.float64) - np.asarray(b, np.float64)
+    if not len(difference):
+        return math.nan, (math.nan, math.nan), False
+    low, high = bootstrap(difference, seed=seed)
+    return float(difference.mean()), (low, high), not low <= 0.0 <= high
+
+
+def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[tuple[str, float, int]]:
+    """Rank policies by their mean score on the same episodes; those whose difference is not real share a rank.
+
+    Parameters
+    ----------
+    scores : mapping of policy to float64[N]
+        Of the same N episodes in the same order.
+    most : bool
+        Whether more is better.
+
+    Returns
+    -------
+    list of (policy, mean, rank)
+        Best first. The rank is 1 and, for each policy that is really better, one more.
+
+    Examples
+    --------
+    >>> ranks({"a": np.ones(50), "b": np.zeros(50), "c": np.ones(50)})
+    [('a', 1.0, 1), ('c', 1.0, 1), ('b', 0.0, 3)]
+    """
+    sign = 1.0 if most else -1.0
+    table = []
+    for name, mine in scores.items():
+        better = 0
+        for other, theirs in scores.items():
+            mean, _, real = real_difference(theirs, mine)
+            better += other != name and real and sign * mean > 0.0
+        table.append((name, float(mine.mean()) if len(mine) else math.nan, 1 + better))
+    return sorted(table, key=lambda row: (row[2], -sign * row[1], row[0]))

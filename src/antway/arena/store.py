@@ -1,0 +1,259 @@
+"""The results file: one SQLite database, one row an episode, written so that nothing finished is ever lost."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import math
+import sqlite3
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, astuple, dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from antway.errors import BadParameter, BadResults
+
+APPLICATION, SCHEMA = 0x616E7477, 1  # "antw"
+Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What came of one episode under one policy; numbers that there are none of are NaN.
+
+    Attributes
+    ----------
+    suite, episode, policy : str
+    seed : int
+    version : str
+        Of antway. These five are the key.
+    group : str
+        What it is counted with.
+    outcome, reason : str
+        `Outcome` value, and a sentence.
+    time, length : float
+        s, m.
+    clearance : float
+        Least distance to a moving obstacle, m; infinite without any.
+    discomfort : float
+        Time under 0.2 m, s.
+    flips, replans, waits : int
+        Changes of side, of plan, and stops.
+    jerk : float
+        m/s^3.
+    bound, shortest, survival : float
+        `antway.arena.suites.Facts`.
+    cycle_p50, cycle_p99, cycle_max : float
+        Time of a control cycle, ms: what differs between two equal runs.
+    """
+
+    suite: str
+    episode: str
+    policy: str
+    seed: int
+    version: str
+    group: str
+    outcome: str
+    reason: str
+    time: float = math.nan
+    length: float = math.nan
+    clearance: float = math.nan
+    discomfort: float = math.nan
+    flips: int = 0
+    replans: int = 0
+    waits: int = 0
+    jerk: float = math.nan
+    bound: float = math.nan
+    shortest: float = math.nan
+    survival: float = math.nan
+    cycle_p50: float = math.nan
+    cycle_p99: float = math.nan
+    cycle_max: float = math.nan
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            if f.type == "float":
+                object.__setattr__(self, f.name, float(getattr(self, f.name)))
+
+    @property
+    def key(self) -> Key:
+        """What the row is of."""
+        return self.suite, self.episode, self.policy, self.seed, self.version
+
+    @property
+    def reached(self) -> bool:
+        """Whether the goal was reached."""
+        return self.outcome == "reached"
+
+
+TIMING = ("cycle_p50", "cycle_p99", "cycle_max")
+COLUMNS = tuple(f.name for f in fields(Row))
+_KINDS = {"str": "TEXT NOT NULL", "int": "INTEGER NOT NULL", "float": "REAL"}
+_NAMES = ", ".join(f'"{name}"' for name in COLUMNS)
+_TABLE = (
+    "CREATE TABLE episodes ("
+    + ", ".join(f'"{f.name}" {_KINDS[str(f.type)]}' for f in fields(Row))
+    + ", digest BLOB NOT NULL, trace BLOB, PRIMARY KEY (suite, episode, policy, seed, version))"
+)
+
+
+class Results:
+    """An open results file, made if there is none.
+
+    Parameters
+    ----------
+    path : str or Path
+    write : bool
+        Whether rows will be added; without, the file must exist and is not touched.
+
+    Raises
+    ------
+    BadResults
+        If the file is no results file, of another schema, damaged, or cannot be written. Nothing is overwritten.
+    """
+
+    def __init__(self, path: str | Path, *, write: bool = True) -> None:
+        self.path, self.write = Path(path), write
+        if not write and not self.path.is_file():
+            raise BadResults("results", str(path), "an existing file")
+        with self._said():
+            mode = "rwc" if write else "ro"
+            place = f"{self.path.absolute().as_uri()}?mode={mode}"
+            self.db = sqlite3.connect(place, uri=True, timeout=60.0, isolation_level=None)
+            try:
+                self._open()
+            except BaseException:
+                self.db.close()
+                raise
+
+    def _open(self) -> None:
+        ids = [self.db.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version", "schema_version")]
+        if self.write and ids == [0, 0, 0]:
+            self.db.execute("PRAGMA journal_mode = WAL")
+            self.db.execute("BEGIN IMMEDIATE")
+            if not self.db.execute("PRAGMA schema_version").fetchone()[0]:
+                self.db.execute(_TABLE)
+                self.db.execute(f"PRAGMA application_id = {APPLICATION}")
+                self.db.execute(f"PRAGMA user_version = {SCHEMA}")
+            self.db.execute("COMMIT")
+            ids = [APPLICATION, SCHEMA, 1]
+        if ids[0] != APPLICATION:
+            raise BadResults("results", str(self.path), "a results file of antway")
+        if ids[1] != SCHEMA:
+            raise BadResults("results", str(self.path), f"a results file of schema {SCHEMA}; this one is of schema {ids[1]}")
+        if self.write:
+            fault = self.db.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if fault != "ok":
+                raise BadResults("results", str(self.path), f"undamaged; {fault}")
+            self.rows()
+
+    def __enter__(self) -> Results:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self.db.close()
+
+    def add(self, row: Row, trace: str = "") -> None:
+        """Write a finished row, and the JSON of its trace if there is one; a row of that key that is there already stays.
+
+        Raises
+        ------
+        BadResults
+            If it cannot be written, for instance because the disk is full. Earlier rows stay.
+        """
+        values = astuple(row)
+        packed = zlib.compress(trace.encode(), 6) if trace else None
+        marks = ", ".join("?" * (len(COLUMNS) + 2))
+        with self._said():
+            self.db.execute(
+                f"INSERT OR IGNORE INTO episodes ({_NAMES}, digest, trace) VALUES ({marks})", (*values, _digest(values), packed)
+            )
+
+    def has(self, key: Key) -> bool:
+        """Tell whether a row of that key is there."""
+        query = "SELECT 1 FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
+        with self._said():
+            return self.db.execute(query, key).fetchone() is not None
+
+    def rows(self) -> list[Row]:
+        """Return all rows, sorted by key.
+
+        Raises
+        ------
+        BadResults
+            If one is not as it was written.
+        """
+        found = []
+        with self._said():
+            order = "ORDER BY suite, episode, policy, seed, version"
+            for *values, digest in self.db.execute(f"SELECT {_NAMES}, digest FROM episodes {order}"):
+                values = [math.nan if value is None else value for value in values]
+                if _digest(values) != digest:
+                    raise BadResults("results", str(self.path), f"undamaged; the row of {values[:3]} is not as it was written")
+                found.append(Row(*values))
+        return found
+
+    def trace(self, key: Key) -> str:
+        """Return the JSON of the trace of that row; empty if none was kept."""
+        query = "SELECT trace FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
+        with self._said():
+            found = self.db.execute(query, key).fetchone()
+        if found is None or found[0] is None:
+            return ""
+        try:
+            return zlib.decompress(found[0]).decode()
+        except (zlib.error, UnicodeDecodeError):
+            raise BadResults("results", str(self.path), f"undamaged; the trace of {key[:3]} is not") from None
+
+    @contextmanager
+    def _said(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise BadResults("results", str(self.path), f"a results file that can be used; SQLite says: {error}") from None
+
+
+def export(rows: list[Row], path: str | Path) -> Path:
+    """Write rows to a .csv, .json or .parquet file (the last needs pyarrow); return where they are.
+
+    Raises
+    ------
+    BadParameter
+        For another suffix, or Parquet without pyarrow.
+    """
+    path = Path(path)
+    if path.suffix == ".csv":
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            writer.writerows(astuple(row) for row in rows)
+    elif path.suffix == ".json":
+        plain = [{name: _plain(value) for name, value in asdict(row).items()} for row in rows]
+        path.write_text(json.dumps(plain, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    elif path.suffix == ".parquet":
+        try:
+            import pyarrow
+            from pyarrow import parquet
+        except ImportError:
+            raise BadParameter("export", str(path), "a .csv or .json file, or install pyarrow") from None
+        parquet.write_table(pyarrow.table({name: [getattr(row, name) for row in rows] for name in COLUMNS}), path)
+    else:
+        raise BadParameter("export", str(path), "a .csv, .json or .parquet file")
+    return path
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _digest(values: Any) -> bytes:
+    """Return a checksum of a row's values, of which SQLite keeps none."""
+    return hashlib.blake2b(repr(list(values)).encode(), digest_size=8).digest()

@@ -1,0 +1,218 @@
+"""Suites of episodes: worlds drawn from seeds that depend on what they are called alone, so that a new suite changes none."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.kernels.rng import below, stream, uniform
+from antway.kernels.survive import survivors
+from antway.search.sipp import Sipp
+from antway.world.policy import XY
+from antway.world.scenario import Scenario
+
+ROBOTS = 200  # that drive straight on, to tell how hard an episode is
+LOOK = 5.0  # s they drive
+
+SUITES: dict[str, str] = {
+    "paper": "antway.arena.places:paper",
+    "synthetic": "antway.arena.synthetic:synthetic",
+    "crossing": "antway.arena.crossing:crossing",
+    "encounters": "antway.arena.encounters:encounters",
+    "maps": "antway.arena.places:maps",
+    "tracks": "antway.arena.places:tracks",
+    "barn": "antway.arena.places:barn",
+}
+
+
+def seed_of(*parts: object) -> int:
+    """Return the seed, in [0, 2**63), of what these parts name: a hash that is the same on every machine.
+
+    Examples
+    --------
+    >>> seed_of("synthetic", "open/low", 0) == seed_of("synthetic", "open/low", 0) != seed_of("synthetic", "open/low", 1)
+    True
+    """
+    text = "\0".join(map(str, parts)).encode()
+    return int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), "big") >> 1
+
+
+class Chance:
+    """A stream of random choices from a seed."""
+
+    def __init__(self, seed: int) -> None:
+        self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
+
+    def between(self, low: float, high: float) -> float:
+        """Return a number drawn uniformly from [low, high)."""
+        return low + (high - low) * float(uniform(self.state))
+
+    def integer(self, low: int, high: int) -> int:
+        """Return an integer drawn uniformly from [low, high)."""
+        return low + int(below(self.state, high - low))
+
+    def turn(self) -> float:
+        """Return a direction, rad."""
+        return self.between(-math.pi, math.pi)
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """A named family of scenarios.
+
+    Attributes
+    ----------
+    name : str
+        Part of every episode's key; where a file makes the suite, it tells the file's content.
+    groups : tuple of str
+        Kinds of episode that are counted together, "kind/level" where there are several levels of one kind.
+    make : function of (group, chance)
+        Returns a scenario.
+    default : int
+        Episodes of each group, unless said otherwise.
+    """
+
+    name: str
+    groups: tuple[str, ...]
+    make: Callable[[str, Chance], Scenario]
+    default: int = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One episode of a suite: `spec` builds the suite anywhere, `suite`, `group` and `number` name the episode for good."""
+
+    spec: str
+    suite: str
+    group: str
+    number: int
+
+    @property
+    def name(self) -> str:
+        """The episode's name within its suite."""
+        return f"{self.group}/{self.number:04d}"
+
+    @property
+    def seed(self) -> int:
+        """The seed of all chance in it, world and sensor and policy."""
+        return seed_of(self.suite, self.group, self.number)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What is known of an episode without any policy.
+
+    Attributes
+    ----------
+    bound : float
+        The clairvoyant optimum: when SIPP (32 directions, every future known) is within the goal's tolerance, s; infinite if
+        it has no way.
+    shortest : float
+        Length of the shortest way among the walls alone, up to the goal's tolerance, over the same moves, m.
+    survival : float
+        Share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s: low is hard.
+    """
+
+    bound: float
+    shortest: float
+    survival: float
+
+
+def load_suite(spec: str) -> Suite:
+    """Return the suite that `spec` names: a name of `SUITES`, or maps:FILE, tracks:FILE.
+
+    Raises
+    ------
+    BadParameter
+        For an unknown suite, or one without the file it needs.
+    BadMap, BadScenario
+        For a file that cannot be read.
+    """
+    name, colon, argument = checks.instance("suite", spec, str).partition(":")
+    if name not in SUITES:
+        raise BadParameter("suite", spec, f"one of {', '.join(SUITES)}")
+    if (name in ("maps", "tracks")) != bool(argument):
+        raise BadParameter("suite", spec, f"{name}:FILE" if not argument else f"{name}, which takes no file")
+    module, _, attribute = SUITES[name].partition(":")
+    make = getattr(importlib.import_module(module), attribute)
+    suite: Suite = make(argument) if colon else make()
+    return suite
+
+
+def episodes(spec: str, count: int | None = None) -> list[Episode]:
+    """Return the first `count` episodes of every group (None: the suite's own number), numbers first, groups within.
+
+    Examples
+    --------
+    >>> [episode.name for episode in episodes("synthetic", 1)][:2]
+    ['open/low/0000', 'open/medium/0000']
+    """
+    suite = load_suite(spec)
+    count = suite.default if count is None else checks.integer("episodes", count, low=1, high=1_000_000)
+    return [Episode(spec, suite.name, group, number) for number in range(count) for group in suite.groups]
+
+
+_suite = lru_cache(maxsize=4)(load_suite)
+
+
+def build(episode: Episode) -> Scenario:
+    """Return the scenario of an episode."""
+    return _suite(episode.spec).make(episode.group, Chance(episode.seed))
+
+
+@lru_cache(maxsize=8)
+def stage(episode: Episode) -> tuple[Scenario, Facts]:
+    """Return the scenario of an episode and what is known of it."""
+    scenario = build(episode)
+    return scenario, facts(scenario, episode.seed)
+
+
+def facts(scenario: Scenario, seed: int) -> Facts:
+    """Return what is known of a scenario, when chance falls as in `seed`, without any policy."""
+    task, robot = scenario.task, scenario.robot
+    timeline = scenario.world.timeline(seed, scenario.horizon)
+    search = Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
+    plan = search.plan(task.start, timeline, horizon=scenario.horizon)
+    free = search.plan(task.start)
+    return Facts(
+        bound=_arrival(plan.path.t, plan.path.xy, task.goal, task.goal_tolerance),
+        shortest=_arrival(free.path.t, free.path.xy, task.goal, task.goal_tolerance) * robot.v_max,
+        survival=_survival(scenario, seed),
+    )
+
+
+def _arrival(t: NDArray[np.float64], xy: NDArray[np.float64], goal: XY, tolerance: float) -> float:
+    """Return when a motion that ends at the goal first is within the tolerance of it; infinite for an empty one."""
+    for i in range(len(t)):
+        if math.dist(xy[i], goal) <= tolerance:
+            if i == 0:
+                return float(t[0])
+            step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
+            a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
+            share = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
+            return float(t[i - 1] + share * (t[i] - t[i - 1]))
+    return math.inf
+
+
+def _survival(scenario: Scenario, seed: int) -> float:
+    task, robot, chance = scenario.task, scenario.robot, Chance(seed_of("survival", seed))
+    room = task.grid.inflate(robot.radius)
+    places = room.to_xy(np.argwhere(~room.blocked))
+    robots = np.empty((ROBOTS, 4))
+    for one in robots:
+        angle = chance.turn()
+        one[:2] = places[chance.integer(0, len(places))]
+        one[2:] = robot.v_max * math.cos(angle), robot.v_max * math.sin(angle)
+    line, (x, y, _) = scenario.world.timeline(seed, LOOK), task.grid.origin
+    frame = np.array([x, y, task.grid.resolution])
+    alive = survivors(robots, robot.radius, LOOK, task.grid.blocked, frame, line.knot_t, line.knot_xy, line.first, line.radius)
+    return alive / ROBOTS

@@ -1,0 +1,77 @@
+"""Policy `oracle`: knows where every obstacle will be, and drives the way that arrives first."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from antway.kernels.survive import first_contact
+from antway.planning import TimedPath
+from antway.rivals.replan import STOP, drive
+from antway.search.sipp import Sipp
+from antway.world.policy import Command, Decision, Observation, Task, Tracks
+from antway.world.timeline import Timeline
+
+MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # shares of how far the robot can be from its plan between two commands
+GRAZE = 1e-6  # m; the same touch may round to either side of 0 when it is driven
+
+
+class Oracle:
+    """Search space and time once, by SIPP over 32 directions with every future known, and drive what was found.
+
+    Between two commands the robot goes straight, so it is up to v_max dt / 2 from a plan that turns or sets off in between. Of
+    plans with more and more room round the obstacles the first is taken whose driving, tried beforehand, touches nothing.
+
+    Source: Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments, ICRA 2011.
+    """
+
+    def foresee(self, timeline: Timeline) -> None:
+        """Learn where every obstacle will be."""
+        self.timeline = timeline
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Plan the whole way."""
+        self.task, robot = task, task.robot
+        self.path = TimedPath(np.empty(0), np.empty((0, 2)))
+        self.decision = Decision("stuck", "no future has a way to the goal")
+        search = Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
+        for share in MARGINS:
+            wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
+            plan = search.plan(task.start, replace(self.timeline, radius=wide))
+            if math.isfinite(plan.arrival) and self._touches_nothing(plan.path):
+                self.path = plan.path
+                self.decision = Decision("follow", "the way that arrives first, every future known", path=plan.path, gap=0.0)
+                return
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        return drive(self.task, observation, self.path) if len(self.path.t) else STOP
+
+    def explain(self) -> Decision:
+        """Return the plan."""
+        return self.decision
+
+    def _touches_nothing(self, path: TimedPath) -> bool:
+        """Tell whether driving the path touches no obstacle and no wall."""
+        task, line, dt = self.task, self.timeline, self.task.robot.dt
+        t, xy, at = [0.0], [task.start], task.start
+        while math.dist(at, task.goal) > task.goal_tolerance and t[-1] < path.t[-1] + 1.0:
+            velocity = drive(task, Observation(t[-1], at, (0.0, 0.0), 0.0, Tracks.none()), path).velocity
+            at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
+            t.append(len(t) * dt)
+            xy.append(at)
+        frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+        contact = first_contact(
+            np.array(t),
+            np.array(xy),
+            task.robot.radius,
+            task.grid.blocked,
+            frame,
+            line.knot_t,
+            line.knot_xy,
+            line.first,
+            line.radius + GRAZE,
+        )
+        return contact == math.inf

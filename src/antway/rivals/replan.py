@@ -1,0 +1,253 @@
+"""Rivals that replan: `follow`, `stop`, `replan`, `dstarlite`, `sipp`. Each plans anew every cycle from where the robot is."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import OutOfBounds
+from antway.grid import Cell, Moves
+from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.predict import predict
+from antway.kernels.tubes import first_conflict
+from antway.planning import Problem, TimedPath
+from antway.search.dstarlite import DStarLite as Search
+
+from antway.search.sipp import NO_PIECES, Sipp as SpaceTime  # isort: skip
+from antway.world.policy import XY, Command, Decision, Observation, Task
+
+STOP = Command((0.0, 0.0))
+
+
+class Follow:
+    """Drive the shortest way over the map and avoid nothing.
+
+    Exact over moves in 32 directions (A* with the exact distance field as its heuristic). What every other policy has to beat.
+    """
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Prepare the distance field."""
+        self.task, robot = task, task.robot
+        self.search = SpaceTime(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
+        self.decision = Decision("follow", "the shortest way over the map")
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        path = self.search.search(observation.xy, observation.t, NO_PIECES).path
+        return drive(self.task, observation, path)
+
+    def explain(self) -> Decision:
+        """Return the decision that stands."""
+        return self.decision
+
+    def decide(self, action: str, reason: str, **more: Any) -> None:
+        """Note a decision; the one that stands stays while nothing but its numbers changes."""
+        if (self.decision.action, self.decision.reason) != (action, reason):
+            self.decision = Decision(action, reason, **more)
+
+
+class Stop(Follow):
+    """Drive the shortest way over the map, and wait while what moves would be met on the next part of it.
+
+    Every obstacle is taken to go straight on. What most industrial vehicles do.
+
+    Parameters
+    ----------
+    lookahead : float
+        How far ahead conflicts count, s, > 0.
+    margin : float
+        m, >= 0.
+    """
+
+    def __init__(self, *, lookahead: float = 2.0, margin: float = 0.1) -> None:
+        self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o, robot = observation, self.task.robot
+        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        n, ends = len(o.tracks), np.array([o.t, o.t + self.lookahead])
+        xy, velocity = now(o)
+        knots = np.stack((xy, xy + velocity * self.lookahead), axis=1).reshape(-1, 2)
+        times, first = np.tile(ends, n), np.arange(0, 2 * n + 1, 2, dtype=np.int64)
+        body = robot.radius + self.margin
+        if len(path.t) and first_conflict(
+            path.t, path.xy, float(ends[1]), body, 0.0, times, knots, first, o.tracks.radius
+        )[0] < math.inf:  # fmt: skip
+            self.decide("wait", "an obstacle crosses the way ahead")
+            return STOP
+        self.decide("follow", "the way ahead is free")
+        return drive(self.task, o, path)
+
+
+class Sipp(Follow):
+    """Search space and time exactly every cycle (SIPP: Phillips, Likhachev, ICRA 2011), for the obstacles as predicted.
+
+    Parameters
+    ----------
+    predictions : str
+        "constant" (velocity), "mirrored" (constant velocity, mirrored at walls: antway's own prediction) or "frozen".
+    horizon : float
+        How far ahead obstacles are predicted, s, > 0.
+    margin : float or None
+        Room kept round predicted obstacles, m; None: how far the robot can be from its plan between two commands, v_max dt / 2.
+    """
+
+    def __init__(self, *, predictions: str = "constant", horizon: float = 5.0, margin: float | None = None) -> None:
+        self.predictions = checks.choice("predictions", predictions, ("constant", "mirrored", "frozen"))
+        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, infinite=True, unit="s")
+        self.margin = None if margin is None else checks.number("margin", margin, low=0.0, unit="m")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Prepare the distance field."""
+        super().reset(task, seed)
+        self.room = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
+        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o = observation
+        for margin in (self.room, 0.0):
+            path = self.search.search(o.xy, o.t, self._pieces(o, margin)).path
+            if len(path.t):
+                self.decide("avoid", "the way that arrives first, as the obstacles are predicted")
+                return drive(self.task, o, path)
+        self.decide("brake", "there is no way")
+        return STOP
+
+    def _pieces(self, o: Observation, margin: float) -> NDArray[np.float64]:
+        """Return the predictions as pieces (kernels/pieces.py); a margin that is broken already is cut to what there is."""
+        robot, horizon = self.task.robot, min(self.horizon, 1e6)
+        xy, velocity = now(o)
+        n = len(xy)
+        if self.predictions == "mirrored":
+            out = np.empty((16 * n + 1, 8))
+            beliefs = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
+            return out[
+                : predict(
+                    beliefs, o.t, 0.0, horizon, *o.xy, robot.radius, margin, 0.0, 0.0, 0.0, 0.0,
+                    self.task.grid.blocked, self.frame, out,
+                )
+            ]  # fmt: skip
+        body = o.tracks.radius + robot.radius
+        room = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
+        reach = body + np.clip(room - 1e-6, 0.0, margin)
+        if self.predictions == "frozen":
+            velocity = np.zeros_like(velocity)
+        span = np.tile((o.t, o.t + horizon), (n, 1))
+        return np.column_stack((span, xy, velocity, reach, reach))
+
+
+class Replan(Sipp):
+    """Find the shortest way on the map with every sensed obstacle frozen into it, anew every cycle; wait if there is none.
+
+    What navigation stacks do that put moving obstacles into a costmap: Dijkstra's answer, found by A* with an exact heuristic.
+    """
+
+    def __init__(self, *, margin: float = 0.1) -> None:
+        super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
+
+
+class DStarLite(Follow):
+    """The same with D* Lite (Koenig, Likhachev, AAAI 2002), which repairs the last answer: 8 neighbours, obstacles as cells.
+
+    Parameters
+    ----------
+    margin : float
+        Room kept round obstacles, m, >= 0.
+    """
+
+    def __init__(self, *, margin: float = 0.1) -> None:
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Begin the search at the goal."""
+        super().reset(task, seed)
+        size = task.grid.resolution
+        # A diagonal dips towards a corner by at most half its length.
+        self.room = task.grid.inflate(math.hypot(task.robot.radius, size / math.sqrt(2)))
+        start, goal = self._cell(task.start), self._cell(task.goal)
+        self.repair = None
+        if start is not None and goal is not None:
+            self.repair = Search(Problem(self.room, start, goal, Moves.EIGHT))
+        self.cells = self.room.to_xy(np.argwhere(~self.room.blocked))
+        self.index = np.argwhere(~self.room.blocked)
+        self.closed = np.zeros(len(self.cells), np.bool_)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o = observation
+        here = self._cell(o.xy)
+        if self.repair is None or here is None:
+            self.decide("stuck", "the map has no way for this robot")
+            return STOP
+        closed = np.zeros_like(self.closed)
+        reach = o.tracks.radius + self.task.robot.radius + self.margin
+        for (x, y), r in zip(now(o)[0].tolist(), reach.tolist()):
+            closed |= np.hypot(self.cells[:, 0] - x, self.cells[:, 1] - y) < r
+        for cell in (here, self.repair.problem.goal):
+            closed[(self.index == cell).all(axis=1)] = False
+        self.repair.change(self.index[self.closed & ~closed], False)
+        self.repair.move(here)
+        self.repair.change(self.index[~self.closed & closed], True)
+        self.closed = closed
+        nodes = self.room.to_xy(self.repair.plan().cells)
+        if not len(nodes):
+            self.decide("wait", "every way is closed")
+            return STOP
+        self.decide("avoid", "the shortest way round what is sensed")
+        if len(nodes) == 1 or self._clear(o.xy, nodes[1]):
+            nodes = np.vstack((nodes[1:], self.task.goal))
+        points = np.vstack((o.xy, nodes))
+        times = np.hypot(*np.diff(points, axis=0).T) / self.task.robot.v_max
+        return drive(self.task, o, TimedPath(o.t + np.concatenate(([0.0], np.cumsum(times))), points))
+
+    def _clear(self, a: XY, b: Any) -> bool:
+        return clear(self.task, a, (float(b[0]), float(b[1])))
+
+    def _cell(self, xy: XY) -> Cell | None:
+        """Return the nearest free cell in straight reach."""
+        try:
+            row, col = self.room.cell_at(xy)
+        except OutOfBounds:
+            return None
+        around = [(row + i, col + j) for i in range(-2, 3) for j in range(-2, 3) if self.room.is_free((row + i, col + j))]
+        around.sort(key=lambda cell: (math.dist(self.room.centre(cell), xy), cell))
+        return next((cell for cell in around if self._clear(xy, self.room.centre(cell))), None)
+
+
+def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return places (m) and velocities (m/s) of the tracks as they would be now; an unknown velocity counts as none."""
+    velocity = np.nan_to_num(o.tracks.velocity)
+    age = 0.0 if math.isnan(o.stamp) else o.t - o.stamp
+    return o.tracks.xy + velocity * age if len(o.tracks) else o.tracks.xy, velocity
+
+
+def clear(task: Task, a: XY, b: XY) -> bool:
+    """Tell whether the robot can drive straight from `a` to `b` among the map's walls."""
+    (ar, ac), (br, bc) = task.grid.to_points((a, b)).tolist()
+    return not segment_hits_cells(task.grid.blocked, ar, ac, br, bc, task.robot.radius / task.grid.resolution, True)
+
+
+def drive(task: Task, o: Observation, path: TimedPath) -> Command:
+    """Return the command that takes the robot to where `path` is at the end of the control period.
+
+    Where the straight line there would touch a wall, the command leads to the path's next corner and no farther.
+    """
+    if not len(path.t):
+        return STOP
+    end, dt = o.t + task.robot.dt, task.robot.dt
+    target = task.goal if end >= path.t[-1] and clear(task, o.xy, task.goal) else path.at(end)
+    if not clear(task, o.xy, target):
+        i = min(int(np.searchsorted(path.t, o.t + 1e-9, side="right")), len(path.t) - 1)
+        target = (float(path.xy[i, 0]), float(path.xy[i, 1]))
+    vx, vy = (target[0] - o.xy[0]) / dt, (target[1] - o.xy[1]) / dt
+    speed = math.hypot(vx, vy)
+    if speed > task.robot.v_max:
+        vx, vy = vx * task.robot.v_max / speed, vy * task.robot.v_max / speed
+    return Command((vx, vy))
