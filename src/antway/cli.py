@@ -132,7 +132,6 @@ def run_command(
     """Take a robot through a scenario; exit status 5 on a contact."""
     from antway import check_episode, run
     from antway.demo import scene, summary, write_episode
-    from antway.view.figures import shortest
 
     with working("running"):
         place = scene(scenario)
@@ -141,7 +140,7 @@ def run_command(
             numbers = write_episode(result, out)
         else:
             check_episode(result)
-            numbers = {"scenario": place.name, "policy": policy, **summary(result, shortest(place.task))}
+            numbers = {"scenario": place.name, "policy": policy, **summary(result, place.task)}
     if json:
         print_json(numbers)
     else:

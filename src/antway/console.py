@@ -83,7 +83,7 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
     from rich.table import Table
 
     table = Table(title="Robot among moving obstacles", title_justify="left")
-    heads = ["scene", "policy", "outcome", "time", "driven", "over the\nshortest path", "waits", "re-plans"]
+    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic way", "more", "waits", "re-plans"]
     for head in (*heads, "smallest\nclearance", "cycle ms\np50 / p99"):
         table.add_column(head, justify="left" if head in heads[:3] else "right")
     for name, n in rows:
@@ -94,6 +94,7 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
             f"[{'green' if n['reached'] else 'red'}]{n['outcome']}[/]",
             _shown(n["time"], ".1f", " s"),
             _shown(n["length"], ".2f", " m"),
+            _shown(n["shortest"], ".2f", " m"),
             over,
             str(n["waits"]),
             str(n["replans"]),

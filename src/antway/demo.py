@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from antway import checks
-from antway.planning import Plan, Problem
+from antway.avoidance.routes import Routes
+from antway.planning import Problem, solve
 from antway.scenes import SCENES
 from antway.scenes import scene as shipped_scene
 from antway.verify import check_episode
 from antway.world.episode import EpisodeResult, run
+from antway.world.policy import Task
 from antway.world.scenario import Scenario, load_scenario
 
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
@@ -31,19 +33,23 @@ def scene(name: str) -> Scenario:
     return load_scenario(shipped_scene(name) if name in SCENES and not Path(name).exists() else name)
 
 
-def summary(result: EpisodeResult, shortest: Plan) -> dict[str, Any]:
+def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None where there is none.
 
-    `shortest` is the shortest path of the empty map, which nothing that moves can beat by more than the goal's tolerance.
+    `shortest` is the length of the shortest way at any angle over the static map, `length_ratio` what the robot drove, and the
+    rest to the goal's centre, over it; None unless the goal was reached.
     """
+    shortest = static_shortest(task)
+    rest = 0.0 if result.trace is None else math.dist(result.trace.xy[-1].tolist(), task.goal)
+    ratio = (result.length + rest) / shortest if result.reached and shortest > 0 else math.nan
     return {
         "outcome": result.outcome.value,
         "reason": result.reason,
         "reached": result.reached,
         "time": round(result.time, 6),
         "length": round(result.length, 6),
-        "shortest": _finite(shortest.length),
-        "length_ratio": _finite(result.length / shortest.length if shortest.length > 0 else math.nan),
+        "shortest": _finite(shortest),
+        "length_ratio": _finite(ratio),
         "waits": result.waits,
         "replans": result.replans,
         "min_clearance": _finite(result.min_clearance),
@@ -51,6 +57,15 @@ def summary(result: EpisodeResult, shortest: Plan) -> dict[str, Any]:
         "cycle_ms_p99": _finite(result.cycle(99)),
         "seed": result.seed,
     }
+
+
+def static_shortest(task: Task) -> float:
+    """Return the length in m of the shortest way at any angle over the free cells of the static map; infinite without one."""
+    routes = Routes(task)
+    start, goal = routes.cell(task.start), routes.cell(task.goal)
+    if start is None or goal is None:
+        return math.inf
+    return solve(Problem(task.grid.inflate(task.robot.radius), start, goal), "anyangle").length
 
 
 def write_episode(result: EpisodeResult, folder: Path, said: Callable[[str], None] = lambda what: None) -> dict[str, Any]:
@@ -64,7 +79,7 @@ def write_episode(result: EpisodeResult, folder: Path, said: Callable[[str], Non
     check_episode(result)
     folder.mkdir(parents=True, exist_ok=True)
     path = figures.shortest(trace.task)
-    numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, path)}
+    numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, trace.task)}
     trace.save(folder / "trace.json")
     (folder / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     said("figures")
