@@ -24,6 +24,7 @@ from antway.planning import Problem, Status
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
+NEAR = 2.0  # s; a conflict farther off, with no way out yet, is no reason to stop
 REFUGES = 30  # places to step back to that are tried
 Costs = tuple[tuple[str, float], ...]
 
@@ -121,16 +122,16 @@ class PaperPolicy:
             if not np.isfinite(velocity[k]).all():
                 velocity[k] = ((x - px) / (seen.t - t), (y - py) / (seen.t - t)) if seen.t > t else (0.0, 0.0)
             self.places[number] = (seen.t, (x, y))
-        tubes = Tubes.predict(seen, velocity, self.routes.task.grid, self.lookahead)
-        room = self.margin
+        tubes = Tubes.predict(seen, velocity, self.routes.task.grid, 2 * self.lookahead)
+        room = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
         if len(tracks):
             gaps = np.hypot(tracks.xy[:, 0] - seen.xy[0], tracks.xy[:, 1] - seen.xy[1]) - tracks.radius - self.spec.radius
-            room = max(min(self.margin, float(gaps.min()) - 0.01), 0.0)
+            room = max(min(margin, float(gaps.min()) - 0.01), 0.0)
         return Ahead(seen, tubes, self.spec.radius + room, velocity, seen.t + self.lookahead, self.growth)
 
     def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0) -> tuple[float, int]:
         path = self.routes.timed(ahead.seen.t, ahead.seen.xy, nodes, hold)
-        return ahead.tubes.conflict(path.t, path.xy, ahead.until, ahead.body, ahead.growth)
+        return ahead.tubes.conflict(path.t, path.xy, ahead.until + hold, ahead.body, ahead.growth)
 
     def _free(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0) -> bool:
         return self._conflict(ahead, nodes, hold)[0] == math.inf
@@ -152,6 +153,8 @@ class PaperPolicy:
         elif wait < math.inf:
             self.held = seen.t + wait
             self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, who, costs)
+        elif when > seen.t + NEAR and not self.retreating:
+            return self._drive(seen)
         elif (refuge := self._refuge(ahead)) is not None:
             self.nodes, self.held, self.retreating = refuge, -math.inf, True
             self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, who, costs)

@@ -96,9 +96,11 @@ class Routes:
 
     @staticmethod
     def ahead(xy: XY, nodes: Nodes) -> Nodes:
-        """Return `nodes` without those that the robot at `xy` has reached, the last apart."""
+        """Return `nodes` without those that the robot at `xy` has reached or passed, the last apart."""
         i = 0
-        while i < len(nodes) - 1 and math.dist(xy, nodes[i].tolist()) < 1e-6:
+        while i < len(nodes) - 1 and (
+            math.dist(xy, nodes[i].tolist()) < 1e-6 or _straight(nodes[i].tolist(), xy, nodes[i + 1].tolist())
+        ):
             i += 1
         return nodes[i:]
 
