@@ -94,7 +94,7 @@ def check(grid, plan, timeline, radius, speed, start, goal, horizon=math.inf):
 
 @pytest.mark.parametrize(
     ("moves", "size", "worlds"),
-    [(Moves.EIGHT, 10, 60), (Moves.SIXTEEN, 7, 40), (Moves.THIRTY_TWO, 6, 40), (Moves.FOUR, 10, 40)],
+    [(Moves.EIGHT, 10, 35), (Moves.SIXTEEN, 7, 25), (Moves.THIRTY_TWO, 6, 25), (Moves.FOUR, 10, 35)],
 )
 def test_sipp_against_naive(moves, size, worlds):
     """The arrival is that of a naive SIPP with bisected intervals, and no sample of the path is in contact (C5)."""
@@ -126,7 +126,7 @@ def test_sipp_against_unit_steps():
     """
     rng = np.random.default_rng(5)
     reach, hop = 1e-3, 1e-6
-    for _ in range(cases(120, 5000)):
+    for _ in range(cases(180, 5000)):
         grid = random_grid(rng, 2, 10, (0.0, 0.3))
         free = [(int(r), int(c)) for r, c in np.argwhere(~grid.blocked)]
         if not free:
