@@ -1,0 +1,136 @@
+"""Policy `paper`: the shipped scenes are crossed without contact, decisions say what they must, answers stay the same."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, make_policy, run
+from antway.avoidance.encounter import closest_approach, encounter
+from antway.avoidance.local_target import local_target
+from antway.scenes import SCENES, scene
+from antway.world.motions import BackAndForth, Line
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
+from common import cases
+
+GOLDEN = Path(__file__).parent / "golden" / "traces.json"
+HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
+
+
+def hall(*obstacles: Obstacle, **changes) -> Scenario:
+    return Scenario(World(HALL, obstacles), (1.125, 3.125), (9.125, 3.125), horizon=60.0, **changes)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_shipped_scenes_are_crossed_without_contact(name: str) -> None:
+    """Seed after seed the robot reaches the goal, touches nothing, and the verifier agrees."""
+    scenario = load_scenario(scene(name))
+    for seed in range(cases(4, 50)):
+        result = run(scenario, "paper", seed=seed)
+        check_episode(result)
+        assert result.reached, (name, seed, result.outcome, result.reason)
+
+
+def test_ants_find_the_way_round_a_standing_obstacle() -> None:
+    """A disc on the path is gone round by ants, with local target, pheromone and history told; and no more than is needed."""
+    result = run(hall(Obstacle(0.4, Line((5.125, 3.125), (5.125, 3.125), 0.0))), "paper")
+    check_episode(result)
+    avoid = next(d for _, d in result.trace.decisions if d.action == "avoid")
+    assert avoid.obstacle == 0 and avoid.encounter == "standing" and avoid.local_target is not None
+    assert avoid.pheromone is not None and (avoid.pheromone[2] > 0).any() and np.isfinite(avoid.pheromone[2]).all()
+    assert avoid.history is not None and avoid.history.shape == (20, 4) and (np.diff(avoid.history[:, 0]) <= 0).all()
+    assert avoid.path is not None and dict(avoid.alternatives)["avoid"] < dict(avoid.alternatives)["wait"]
+    assert avoid.distance_at_closest < 0 < avoid.time_to_closest
+    assert result.reached and 8.0 < result.length < 9.5 and result.replans >= 1
+
+
+def test_waiting_is_chosen_where_it_is_shorter() -> None:
+    """In a corridor that a disc crosses the robot waits and then goes on; nothing else costs less."""
+    blocked = np.zeros((24, 40), dtype=bool)
+    blocked[:10, :18] = blocked[:10, 22:] = blocked[14:, :18] = blocked[14:, 22:] = True
+    world = World(Grid(blocked, 0.25), [Obstacle(0.4, Line((5.0, 0.5), (5.0, 5.5), 0.6, delay=0.0))])
+    result = run(Scenario(world, (1.125, 3.125), (9.125, 3.125)), "paper")
+    check_episode(result)
+    assert result.reached and result.waits >= 1 and any(d.action == "wait" for _, d in result.trace.decisions)
+
+
+def test_the_robot_steps_back_from_a_corridor() -> None:
+    """Met head-on in a corridor with no room to pass, the robot backs out and comes again."""
+    blocked = np.zeros((24, 60), dtype=bool)
+    blocked[:10, 20:40] = blocked[14:, 20:40] = True
+    world = World(Grid(blocked, 0.25), [Obstacle(0.35, Line((12.0, 3.0), (2.0, 3.0), 0.6))])
+    result = run(Scenario(world, (4.0, 3.0), (13.5, 3.0), RobotSpec(sensor_range=3.0)), "paper")
+    check_episode(result)
+    assert result.reached and result.length > 9.5
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"robot": RobotSpec(a_max=1.5)},
+        {"robot": RobotSpec(drive="differential", a_max=2.0)},
+        {"sensor": Sensor(noise=0.02, dropout=0.1)},
+        {"sensor": Sensor(velocity="none")},
+        {"sensor": Sensor(velocity="estimated", noise=0.02, agility=0.3)},
+        {"sensor": Sensor(latency=0.2, period=0.2)},
+    ],
+)
+def test_other_robots_and_sensors_arrive(changes: dict) -> None:
+    """Inertia, wheels, noise, missing velocities and latency do not end in contact in a hall with a crossing disc."""
+    for seed in range(3):
+        disc = Obstacle(0.3, BackAndForth((5.0, 0.4), (5.0, 5.6), (0.3, 0.5), (0.0, 1.0)))
+        result = run(hall(disc, **changes), "paper", seed=seed)
+        check_episode(result)
+        assert result.reached, (changes, seed, result.outcome)
+
+
+def test_no_way_and_blind_robots_stand() -> None:
+    """Without a way the robot stands and says why; without a sensor it still keeps off the walls."""
+    blocked = HALL.blocked.copy()
+    blocked[:, 20] = True
+    result = run(Scenario(World(Grid(blocked, 0.25)), (1.0, 3.0), (9.0, 3.0), horizon=2.0), "paper")
+    assert result.outcome is Outcome.TIMEOUT and result.length == 0.0
+    assert result.trace.decisions[0][1].action == "stuck"
+    assert run(hall(sensor=Sensor(dropout=1.0)), "paper").reached
+
+
+def test_parameters_are_checked() -> None:
+    """Wrong options raise the typed error that names them."""
+    for wrong in ({"ants": 0}, {"cycles": 1.5}, {"margin": -1.0}, {"growth": math.nan}, {"lookahead": 0.0}):
+        with pytest.raises(BadParameter, match=next(iter(wrong))):
+            make_policy("paper", **wrong)
+
+
+def test_encounters_have_their_names() -> None:
+    """The five kinds of meeting, and the closest approach by hand."""
+    east = (1.0, 0.0)
+    names = {(-1.0, 0.1): "head-on", (0.5, 0.1): "overtaking", (0.1, 1.0): "crossing-right", (0.1, -1.0): "crossing-left"}
+    for velocity, name in names.items():
+        assert encounter(east, velocity) == name
+    assert encounter(east, (0.0, 0.0)) == "standing"
+    assert closest_approach((0, 0), (1, 0), (2, 2), (0, -1)) == (2.0, 0.0)
+    assert closest_approach((0, 0), (1, 0), (-2, 0), (0, 0)) == (0.0, 2.0)
+
+
+def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
+    """First free node beyond; else the farthest in sight and range; else the last."""
+    route = np.column_stack((np.arange(1.0, 9.0), np.zeros(8)))
+    taken = np.array([False, False, True, True, False, False, True, False])
+    assert local_target(route, taken, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4
+    every = np.ones(8, dtype=bool)
+    assert local_target(route, every, 2.5, (0.0, 0.0), 5.0, lambda p: p[0] < 4.5)[0] == 3
+    assert local_target(route, every, 2.5, (0.0, 0.0), 5.0, lambda p: False)[0] == 7
+
+
+def test_golden_traces() -> None:
+    """Stored digests of whole traces are reproduced; a deliberate change edits tests/golden/traces.json."""
+    golden = json.loads(GOLDEN.read_text())
+    assert len(golden) >= 6
+    for key, digest in golden.items():
+        name, policy, seed = key.split()
+        assert run(load_scenario(scene(name)), policy, seed=int(seed)).trace.digest() == digest, key
