@@ -24,18 +24,8 @@ from antway.view.style import save
 from antway.world.policy import Decision, Task
 from antway.world.trace import Trace
 
-__all__ = [
-    "convergence_figure",
-    "final_figure",
-    "moment_figure",
-    "moments",
-    "plan_figure",
-    "save",
-    "shortest",
-    "strip_figure",
-    "title_of",
-    "tour_figure",
-]
+__all__ = ["convergence_figure", "final_figure", "moment_figure", "moments", "plan_figure", "save", "shortest"]
+__all__ += ["strip_figure", "title_of", "tour_figure"]
 
 HORIZON = 3.0  # s that a prediction is drawn for
 
@@ -235,19 +225,24 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
 def moments(trace: Trace) -> tuple[int, int]:
     """Return two steps worth a picture: (about to meet an obstacle, in the midst of the encounter).
 
-    The encounter is the first in which ants left pheromone; without such, the first decision to do other than follow the path;
-    without that, the closest approach. The first step lies a second and a half before the second.
+    The second is the decision to do other than follow the path in which most cells hold pheromone; without pheromone, the first
+    such decision; without such, the closest approach. The first lies half a second before, if an obstacle is sensed then.
     """
     busy = [(step, decision) for step, decision in trace.decisions if decision.action not in ("follow", "arrived")]
-    shown = [step for step, decision in busy if decision.pheromone is not None] or [step for step, _ in busy]
-    if shown:
-        midst = min(shown[0], len(trace))
+    if busy:
+        midst = min(max(busy, key=lambda one: _laid(one[1]))[0], len(trace))
     elif len(trace.obstacle_id):
         gaps = np.hypot(*(trace.obstacle_xy - trace.xy[:, None]).transpose(2, 0, 1)) - trace.obstacle_radius
         midst = int(gaps.min(axis=1).argmin())
     else:
         midst = len(trace) // 2
-    return max(0, midst - round(1.5 / trace.task.robot.dt)), midst
+    before = max(0, midst - round(0.5 / trace.task.robot.dt))
+    return before if trace.sensed[before].any() else midst, midst
+
+
+def _laid(decision: Decision) -> int:
+    """In how many cells there is pheromone."""
+    return 0 if decision.pheromone is None else int((decision.pheromone[2] > 0).sum())
 
 
 def title_of(decision: Decision | None) -> str:
@@ -286,7 +281,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
 
 
 def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
-    if decision.pheromone is not None:
+    if decision.pheromone is not None and _laid(decision):
         row, col, amount = decision.pheromone
         x, y, _ = grid.origin
         d, (h, w) = grid.resolution, amount.shape

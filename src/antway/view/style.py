@@ -87,7 +87,7 @@ def save(fig: Figure, path: str | Path) -> Path:
     if suffix not in FORMATS:
         raise BadParameter("out", path.name, f"a file name that ends in .{', .'.join(FORMATS)}")
     dateless = {"png": {"Software": "antway"}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    fig.savefig(path, format=suffix, metadata=dateless[suffix])
+    fig.savefig(path, format=suffix, metadata=dateless[suffix], bbox_inches="tight", pad_inches=0.12)
     return path
 
 

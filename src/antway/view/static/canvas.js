@@ -103,9 +103,9 @@ class Stage {
     if (show.trail) this.line(moment.trail, this.colour.robot, 3, [], true);
     if (show.planned) this.line(moment.planned, this.colour.planned, 2.6, [], true);
     if (show.range && Number.isFinite(moment.robot.range)) this.ring([moment.robot.x, moment.robot.y], moment.robot.range);
+    if (show.planned && moment.target) this.diamond(moment.target);
     if (moment.goal) this.drawEnds(moment);
     for (const obstacle of moment.obstacles ?? []) this.drawObstacle(obstacle);
-    if (show.planned && moment.target) this.diamond(moment.target);
     this.drawRobot(moment.robot);
   }
 

@@ -97,9 +97,8 @@ function showDecision(decision) {
   byId("action").dataset.action = decision?.action ?? "";
   put("reason", decision?.reason ?? "No decision was recorded.");
   const facts = [];
-  if (decision?.encounter) facts.push(["Encounter", decision.encounter.replaceAll("-", " ")]);
-  if (decision?.obstacle != null) facts.push(["Obstacle", String(decision.obstacle)]);
-  if (decision?.closest) facts.push(["Closest approach", `in ${fixed(decision.closest[0], 1, "s")}, ${fixed(decision.closest[1], 2, "m")} apart`]);
+  if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, (decision.encounter ?? "").replaceAll("-", " ")]);
+  if (decision?.closest) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
   if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
   if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
   for (const [name, cost] of decision?.alternatives ?? []) facts.push([name, cost == null ? "not possible" : fixed(cost, 2, "s")]);
@@ -279,6 +278,7 @@ async function open() {
     image(data.map.blocked), image(data.map.unknown), ...data.pheromone.map(({ mask }) => image(mask)),
   ]);
   masks.forEach((mask, i) => (data.pheromone[i].mask = mask));
+  document.documentElement.style.setProperty("--ratio", String(data.map.rows / data.map.cols));
   stage.setMap({ ...data.map, blocked, unknown });
   setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   setPlaying(false);
