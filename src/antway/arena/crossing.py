@@ -1,0 +1,125 @@
+"""Suite `crossing`: CrowdNav's circle and square, with humans steered by ORCA who do not see the robot.
+
+Chen, Liu, Kreiss, Alahi: Crowd-robot interaction, ICRA 2019; ORCA: van den Berg, Guy, Lin, Manocha, ISRR 2011 (RVO2).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from antway.arena.suites import Chance, Suite
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.world.motions import Replay
+from antway.world.policy import XY, RobotSpec
+from antway.world.scenario import Scenario
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle, World
+
+HUMANS = 5
+RADIUS, SPEED, STEP, LIMIT = 0.3, 1.0, 0.25, 25.0  # m, m/s, s, s
+CIRCLE, NOISE, SQUARE, APART = 4.0, 1.0, 10.0, 0.2  # m: radius, width of the noise, width, least gap at starts and goals
+START, GOAL = (0.0, -4.0), (0.0, 4.0)
+SIDE, CELL = 81, 0.2  # cells and m of the empty map; starts and goals of the circle are centres of cells
+ROBOT = RobotSpec(radius=RADIUS, v_max=SPEED, dt=STEP, sensor_range=math.inf)
+
+Walk = tuple[XY, XY]  # start and goal
+
+
+def crossing() -> Suite:
+    """Return the suite.
+
+    The robot goes from (0, -4) to (0, 4) at 1 m/s among five humans, all of radius 0.3 m, in steps of 0.25 s and 25 s at most;
+    it is there within 0.3 m. As the humans do not see it, their ways do not depend on it, and are worked out beforehand; within
+    a step each goes straight. Their speed is bounded by 1 m/s; how fast it changes is not.
+    """
+    return Suite("crossing", ("circle", "square"), make, default=500)
+
+
+def make(group: str, chance: Chance) -> Scenario:
+    """Return a scenario of the "circle" or the "square"."""
+    walks: list[Walk] = [(START, GOAL)]
+    while len(walks) <= HUMANS:
+        walk = _circle(chance) if group == "circle" else _square(chance)
+        if all(_apart(walk, other, group) for other in walks):
+            walks.append(walk)
+    t = tuple(STEP * k for k in range(round(LIMIT / STEP) + 1))
+    humans = tuple(Obstacle(RADIUS, Replay(t, tuple(track))) for track in orca_tracks(walks[1:], len(t) - 1))
+    edge = -(SIDE * CELL) / 2
+    return Scenario(
+        World(Grid(np.zeros((SIDE, SIDE), np.bool_), CELL, (edge, edge, 0.0)), humans),
+        START,
+        GOAL,
+        robot=ROBOT,
+        sensor=Sensor(occlusion=False),
+        horizon=LIMIT,
+        goal_tolerance=RADIUS,
+        obstacle_speed=SPEED,
+        name=f"crossing {group}",
+    )
+
+
+def _circle(chance: Chance) -> Walk:
+    angle = chance.between(0.0, 2 * math.pi)
+    x = CIRCLE * math.cos(angle) + chance.between(-0.5, 0.5) * NOISE
+    y = CIRCLE * math.sin(angle) + chance.between(-0.5, 0.5) * NOISE
+    return (x, y), (-x, -y)
+
+
+def _square(chance: Chance) -> Walk:
+    side = 1.0 if chance.integer(0, 2) else -1.0
+    half = SQUARE / 2
+    start = chance.between(0.0, half) * side, chance.between(-half, half)
+    return start, (chance.between(0.0, half) * -side, chance.between(-half, half))
+
+
+def _apart(walk: Walk, other: Walk, group: str) -> bool:
+    """Tell whether start and goal keep their distance from those of another: in the circle start from both ends of it."""
+    least = 2 * RADIUS + APART
+    pairs = [(walk[0], other[0]), (walk[0], other[1])] if group == "circle" else list(zip(walk, other))
+    return all(math.dist(a, b) >= least for a, b in pairs)
+
+
+def orca_tracks(walks: list[Walk], steps: int) -> list[list[XY]]:
+    """Return the places, after each of `steps` steps, of humans who walk to their goals and avoid one another by ORCA.
+
+    Each has an RVO2 simulation of his own in which he is the first agent and the others, in their order, have no goal:
+    neighbour distance 10 m, 10 neighbours, both horizons 5 s, radius + 0.01 m, 1 m/s at most. He prefers the velocity to his
+    goal, at 1 m/s or, within the last metre, what is left of the way a second.
+    """
+    try:
+        from pyrvo import RVOSimulator
+    except ImportError:
+        raise BadParameter("suite", "crossing", "another suite, or install pyrvo (the extra `arena`)") from None
+    count = len(walks)
+    common = (10.0, 10, 5.0, 5.0, RADIUS + 0.01, SPEED)
+    xy = [start for start, _ in walks]
+    velocity: list[XY] = [(0.0, 0.0)] * count
+    minds = []
+    orders = [[k, *(j for j in range(count) if j != k)] for k in range(count)]
+    for order in orders:
+        mind = RVOSimulator(STEP, *common)
+        for j in order:
+            mind.add_agent(xy[j], *common, velocity[j])
+        minds.append(mind)
+    tracks = [[place] for place in xy]
+    for _ in range(steps):
+        chosen: list[XY] = []
+        for k, mind in enumerate(minds):
+            for i, j in enumerate(orders[k]):
+                mind.set_agent_position(i, xy[j])
+                mind.set_agent_velocity(i, velocity[j])
+                mind.set_agent_pref_velocity(i, (0.0, 0.0))
+            wish = walks[k][1][0] - xy[k][0], walks[k][1][1] - xy[k][1]
+            way = max(math.hypot(*wish), 1.0)
+            mind.set_agent_pref_velocity(0, (wish[0] / way, wish[1] / way))
+            mind.do_step()
+            found = mind.get_agent_velocity(0)
+            chosen.append((found.x, found.y))
+        velocity = chosen
+        for k, (vx, vy) in enumerate(velocity):
+            xy[k] = xy[k][0] + vx * STEP, xy[k][1] + vy * STEP
+            tracks[k].append(xy[k])
+    return tracks

@@ -1,0 +1,126 @@
+"""Rows of the results summed up: by level of difficulty and policy, and paired on the same episodes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.arena import metrics
+from antway.arena.store import Row
+from antway.world.trace import Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A policy on one level of difficulty (or all, ""): how many episodes, and what came of them.
+
+    Attributes
+    ----------
+    outcomes : mapping of `Outcome` value to count
+    success : float, and its Wilson interval at 95 %
+    regret : float, and its bootstrap interval at 95 %
+        Mean of time over the clairvoyant optimum, of episodes reached; below 1 is possible, for the optimum is bound to its grid.
+    time, stretch, clearance, discomfort, flips, jerk : float
+        Means over episodes reached, of time (s), length over the shortest way among the walls, and least clearance (m); over
+        all, of time under 0.2 m (s), changes of side, and jerk (m/s^3).
+    cycle : (p50, p99, max)
+        Medians of the episodes' medians and 99th percentiles, and the longest cycle of all, ms.
+    """
+
+    level: str
+    policy: str
+    episodes: int
+    outcomes: dict[str, int]
+    success: float
+    success_interval: metrics.Interval
+    regret: float
+    regret_interval: metrics.Interval
+    time: float
+    stretch: float
+    clearance: float
+    discomfort: float
+    flips: float
+    jerk: float
+    cycle: tuple[float, float, float]
+
+
+def level_of(row: Row) -> str:
+    """Return the level of a group "kind/level", else the group."""
+    return row.group.rpartition("/")[2]
+
+
+def levels(rows: Sequence[Row]) -> list[str]:
+    """Return the levels, the easiest (by survival) first."""
+    found: dict[str, list[float]] = {}
+    for row in rows:
+        found.setdefault(level_of(row), []).append(row.survival)
+    return sorted(found, key=lambda level: (-_mean(found[level]), level))
+
+
+def summarise(rows: Sequence[Row], policies: Sequence[str] | None = None) -> list[Summary]:
+    """Return a summary of every level and policy, and of all levels together where there are several."""
+    steps = levels(rows)
+    names = list(policies or sorted({row.policy for row in rows}))
+    table = []
+    for level in [*steps, ""] if len(steps) > 1 else steps:
+        for policy in names:
+            mine = [row for row in rows if row.policy == policy and level in (level_of(row), "")]
+            if mine:
+                table.append(_summary(level, policy, mine))
+    return table
+
+
+def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
+    outcomes = [row.outcome for row in rows]
+    reached = [row for row in rows if row.reached]
+    bound = [row for row in reached if math.isfinite(row.bound)]
+    ratios = metrics.regret([row.time for row in bound], [row.bound for row in bound])
+    return Summary(
+        level=level,
+        policy=policy,
+        episodes=len(rows),
+        outcomes={outcome.value: outcomes.count(outcome.value) for outcome in Outcome},
+        success=metrics.success(outcomes),
+        success_interval=metrics.wilson(len(reached), len(rows)),
+        regret=_mean(ratios),
+        regret_interval=metrics.bootstrap(ratios),
+        time=_mean([row.time for row in reached]),
+        stretch=_mean(metrics.stretch([row.length for row in reached], [row.shortest for row in reached])),
+        clearance=_mean([row.clearance for row in reached if math.isfinite(row.clearance)]),
+        discomfort=_mean([row.discomfort for row in rows]),
+        flips=_mean([row.flips for row in rows]),
+        jerk=_mean([row.jerk for row in rows]),
+        cycle=(
+            _median([row.cycle_p50 for row in rows]),
+            _median([row.cycle_p99 for row in rows]),
+            max((row.cycle_max for row in rows if row.cycle_max == row.cycle_max), default=math.nan),
+        ),
+    )
+
+
+def _mean(values: Sequence[float] | NDArray[np.float64]) -> float:
+    kept = [value for value in values if math.isfinite(value)]
+    return math.fsum(kept) / len(kept) if kept else math.nan
+
+
+def _median(values: Sequence[float]) -> float:
+    kept = [value for value in values if math.isfinite(value)]
+    return float(np.median(kept)) if kept else math.nan
+
+
+def paired(
+    rows: Sequence[Row], policies: Sequence[str]
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
+    """Return success (0 or 1) on the episodes that all policies played, and time over the optimum on those that all reached."""
+    by: dict[tuple[str, str, int, str], dict[str, Row]] = {}
+    for row in rows:
+        by.setdefault((row.suite, row.episode, row.seed, row.version), {})[row.policy] = row
+    common = [one for one in by.values() if all(policy in one for policy in policies)]
+    solved = [one for one in common if all(one[p].reached and math.isfinite(one[p].bound) for p in policies)]
+    wins = {p: np.array([float(one[p].reached) for one in common]) for p in policies}
+    times = {p: metrics.regret([one[p].time for one in solved], [one[p].bound for one in solved]) for p in policies}
+    return wins, times
