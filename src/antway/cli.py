@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from antway.console import exit_with, number_option, print_json, print_table, working
+from antway.console import exit_with, number_option, print_json, print_summaries, print_table, working
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 
 if TYPE_CHECKING:
@@ -174,6 +174,72 @@ def demo_command(
         print_table(rows)
         print(f"pictures in {out}; open {out / 'replay.html'} in a browser to play the episode")
     return CONTACT if any(numbers["outcome"].startswith("hit-") for _, numbers in rows) else 0
+
+
+@app.command("bench")
+def bench_command(
+    suite: Annotated[
+        str,
+        typer.Argument(metavar="SUITE", help="paper, synthetic, crossing, encounters, barn, maps:FILE or tracks:FILE."),
+    ],
+    policies: Annotated[
+        str,
+        typer.Option(
+            "--policies", "--policy", metavar="A,B", help="Names, or MODULE:CLASS; /OPTION=VALUE after one sets an option."
+        ),
+    ] = "antway,oracle",
+    episodes: Annotated[int | None, number_option("episodes", int, "N", "Episodes of each group of the suite.")] = None,
+    engine: Annotated[str, typer.Option(metavar="NAME", help="local or ray.")] = "local",
+    workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
+    patience: Annotated[float, number_option("patience", float, "S", "Give up an episode after so long.")] = 120.0,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Results, report and tables; an earlier run goes on.")] = Path(
+        "bench"
+    ),
+    json: Json = False,
+) -> int:
+    """Measure policies on a suite of worlds against the clairvoyant optimum; resumes where it stopped."""
+    import os
+    from dataclasses import asdict
+
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    from antway.arena import engines
+    from antway.arena.report import write_report
+    from antway.arena.store import Results, export
+    from antway.arena.suites import episodes as episodes_of
+    from antway.arena.summary import summarise
+    from antway.view.replay import replay_page
+
+    names = policies.split(",")
+    with working("preparing"):
+        jobs = engines.table_jobs(episodes_of(suite, episodes), names)
+    out.mkdir(parents=True, exist_ok=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Results(out / "results.db") as results:
+        with Progress(*columns, console=Console(stderr=True)) as bar:
+            task = bar.add_task(jobs[0].episode.suite, total=len(jobs))
+            engines.bench(
+                jobs,
+                results,
+                engine=engine,
+                workers=workers or os.cpu_count() or 1,
+                patience=patience,
+                done=lambda row: bar.advance(task),
+            )
+        wanted = {job.key for job in jobs}
+        rows = [row for row in results.rows() if row.key in wanted]
+        with working("writing the report"):
+            for suffix in ("csv", "json"):
+                export(rows, out / f"results.{suffix}")
+            write_report(results, out / "report.html", replay_page)
+    table = summarise(rows, names)
+    if json:
+        print_json({"suite": jobs[0].episode.suite, "summaries": [asdict(one) for one in table], "out": str(out)})
+    else:
+        print_summaries(table)
+        print(f"results, tables and report in {out}")
+    return 0
 
 
 @app.command("view")

@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from antway.errors import BadInput, BadParameter
+
+if TYPE_CHECKING:
+    from antway.arena.summary import Summary
 
 
 class Refused(Exception):
@@ -102,6 +105,42 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
             f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
         )
     Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def print_summaries(table: Sequence[Summary]) -> None:
+    """Print what policies did on a suite as a table."""
+    from rich.console import Console
+    from rich.table import Table
+
+    shown = Table(title="Policies against the clairvoyant optimum", title_justify="left")
+    heads = [
+        "level",
+        "policy",
+        "episodes",
+        "success",
+        "95 %",
+        "hit moving/\nstanding/wall",
+        "timeout/\nerror",
+        "time /\noptimum",
+    ]
+    for head in (*heads, "95 %", "time", "cycle ms\np50 / p99"):
+        shown.add_column(head, justify="left" if head in heads[:2] else "right")
+    for one in table:
+        hits, ends = (("hit-moving", "hit-standing", "hit-wall"), ("timeout", "error"))
+        shown.add_row(
+            one.level or "all",
+            one.policy,
+            str(one.episodes),
+            f"{100 * one.success:.1f} %",
+            "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
+            "/".join(str(one.outcomes[name]) for name in hits),
+            "/".join(str(one.outcomes[name]) for name in ends),
+            f"{one.regret:.4f}",
+            "{:.3f} - {:.3f}".format(*one.regret_interval),
+            f"{one.time:.2f} s",
+            f"{one.cycle[0]:.2f} / {one.cycle[1]:.2f}",
+        )
+    Console(width=None if sys.stdout.isatty() else 140).print(shown)
 
 
 def _shown(value: float | None, form: str, unit: str) -> str:
