@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from antway.ants.gridpath import ants, explore
+from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Printed
 from antway.ants.rules import RULES, MaxMinAntSystem
 from antway.errors import BadInput, BadParameter, TooLarge
@@ -196,6 +197,23 @@ def test_pheromone_left_by_one_colony_starts_the_next():
     assert corridor.history[0, 1] < explore(problem, seed=2, cycles=1, **options).history[0, 1]
 
 
+def test_the_immune_operator_keeps_paths_legal_and_runs_repeatable():
+    """Vaccinated colonies give legal plans, the same for any number of threads, and other ones than plain colonies."""
+    rng = np.random.default_rng(9)
+    differ = 0
+    for i in range(cases(20, 500)):
+        problem = random_problem(rng)
+        options = {"seed": i, "rule": list(RULES)[i % 5], "heuristic": "goal", "cycles": 12, "ants": 10, "step_limit": 60}
+        strong = Immune(archive=4, share=0.5, vaccinated=1.0, patience=3)
+        found = explore(problem, immune=strong, **options)
+        check_plan(problem, found.plan)
+        twin = explore(problem, immune=strong, threads=2, **options)
+        assert same(found.plan, twin.plan) and found.pheromone.tobytes() == twin.pheromone.tobytes()
+        assert np.isfinite(found.pheromone).all()
+        differ += explore(problem, **options).pheromone.tobytes() != found.pheromone.tobytes()
+    assert differ > 5
+
+
 def test_adaptive_persistence_keeps_more_ants_alive_than_the_printed_one():
     """III.D as printed makes all edges alike; corrected it does not (the paper's improvement, measured)."""
     rng = np.random.default_rng(6)
@@ -221,6 +239,7 @@ BAD = {
     "pheromone": ["thick", np.zeros((3, 3, 8)), np.ones((3, 3)), np.full((3, 3, 8), np.nan), None, 7],
     "window": [(0, 0, 9, 9), (1, 1, 2, 2), (0, 0, 0, 0), (0, 0, 3), "all", (-1, 0, 4, 3), (0.5, 0, 3, 3)],
     "forbidden": [np.zeros((2, 2), dtype=bool), "none"],
+    "immune": [True, 0.5],
     "threads": [0, -1, 1.5, 10**6],
     "seed": [-1, 2**64, 1.0, "0", None],
 }

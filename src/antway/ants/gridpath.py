@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
+from antway.ants.immune import Immune, Immunity
 from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
 from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop, plan_of
@@ -69,6 +70,7 @@ class Options(TypedDict, total=False):
     pheromone: str | ArrayLike
     window: Window | None
     forbidden: ArrayLike | None
+    immune: Immune | None
     threads: int
 
 
@@ -116,6 +118,7 @@ def explore(
     pheromone: str | ArrayLike = "uniform",
     window: Window | None = None,
     forbidden: ArrayLike | None = None,
+    immune: Immune | None = None,
     threads: int = 1,
     record: bool = True,
     stop_at_bound: bool = False,
@@ -151,6 +154,8 @@ def explore(
         The search keeps within this rectangle.
     forbidden : bool[H, W] or None
         Cells of the whole map to avoid besides the blocked ones; the start is never forbidden.
+    immune : Immune or None
+        The immune operator between construction and deposit, if any; see `antway.ants.immune`.
     threads : int
         The answer is the same for any number.
     record : bool
@@ -190,6 +195,7 @@ def explore(
     checks.integer("threads", threads, low=1, high=256)
     if step_limit is not None:
         checks.integer("step_limit", step_limit, low=0, high=2**24)
+    immunity = None if immune is None else Immunity(checks.instance("immune", immune, Immune), False, seed, [])
     local, window = _local(problem, window, forbidden)
 
     def result(status: Status, path: NDArray[np.uint8] | None = None, bound: float = 0.0, steps: int = 0) -> Exploration:
@@ -214,7 +220,7 @@ def explore(
     with Squad(ground, number, _limit(step_limit, ground), retreat=retreat, threads=threads) as squad:
         for t in range(cycles):
             steps += squad.walk(trail.weights(), seed, t * number, clock, greedy=trail.numbers.q0)
-            trail.learn(squad, t)
+            trail.learn(squad, t, immunity)
             if record:
                 history.append(_row(squad, trail, local.grid.resolution))
             proved, spent = trail.best <= ground.bound * (1 + 1e-9), clock.spent()

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.ants.immune import Immunity, vaccinate_path
 from antway.ants.rules import Rule
 from antway.errors import BadParameter, TooLarge
 from antway.grid import Cell, Grid, Moves
 from antway.kernels import walk as kernel
-from antway.kernels.colony import limits
+from antway.kernels.colony import Numbers, limits
 from antway.kernels.colony import persistence as rho
 from antway.planning import Clock, Plan, Problem, Status
 from antway.search.derived import Graph, graph
@@ -91,6 +92,11 @@ class Ground:
     def cells(self, path: NDArray[np.uint8]) -> NDArray[np.int64]:
         """Return the flat cells of a path."""
         return self.start + np.concatenate(([0], np.cumsum(self.offsets[path])))
+
+    def moves(self, cells: NDArray[np.integer]) -> NDArray[np.uint8]:
+        """Return the moves of a path given by its flat cells: `cells` undone."""
+        found: NDArray[np.uint8] = np.argmax(np.diff(cells)[:, None] == self.offsets, axis=1).astype(np.uint8)
+        return found
 
     def visibility(self, heuristic: str, beta: float) -> NDArray[np.float64]:
         """Return eta^beta of each legal move, float64[N, 8]; see `gridpath.explore` for the heuristics."""
@@ -187,19 +193,46 @@ class Trail:
         kernel.weigh(self.tau, self.visibility, self.numbers.alpha, self._weights)
         return self._weights
 
-    def learn(self, squad: Squad, t: int) -> None:
+    def learn(self, squad: Squad, t: int, immunity: Immunity | None = None) -> None:
         """Take the paths of cycle `t` (0, 1, ...) in: the best so far and, Eq. (2), the pheromone."""
+        numbers = self.numbers if immunity is None else self._immunise(squad, t, immunity)
         order = np.argsort(squad.length, kind="stable")
         if squad.length[order[0]] < self.best:
             self.best, self.path, self._improved = float(squad.length[order[0]]), squad.path(int(order[0])), t
             self.low, self.high = self._limits()
         kernel.update(
-            self.numbers, self.tau, self.visibility, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
+            numbers, self.tau, self.visibility, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
             squad.moves, squad.depth, squad.length, order, self.path, self.best, t, t - self._restarted - 1,
         )  # fmt: skip
         if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
             self._restarted = t
             self.tau[self.visibility > 0] = self.high
+
+    def _immunise(self, squad: Squad, t: int, immunity: Immunity) -> Numbers:
+        """Let the paths pass the immune operator; return the rule, its deposits shifted by concentration."""
+        ground, policy = self.ground, immunity.policy
+        arrived = np.flatnonzero(squad.depth >= 0)
+        if len(arrived) == 0:
+            return self.numbers
+        paths, costs, scale = immunity.respond(
+            t,
+            [ground.cells(squad.path(int(ant))) for ant in arrived],
+            squad.length[arrived],
+            lambda cells: length_of(ground.moves(cells)) if len(cells) <= squad.limit else math.inf,
+            vaccinate_path,
+        )
+        for ant, cells in zip(arrived, paths):
+            squad.depth[ant] = len(cells) - 1
+            squad.moves[ant, : len(cells) - 1] = ground.moves(cells)
+        squad.length[arrived] = costs
+        unchanged = t - self._improved
+        if self.best < math.inf and policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
+            self.tau[ground.cells(self.path)[:-1], self.path] *= policy.suppression
+        factor = np.zeros(squad.depth.size)
+        factor[arrived] = scale
+        share = self.numbers.share * factor[np.argsort(squad.length, kind="stable")]
+        whole = float(self.numbers.share[: len(arrived)].sum())
+        return self.numbers._replace(share=share * (whole / share.sum() if share.any() else 1.0))
 
     def _limits(self) -> tuple[float, float]:
         """Return the least and the most pheromone a move may have."""
@@ -217,6 +250,12 @@ def crop(grid: Grid, corner: tuple[int, int], shape: tuple[int, int], forbidden:
     return Grid(blocked if forbidden is None else blocked | forbidden[part], resolution=grid.resolution)
 
 
+def length_of(path: NDArray[np.uint8]) -> float:
+    """Return the length of a path given by its moves, in cells."""
+    diagonals = int((path > 3).sum())
+    return path.size - diagonals + diagonals * math.sqrt(2.0)
+
+
 def plan_of(problem: Problem, status: Status, path: NDArray[np.uint8] | None, bound: float, steps: int, clock: Clock) -> Plan:
     """Return the plan of a path given by its moves from the start of `problem`, None for no path; `bound` in cells."""
     resolution = problem.grid.resolution
@@ -224,7 +263,6 @@ def plan_of(problem: Problem, status: Status, path: NDArray[np.uint8] | None, bo
     if path is None:
         return Plan(status, expanded=steps, elapsed=clock.elapsed(), lower_bound=bound)
     cells = np.vstack((problem.start, problem.start + np.cumsum(problem.moves.offsets[path], axis=0))).astype(np.int32)
-    diagonals = int((path > 3).sum())
-    length = (path.size - diagonals + diagonals * math.sqrt(2.0)) * resolution
+    length = length_of(path) * resolution
     optimal = length <= bound * (1 + 1e-9)
     return Plan(status, cells, length, optimal, steps, clock.elapsed(), lower_bound=length if optimal else bound)
