@@ -23,7 +23,7 @@ class Summary:
     outcomes : mapping of `Outcome` value to count
     success : float, and its Wilson interval at 95 %
     regret : float, and its bootstrap interval at 95 %
-        Mean of time over the clairvoyant optimum, of episodes reached; below 1 is possible, for the optimum is bound to its grid.
+        Mean of time over the clairvoyant optimum, of episodes reached; below 1 is possible, as the optimum is one of its grid.
     time, stretch, clearance, discomfort, flips, jerk : float
         Means over episodes reached, of time (s), length over the shortest way among the walls, and least clearance (m); over
         all, of time under 0.2 m (s), changes of side, and jerk (m/s^3).
