@@ -91,7 +91,7 @@ def first_conflict(
 ) -> float:
     """Time at which the rest of a motion, rows (t, x, y), first has a leg or wait that meets a piece; infinite if never."""
     for i in range(len(knots) - 1):
-        t0, t1 = max(knots[i, 0], now), knots[i + 1, 0]
+        t0, t1 = max(float(knots[i, 0]), now), float(knots[i + 1, 0])
         if t1 <= t0:
             continue
         span = knots[i + 1, 0] - knots[i, 0]

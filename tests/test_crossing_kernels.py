@@ -1,0 +1,256 @@
+"""The kernels of avoidance against their sampled twins and against exact search (C5, C7)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, Status
+from antway.avoidance.policy import make_trails
+from antway.kernels import track
+from antway.kernels.guard import gap_to_reach, time_to_contact
+from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
+from antway.kernels.pieces import earliest_departure, unsafe_departures, unsafe_stay
+from antway.kernels.predict import predict
+from antway.kernels.trails import TRAILS, edge, evaporate, lay, scent
+from antway.search.sipp import Sipp
+from antway.world.motions import Bounce
+from antway.world.world import Obstacle, World
+from common import cases
+from crossing import colony, local_problem
+from naive import crossing as naive
+
+WORK = np.empty(2)
+
+
+def random_piece(rng: np.random.Generator) -> np.ndarray:
+    t0 = rng.uniform(0.0, 2.0)
+    velocity = rng.uniform(-1.0, 1.0, 2) * (rng.random() < 0.9)
+    reach, berth = rng.uniform(0.1, 0.8), rng.uniform(0.0, 0.2)
+    return np.array([[t0, t0 + rng.uniform(0.1, 4.0), *rng.uniform(-2.0, 2.0, 2), *velocity, reach, reach + berth]])
+
+
+def test_unsafe_stay_is_what_sampling_finds() -> None:
+    """The closed interval of contact covers every sample in contact and no more than the step between samples."""
+    rng = np.random.default_rng(0)
+    times = np.linspace(-1.0, 8.0, 4501)
+    for _ in range(cases(500, 10**5)):
+        piece, (x, y) = random_piece(rng), rng.uniform(-2.0, 2.0, 2)
+        low, high = unsafe_stay(x, y, piece, 0)
+        hit = times[naive.unsafe_stay(x, y, piece[0], times)]
+        if len(hit):
+            assert low - 1e-9 <= hit[0] <= low + 0.003 and high - 0.003 <= hit[-1] <= high + 1e-9
+        else:
+            assert high - low < 0.003
+
+
+def test_unsafe_departures_are_what_sampling_finds() -> None:
+    """The interval of departures that lead to contact covers every sampled one, and nothing else."""
+    rng = np.random.default_rng(1)
+    departures = np.linspace(-2.0, 8.0, 2001)
+    for i in range(cases(400, 10**5)):
+        piece, (x, y), v = random_piece(rng), rng.uniform(-2.0, 2.0, 2), rng.uniform(-1.0, 1.0, 2)
+        if i % 7 == 0:  # parallel courses
+            v = piece[0, 4:6] * rng.uniform(-1.0, 2.0)
+        duration = rng.uniform(0.1, 1.0)
+        low, high = unsafe_departures(x, y, v[0], v[1], duration, piece, 0, WORK)
+        hit = departures[naive.unsafe_departures(x, y, v, duration, piece[0], departures)]
+        if len(hit):
+            assert low - 1e-9 <= hit[0] and hit[-1] <= high + 1e-9
+            assert hit[0] - low < 0.03 and high - hit[-1] < 0.03
+        else:
+            assert high - low < 0.03
+
+
+def test_earliest_departure_is_safe_and_earliest() -> None:
+    """The departure found is safe by sampling, also with lag, and no sampled earlier one is."""
+    rng = np.random.default_rng(2)
+    for _ in range(cases(200, 10**4)):
+        pieces = np.vstack([random_piece(rng) for _ in range(6)])
+        (x, y), v, duration, lag = rng.uniform(-2, 2, 2), rng.uniform(-1, 1, 2), rng.uniform(0.1, 1.0), rng.choice([0.0, 0.1])
+        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, pieces, lag, WORK)
+        departures = np.arange(0.0, 9.0, 0.01)
+        moved = pieces + np.array([lag, lag, 0, 0, 0, 0, 0, 0])
+        hit = np.any([naive.unsafe_departures(x, y, v, duration, piece, departures) for piece in moved], axis=0)
+        assert hit[departures < s - 1e-6].all() or (departures[departures < s - 1e-6][~hit[departures < s - 1e-6]] < 0).all()
+        assert not hit[np.abs(departures - s) < 1e-9].any()
+
+
+def test_gap_to_reach_is_the_least() -> None:
+    """The closed form of the worst gap to a growing disc equals the sampled least to 1e-6."""
+    rng = np.random.default_rng(3)
+    for _ in range(cases(300, 10**5)):
+        a, w = rng.uniform(-2, 2, 2), rng.uniform(-1.5, 1.5, 2) * (rng.random() < 0.9)
+        reach, growth, t = rng.uniform(0.1, 1.0), rng.choice([0.0, rng.uniform(0.0, 1.5)]), rng.uniform(0.05, 2.0)
+        assert gap_to_reach(*a, *w, reach, growth, t) == pytest.approx(naive.gap_to_reach(a, w, reach, growth, t), abs=1e-6)
+
+
+def test_time_to_contact_is_the_first() -> None:
+    """The earliest contact with tracks that keep their velocity is where the sampled gap first closes."""
+    rng = np.random.default_rng(4)
+    s = np.linspace(0.0, 20.0, 20001)
+    for _ in range(cases(200, 10**4)):
+        tracks = np.column_stack((rng.uniform(-4, 4, (3, 2)), rng.uniform(-1, 1, (3, 2)), rng.uniform(0.1, 0.4, 3), np.ones(3)))
+        v = rng.uniform(-1, 1, 2)
+        found = time_to_contact(0.0, 0.0, v[0], v[1], tracks, 0.3)
+        gap = [np.hypot(k[0] + (k[2] - v[0]) * s, k[1] + (k[3] - v[1]) * s) - k[4] - 0.3 for k in tracks]
+        hit = s[(np.min(gap, axis=0) <= 0.0)]
+        if found < 19.9 and len(hit):
+            assert abs(hit[0] - found) < 0.002
+        elif found < 19.9:
+            assert np.min(gap) < 1e-3  # a graze between samples
+        else:
+            assert not len(hit) or hit[0] > 19.8
+
+
+def test_colony_reaches_the_exact_optimum() -> None:
+    """On local problems the colony arrives when SIPP does, to the gain asked for, and neither where the other cannot (C5)."""
+    rng = np.random.default_rng(5)
+    solved = 0
+    for _ in range(cases(60, 2000)):
+        grid, robot, start, goal, place, pieces = local_problem(rng)
+        x, y = grid.centre(start)
+        _, _, arrival, bound = colony(place, pieces, x, y)
+        exact = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=1.0).search((x, y), 0.0, pieces)
+        if exact.status is Status.FOUND and exact.arrival < 19.0:
+            solved += 1
+            assert exact.arrival - 1e-6 <= arrival <= exact.arrival + 0.001 + 1e-6
+            assert bound <= exact.arrival + 1e-6
+        elif exact.status is Status.NO_PATH:
+            assert arrival == math.inf or arrival >= 19.0
+    assert solved > 0
+
+
+def test_motions_keep_clear_of_everything() -> None:
+    """What is read from the colony's memory, and its any-angle shortening, touch nothing and never arrive later."""
+    rng = np.random.default_rng(6)
+    shorter = 0
+    for _ in range(cases(60, 2000)):
+        grid, robot, start, goal, place, pieces = local_problem(rng)
+        x, y = grid.centre(start)
+        memory, end, arrival, _ = colony(place, pieces, x, y, tests=2000, gain=0.02)
+        if end < 0:
+            continue
+        raw, short = np.empty((600, 3)), np.empty((600, 3))
+        n = trace_back(memory, place, pieces, 0.0, x, y, end, 20.0, 30.0, raw)
+        m = shorten(place, pieces, 0.0, raw, n, short)
+        assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
+        shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
+        for knots in (raw[:n], short[:m]):
+            assert (knots[0, 1:] == (x, y)).all() and np.allclose(knots[-1, 1:], grid.centre(goal))
+            steps = np.diff(knots, axis=0)
+            assert (steps[:, 0] > 0).all() and (np.hypot(steps[:, 1], steps[:, 2]) <= steps[:, 0] + 1e-9).all()
+            assert first_conflict(knots, 0.0, pieces, 0.0, WORK) == math.inf
+            assert naive.closest(knots, pieces) > -1e-6
+            t = np.arange(0.0, knots[-1, 0], 0.01)
+            path = np.column_stack([np.interp(t, knots[:, 0], knots[:, k]) for k in (1, 2)])
+            p = grid.to_points(path)
+            for r, c in np.argwhere(grid.blocked):
+                gap = np.hypot(np.maximum(np.abs(p[:, 0] - r) - 0.5, 0), np.maximum(np.abs(p[:, 1] - c) - 0.5, 0)) * 0.2
+                assert gap.min() > robot.radius - 1e-6
+    assert shorter > 0
+
+
+def test_same_seed_same_search() -> None:
+    """The colony's result, budget spent or not, depends on nothing but its input and seed."""
+    grid, _, start, _, place, pieces = local_problem(np.random.default_rng(7))
+    results = [colony(place, pieces, *grid.centre(start), tests=300, seed=9) for _ in range(2)]
+    assert results[0][1:] == results[1][1:]
+    for a, b in zip(results[0][0], results[1][0]):
+        assert a.tobytes() == b.tobytes()
+
+
+def test_place_at_is_linear_between_knots() -> None:
+    """The place on a motion is interpolated, and held before and after."""
+    knots = np.array([[1.0, 0.0, 0.0], [2.0, 1.0, 0.0], [3.0, 1.0, 0.0], [4.0, 1.0, 2.0]])
+    for t in (0.0, 1.0, 1.5, 2.5, 3.75, 9.0):
+        x, y, _ = place_at(knots, 4, t)
+        assert (x, y) == (np.interp(t, knots[:, 0], knots[:, 1]), np.interp(t, knots[:, 0], knots[:, 2]))
+
+
+def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
+    """The predicted course of a bouncing disc is the course it takes."""
+    rng = np.random.default_rng(8)
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked[10:14, 5:25] = blocked[25:28, 18:36] = True
+    grid = Grid(blocked, 0.2)
+    out = np.empty((64, 8))
+    for _ in range(cases(50, 2000)):
+        heading, speed = float(rng.uniform(-3, 3)), float(rng.uniform(0.2, 0.9))
+        world = World(grid, (Obstacle(0.25, Bounce((4.0, 4.0), speed, heading)),))
+        line = world.timeline(0, 5.0)
+        _, velocity = line.at(0.0)
+        beliefs = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
+        n = predict(beliefs, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, np.array([0.0, 0.0, 0.2]), out)
+        for piece in out[:n]:
+            for t in np.linspace(max(piece[0], 0.0), piece[1], 5):
+                at = piece[2:4] + piece[4:6] * (t - piece[0])
+                assert np.allclose(at, line.at(float(t))[0][0], atol=1e-6)
+            assert piece[6] == pytest.approx(0.3 + 0.25 + 0.05)
+            assert piece[7] == pytest.approx(piece[6] + (speed + 0.05) * 0.1)
+
+
+def test_filter_is_the_textbook_one() -> None:
+    """Without velocities the tracker equals a Kalman filter with matrices to 1e-12, for each axis."""
+    rng = np.random.default_rng(9)
+    book, beliefs, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    twins: list[naive.Kalman] = []
+    nan = np.full((1, 2), math.nan)
+    t, dt = 0.0, 0.0
+    for _ in range(200):
+        xy = np.array([[t * 0.5, 1.0 - t * 0.2]]) + rng.normal(0.0, 0.05, (1, 2))
+        variance = np.array([[0.0025, 0.0]])
+        count, n = track.update(book, count, t, np.array([3]), xy, nan, np.array([0.3]), variance, 1.0, 0.8, beliefs)
+        if not twins:
+            twins = [naive.Kalman(z, 0.0, 0.0025, 1.0) for z in xy[0]]
+        else:
+            for twin, z in zip(twins, xy[0]):
+                twin.step(dt, 1.0, z, 0.0025)
+        assert n == 1
+        assert beliefs[0, :4] == pytest.approx(
+            [twins[0].m[0], twins[1].m[0], twins[0].m[1], twins[1].m[1]], rel=1e-9, abs=1e-12
+        )
+        assert beliefs[0, 5] == pytest.approx(math.sqrt(twins[0].p[0, 0]), rel=1e-9)
+        dt = float(rng.uniform(0.05, 0.3))
+        t += dt
+    assert abs(beliefs[0, 2] - 0.5) < 0.2
+
+
+def test_nameless_tracks_are_told_apart_by_nearness() -> None:
+    """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
+    book, beliefs, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    names, nan, radius, variance = np.array([-1, -1]), np.full((2, 2), math.nan), np.full(2, 0.3), np.full((2, 2), 1e-4)
+    for i in range(40):
+        t = i * 0.1
+        xy = np.array([[-2.0 + t, 0.0], [0.6, -2.0 + t]])
+        if i % 2:
+            xy = xy[::-1].copy()
+        count, n = track.update(book, count, t, names, xy, nan, radius, variance, 1.0, 0.8, beliefs)
+        assert n == 2
+    speeds = {tuple(np.round(row[2:4], 1) + 0.0) for row in beliefs[:2]}
+    assert speeds == {(1.0, 0.0), (0.0, 1.0)}
+    empty = (np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty((0, 2)))
+    for t, left in ((4.5, 2), (6.0, 0)):
+        count, n = track.update(book, count, t, *empty[:4], empty[4], 1.0, 0.8, beliefs)
+        assert n == left
+
+
+def test_trails_keep_within_their_limits() -> None:
+    """Pheromone stays finite and at or above its floor over 10,000 cycles, and what is past is dropped (C12)."""
+    rng = np.random.default_rng(10)
+    trails = make_trails(100)
+    for cycle in range(cases(10000)):
+        now = cycle * 0.1
+        for _ in range(3):
+            lay(trails, edge(trails, int(rng.integers(100)), int(rng.integers(32)), now + rng.uniform(0, 5)), 1.0)
+        if cycle % 10 == 0:
+            evaporate(trails, now, 0.1, 0.9, float(cycle + 1))
+            used = trails.key >= 0
+            assert np.isfinite(trails.tau).all() and (trails.tau[used] > 0).all() and used.sum() < TRAILS // 2
+            assert ((trails.key[used] // 6400 + 1) * trails.bin >= now).all()
+    key = edge(trails, 5, 3, now + 1.0)
+    before = scent(trails, key)
+    lay(trails, key, 2.0)
+    assert scent(trails, key) == pytest.approx(before + 2.0, abs=1e-6)
