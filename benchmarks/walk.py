@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Budget, Grid, Moves, Problem
 from antway.ants.front import pareto
 from antway.ants.gridpath import ants, explore
+from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
 from antway.ants.rules import RULES, make_rule
 from antway.ants.walkers import Ground, Squad, Trail
@@ -173,6 +174,30 @@ def paper(seeds: int) -> dict[str, Any]:
     return rows
 
 
+def immunity(seeds: int) -> dict[str, Any]:
+    """The immune operator and its parts on the 30 x 30 grid: 50 ants x 50 cycles by the straight distance to the goal."""
+    problem, rows = shared("iq30", Moves.EIGHT_NOSQUEEZE), {}
+    none = {"vaccinated": 0.0, "temperature": 0.0, "overlap": 1.0, "patience": 0}
+    parts: dict[str, Immune | None] = {
+        "without": None,
+        "whole": Immune(),
+        "vaccination": Immune(**(none | {"vaccinated": 0.3})),
+        "selection": Immune(**(none | {"temperature": 0.1})),
+        "concentration": Immune(**(none | {"overlap": 0.9})),
+    }
+    for rule in ("as", "mmas"):
+        for name, immune in parts.items():
+            options: dict[str, Any] = {"rule": rule, "persistence": Constant(0.7), "heuristic": "goal", "step_limit": 200}
+            begun = time.perf_counter()
+            runs = [explore(problem, seed=s, immune=immune, cycles=50, **options) for s in range(seeds)]
+            rows[f"{rule}, {name}"] = {
+                "mean length": float(np.mean([run.plan.length for run in runs])),
+                "optimal": float(np.mean([run.plan.optimal for run in runs])),
+                "seconds": (time.perf_counter() - begun) / seeds,
+            }
+    return rows
+
+
 def grids(seeds: int) -> dict[str, Any]:
     """Default ants on the shared grids: share optimal, cycles needed, time; and the share of whole fronts."""
     table = json.loads((SHARED / "grids" / "optima.json").read_text())
@@ -219,6 +244,7 @@ def main() -> None:
     )
     if SHARED.is_dir():
         result["persistence on 30 x 30, optimum 44.527"] = paper(seeds)
+        result["immune operator on 30 x 30, optimum 44.527"] = immunity(seeds)
         result["shared grids, default ants"] = grids(seeds)
     for title, rows in result.items():
         show(title, rows)
