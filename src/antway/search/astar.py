@@ -18,6 +18,7 @@ from antway.search.dijkstra import spread_plan
 from antway.search.result import not_found
 
 STEPS = 1 << 16  # cells expanded between two looks at the clock, about 5 ms
+MOST_CELLS = 1 << 27  # 16 times the number of a cell must fit into 32 bits
 _TOP = 2**31 - 1
 _NO_WORDS = np.empty(0, np.uint64)
 
@@ -79,7 +80,7 @@ class Searcher:
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve `problem`, which must be one on this map."""
         (row, col), (goal_row, goal_col) = problem.start, problem.goal
-        if octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT:
+        if octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT or problem.grid.blocked.size >= MOST_CELLS:
             return spread_plan(problem, clock)
         work = self.spare.pop() if self.spare else Workspace(problem.grid.shape)
         try:

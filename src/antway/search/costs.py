@@ -68,3 +68,24 @@ def inflation_costs(
     if not math.isfinite(float(costs.max())):
         raise BadParameter("most", most, "finite")
     return costs
+
+
+def path_cost(cells: ArrayLike, costs: ArrayLike, grid: Grid) -> float:
+    """Return what a path costs, in m: the sum over its moves of length times the mean cost of both ends.
+
+    Parameters
+    ----------
+    cells : int[N, 2]
+        (row, col), a move apart.
+    costs : float[H, W]
+    grid : Grid
+
+    Examples
+    --------
+    >>> path_cost([(0, 0), (0, 1)], [[1.0, 2.0]], Grid(np.zeros((1, 2), dtype=bool)))
+    1.5
+    """
+    path, weights = np.asarray(cells), checked_costs(costs, grid)
+    at = weights[path[:, 0], path[:, 1]]
+    lengths = np.hypot(*np.diff(path, axis=0).T)
+    return float((lengths * (at[1:] + at[:-1]) / 2).sum()) * grid.resolution
