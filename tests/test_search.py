@@ -141,16 +141,19 @@ def test_all_small_grids() -> None:
 @needs_data
 @pytest.mark.parametrize("path", sorted((SHARED / "movingai").glob("*.map")), ids=lambda path: path.stem)
 def test_every_movingai_row(path) -> None:
-    """C3: every planner finds the length of every row of every MovingAI scenario file (rounded there: tolerance 0.006)."""
+    """C3: every planner finds the lengths of the MovingAI scenarios (rounded there: tolerance 0.006).
+
+    jps on every row, the others on every row in `make nightly` and on each fourth else.
+    """
     grid = load_map(path)
     for i, row in enumerate(load_scen(f"{path}.scen")):
         problem = Problem(grid, row.start, row.goal)
-        for planner in EXACT.values():
+        for planner in EXACT.values() if i % 4 == 0 or cases(1, 2) > 1 else [jps]:
             plan = planner(problem)
             assert plan.optimal
             assert abs(plan.length - row.length) <= 0.006
-            if i % 10 == 0:
-                check_plan(problem, plan)
+        if i % 20 == 0:
+            check_plan(problem, plan)
 
 
 @needs_data

@@ -56,27 +56,30 @@ def expand(
     goal_col: int,
     steps: int,
 ) -> int:
-    """Expand up to `steps` cells; return RUNNING, DONE (the goal's label is final, or nothing is left), or FULL (`entries`).
+    """Take about `steps` steps, cells expanded or passed diagonally, and return where the search stands.
+
+    RUNNING, DONE (the label of the goal is final, or nothing is left), or FULL (`entries` must be longer).
 
     Parameters
     ----------
     around, table, words, width, shorter
         The map: see `canonical` for the first two, `jps` for `words` (empty: no jumps), `octile` for `shorter`.
     nodes : int32[cells, 2]
-        The label, base + cost of the best path so far, and the link: last move, and for jumps 16 * the cell it was reached from.
+        The label, base + cost of the best path so far, and the link, last move + 16 * the cell it was reached from.
         Labels of earlier searches are at least `base + LIMIT`, so that nothing has to be cleared between searches.
     reached : int32[M, 4]
         Room for the successors of one cell: row, col, cost, last move.
     first, filled, entries, state
         The queue (see `buckets`).
     base, goal_row, goal_col, steps
-        Base of the labels, the goal, how many cells to expand at most.
+        Base of the labels, the goal, about how many steps to take.
     """
     jumping = words.size > 0
     height, goal = around.size // width, goal_row * width + goal_col
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
     code = RUNNING
-    for _ in range(steps):
+    while steps > 0:
+        steps -= 1
         if used > entries.shape[0] - 4 * reached.shape[0]:
             code = FULL
             break
@@ -136,6 +139,7 @@ def expand(
                 free_around = np.uint8(1 << one | 1 << other | 1 << d)
                 r, c, g_here, x = row, col, g, cell
                 while around[x] & free_around == free_around:
+                    steps -= 1
                     r += _ROW[d]
                     c += _COL[d]
                     x = r * width + c
@@ -242,6 +246,31 @@ def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.i
 
 
 @kernel
+def is_clear(
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    width: int,
+    row: int,
+    col: int,
+    goal_row: int,
+    goal_col: int,
+    shorter: int,
+) -> bool:
+    """Tell whether one jump, diagonal and then straight, leads to a goal elsewhere: no path is shorter."""
+    if shorter == STRAIGHT or (row == goal_row and col == goal_col):
+        return False
+    while row != goal_row or col != goal_col:
+        dr, dc = np.sign(goal_row - row), np.sign(goal_col - col)
+        moves = table[9 * np.int64(around[row * width + col]) + START]
+        for d in range(8):
+            if _ROW[d] == dr and _COL[d] == dc and not moves >> d & 1:
+                return False
+        row += dr
+        col += dc
+    return True
+
+
+@kernel
 def solve(
     around: NDArray[np.uint8],
     table: NDArray[np.uint8],
@@ -262,17 +291,21 @@ def solve(
     fresh: bool,
     steps: int,
 ) -> tuple[int, NDArray[np.int32], int]:
-    """Begin a search if it is `fresh`, expand up to `steps` cells, and return the code, the path and its number of diagonals.
+    """Begin a search if it is `fresh`, take about `steps` steps, and return the code, the path and its number of diagonals.
 
     The path is empty unless the search is DONE and found the goal. Other parameters as for `expand`.
     """
     if fresh:
         key = octile(row, col, goal_row, goal_col, shorter)
         begin(nodes, first, filled, entries, state, base, row * width + col, row, col, key)
-    code = expand(
-        around, table, words, width, shorter, nodes, reached, first, filled, entries, state, base, goal_row, goal_col, steps
-    )
     goal = goal_row * width + goal_col
+    if fresh and is_clear(around, table, width, row, col, goal_row, goal_col, shorter):
+        nodes[goal, 0], nodes[goal, 1] = base, (row * width + col) << 4
+        code = DONE
+    else:
+        code = expand(
+            around, table, words, width, shorter, nodes, reached, first, filled, entries, state, base, goal_row, goal_col, steps
+        )
     if code != DONE or nodes[goal, 0] >= base + LIMIT:
         return code, np.empty((0, 2), np.int32), 0
     path, diagonals = trace(nodes, goal, width)

@@ -17,7 +17,7 @@ from antway.search.derived import NEIGHBOURS, kept, lattice, packed
 from antway.search.dijkstra import spread_plan
 from antway.search.result import not_found
 
-STEPS = 1 << 16  # cells expanded between two looks at the clock, about 5 ms
+STEPS = 1 << 16  # steps of the kernel between two looks at the clock, about 5 ms
 MOST_CELLS = 1 << 27  # 16 times the number of a cell must fit into 32 bits
 _TOP = 2**31 - 1
 _NO_WORDS = np.empty(0, np.uint64)
