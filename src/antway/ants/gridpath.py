@@ -214,11 +214,13 @@ def explore(
         return result(Status.NO_PATH)
     if ground.bound == 0.0:
         return result(Status.FOUND, NO_PATH)
+    if clock.spent():
+        return result(Status.BUDGET, bound=ground.bound)
     trail = Trail(ground, colony, number, heuristic)
     _lay_first(trail, pheromone)
     steps, proved, spent = 0, False, False
     with Squad(ground, number, _limit(step_limit, ground), retreat=retreat, threads=threads) as squad:
-        for t in range(cycles):
+        for t in range(0 if clock.spent() else cycles):
             steps += squad.walk(trail.weights(), seed, t * number, clock, greedy=trail.numbers.q0)
             trail.learn(squad, t, immunity)
             if record:
