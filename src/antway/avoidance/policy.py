@@ -19,14 +19,13 @@ from antway.kernels.cycle import KEPT, Plan, Settings, cycle
 from antway.kernels.place import Place
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
-from antway.kernels.spacetime import HEAP, LEGS, STATES, Memory
+from antway.kernels.spacetime import HEAP, LEGS, PIECES, STATES, Memory
 from antway.kernels.trails import TRAILS, Trails
 from antway.planning import TimedPath, free_cell
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
 
 _KNOTS = 2048  # of a plan
-_PIECES = 2048  # of all predictions
 _AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
 _NEAR = 0.8  # m; how far from its prediction a track without a name may be found
 
@@ -53,6 +52,7 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         heap_state=ints(heap),
         leg_cell=ints(LEGS),
         leg_time=np.zeros(LEGS),
+        span=np.zeros((2, PIECES)),
         counter=np.zeros(5, np.int64),
     )
 
@@ -162,7 +162,7 @@ class AntwayPolicy:
         self.memory, self.trails = make_memory(cells), make_trails(cells)
         self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
         self.plan = Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.array([0.0, math.inf, 0.0]))
-        self.pieces = np.empty((_PIECES, 8))
+        self.pieces = np.empty((PIECES, 8))
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         self.settings = Settings(
             dt=robot.dt,

@@ -20,4 +20,4 @@ def bare_kernel(function: F) -> F:
 
     For kernels that only read and write the arrays they are handed: Numba refuses to compile an allocation here.
     """
-    return cast(F, njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))
+    return cast(F, njit(cache=True, nogil=True, error_model="numpy", _nrt=False)(function))  # type: ignore[call-overload]

@@ -13,13 +13,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.jit import bare_kernel
 
 TOUCH = 1e-9
 Pieces = NDArray[np.float64]  # [P, 8]
 
 
-@kernel
+@bare_kernel
 def unsafe_stay(x: float, y: float, pieces: Pieces, p: int) -> tuple[float, float]:
     """Return the open interval of times in s at which a robot at (x, y) is in contact with piece p; (inf, -inf) if none."""
     ax, ay = pieces[p, 2] - x, pieces[p, 3] - y
@@ -39,7 +39,7 @@ def unsafe_stay(x: float, y: float, pieces: Pieces, p: int) -> tuple[float, floa
     return (low, high) if low < high else (math.inf, -math.inf)
 
 
-@kernel
+@bare_kernel
 def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, reach: float, out: NDArray[np.float64]) -> bool:
     """Part of [low, high] in which |b + d z| < reach, written to out[0:2]; False if there is none."""
     dd = dx * dx + dy * dy
@@ -57,7 +57,7 @@ def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, r
     return bool(out[0] < out[1])
 
 
-@kernel
+@bare_kernel
 def unsafe_departures(
     x: float, y: float, vx: float, vy: float, duration: float, pieces: Pieces, p: int, work: NDArray[np.float64]
 ) -> tuple[float, float]:
@@ -98,7 +98,7 @@ def unsafe_departures(
     return low + t0, high + t0
 
 
-@kernel
+@bare_kernel
 def earliest_departure(
     x: float,
     y: float,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.geometry import segment_hits_cells
-from antway.kernels.jit import kernel
+from antway.kernels.jit import bare_kernel
 from antway.kernels.pieces import TOUCH, unsafe_stay
 
 
@@ -28,14 +28,14 @@ class Place(NamedTuple):
     goal: int  # flat cell
 
 
-@kernel
+@bare_kernel
 def centre(place: Place, cell: int) -> tuple[float, float]:
     """Return the x, y in m of the centre of a flat cell."""
     cols = place.blocked.shape[1]
     return place.x0 + (cell % cols) * place.resolution, place.y0 + (cell // cols) * place.resolution
 
 
-@kernel
+@bare_kernel
 def clear(place: Place, ax: float, ay: float, bx: float, by: float) -> bool:
     """Tell whether the robot can go straight from (ax, ay) to (bx, by) m without contact with walls."""
     s = place.resolution
@@ -50,7 +50,7 @@ def clear(place: Place, ax: float, ay: float, bx: float, by: float) -> bool:
     )
 
 
-@kernel
+@bare_kernel
 def can_stay(x: float, y: float, t0: float, t1: float, pieces: NDArray[np.float64]) -> bool:
     """Tell whether a robot may stand at (x, y) from t0 to t1."""
     for p in range(len(pieces)):

@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.pieces import TOUCH, earliest_departure, unsafe_stay
 from antway.kernels.place import Place, centre, clear
 from antway.kernels.rng import uniform
 from antway.kernels.trails import Trails, edge, lay, scent
 
+PIECES = 2048  # of all predictions at most
 STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
 HEAP = 1 << 15
 LEGS = 64  # first moves at most: from wherever the robot is to cells around
@@ -44,14 +45,14 @@ class Memory(NamedTuple):
     heap_state: NDArray[np.int32]  # [HEAP]
     leg_cell: NDArray[np.int32]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
+    span: NDArray[np.float64]  # [2, PIECES] scratch
     counter: NDArray[np.int64]  # [5] searches, states, moves tested, ant steps, heap entries
 
 
-@kernel
+@bare_kernel
 def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: float, pieces: NDArray[np.float64]) -> None:
     """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y)."""
-    lows = np.empty(len(pieces) + 1)
-    highs = np.empty(len(pieces) + 1)
+    lows, highs = memory.span[0], memory.span[1]
     n = 0
     for p in range(len(pieces)):
         low, high = unsafe_stay(x, y, pieces, p)
@@ -82,7 +83,7 @@ def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: flo
         memory.intervals[cell] = memory.counter[1] - begin
 
 
-@kernel
+@bare_kernel
 def _push(memory: Memory, key: float, s: int) -> None:
     """Put state s on the heap of open states under `key`, its least cost over untried moves; older entries become stale."""
     memory.key[s] = key
@@ -96,7 +97,7 @@ def _push(memory: Memory, key: float, s: int) -> None:
     memory.heap_key[i], memory.heap_state[i] = key, s
 
 
-@kernel
+@bare_kernel
 def _pop(memory: Memory) -> None:
     """Take the least entry off the heap."""
     memory.counter[4] -= 1
@@ -114,7 +115,7 @@ def _pop(memory: Memory) -> None:
     memory.heap_key[i], memory.heap_state[i] = key, s
 
 
-@kernel
+@bare_kernel
 def _expand(
     memory: Memory,
     place: Place,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.jit import bare_kernel, kernel
 
 TRAILS = 1 << 12  # slots of the table, a power of two
 
@@ -22,13 +22,13 @@ class Trails(NamedTuple):
     bin: float  # s, width of a bin of arrival
 
 
-@kernel
+@bare_kernel
 def edge(trails: Trails, cell: int, move: int, t: float) -> int:
     """Return the key of the edge that leaves `cell`, reached at time t, by `move`."""
     return (int(t / trails.bin) * len(trails.mark) + cell) * 64 + move
 
 
-@kernel
+@bare_kernel
 def slot(trails: Trails, key: int) -> int:
     """Return the slot of `key`, or the empty one where it belongs; -1 if the table is full there."""
     h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
@@ -39,14 +39,14 @@ def slot(trails: Trails, key: int) -> int:
     return -1
 
 
-@kernel
+@bare_kernel
 def scent(trails: Trails, key: int) -> float:
     """Return the pheromone on an edge."""
     j = slot(trails, key)
     return 1.0 + trails.tau[j] if j >= 0 and trails.key[j] >= 0 else 1.0
 
 
-@kernel
+@bare_kernel
 def lay(trails: Trails, key: int, amount: float) -> None:
     """Add `amount` to an edge; an edge that finds no slot among so many goes without."""
     j = slot(trails, key)
