@@ -1,0 +1,162 @@
+"""Suite `encounters`: the meetings that robots fail at, one kind at a time, in rooms and corridors with cells of 0.2 m."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from antway.arena.suites import Chance, Suite
+from antway.grid import Grid
+from antway.kernels.geometry import segment_hits_cells
+from antway.search.sipp import sipp
+from antway.world.motions import Line, Replay, Waypoints
+from antway.world.policy import XY, RobotSpec
+from antway.world.scenario import Scenario
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle, World
+
+CELL = 0.2  # m
+ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=5.0)
+
+
+def encounters() -> Suite:
+    """Return the suite.
+
+    head-on: a disc comes the other way in a corridor of 2.4 m. doorway: one comes through the door that the robot wants to go
+    through. overtaking: a slow one goes ahead in a corridor. ambush: one comes out of a side corridor, hidden until then. flow:
+    a stream of people crosses. crowd: many stand about, and there is a way between them. pursuer: one runs to
+    meet the robot on its undisturbed way and then up that way against it; what moves does not depend on the robot, so it does
+    not turn after one that evades.
+    """
+    return Suite("encounters", tuple(KINDS), lambda group, chance: KINDS[group](chance), default=50)
+
+
+def head_on(chance: Chance) -> Scenario:
+    """A disc comes the other way."""
+    y, meets = chance.between(1.0, 2.0), chance.between(0.3, 0.9)
+    return _scenario("head-on", _corridor(80, 15), (1.0, 1.5), (15.0, 1.5), [(0.4, Line((15.3, y), (0.8, y), meets))])
+
+
+def doorway(chance: Chance) -> Scenario:
+    """A disc comes through the door of 1.4 m between two rooms."""
+    walls = np.zeros((40, 60), np.bool_)
+    row = chance.integer(8, 26)
+    walls[:row, 29:31] = walls[row + 7 :, 29:31] = True
+    middle = (row + 3.5) * CELL
+    way = ((10.5, chance.between(1.0, 7.0)), (7.0, middle), (5.0, middle), (1.0, chance.between(1.0, 7.0)))
+    comes = Waypoints(way, chance.between(0.4, 0.9), loop=False)
+    return _scenario("doorway", walls, (1.5, chance.between(1.0, 7.0)), (10.5, 4.0), [(0.35, comes)])
+
+
+def overtaking(chance: Chance) -> Scenario:
+    """A slow disc goes ahead."""
+    y = chance.between(1.0, 2.0)
+    ahead = Line((chance.between(2.4, 4.0), y), (15.3, y), chance.between(0.1, 0.45))
+    return _scenario("overtaking", _corridor(80, 15), (1.0, 1.5), (14.0, 1.5), [(0.4, ahead)])
+
+
+def ambush(chance: Chance) -> Scenario:
+    """Discs come out of two side corridors into the robot's, hidden by the corners."""
+    walls = np.zeros((60, 60), np.bool_)
+    walls[:25] = walls[35:] = True
+    walls[:, 20:28] = walls[:, 38:46] = False
+    walls[0] = walls[-1] = True
+    out = []
+    for x in (4.8, 8.4):
+        up, speed = chance.integer(0, 2), chance.between(0.5, 0.9)
+        ends = ((x, 1.0), (x, 11.0)) if up else ((x, 11.0), (x, 1.0))
+        out.append((0.35, Line(*ends, speed, max(x - 1.0 - 5.0 / speed + chance.between(-0.5, 1.5), 0.0))))
+    return _scenario("ambush", walls, (1.0, 6.0), (11.0, 6.0), out, occlusion=True)
+
+
+def flow(chance: Chance) -> Scenario:
+    """A stream of discs crosses the robot's way, one after the other in three lanes."""
+    out = []
+    for lane in range(3):
+        x, speed = 4.0 + 1.6 * lane, chance.between(0.5, 0.9)
+        ends = ((x, 0.6), (x, 11.4)) if chance.integer(0, 2) else ((x, 11.4), (x, 0.6))
+        delay = chance.between(0.0, 2.0)
+        for _ in range(5):
+            out.append((0.25, Line(*ends, speed, delay)))
+            delay += chance.between(2.2, 4.0) / speed
+    return _scenario("flow", np.zeros((60, 60), np.bool_), (1.0, 6.0), (11.0, 6.0), out)
+
+
+def crowd(chance: Chance) -> Scenario:
+    """Discs stand about, unknown to the map, at least far enough apart for the robot to pass between any two."""
+    out: list[tuple[float, Line]] = []
+    places: list[XY] = [(1.0, 6.0), (11.0, 6.0)]
+    while len(out) < 24:
+        at = chance.between(0.5, 11.5), chance.between(0.5, 11.5)
+        if all(math.dist(at, other) > 0.6 + 2 * ROBOT.radius + 0.1 for other in places):
+            places.append(at)
+            out.append((0.3, Line(at, at, 0.0)))
+    return _scenario("crowd", np.zeros((60, 60), np.bool_), (1.0, 6.0), (11.0, 6.0), out)
+
+
+def pursuer(chance: Chance) -> Scenario:
+    """A disc runs at 0.9 m/s to where it first meets the robot on its undisturbed way, and then up that way against it."""
+    speed, step, start, goal = 0.9, 0.1, (1.1, 6.1), (11.1, 6.1)
+    while True:
+        walls = np.zeros((60, 60), np.bool_)
+        for _ in range(8):
+            row, col = chance.integer(4, 52), chance.integer(12, 44)
+            walls[row : row + 4, col : col + 4] = True
+        grid = Grid(walls, CELL)
+        route = sipp(grid, start, goal, radius=ROBOT.radius, v_max=ROBOT.v_max).path
+        begin = chance.between(4.0, 8.0), 11.0 if chance.integer(0, 2) else 1.0
+        for meets in np.arange(step, route.t[-1] if len(route.t) else 0.0, step).tolist():
+            at = route.at(meets)
+            if math.dist(begin, at) <= speed * meets:
+                break
+        else:
+            continue
+        (r0, c0), (r1, c1) = grid.to_points((begin, at)).tolist()
+        if not segment_hits_cells(grid.blocked, r0, c0, r1, c1, ROBOT.radius / CELL, True):
+            break
+    back = np.arange(0.0, meets, speed * step)[1:]  # times of the route, gone back along at `speed`
+    t = (meets - math.dist(begin, at) / speed, meets, *(meets + back / speed).tolist())
+    places = (begin, at, *(route.at(meets - when) for when in back.tolist()))
+    return _scenario("pursuer", walls, start, goal, [(ROBOT.radius, Replay(t, places))])
+
+
+KINDS: dict[str, Callable[[Chance], Scenario]] = {
+    "head-on": head_on,
+    "doorway": doorway,
+    "overtaking": overtaking,
+    "ambush": ambush,
+    "flow": flow,
+    "crowd": crowd,
+    "pursuer": pursuer,
+}
+
+
+def _corridor(length: int, width: int) -> np.ndarray:
+    """An empty corridor of so many cells, its border rows walls."""
+    walls = np.zeros((width, length), np.bool_)
+    walls[0] = walls[-1] = True
+    walls[:1] = True
+    return walls
+
+
+def _scenario(
+    name: str,
+    walls: np.ndarray,
+    start: XY,
+    goal: XY,
+    obstacles: list[tuple[float, Line]] | list[tuple[float, Replay]] | list[tuple[float, Waypoints]],
+    *,
+    occlusion: bool = False,
+) -> Scenario:
+    moving = tuple(Obstacle(radius, motion) for radius, motion in obstacles)
+    return Scenario(
+        World(Grid(walls, CELL), moving),
+        start,
+        goal,
+        robot=ROBOT,
+        sensor=Sensor(occlusion=occlusion),
+        obstacle_speed=0.9,
+        name=f"encounter {name}",
+    )

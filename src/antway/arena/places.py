@@ -1,0 +1,214 @@
+"""Suites on given places: the shipped scenes, any map file, recorded tracks, and fields of cylinders."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.arena.suites import Chance, Suite
+from antway.errors import BadMap, BadScenario, TooLarge
+from antway.grid import Cell, Grid
+from antway.kernels.geometry import segment_hits_cells
+from antway.maps import load_map
+from antway.scenes import SCENES, scene
+from antway.search.dijkstra import distance_field
+from antway.world.motions import Bounce, Replay, Waypoints
+from antway.world.policy import XY, RobotSpec
+from antway.world.scenario import Scenario, load_scenario
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle, World
+
+ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
+DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # discs a square metre of free space
+MOST = 300  # discs
+MAX_BYTES = 256 * 2**20  # of a track file
+
+
+def paper() -> Suite:
+    """Return the shipped scenes, whose obstacles draw their speeds and phases anew in every episode."""
+    loaded = {name: load_scenario(scene(name)) for name in SCENES}
+    return Suite("paper", SCENES, lambda group, chance: loaded[group])
+
+
+def maps(file: str) -> Suite:
+    """Return discs that bounce about on the map in `file`, and a robot that goes far across it."""
+    grid = load_map(file)
+    room = grid.inflate(ROBOT.radius + grid.resolution)
+    free = np.argwhere(~room.blocked)
+    if grid.origin[2] != 0.0 or len(free) < 100:
+        raise BadMap("map", file, f"of yaw 0 and with at least 100 cells where a robot of {ROBOT.radius:g} m can be")
+    clearance = grid.clearance()
+
+    def make(group: str, chance: Chance) -> Scenario:
+        while True:
+            start = _pick(chance, free)
+            field = distance_field(room, start)
+            far = float(field[np.isfinite(field)].max())
+            ends = np.argwhere(np.isfinite(field) & (field > far / 2))
+            if len(ends) and far > 20 * ROBOT.radius:
+                goal = _pick(chance, ends)
+                break
+        area = float((~grid.blocked).sum()) * grid.resolution**2
+        obstacles: list[Obstacle] = []
+        wanted, here = min(max(round(DENSITIES[group] * area), 1), MOST), grid.centre(start)
+        for _ in range(100 * wanted):
+            radius, cell = chance.between(0.2, 0.4), _pick(chance, free)
+            at = grid.centre(cell)
+            if clearance[cell] > radius and math.dist(at, here) > radius + ROBOT.radius + 1.0:
+                obstacles.append(Obstacle(radius, Bounce(at, chance.between(0.3, 0.9), chance.turn())))
+            if len(obstacles) == wanted:
+                break
+        return Scenario(
+            World(grid, tuple(obstacles)),
+            here,
+            grid.centre(goal),
+            robot=ROBOT,
+            horizon=60.0 + 3.0 * far / ROBOT.v_max,
+            obstacle_speed=0.9,
+            obstacle_surge=0.5,
+            name=f"{Path(file).name} {group}",
+        )
+
+    return Suite(f"maps:{_content(file)}", tuple(DENSITIES), make, default=20)
+
+
+def tracks(file: str) -> Suite:
+    """Return recorded pedestrians, with a robot that crosses the place they walked in; they do not see it.
+
+    `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart) or CSV lines t,id,x,y (s,
+    m). Each episode begins at a time drawn from the record. One who enters or leaves walks on straight, as he did.
+    """
+    table = read_tracks(file)
+    low, high = table[:, 2:].min(axis=0) - 2.0, table[:, 2:].max(axis=0) + 2.0
+    cell = 0.2
+    shape = np.ceil((high - low) / cell).astype(int)
+    if shape.max() > 2000:
+        raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side", where=file)
+    grid = Grid(np.zeros((shape[1], shape[0]), np.bool_), cell, (float(low[0]), float(low[1]), 0.0))
+    walkers = [table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])]
+    walkers = [w for w in walkers if len(w) >= 2]
+    last = float(table[:, 0].max())
+
+    def make(group: str, chance: Chance) -> Scenario:
+        while True:
+            begin = chance.between(0.0, max(last - 20.0, 0.0))
+            a, b = ((chance.between(0.15, 0.85), chance.between(0.04, 0.1)) for _ in range(2))
+            start, goal = (_inside(low, high, a[0], a[1]), _inside(low, high, b[0], 1.0 - b[1]))
+            if (high - low)[0] > (high - low)[1]:
+                start, goal = (_inside(low, high, a[1], a[0]), _inside(low, high, 1.0 - b[1], b[0]))
+            present = [w for w in walkers if w[0, 0] < begin + 60.0 and w[-1, 0] > begin]
+            people = tuple(Obstacle(0.3, _walk(w, begin, float(np.hypot(*(high - low))))) for w in present)
+            at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
+            if all(math.dist(place, start) > 1.5 for place in at.tolist()):
+                break
+        return Scenario(
+            World(grid, people), start, goal, robot=ROBOT, sensor=Sensor(), obstacle_speed=2.0, name=f"tracks {Path(file).name}"
+        )
+
+    return Suite(f"tracks:{_content(file)}", ("all",), make, default=50)
+
+
+def read_tracks(file: str) -> NDArray[np.float64]:
+    """Return a track file as rows t (s, from 0), id, x, y (m), float64[N, 4], by id and then time.
+
+    Raises
+    ------
+    BadScenario, TooLarge
+    """
+    path = Path(file)
+    if not path.is_file():
+        raise BadScenario("tracks", file, "an existing regular file")
+    if path.stat().st_size > MAX_BYTES:
+        raise TooLarge("tracks", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=file)
+    comma = path.suffix.lower() == ".csv"
+    allowed = "CSV lines t,id,x,y" if comma else "the columns of an obsmat.txt: frame, id, x, z, y, vx, vz, vy"
+    try:
+        text = path.read_text(encoding="utf-8-sig").splitlines()
+        skip = int(comma and bool(text) and any(c.isalpha() for c in text[0].replace("e", "")))
+        table = np.loadtxt(text[skip:], delimiter="," if comma else None, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise BadScenario("tracks", str(error), allowed, where=file) from None
+    if table.ndim != 2 or len(table) < 2 or table.shape[1] != (4 if comma else 8) or not np.isfinite(table).all():
+        raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers", where=file)
+    if not comma:
+        frames = np.unique(table[:, 0])
+        step = float(np.diff(frames).min()) if len(frames) > 1 else 1.0
+        table = np.column_stack((table[:, 0] * (0.4 / step), table[:, 1], table[:, 2], table[:, 4]))
+    table[:, 0] -= table[:, 0].min()
+    table = table[np.lexsort((table[:, 0], table[:, 1]))]
+    same = (np.diff(table[:, 0]) <= 0) & (np.diff(table[:, 1]) == 0)
+    if same.any():
+        raise BadScenario("tracks", table[int(np.argmax(same)), :2].tolist(), "of one place for each time and id", where=file)
+    return table
+
+
+def _walk(rows: NDArray[np.float64], begin: float, far: float) -> Replay:
+    """A walker's places from time `begin` on; before and after he walks straight until he is `far` m off."""
+    t, xy = rows[:, 0] - begin, rows[:, 1:]
+    first, last = (xy[1] - xy[0]) / (t[1] - t[0]), (xy[-1] - xy[-2]) / (t[-1] - t[-2])
+    lead, tail = (far / max(float(np.hypot(*v)), 0.1) for v in (first, last))
+    t = np.concatenate(([t[0] - lead], t, [t[-1] + tail]))
+    xy = np.vstack((xy[0] - first * lead, xy, xy[-1] + last * tail))
+    return Replay(tuple(t.tolist()), tuple(map(tuple, xy.tolist())))
+
+
+def barn() -> Suite:
+    """Return fields of cylinders, as those of the BARN challenge, in which discs move from key frame to key frame.
+
+    20 x 8 m, cells 0.1 m; sparse fields hold 12 cylinders and 6 discs, dense ones 24 and 12.
+    """
+    counts = {"sparse": (12, 6), "dense": (24, 12)}
+
+    def make(group: str, chance: Chance) -> Scenario:
+        pillars, discs = counts[group]
+        while True:
+            blocked = np.zeros((80, 200), np.bool_)
+            rows, cols = np.indices(blocked.shape)
+            for _ in range(pillars):
+                row, col, radius = chance.between(0, 80), chance.between(25, 175), chance.between(2.0, 5.0)
+                blocked |= np.hypot(rows - row, cols - col) < radius
+            grid = Grid(blocked, 0.1)
+            start, goal = (1.05, 4.05), (18.95, 4.05)
+            if np.isfinite(distance_field(grid.inflate(ROBOT.radius + 0.1), grid.cell_at(goal))[grid.cell_at(start)]):
+                break
+        moving = tuple(Obstacle(0.3, _key_frames(grid, chance)) for _ in range(discs))
+        ends = {"obstacle_speed": 0.8, "name": f"barn {group}"}
+        return Scenario(World(grid, moving), start, goal, robot=ROBOT, sensor=Sensor(occlusion=False), **ends)  # type: ignore[arg-type]
+
+    return Suite("barn", tuple(counts), make, default=50)
+
+
+def _key_frames(grid: Grid, chance: Chance) -> Waypoints:
+    """A round of four places in the field, straight and clear of the cylinders between them."""
+    points: list[XY] = []
+    while len(points) < 4:
+        at = chance.between(3.0, 17.0), chance.between(0.5, 7.5)
+        legs = [(points[-1] if points else at, at)] + ([(at, points[0])] if len(points) == 3 else [])
+        if all(_clear(grid, a, b) for a, b in legs):
+            points.append(at)
+        elif chance.integer(0, 50) == 0:
+            points.clear()
+    return Waypoints(tuple(points), chance.between(0.3, 0.8), phase=chance.between(0.0, 1.0))
+
+
+def _clear(grid: Grid, a: XY, b: XY) -> bool:
+    (ar, ac), (br, bc) = grid.to_points((a, b)).tolist()
+    return not segment_hits_cells(grid.blocked, ar, ac, br, bc, 0.3 / grid.resolution, True)
+
+
+def _pick(chance: Chance, cells: NDArray[np.int64]) -> Cell:
+    row, col = cells[chance.integer(0, len(cells))].tolist()
+    return row, col
+
+
+def _inside(low: NDArray[np.float64], high: NDArray[np.float64], across: float, up: float) -> XY:
+    return float(low[0] + across * (high[0] - low[0])), float(low[1] + up * (high[1] - low[1]))
+
+
+def _content(file: str) -> str:
+    """The file's name and what tells its content, as part of a suite's name."""
+    return f"{Path(file).name}-{hashlib.blake2b(Path(file).read_bytes(), digest_size=4).hexdigest()}"
