@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -32,24 +33,16 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_python_blocks_run_in_order(page: str, place: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every Python block of a page runs, each after those before it."""
+def test_blocks_run_in_order(page: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every Python block and every `antway` command of a page runs, each after those before it; commands end with status 0."""
     names: dict[str, object] = {}
     for where, kind, text in BLOCKS:
         if where == page and kind == "python":
             exec(compile(text, page, "exec"), names)
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_console_blocks_run_in_order(page: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every `antway` command of a page's console blocks ends with status 0, each after those before it."""
-    for where, kind, text in BLOCKS:
-        if where != page or kind != "console":
-            continue
-        for line in text.splitlines():
-            assert line.startswith("$ antway"), f"{page}: {line}"
+        for line in text.splitlines() if where == page and kind == "console" else ():
+            assert line.startswith("$ antway"), line
             monkeypatch.setattr(sys, "argv", shlex.split(line[2:]))
-            with pytest.raises(SystemExit) as end:
+            with pytest.raises(SystemExit) as end, warnings.catch_warnings():
                 main()
             assert not end.value.code, line
 
