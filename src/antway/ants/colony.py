@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.ants.immune import Immune, Immunity, vaccinate_tour
 from antway.ants.persistence import Persistence
-from antway.ants.rules import Rule, make_rule
+from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.ants.tsplib import Tsp, permutation
 from antway.errors import BadParameter
 from antway.kernels import tour as cities_kernel
@@ -34,7 +34,8 @@ class Colony:
     rule : str or Rule
         A name of `RULES` ("as", "eas", "rank", "mmas", "acs"), or a rule with its parameters.
     ants, persistence : int, Persistence or None
-        Ants in a cycle, persistence policy; None: the rule's, or else 25 ants.
+        Ants in a cycle, persistence policy; None: the rule's, or else 25
+        ants for MMAS and as many as cities, 50 at most, for the others.
     seed : int
         In [0, 2**64 - 1]. The same seed and the same answers give the same bytes.
     candidates : int
@@ -76,9 +77,9 @@ class Colony:
         if instance.size < 4:
             raise BadParameter("instance.size", instance.size, "at least 4 cities")
         self.cities = instance.cities(candidates)
-        m = self.rule.ants or 25
-        self.numbers = self.rule.numbers(m)
         n, k = self.cities.near.shape
+        m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 50))
+        self.numbers = self.rule.numbers(m)
         # The heuristic 1 / distance, each city's nearest as 1; cities in one place are a tenth of a usual step apart.
         gap = np.maximum(self.cities.gap, 0.1 * float(self.cities.gap[:, 0].mean()) or 1.0)
         eta = (gap[:, :1] / gap) ** self.numbers.beta

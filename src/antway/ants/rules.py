@@ -125,7 +125,7 @@ class MaxMinAntSystem:
     q: float = 1.0
     p_best: float = 0.05
     schedule: tuple[tuple[int, int], ...] = ((0, 25),)
-    restart: int = 0
+    restart: int = 1000
     persistence: Persistence = field(default=Constant(0.98))
 
     def __post_init__(self) -> None:

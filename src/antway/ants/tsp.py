@@ -28,6 +28,7 @@ _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3),
 # With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
 _MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
 _FOCUSED_FROM = 400  # cities from which changing a tour beats building one anew
+_SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
 
 
@@ -197,12 +198,12 @@ def solve_tsp(
 
 def _plan(n: int, rule: str | Rule, local_search: str | None, focused: bool | None) -> tuple[Labour, str | Rule]:
     """Return what ants do besides walking, and the rule they follow."""
-    if local_search is None:
-        if focused:
+    if local_search is None or n < _SEARCHED_FROM:
+        if focused and local_search is None:
             raise BadParameter("focused", focused, "False without a local_search")
         return Labour(-1, 0, 0, 0), rule
     breadth, longest = _SEARCHES[local_search]
-    attempts = min(n, 5000) if (n >= _FOCUSED_FROM if focused is None else focused) and n >= 8 else 0
+    attempts = min(n, 5000) if (n >= _FOCUSED_FROM if focused is None else focused) else 0
     labour = Labour(breadth, n if longest is None else longest, attempts, 30)
     return labour, _MMAS_WITH_SEARCH if rule == "mmas" else rule
 

@@ -1,0 +1,162 @@
+"""The rules against hand-computed steps and a naive twin, and the roulette against its own probabilities."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare
+
+from antway import BadParameter
+from antway.ants.colony import Colony
+from antway.ants.persistence import Constant
+from antway.ants.rules import (
+    RULES,
+    AntColonySystem,
+    AntSystem,
+    ElitistAntSystem,
+    MaxMinAntSystem,
+    RankBasedAntSystem,
+    make_rule,
+)
+from antway.ants.tsplib import Tsp
+from antway.kernels import rng
+from antway.kernels import tsp as kernel
+from antway.kernels.jit import kernel as compiled
+from naive import ants as naive
+
+# Four cities; the tours 0123, 0132, 0213 are 16, 14 and 18 long.
+FOUR = np.array([[0, 3, 4, 5], [3, 0, 5, 4], [4, 5, 0, 3], [5, 4, 3, 0]], dtype=float)
+TOURS, LENGTHS = [[0, 1, 2, 3], [0, 1, 3, 2]], [16.0, 14.0]
+PAIRS = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
+# Pheromone on PAIRS after one cycle of those two tours, from 1 on every edge; 1/16 = .0625, and 1/14 is that of the best.
+A, B = 1 / 16, 1 / 14
+STEPS = [
+    (AntSystem(persistence=Constant(0.5)), [0.5 + A + B, 0.5 + B, 0.5 + A, 0.5 + A, 0.5 + B, 0.5 + A + B]),
+    (
+        ElitistAntSystem(elite=3.0, persistence=Constant(0.5)),
+        [0.5 + A + 4 * B, 0.5 + 4 * B, 0.5 + A, 0.5 + A, 0.5 + 4 * B, 0.5 + A + 4 * B],
+    ),
+    (
+        RankBasedAntSystem(ranks=3, persistence=Constant(0.9)),
+        [0.9 + A + 5 * B, 0.9 + 5 * B, 0.9 + A, 0.9 + A, 0.9 + 5 * B, 0.9 + A + 5 * B],
+    ),
+    # tau_max = 1 / (0.02 * 14) = 3.571 and tau_min = tau_max (1 - p) / (0.5 p), p = 0.05 ** 0.25 = 0.4729:
+    # above tau_max, and so equal to it.
+    (MaxMinAntSystem(persistence=Constant(0.98)), [1 / 0.28] * 6),
+    # p = 0.99 ** 0.25: tau_min = 3.571 * 0.00251 / 0.49874 = 0.018.
+    (MaxMinAntSystem(p_best=0.99, persistence=Constant(0.98)), [0.98 + B, 0.98 + B, 0.98, 0.98, 0.98 + B, 0.98 + B]),
+    (AntColonySystem(persistence=Constant(0.9)), [0.9 + 0.1 * B, 0.9 + 0.1 * B, 1.0, 1.0, 0.9 + 0.1 * B, 0.9 + 0.1 * B]),
+]
+
+
+def colony_of(rule, ants=2):
+    colony = Colony(Tsp(matrix=FOUR), rule, ants=ants, candidates=3)
+    colony.state.tau[:] = 1.0
+    return colony
+
+
+def pheromone(colony):
+    """{edge: tau}, checked to be the same from both ends."""
+    found = {}
+    for i, row in enumerate(colony.candidates):
+        for c, j in enumerate(row):
+            assert found.setdefault(frozenset((i, int(j))), colony.state.tau[i, c]) == colony.state.tau[i, c]
+    return found
+
+
+@pytest.mark.parametrize(("rule", "expected"), STEPS)
+def test_one_step_by_hand(rule, expected):
+    """After one cycle on four cities every rule's pheromone is what it is on paper, to 1e-12."""
+    colony = colony_of(rule)
+    colony.tell(TOURS, LENGTHS)
+    tau = pheromone(colony)
+    assert np.abs([tau[frozenset(pair)] for pair in PAIRS] - np.array(expected)).max() <= 1e-12
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_many_steps_like_the_twin(name):
+    """Over 60 cycles of random tours each rule's pheromone follows the naive one, to a relative 1e-12."""
+    dice = np.random.default_rng(3)
+    places = dice.random((7, 2))
+    colony = Colony(Tsp(places), make_rule(name, ants=4), candidates=6)
+    tau, best = pheromone(colony), (np.inf, None)
+    for cycle in range(60):
+        tours = [dice.permutation(7).tolist() for _ in range(4)]
+        lengths = [colony.instance.length(tour) for tour in tours]
+        best = min(best, min(zip(lengths, tours)))
+        colony.tell(tours, lengths)
+        tau = naive.step(colony.rule, tau, tours, lengths, cycle, best)
+        found = pheromone(colony)
+        assert max(abs(found[e] / tau[e] - 1) for e in tau) <= 1e-12
+
+
+def test_probabilities_by_hand():
+    """Eq. (1): from city 0 with tau 2, 1, 3 and distances 3, 4, 5 (alpha 2, beta 1) the probabilities are 4/3 : 1/4 : 9/5."""
+    colony = colony_of(AntSystem(alpha=2.0, beta=1.0))
+    colony.state.tau[0] = [2.0, 1.0, 3.0]
+    weight = np.empty((4, 3))
+    kernel.combine(colony.state.tau, colony.state.eta, 2.0, weight)
+    expected = np.array([4 / 3, 1 / 4, 9 / 5]) / (4 / 3 + 1 / 4 + 9 / 5)
+    assert np.abs(weight[0] / weight[0].sum() - expected).max() <= 1e-12
+
+
+@compiled
+def roulette(weight, near, place, t, q0, state, draws):
+    counts = np.zeros(near.shape[1], dtype=np.int64)
+    sums = np.empty(near.shape[1], dtype=np.float32)
+    for _ in range(draws):
+        counts[kernel.choose(weight, near, place, t, 0, q0, state, sums)] += 1
+    return counts
+
+
+@pytest.mark.parametrize("q0", [0.0, 0.7])
+def test_roulette_frequencies(q0):
+    """A million draws fall as the weights say (chi-square p > 1e-4), never on a visited city; q0 of them on the best."""
+    k = 12
+    weight = np.random.default_rng(1).random((1, k)).astype(np.float32)
+    near = np.arange(1, k + 1, dtype=np.uint32).reshape(1, k)
+    place = np.arange(k + 1, dtype=np.uint32)
+    t = 5  # cities 1 to 4 are visited
+    state = np.array([rng.stream(np.uint64(7), np.uint64(0))])
+    counts = roulette(weight, near, place, t, q0, state, 1_000_000)
+    odds = np.where(near[0] >= t, weight[0].astype(float), 0.0)
+    odds = (1 - q0) * odds / odds.sum() + q0 * (np.arange(k) == np.argmax(odds))
+    assert (counts[odds == 0] == 0).all()
+    assert chisquare(counts[odds > 0], 1_000_000 * odds[odds > 0]).pvalue > 1e-4
+
+
+def test_local_update_of_acs():
+    """ACS: an edge taken by one ant keeps (1 - xi) tau + xi tau_0, at both ends."""
+    colony = colony_of(AntColonySystem(xi=0.25, ants=1), ants=1)
+    first = colony.state.record[kernel.TAU_0]
+    (tour,) = colony.ask().tolist()
+    tau = pheromone(colony)
+    taken = {frozenset(pair) for pair in pairwise(tour)}
+    for edge, value in tau.items():
+        assert abs(value - (0.75 + 0.25 * first if edge in taken else 1.0)) <= 1e-12
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [
+        (AntSystem, {"alpha": -1.0}),
+        (AntSystem, {"beta": float("nan")}),
+        (AntSystem, {"ants": 0}),
+        (AntSystem, {"q": 0.0}),
+        (AntSystem, {"persistence": 0.5}),
+        (ElitistAntSystem, {"elite": -1.0}),
+        (RankBasedAntSystem, {"ranks": 0}),
+        (MaxMinAntSystem, {"p_best": 1.0}),
+        (MaxMinAntSystem, {"schedule": ((1, 5),)}),
+        (MaxMinAntSystem, {"restart": -1}),
+        (AntColonySystem, {"q0": 1.5}),
+        (AntColonySystem, {"xi": "much"}),
+    ],
+)
+def test_wrong_parameters(kind, wrong):
+    """A parameter outside its range is a `BadParameter` that names it."""
+    with pytest.raises(BadParameter) as caught:
+        kind(**wrong)
+    assert caught.value.field == next(iter(wrong))
