@@ -1,0 +1,48 @@
+"""What the rivals that only look at what is near have in common: a target on the global path, and a step that ends at walls."""
+
+from __future__ import annotations
+
+import math
+
+from antway.kernels.world import first_wall
+from antway.planning import TimedPath
+from antway.rivals.replan import clear
+from antway.world.policy import XY, Command, Observation, Task
+
+SHORT = 1e-6  # m of a step's way to a wall that are left over
+
+
+def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY:
+    """Return the farthest node of `path`, at most `within` m along it, that the robot sees; the goal if it sees that.
+
+    Parameters
+    ----------
+    path : TimedPath
+        From the robot to the goal, at full speed; not empty.
+    within : float
+        m, > 0.
+    """
+    if clear(task, o.xy, task.goal):
+        return task.goal
+    until = o.t + within / task.robot.v_max
+    nodes = [(float(x), float(y)) for t, (x, y) in zip(path.t, path.xy) if o.t + 1e-9 < t <= until]
+    nodes = nodes or [path.at(until)]
+    return next((node for node in reversed(nodes) if clear(task, o.xy, node)), nodes[0])
+
+
+def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
+    """Return the command (vx, vy) in m/s, at most at full speed, slowed where the robot could not stop before a wall on its way."""
+    robot, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
+    speed = math.hypot(vx, vy)
+    if speed > robot.v_max:
+        vx, vy, speed = vx * robot.v_max / speed, vy * robot.v_max / speed, robot.v_max
+    if speed == 0.0:
+        return Command((0.0, 0.0))
+    span = robot.dt + speed / (2 * robot.a_max)
+    row, col = (o.xy[1] - y0) / size - 0.5, (o.xy[0] - x0) / size - 0.5
+    share, _, _ = first_wall(task.grid.blocked, row, col, vy * span / size, vx * span / size, robot.radius / size)
+    if share <= 1.0:
+        # As braking needs v^2 / 2a, v reduced in proportion stops before the wall whatever a is.
+        share = max(share - SHORT / (speed * span), 0.0)
+        vx, vy = vx * share, vy * share
+    return Command((vx, vy))

@@ -1,0 +1,117 @@
+"""Policy `potential-field`: pulled to its target, pushed off walls and what moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.kernels.field_forces import disc_force, wall_force
+from antway.rivals.look_ahead import look_ahead, short_of_walls
+from antway.rivals.replan import STOP, Follow, now
+
+from antway.search.sipp import NO_PIECES  # isort: skip
+from antway.world.policy import XY, Command, Observation, Task
+
+
+class PotentialField(Follow):
+    """Drive down a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
+
+    The target attracts with a force that grows to full speed over `conic` m and stays there. A wall at distance d < `reach`
+    repels with `wall` (1/d - 1/reach) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal beside a
+    wall can be reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002, see
+    `kernels.field_forces`). No step is longer than the way to the next wall, where the potential is infinite.
+
+    Known faults: it is caught in dead ends (`look_ahead` off), swings in narrow passages, and stops where forces cancel.
+
+    Parameters
+    ----------
+    look_ahead : float or None
+        The target is the farthest point of the global path in sight, so many m along it at most, > 0; None: the goal itself.
+    conic : float
+        m, > 0.
+    wall, reach : float
+        Gain of the walls, m^4/s, >= 0, and the distance from which they act, m, > 0.
+    moving, far : float
+        Gain of moving obstacles, m^3/s, >= 0, and the distance from which they act, less the way to brake, m, > 0.
+    brake : float
+        Deceleration that the way to brake counts on where the robot's own is larger, m/s^2, > 0.
+
+    Notes
+    -----
+    Khatib: Real-time obstacle avoidance for manipulators and mobile robots, IJRR 5(1), 1986. Ge, Cui: New potential functions
+    for mobile robot path planning, IEEE Trans. Robotics and Automation 16(5), 2000. Ge, Cui: Dynamic motion planning for mobile
+    robots using potential field method, Autonomous Robots 13, 2002.
+    """
+
+    def __init__(
+        self,
+        *,
+        look_ahead: float | None = 2.0,
+        conic: float = 0.5,
+        wall: float = 0.002,
+        reach: float = 0.4,
+        moving: float = 0.1,
+        far: float = 1.0,
+        brake: float = 1.0,
+    ) -> None:
+        self.look_ahead = (
+            None if look_ahead is None else checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")
+        )
+        self.conic = checks.number("conic", conic, low=0.0, open_low=True, unit="m")
+        self.wall = checks.number("wall", wall, low=0.0, unit="m^4/s")
+        self.reach = checks.number("reach", reach, low=0.0, open_low=True, unit="m")
+        self.moving = checks.number("moving", moving, low=0.0, unit="m^3/s")
+        self.far = checks.number("far", far, low=0.0, open_low=True, unit="m")
+        self.brake = checks.number("brake", brake, low=0.0, open_low=True, unit="m/s^2")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Tell the walls apart: cells that touch, corners included, are one."""
+        from scipy.ndimage import label
+
+        super().reset(task, seed)
+        walls, count = label(task.grid.blocked, np.ones((3, 3)))
+        self.walls: NDArray[np.int32] = walls.astype(np.int32)
+        self.near = np.empty((count + 5, 3))
+        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o = observation
+        target = self._target(o)
+        if target is None:
+            self.decide("stuck", "the map has no way for this robot")
+            return STOP
+        fx, fy, who = self._force(o, target)
+        if who < 0:
+            self.decide("follow", "no moving obstacle repels", local_target=target)
+        else:
+            self.decide("avoid", "moving obstacles repel", obstacle=int(o.tracks.id[who]), local_target=target)
+        return short_of_walls(self.task, o, fx, fy)
+
+    def _target(self, o: Observation) -> XY | None:
+        if self.look_ahead is None:
+            return self.task.goal
+        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        return look_ahead(self.task, o, path, self.look_ahead) if len(path.t) else None
+
+    def _force(self, o: Observation, target: XY) -> tuple[float, float, int]:
+        """Return the force, which is the velocity to drive at, in m/s, and which track repels most (-1: none)."""
+        robot, (x, y), (vx, vy) = self.task.robot, o.xy, o.velocity
+        dx, dy = target[0] - x, target[1] - y
+        away = math.hypot(dx, dy)
+        pull = robot.v_max / max(away, self.conic)
+        wx, wy, u = wall_force(self.walls, self.frame, x, y, robot.radius, self.reach, self.near)
+        gx, gy = self.task.goal[0] - x, self.task.goal[1] - y
+        rho = math.hypot(gx, gy)
+        held = min(rho / self.conic, 1.0)
+        # -grad of eta/2 (1/d - 1/reach)^2 rho^2: the second part pulls to the goal, and is nil where rho is held.
+        back = u / self.conic**2 if rho < self.conic else 0.0
+        xy, velocity = now(o)
+        brake = min(self.brake, robot.a_max)
+        mx, my, who = disc_force(x, y, vx, vy, robot.radius, brake, self.far, xy, velocity, o.tracks.radius)
+        fx = pull * dx + self.wall * (held**2 * wx + back * gx) + self.moving * mx
+        fy = pull * dy + self.wall * (held**2 * wy + back * gy) + self.moving * my
+        return fx, fy, who
