@@ -1,0 +1,90 @@
+"""The immune operator keeps tours tours and paths paths, and never makes an ant worse by a vaccine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from antway.ants.immune import (
+    Immune,
+    Immunity,
+    concentration,
+    edges,
+    select,
+    uniforms,
+    vaccinate_path,
+    vaccinate_tour,
+    vaccines,
+)
+from common import cases
+
+
+def test_vaccinated_tours_are_tours():
+    """A vaccinated tour is a permutation that has the vaccine as a run."""
+    dice = np.random.default_rng(1)
+    for _ in range(cases(200, 2000)):
+        n = int(dice.integers(5, 30))
+        order, vaccine = dice.permutation(n), dice.permutation(n)[: dice.integers(3, n)]
+        child = vaccinate_tour(order, vaccine)
+        assert sorted(child) == list(range(n))
+        at = child.tolist().index(vaccine[0])
+        assert child[at : at + len(vaccine)].tolist() == vaccine.tolist()
+
+
+def test_vaccinated_paths_are_paths():
+    """A vaccinated path keeps its ends, visits no node twice and has edges of the path and the vaccine alone."""
+    dice = np.random.default_rng(2)
+    for _ in range(cases(200, 2000)):
+        path, vaccine = dice.permutation(12)[:8], dice.permutation(12)[:4]
+        child = vaccinate_path(path, vaccine)
+        assert child[0] == path[0] and child[-1] == path[-1] and len(set(child)) == len(child)
+        assert set(edges(child, False)) <= set(edges(path, False)) | set(edges(vaccine, False))
+
+
+def test_vaccines_are_shared():
+    """Every edge of a vaccine is in at least the wanted share of the elites."""
+    dice = np.random.default_rng(3)
+    base = dice.permutation(20)
+    elites = [np.roll(base, s) if s % 2 else np.concatenate((base[:12], base[12:][::-1])) for s in range(10)]
+    found = vaccines(elites, 0.6, True)
+    assert found
+    for vaccine in found:
+        for edge in edges(vaccine, False):
+            assert sum(edge in edges(elite, True) for elite in elites) >= 6
+
+
+def test_concentration_counts_the_alike():
+    """Ants with the same edges, whatever their start and direction, are alike; those with none in common are not."""
+    tour = np.arange(10)
+    other = np.array([0, 2, 4, 6, 8, 1, 3, 5, 7, 9])
+    assert concentration([tour, np.roll(tour, 3), tour[::-1], other], 0.9, True).tolist() == [3, 3, 3, 1]
+
+
+def test_selection_keeps_the_best_and_prefers_the_short():
+    """The best ant is always selected; short tours are drawn more often than long ones, the more so the colder it is."""
+    costs = np.array([110.0, 100.0, 130.0])
+    draw = uniforms(4, 0)
+    counts = np.zeros(3)
+    for _ in range(2000):
+        chosen = select(costs, 0.1, draw)
+        assert chosen[0] == 1
+        counts += np.bincount(chosen[1:], minlength=3)
+    odds = np.exp((1 - costs / 100) / 0.1)
+    assert np.abs(counts / counts.sum() - odds / odds.sum()).max() < 0.03
+
+
+def test_no_ant_gets_worse_by_vaccination():
+    """Without selection every ant's cost after the operator is at most its cost before."""
+    dice = np.random.default_rng(5)
+    xy = dice.random((15, 2))
+
+    def cost(order):
+        return float(np.hypot(*(xy[order] - xy[np.roll(order, 1)]).T).sum())
+
+    immunity = Immunity(Immune(temperature=0.0, vaccinated=1.0, share=0.3), True, 0, [])
+    for cycle in range(cases(20, 200)):
+        ants = [dice.permutation(15) for _ in range(6)]
+        costs = np.array([cost(ant) for ant in ants])
+        tours, after, scale = immunity.respond(cycle, ants, costs, cost, vaccinate_tour)
+        assert (after <= costs).all() and np.allclose(after, [cost(tour) for tour in tours])
+        assert ((scale > 0) & (scale <= 1)).all()
+        assert len(immunity.elites) <= 10 and immunity.elites[0][0] <= after.min()

@@ -1,0 +1,227 @@
+"""Whole answers of `solve_tsp`, and TSPLIB files, sound and spoilt."""
+
+from __future__ import annotations
+
+import random
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from antway import BadInput, BadMap, BadParameter, TooLarge, load_tsp, solve_tsp
+from antway.ants.immune import Immune
+from antway.ants.tsplib import Tsp, parse
+from common import SCALE, SHARED, cases, needs_data
+from mapfiles import spoil
+
+TSPLIB = SHARED / "tsplib"
+RANDOM = Tsp(np.random.default_rng(1).random((60, 2)) * 1000, metric="EUC_2D")
+BURMA = """NAME: burma14\nTYPE: TSP\nDIMENSION: 14\nEDGE_WEIGHT_TYPE: GEO\nNODE_COORD_SECTION
+1 16.47 96.10\n2 16.47 94.44\n3 20.09 92.54\n4 22.39 93.37\n5 25.23 97.24\n6 22.00 96.05\n7 20.47 97.02
+8 17.20 96.29\n9 16.30 97.38\n10 14.05 98.12\n11 16.53 97.38\n12 21.52 95.59\n13 19.41 97.13\n14 20.09 94.55\nEOF\n"""
+PLANE = "NAME : p\nTYPE : TSP\nDIMENSION : 4\nEDGE_WEIGHT_TYPE : {}\nNODE_COORD_SECTION\n1 0 0\n2 0 3.4\n3 4 3\n4 4 0\nEOF\n"
+EXPLICIT = (
+    "NAME: e\nTYPE: TSP\nDIMENSION: 3\nEDGE_WEIGHT_TYPE: EXPLICIT\nEDGE_WEIGHT_FORMAT: {}\nEDGE_WEIGHT_SECTION\n{}\nEOF\n"
+)
+FORMATS = {
+    "FULL_MATRIX": "0 1 2\n1 0 3\n2 3 0",
+    "UPPER_ROW": "1 2\n3",
+    "UPPER_DIAG_ROW": "0 1 2 0 3 0",
+    "UPPER_COL": "1 2 3",
+    "UPPER_DIAG_COL": "0 1 0 2 3 0",
+    "LOWER_ROW": "1\n2 3",
+    "LOWER_DIAG_ROW": "0\n1 0\n2 3 0",
+    "LOWER_COL": "1 2 3",
+    "LOWER_DIAG_COL": "0 1 2 0 3 0",
+}
+
+
+def contents(tour):
+    """What must be the same in every run."""
+    return tour.order.tobytes(), tour.length, tour.pheromone.tobytes(), tour.history[:, :2].tobytes(), tour.tours
+
+
+OPTIONS = [
+    {"rule": "mmas"},
+    {"rule": "acs"},
+    {"rule": "rank", "local_search": "2opt"},
+    {"rule": "mmas", "local_search": "3opt", "focused": True},
+    {"rule": "eas", "immune": Immune()},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_same_seed_same_bytes_with_any_threads(options):
+    """The same seed gives the same tour, pheromone and history with 1, 2 and 4 threads; another seed, other pheromone."""
+    one = solve_tsp(RANDOM, cycles=8, seed=5, **options)
+    for threads in (1, 2, 4):
+        assert contents(solve_tsp(RANDOM, cycles=8, seed=5, threads=threads, **options)) == contents(one)
+    assert solve_tsp(RANDOM, cycles=8, seed=6, **options).pheromone.tobytes() != one.pheromone.tobytes()
+
+
+@pytest.mark.parametrize("rule", ["as", "eas", "rank", "mmas", "acs"])
+@pytest.mark.parametrize("local_search", [None, "2opt", "oropt", "3opt"])
+def test_answers_are_tours(rule, local_search):
+    """Every rule with every local search gives a permutation of the length it says, with a falling history."""
+    tour = solve_tsp(RANDOM, rule, local_search=local_search, cycles=5, ants=4)
+    assert sorted(tour.order) == list(range(60))
+    assert tour.length == RANDOM.length(tour.order) == tour.history[-1, 1]
+    assert (np.diff(tour.history[:, 1]) < 0).all() and (np.diff(tour.history[:, [0, 2]], axis=0) >= 0).all()
+    assert tour.tours == 20 and tour.gap is None
+
+
+def test_budgets_warm_start_and_cancel():
+    """Tours and cycles end a run exactly, time and cancellation soon; pheromone handed on is where the next run starts."""
+    assert solve_tsp(RANDOM, tours=100, ants=10).tours == 100
+    begun = time.perf_counter()
+    stop = threading.Event()
+    seen = []
+
+    def progress(tours, best, seconds):
+        seen.append((tours, best, seconds))
+        if len(seen) == 3:
+            stop.set()
+
+    first = solve_tsp(RANDOM, progress=progress, cancel=stop, seconds=60)
+    assert len(seen) == 3 and seen[-1][:2] == (first.tours, first.length)
+    assert solve_tsp(RANDOM, seconds=0.0).tours > 0 and time.perf_counter() - begun < 60
+    cold, warm = (solve_tsp(RANDOM, cycles=1, pheromone=p) for p in (None, solve_tsp(RANDOM, cycles=400).pheromone))
+    assert warm.length < cold.length
+
+
+def test_degenerate_instances():
+    """One, two, three cities, and cities all in one place, have the tours they have."""
+    for n in (1, 2, 3):
+        tour = solve_tsp(Tsp(np.arange(2.0 * n).reshape(n, 2)), local_search="3opt")
+        assert tour.order.tolist() == list(range(n)) and tour.gap == 0.0
+    assert solve_tsp(Tsp([(2.0, 2.0)] * 9)).length == 0.0
+    assert solve_tsp(Tsp([(0, 0)] * 9 + [(3, 4)] * 9), cycles=20, local_search="2opt").length == 10.0
+
+
+def test_many_cities_in_one_place():
+    """A city among more equals than it has candidates is still none of its own."""
+    cities = Tsp(np.zeros((40, 2))).cities(5)
+    assert (cities.near != np.arange(40)[:, None]).all()
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_matrix_formats(form):
+    """Every EXPLICIT format gives the distances 1, 2, 3 of three cities."""
+    matrix = parse(EXPLICIT.format(form, FORMATS[form]).encode()).matrix
+    assert matrix.tolist() == [[0, 1, 2], [1, 0, 3], [2, 3, 0]]
+
+
+def test_geographic_optimum():
+    """burma14, of GEO distances, has its optimum of 3,323."""
+    assert solve_tsp(parse(BURMA.encode()), local_search="2opt", cycles=50).length == 3323
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["eil51", "kroA100", "d198", "lin318", "att532"])
+def test_benchmark_files(name):
+    """The files of TSPLIB load, with their number of cities and optimum; the ants come within 3 %."""
+    instance = load_tsp(TSPLIB / f"{name}.tsp")
+    assert instance.size == int("".join(c for c in name if c.isdigit()))
+    assert 0.0 <= solve_tsp(instance, local_search="3opt", cycles=6).gap < 0.03
+
+
+@needs_data
+@pytest.mark.skipif(SCALE == 1, reason="nightly")
+@pytest.mark.parametrize("name", ["eil51", "kroA100"])
+def test_quality(name):
+    """Over 30 seeds MMAS with 2-opt is within 1 % at the median, and plain Ant System within 8 %."""
+    instance = load_tsp(TSPLIB / f"{name}.tsp")
+    searched = [solve_tsp(instance, local_search="2opt", cycles=100, seed=seed).gap for seed in range(30)]
+    plain = [solve_tsp(instance, "as", tours=1000 * instance.size, seed=seed).gap for seed in range(30)]
+    assert np.median(searched) <= 0.01 and np.median(plain) <= 0.08
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "field"),
+    [
+        ("", BadMap, "DIMENSION"),
+        (PLANE.format("EUC_3D"), BadMap, "EDGE_WEIGHT_TYPE"),
+        (PLANE.format("EUC_2D").replace("DIMENSION : 4", "DIMENSION : 5"), BadMap, "NODE_COORD_SECTION"),
+        (PLANE.format("EUC_2D").replace("DIMENSION : 4", "DIMENSION : 0"), BadMap, "DIMENSION"),
+        (PLANE.format("EUC_2D").replace("DIMENSION : 4", "DIMENSION : 999999999"), TooLarge, "DIMENSION"),
+        (PLANE.format("EUC_2D").replace("3.4", "nan"), BadMap, "NODE_COORD_SECTION"),
+        (PLANE.format("EUC_2D").replace("3.4", "1e30"), BadMap, "NODE_COORD_SECTION"),
+        (PLANE.format("EUC_2D").replace("3.4", "three"), BadMap, "line"),
+        (PLANE.format("EUC_2D").replace("\n2 ", "\n1 "), BadMap, "NODE_COORD_SECTION"),
+        (PLANE.format("ATT").replace(": TSP", ": ATSP"), BadMap, "TYPE"),
+        (EXPLICIT.format("FULL_MATRIX", "0 1 2 9 0 3 2 3 0"), BadMap, "EDGE_WEIGHT_SECTION"),
+        (EXPLICIT.format("FULL_MATRIX", "0 1 2"), BadMap, "EDGE_WEIGHT_SECTION"),
+        (EXPLICIT.format("UPPER_ROW", "1 -2 3"), BadMap, "EDGE_WEIGHT_SECTION"),
+        (EXPLICIT.format("SIDEWAYS", "1 2 3"), BadMap, "EDGE_WEIGHT_FORMAT"),
+    ],
+)
+def test_wrong_files(tmp_path, text, kind, field):
+    """A wrong file is refused with the field that is wrong and the file's name."""
+    path = tmp_path / "wrong.tsp"
+    path.write_text(text)
+    with pytest.raises(kind) as caught:
+        load_tsp(path)
+    assert caught.value.field == field and caught.value.where.startswith(str(path))
+
+
+def test_spoilt_files():
+    """A file with flipped bits, parts cut out or numbers put in is an instance or a `BadInput`, within two seconds."""
+    sound = [PLANE.format(kind).encode() for kind in ("EUC_2D", "CEIL_2D", "ATT")] + [BURMA.encode()]
+    sound += [EXPLICIT.format(form, rows).encode() for form, rows in FORMATS.items()]
+    dice = random.Random(4)
+    read = 0
+    for _ in range(cases(1000, 100_000)):
+        data = spoil(dice.choice(sound), sound, dice)
+        begun = time.perf_counter()
+        try:
+            instance = parse(data)
+            assert np.isfinite(instance.length(np.arange(instance.size)))
+            read += 1
+        except BadInput:
+            pass
+        assert time.perf_counter() - begun < 2.0
+    assert read > 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"rule": "queen"},
+        {"local_search": "4opt"},
+        {"ants": 0},
+        {"seed": -1},
+        {"seconds": float("nan")},
+        {"tours": -1},
+        {"threads": 0},
+        {"candidates": 0},
+        {"focused": True},
+        {"pheromone": [[1.0]]},
+        {"immune": 3},
+    ],
+    ids=str,
+)
+def test_wrong_options(wrong):
+    """An option outside its range is a `BadParameter`."""
+    with pytest.raises(BadParameter):
+        solve_tsp(RANDOM, **{"cycles": 1, **wrong})
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"xy": [(0, 0), (1, float("nan"))]},
+        {"xy": [(0, 0), (1, 1e30)]},
+        {"xy": []},
+        {"xy": [(0, 0, 0)]},
+        {"xy": [(0, 0)], "metric": "MANHATTAN"},
+        {"matrix": [[0, 1], [2, 0]]},
+        {"matrix": [[0, -1], [-1, 0]]},
+        {},
+    ],
+    ids=str,
+)
+def test_wrong_instances(wrong):
+    """Places that are no places and distances that are no distances are refused."""
+    with pytest.raises(BadParameter):
+        Tsp(**wrong)
