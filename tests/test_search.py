@@ -23,6 +23,7 @@ from antway.maps.movingai import load_scen
 from antway.search import derived
 from antway.search import dijkstra as dijkstra_module
 from antway.search.astar import Searcher, astar, searcher
+from antway.search.batch import solve_many
 from antway.search.costs import inflation_costs, path_cost
 from antway.search.dijkstra import dijkstra
 from antway.search.heap import faces
@@ -205,6 +206,46 @@ def test_queries_do_not_disturb_each_other() -> None:
         with ThreadPoolExecutor(4) as pool:
             for result in pool.map(lengths, [planner] * 4):
                 assert np.allclose(result, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("moves", NEIGHBOURS)
+def test_many_queries_at_once(moves: Moves) -> None:
+    """Routes of many queries have the lengths and, cell by cell, are as legal as those of one query each."""
+    rng = np.random.default_rng(11)
+    for size in (6, 90):
+        grid = Grid(solvable(rng, low=size, high=size + 9).blocked, 0.5)
+        ends = [pick(rng, grid, 2) for _ in range(cases(600, 5000))]
+        routes = solve_many(grid, [a for a, _ in ends], [b for _, b in ends], moves)
+        for i, (a, b) in enumerate(ends):
+            expected = jps(Problem(grid, a, b, moves))
+            assert same(routes.lengths[i], expected.length)
+            assert np.array_equal(routes[i], expected.cells)
+    assert len(solve_many(grid, [], [], moves)) == 0
+    blocked = np.zeros((301, 301), dtype=bool)
+    blocked[1::4, :-1] = blocked[3::4, 1:] = True
+    winding = Grid(blocked)
+    ends = [((0, 0), (0, 300)), ((0, 0), (300, 300)), ((300, 300), (300, 0))]
+    routes = solve_many(winding, [a for a, _ in ends], [b for _, b in ends], moves)
+    for i, (a, b) in enumerate(ends):
+        plan = dijkstra(Problem(winding, a, b, moves))
+        assert same(routes.lengths[i], plan.length)
+        check_plan(Problem(winding, a, b, moves), Plan(Status.FOUND, routes[i].copy(), float(routes.lengths[i])))
+
+
+def test_bad_batches() -> None:
+    """Ends that are blocked, outside, of the wrong kind or number raise the error that names which."""
+    blocked = np.zeros((3, 3), dtype=bool)
+    blocked[1, 1] = True
+    grid = Grid(blocked)
+    with pytest.raises(CellBlocked, match=r"goals\[1\]"):
+        solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 1)])
+    with pytest.raises(OutOfBounds, match=r"starts\[0\]"):
+        solve_many(grid, [(-1, 0)], [(0, 1)])
+    for starts, goals in (([(0.5, 0)], [(0, 0)]), ([(0, 0)], [(0, 0), (0, 0)]), ([0, 0], [0, 0]), ("ab", "cd")):
+        with pytest.raises(BadParameter):
+            solve_many(grid, starts, goals)
+    with pytest.raises(BadParameter, match="moves"):
+        solve_many(grid, [(0, 0)], [(0, 0)], Moves.SIXTEEN)
 
 
 def test_changed_maps() -> None:

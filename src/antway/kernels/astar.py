@@ -25,7 +25,8 @@ from antway.kernels.canonical import START
 from antway.kernels.jit import kernel
 from antway.kernels.jps import jump, place
 
-RUNNING, DONE, FULL = 0, 1, 2
+RUNNING, DONE, FULL, NO_ROOM = 0, 1, 2, 3
+LOWEST, HIGHEST = -(2**31), 2**31 - 1
 
 _ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
 _COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
@@ -310,3 +311,72 @@ def solve(
         return code, np.empty((0, 2), np.int32), 0
     path, diagonals = trace(nodes, goal, width)
     return code, path, diagonals
+
+
+@kernel
+def solve_all(
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    words: NDArray[np.uint64],
+    width: int,
+    shorter: int,
+    nodes: NDArray[np.int32],
+    reached: NDArray[np.int32],
+    first: NDArray[np.int32],
+    filled: NDArray[np.uint64],
+    entries: NDArray[np.int32],
+    state: NDArray[np.int64],
+    base: int,
+    ends: NDArray[np.int64],
+    query: int,
+    begins: NDArray[np.int64],
+    cells: NDArray[np.int32],
+    diagonals: NDArray[np.int64],
+) -> tuple[int, int, int]:
+    """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next query, the base, and why it stopped there.
+
+    DONE with all, FULL where `entries` or NO_ROOM where `cells` must be longer; the same query then begins anew. The path of
+    query i is at `cells[begins[i]:begins[i + 1]]`, with `diagonals[i]` diagonal moves, or -1 without a path, -2 where the
+    integers do not reach.
+    """
+    while query < ends.shape[0]:
+        row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
+        begins[query + 1] = begins[query]
+        diagonals[query] = -2
+        if octile(row, col, goal_row, goal_col, shorter) < LIMIT:
+            base -= LIMIT
+            if base < LOWEST:
+                nodes[:, 0] = HIGHEST
+                base = HIGHEST - LIMIT
+            code, path, turns = solve(
+                around,
+                table,
+                words,
+                width,
+                shorter,
+                nodes,
+                reached,
+                first,
+                filled,
+                entries,
+                state,
+                base,
+                row,
+                col,
+                goal_row,
+                goal_col,
+                True,
+                1 << 62,
+            )
+            if code == FULL:
+                return query, base, FULL
+            if path.shape[0] > 0:
+                if begins[query] + path.shape[0] > cells.shape[0]:
+                    return query, base, NO_ROOM
+                begins[query + 1] += path.shape[0]
+                cells[begins[query] : begins[query + 1]] = path
+                diagonals[query] = turns
+            elif not state[CUT]:
+                diagonals[query] = -1
+        query += 1
+    return query, base, DONE

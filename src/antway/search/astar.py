@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
-from antway.kernels.astar import DONE, FULL, RUNNING, octile, solve
+from antway.kernels.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
 from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, EXPANDED, KEYS, LIMIT, STRAIGHT
 from antway.planning import Budget, Clock, Plan, Problem, Status
 from antway.search import heap
@@ -19,7 +20,6 @@ from antway.search.result import not_found
 
 STEPS = 1 << 16  # steps of the kernel between two looks at the clock, about 5 ms
 MOST_CELLS = 1 << 27  # 16 times the number of a cell must fit into 32 bits
-_TOP = 2**31 - 1
 _NO_WORDS = np.empty(0, np.uint64)
 
 
@@ -47,20 +47,25 @@ class Workspace:
 
     def __init__(self, shape: tuple[int, int]) -> None:
         cells, longest = shape[0] * shape[1], 2 * max(shape) + 8
-        self.base = _TOP
-        self.nodes = np.full((cells, 2), _TOP, np.int32)
+        self.base = HIGHEST
+        self.nodes = np.full((cells, 2), HIGHEST, np.int32)
         self.reached = np.empty((longest, 4), np.int32)
         self.first = np.full(KEYS + BLOCKS, -1, np.int32)
         self.filled = np.zeros(KEYS // 64, np.uint64)
         self.entries = np.empty((16 * longest, 5), np.int32)
         self.state = np.zeros(8, np.int64)
 
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """The arrays in the order in which the kernels take them."""
+        return self.nodes, self.reached, self.first, self.filled, self.entries, self.state
+
     def begin(self) -> None:
         """Choose the labels of the next search."""
         self.base -= LIMIT
-        if self.base < -(2**31):
-            self.nodes.fill(_TOP)
-            self.base = _TOP - LIMIT
+        if self.base < LOWEST:
+            self.nodes.fill(HIGHEST)
+            self.base = HIGHEST - LIMIT
 
     def grow(self) -> None:
         """Double the room for entries of the queue."""
@@ -73,7 +78,7 @@ class Searcher:
     def __init__(self, grid: Grid, moves: Moves, jumping: bool) -> None:
         net = lattice(grid, moves)
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
-        self.net = (net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
+        self.net: tuple[Any, ...] = (net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
         self.shorter = shorter
         self.spare: list[Workspace] = kept(grid, "workspaces", list)
 
@@ -87,11 +92,8 @@ class Searcher:
             work.begin()
             code, fresh = RUNNING, True
             while code != DONE and not clock.spent():
-                code, path, diagonals = solve(
-                    *self.net,
-                    *(work.nodes, work.reached, work.first, work.filled, work.entries, work.state),
-                    *(work.base, row, col, goal_row, goal_col, fresh, STEPS),
-                )
+                query: tuple[Any, ...] = (work.base, row, col, goal_row, goal_col, fresh, STEPS)
+                code, path, diagonals = solve(*self.net, *work.arrays, *query)
                 fresh = False
                 if code == FULL:
                     work.grow()

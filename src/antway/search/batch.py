@@ -1,0 +1,137 @@
+"""Many queries on one map at once, without the cost of a Python call for each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.grid import Grid, Moves
+from antway.kernels.astar import FULL, NO_ROOM, solve_all
+from antway.planning import Problem
+from antway.search.astar import MOST_CELLS, Workspace, searcher
+from antway.search.derived import NEIGHBOURS
+from antway.search.dijkstra import dijkstra
+
+PIECE = 256  # queries between two looks of Python at its signals
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Routes:
+    """The answers to many queries.
+
+    Attributes
+    ----------
+    lengths : float64[Q]
+        m; infinite where there is no path.
+    cells : int32[M, 2]
+        All paths, (row, col), one after the other.
+    begins : int64[Q + 1]
+        Path i is `cells[begins[i]:begins[i + 1]]`, empty where there is none.
+    """
+
+    lengths: NDArray[np.float64]
+    cells: NDArray[np.int32]
+    begins: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.lengths)
+
+    def __iter__(self) -> Iterator[NDArray[np.int32]]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, i: int) -> NDArray[np.int32]:
+        """Return path i, int32[N, 2]."""
+        i = range(len(self))[i]  # refuses what is out of range
+        return self.cells[self.begins[i] : self.begins[i + 1]]
+
+
+def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = Moves.EIGHT) -> Routes:
+    """Return a shortest path from each start to the goal of the same number.
+
+    Parameters
+    ----------
+    grid : Grid
+    starts, goals : int[Q, 2]
+        Free cells (row, col).
+    moves : Moves
+        Of 4 or 8 neighbours. Jump points are used for `Moves.EIGHT`, as by the planner `jps`, and single moves otherwise.
+
+    Returns
+    -------
+    Routes
+
+    Raises
+    ------
+    OutOfBounds, CellBlocked, BadParameter
+        If an end is no free cell of the map, or the arrays do not fit together.
+
+    Examples
+    --------
+    >>> routes = solve_many(Grid(np.zeros((3, 3), dtype=bool), 0.5), [(0, 0), (2, 2)], [(0, 2), (2, 2)])
+    >>> routes.lengths.tolist(), routes[0].tolist()
+    ([1.0, 0.0], [[0, 0], [0, 1], [0, 2]])
+    """
+    checks.instance("grid", grid, Grid)
+    if checks.instance("moves", moves, Moves) not in NEIGHBOURS:
+        raise BadParameter("moves", moves.value, "moves of 4 or 8 neighbours")
+    if grid.blocked.size >= MOST_CELLS:
+        raise BadParameter("grid.shape", grid.shape, f"of fewer than {MOST_CELLS} cells for many queries at once")
+    sources, targets = _free_cells("starts", starts, grid), _free_cells("goals", goals, grid)
+    if len(sources) != len(targets):
+        raise BadParameter("len(goals)", len(targets), f"that of starts, {len(sources)}")
+    ends = np.hstack((sources, targets))
+    search = searcher(grid, moves, moves is Moves.EIGHT)
+    begins, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
+    cells = np.empty((64 * len(ends) + 1024, 2), np.int32)
+    work = search.spare.pop() if search.spare else Workspace(grid.shape)
+    try:
+        query = 0
+        while query < len(ends):
+            piece: tuple[Any, ...] = (work.base, ends[: query + PIECE], query, begins, cells, diagonals)
+            query, work.base, code = solve_all(*search.net, *work.arrays, *piece)
+            if code == FULL:
+                work.grow()
+            elif code == NO_ROOM:
+                cells = np.concatenate((cells, np.empty_like(cells)))
+    finally:
+        search.spare.append(work)
+    lengths = np.where(diagonals < 0, np.inf, np.diff(begins) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
+    routes = Routes(lengths, cells[: begins[-1]], begins)
+    return _with_long_ones(routes, np.flatnonzero(diagonals == -2), ends, grid, moves)
+
+
+def _with_long_ones(routes: Routes, missing: NDArray[np.int64], ends: NDArray[np.int64], grid: Grid, moves: Moves) -> Routes:
+    """Return `routes` with those added that were too long for the integers of the kernel, each solved by Dijkstra."""
+    if not len(missing):
+        return routes
+    paths = list(routes)
+    for i in missing.tolist():
+        row, col, goal_row, goal_col = ends[i].tolist()
+        plan = dijkstra(Problem(grid, (row, col), (goal_row, goal_col), moves))
+        paths[i], routes.lengths[i] = plan.cells, plan.length
+    return Routes(routes.lengths, np.concatenate(paths), np.cumsum([0, *map(len, paths)]))
+
+
+def _free_cells(name: str, value: ArrayLike, grid: Grid) -> NDArray[np.int64]:
+    cells = np.asarray(value)
+    if cells.size == 0:
+        return np.empty((0, 2), np.int64)
+    if cells.ndim != 2 or cells.shape[1] != 2 or not np.issubdtype(cells.dtype, np.integer):
+        raise BadParameter(name, f"{cells.dtype} array of shape {cells.shape}", "integers of shape (queries, 2)")
+    outside = ((cells < 0) | (cells >= grid.shape)).any(axis=1)
+    if outside.any():
+        i = int(np.argmax(outside))
+        allowed = f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns"
+        raise OutOfBounds(f"{name}[{i}]", tuple(cells[i].tolist()), allowed)
+    blocked = grid.blocked[cells[:, 0], cells[:, 1]]
+    if blocked.any():
+        i = int(np.argmax(blocked))
+        raise CellBlocked(f"{name}[{i}]", tuple(cells[i].tolist()), "a free cell; this one is blocked")
+    return cells.astype(np.int64)
