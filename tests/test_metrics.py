@@ -1,0 +1,117 @@
+"""Metrics of episodes and of policies: by hand on small traces, and against known intervals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, Outcome, RobotSpec, Scenario, World, run
+from antway.arena import metrics
+from antway.world.motions import Line
+from antway.world.policy import Command, Decision
+from antway.world.world import Obstacle
+
+
+class Scripted:
+    """Drives the velocities it is given, then stands."""
+
+    def __init__(self, velocities):
+        self.velocities = list(velocities)
+
+    def reset(self, task, seed):
+        self.left = list(self.velocities)
+
+    def act(self, observation):
+        return Command(self.left.pop(0) if self.left else (0.0, 0.0))
+
+    def explain(self):
+        return Decision("follow", "as written")
+
+
+def trace_of(velocities, obstacles=(), horizon=1.0):
+    room = World(Grid(np.zeros((20, 20), np.bool_)), tuple(obstacles))
+    scenario = Scenario(room, (5.0, 5.0), (18.0, 18.0), RobotSpec(radius=0.5, v_max=2.0, dt=0.1), horizon=horizon)
+    return run(scenario, Scripted(velocities)).trace
+
+
+def test_discomfort():
+    """Time under 0.2 m is the sum of the control steps that ended there."""
+    # the disc's edge is 0.45 m away and the robot comes nearer by 0.1 m a step: after 3, 4 and 5 steps it is within 0.2 m
+    trace = trace_of([(1.0, 0.0)] * 3 + [(0.0, 0.0)] * 2, [Obstacle(0.5, Line((6.45, 5.0), (6.45, 5.0), 0.0))], horizon=0.5)
+    assert metrics.discomfort(trace) == pytest.approx(0.3)
+    assert metrics.gaps(trace)[:, 0] == pytest.approx([0.45, 0.35, 0.25, 0.15, 0.15, 0.15])
+    assert metrics.discomfort(trace_of([(1.0, 0.0)])) == 0.0
+
+
+def test_jerk():
+    """A constant velocity has no jerk; one step from rest to v has the second difference v at two steps."""
+    assert metrics.jerk(trace_of([(1.0, 0.0)] * 10)) == pytest.approx(0.0, abs=1e-9)
+    trace = trace_of([(0.0, 0.0)] * 4 + [(1.0, 0.0)] * 6)
+    v = trace.velocity[1:-1]
+    assert metrics.jerk(trace) == pytest.approx(math.sqrt(2 / (len(v) - 2)) / 0.01)
+
+
+def test_side_flips():
+    """Each change of the side on which the robot is about to pass counts once; a steady side counts nothing."""
+    disc = Obstacle(0.2, Line((7.5, 5.0), (7.5, 5.0), 0.0))
+    left, right = (1.0, 0.4), (1.0, -0.4)
+    assert metrics.side_flips(trace_of([left] * 10, [disc])) == 0
+    assert metrics.side_flips(trace_of([left] * 3 + [right] * 3 + [left] * 3, [disc])) == 2
+    assert metrics.side_flips(trace_of([left] * 3 + [right] * 3, [])) == 0
+
+
+def test_outcome_shares():
+    """Shares count each outcome once and sum to 1."""
+    outcomes = ["reached"] * 6 + ["hit-moving"] * 3 + ["timeout"]
+    assert metrics.success(outcomes) == 0.6
+    assert sum(metrics.share(outcomes, outcome) for outcome in Outcome) == pytest.approx(1.0)
+    assert math.isnan(metrics.success([]))
+
+
+@pytest.mark.parametrize(
+    ("count", "total", "low", "high"),
+    [(0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (5, 10, 0.2366, 0.7634), (0, 10_000, 0.0, 0.00038)],
+)
+def test_wilson(count, total, low, high):
+    """Wilson's interval is that of the textbooks; 0 of 10,000 is below 0.04 %."""
+    assert metrics.wilson(count, total) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_wilson_covers():
+    """Over all outcomes of n trials the 95 % interval holds the true rate in about 95 % of cases."""
+    n, p = 50, 0.9
+    share = sum(
+        math.comb(n, k) * p**k * (1 - p) ** (n - k)
+        for k in range(n + 1)
+        if metrics.wilson(k, n)[0] <= p <= metrics.wilson(k, n)[1]
+    )
+    assert 0.92 < share < 0.98
+
+
+def test_bootstrap():
+    """The interval of a mean comes close to that of the normal distribution, is the same every time, and is NaN of nothing."""
+    sample = np.random.default_rng(1).normal(3.0, 1.0, 400)
+    low, high = metrics.bootstrap(sample)
+    half = 1.96 * sample.std() / 20
+    assert (low, high) == pytest.approx((sample.mean() - half, sample.mean() + half), abs=0.02)
+    assert metrics.bootstrap(sample) == (low, high)
+    assert all(map(math.isnan, metrics.bootstrap([])))
+
+
+def test_ranks_tell_real_differences():
+    """Policies that differ by chance share a rank; one that is really better stands alone; order follows the direction."""
+    rng = np.random.default_rng(2)
+    hard = rng.random(300)
+    scores = {"a": hard + 0.1, "b": hard + rng.normal(0.0, 0.1, 300), "c": hard + rng.normal(0.0, 0.1, 300)}
+    assert {name: rank for name, _, rank in metrics.ranks(scores)} == {"a": 1, "b": 2, "c": 2}
+    assert {name: rank for name, _, rank in metrics.ranks(scores, most=False)} == {"a": 3, "b": 1, "c": 1}
+
+
+def test_pairing_sees_what_unpaired_means_do_not():
+    """A small difference on episodes of very different length is real only because they are paired."""
+    hard = np.random.default_rng(3).uniform(5.0, 50.0, 100)
+    mean, (low, high), real = metrics.real_difference(hard + 0.1, hard)
+    assert real and low <= mean <= high and mean == pytest.approx(0.1)
+    assert not metrics.real_difference(hard, hard)[2]
