@@ -147,7 +147,7 @@ def test_quality(name):
         (PLANE.format("EUC_2D").replace("DIMENSION : 4", "DIMENSION : 999999999"), TooLarge, "DIMENSION"),
         (PLANE.format("EUC_2D").replace("3.4", "nan"), BadMap, "NODE_COORD_SECTION"),
         (PLANE.format("EUC_2D").replace("3.4", "1e30"), BadMap, "NODE_COORD_SECTION"),
-        (PLANE.format("EUC_2D").replace("3.4", "three"), BadMap, "line"),
+        (PLANE.format("EUC_2D").replace("3.4", "three"), BadMap, "NODE_COORD_SECTION"),
         (PLANE.format("EUC_2D").replace("\n2 ", "\n1 "), BadMap, "NODE_COORD_SECTION"),
         (PLANE.format("ATT").replace(": TSP", ": ATSP"), BadMap, "TYPE"),
         (EXPLICIT.format("FULL_MATRIX", "0 1 2 9 0 3 2 3 0"), BadMap, "EDGE_WEIGHT_SECTION"),

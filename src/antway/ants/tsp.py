@@ -161,7 +161,7 @@ def solve_tsp(
         ants=ants if ants is not None or labour.attempts == 0 else 4,
         persistence=persistence,
         seed=seed,
-        candidates=candidates or (20 if local_search is None else 10),
+        candidates=(20 if local_search is None else 10) if candidates is None else candidates,
         pheromone=pheromone,
         labour=labour,
         immune=immune,

@@ -147,7 +147,7 @@ def small(search: Search, t2: Index, t3: Index, t5: Index, longest: int) -> bool
         return True
     p, q, r = np.int64(search.place[t2]), np.int64(search.place[t3]), np.int64(search.place[t5])
     parts = min(abs(p - q), n - abs(p - q)), min(abs(q - r), n - abs(q - r)), min(abs(p - r), n - abs(p - r))
-    return bool(min(parts[0], min(parts[1], parts[2])) < longest)
+    return bool(min(parts[0], min(parts[1], parts[2])) <= longest)
 
 
 @bare_kernel

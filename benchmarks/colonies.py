@@ -1,0 +1,226 @@
+"""Colonies on the TSP beside other people's, and the quality they must hold.
+
+Run as `python benchmarks/colonies.py [--quality] [--search] [--immune] [--seeds N] [--seconds S] [--out FILE]`. Without a flag:
+ants a second and gap at equal time against acopy, colonyx, scikit-opt and aco-routing, as far as they are installed, as ratios
+in this run. Instances are read from ../shared/data/tsplib. Prints tables, writes JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from antway.ants.immune import Immune
+from antway.ants.rules import RULES
+from antway.ants.tsp import load_tsp, solve_tsp
+from antway.ants.tsplib import Tsp
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "tsplib"
+PLAIN = {
+    "eil51": {"mmas": 427.0, "acs": 429.0, "eas": 429.0, "rank": 431.0, "as": 440.0},
+    "kroA100": {"mmas": 21320.0, "acs": 21450.0, "eas": 21560.0, "as": 22600.0},
+}
+# (seconds, threads, mean gap that must be held)
+SEARCHED = {
+    "d198": (4, 1, 0.0),
+    "lin318": (4, 1, 0.0),
+    "att532": (10, 1, 5e-4),
+    "rat783": (15, 1, 1e-3),
+    "pr2392": (60, 2, 6e-3),
+}
+Rows = list[dict[str, object]]
+
+
+def instance(name: str) -> Tsp:
+    return load_tsp(DATA / f"{name}.tsp")
+
+
+def ours(problem: Tsp, seconds: float, rule: str = "mmas") -> tuple[int, float]:
+    endless = Tsp(problem.xy, metric=problem.metric)  # without its optimum, at which the search would stop
+    tour = solve_tsp(endless, rule, ants=25, seconds=seconds)
+    return tour.tours, tour.length
+
+
+def acopy(problem: Tsp, seconds: float) -> tuple[int, float]:
+    import acopy
+    import networkx
+
+    graph, table = networkx.Graph(), matrix(problem)
+    for i in range(problem.size):
+        for j in range(i):
+            graph.add_edge(i, j, weight=max(float(table[i, j]), 1e-9))
+    solver, colony = acopy.Solver(rho=0.1, q=1), acopy.Colony(alpha=1, beta=3)
+    begun, tours, best = time.perf_counter(), 0, np.inf
+    for tour in solver.optimize(graph, colony, gen_size=25, limit=10**9):
+        tours, best = tours + 25, min(best, tour.cost)
+        if time.perf_counter() - begun >= seconds:
+            break
+    return tours, best
+
+
+def scikit_opt(problem: Tsp, seconds: float) -> tuple[int, float]:
+    from sko.ACA import ACA_TSP
+
+    table = matrix(problem)
+    np.random.seed(0)  # noqa: NPY002
+    colony = ACA_TSP(
+        func=lambda order: float(table[order, np.roll(order, -1)].sum()),
+        n_dim=problem.size,
+        size_pop=25,
+        max_iter=1,
+        distance_matrix=table + 1e-10,
+    )
+    begun, tours, best = time.perf_counter(), 0, np.inf
+    while time.perf_counter() - begun < seconds:
+        best = min(best, float(colony.run(1)[1]))
+        tours += 25
+    return tours, best
+
+
+def matrix(problem: Tsp) -> np.ndarray:
+    cities = problem.cities(problem.size - 1)
+    table = np.zeros((problem.size, problem.size))
+    np.put_along_axis(table, cities.near.astype(int), cities.gap, 1)
+    return table
+
+
+PEERS: dict[str, tuple[str, Callable[[Tsp, float], tuple[int, float]]]] = {
+    "acopy": ("acopy", acopy),
+    "scikit-opt": ("sko", scikit_opt),
+}
+
+
+def speed(seconds: float) -> Rows:
+    rows: Rows = []
+    for name in ("eil51", "kroA100"):
+        problem = instance(name)
+        ours(problem, 0.1)
+        results = {f"antway {rule}": ours(problem, seconds, rule) for rule in RULES}
+        for peer, (module, run) in PEERS.items():
+            if importlib.util.find_spec(module):
+                results[peer] = run(problem, seconds)
+        base = results["antway mmas"][0]
+        for who, (tours, length) in results.items():
+            gap = f"{100 * (length / problem.optimum - 1):.2f}"
+            rows.append(
+                {
+                    "instance": name,
+                    "colony": who,
+                    "tours/s": round(tours / seconds),
+                    "gap %": gap,
+                    "times slower": round(base / tours, 2),
+                }
+            )
+    return rows
+
+
+def quality(seeds: int) -> Rows:
+    rows: Rows = []
+    for name, rule, bound in [(name, *held) for name, rules in PLAIN.items() for held in rules.items()]:
+        problem = instance(name)
+        found = [solve_tsp(problem, rule, tours=10_000 * problem.size, seed=seed).length for seed in range(seeds)]
+        rows.append(
+            {
+                "instance": name,
+                "rule": rule,
+                "mean": float(np.mean(found)),
+                "at most": bound,
+                "held": bool(np.mean(found) <= bound),
+            }
+        )
+    return rows
+
+
+def searched(seeds: int, only: list[str]) -> Rows:
+    rows: Rows = []
+    for name, (seconds, threads, bound) in SEARCHED.items():
+        if only and name not in only:
+            continue
+        problem = instance(name)
+        solve_tsp(problem, local_search="3opt", cycles=1)
+        found = [solve_tsp(problem, local_search="3opt", seconds=seconds, threads=threads, seed=seed) for seed in range(seeds)]
+        gap = float(np.mean([tour.gap for tour in found]))
+        optimal = sum(tour.gap == 0.0 for tour in found)
+        last = float(np.mean([tour.history[-1, 2] for tour in found]))
+        rows.append(
+            {
+                "instance": name,
+                "seconds": seconds,
+                "threads": threads,
+                "mean gap %": round(100 * gap, 4),
+                "optimal": f"{optimal}/{seeds}",
+                "s to best": round(last, 2),
+                "at most %": 100 * bound,
+                "held": gap <= bound,
+            }
+        )
+    return rows
+
+
+def immune(seeds: int) -> Rows:
+    """The immune operator and its parts, off and on, at equal tours and at equal time."""
+    plain = Immune(vaccinated=0.0, temperature=0.0, overlap=1.0, patience=0)
+    settings = {
+        "none": None,
+        "vaccines": Immune(temperature=0.0, overlap=1.0, patience=0),
+        "selection": Immune(vaccinated=0.0, overlap=1.0, patience=0),
+        "concentration": Immune(vaccinated=0.0, temperature=0.0, patience=0),
+        "suppression": Immune(vaccinated=0.0, temperature=0.0, overlap=1.0),
+        "all": Immune(),
+        "nothing on": plain,
+    }
+    problem, rows = instance("eil51"), []
+    for rule in ("as", "mmas"):
+        for label, policy in settings.items():
+            runs = [solve_tsp(problem, rule, immune=policy, ants=25, cycles=400, seed=seed) for seed in range(seeds)]
+            timed = [solve_tsp(problem, rule, immune=policy, ants=25, seconds=0.5, seed=seed).length for seed in range(seeds)]
+            rows.append(
+                {
+                    "rule": rule,
+                    "immune": label,
+                    "400 cycles": round(float(np.mean([run.length for run in runs])), 1),
+                    "ms a cycle": round(float(np.median([1000 * run.elapsed * 25 / run.tours for run in runs])), 3),
+                    "0.5 s": round(float(np.mean(timed)), 1),
+                }
+            )
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for flag in ("quality", "search", "immune"):
+        parser.add_argument(f"--{flag}", action="store_true")
+    parser.add_argument("--only", nargs="*", default=[], help="instances of --search")
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out" / "colonies.json")
+    options = parser.parse_args()
+    tables: dict[str, Rows] = {}
+    if options.quality:
+        tables["no local search, 10,000 n tours"] = quality(options.seeds)
+    if options.search:
+        tables["3-opt"] = searched(options.seeds, options.only)
+    if options.immune:
+        tables["immune operator, eil51"] = immune(options.seeds)
+    if not tables:
+        tables["tours a second, 25 ants"] = speed(options.seconds)
+    for title, rows in tables.items():
+        table = Table(*rows[0], title=title)
+        for row in rows:
+            table.add_row(*(str(value) for value in row.values()))
+        Console(width=120).print(table)
+    options.out.parent.mkdir(exist_ok=True)
+    known = json.loads(options.out.read_text()) if options.out.exists() else {}
+    options.out.write_text(json.dumps(known | tables, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

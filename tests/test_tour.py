@@ -1,0 +1,156 @@
+"""Distances, walks and local search against naive twins; local search never makes a tour worse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from antway.ants.colony import Colony
+from antway.ants.tsp import Tsp, solve_tsp
+from antway.kernels import local_search as search
+from antway.kernels import tour as kernel
+from antway.kernels import tsp
+from common import cases
+from naive import ants, tour
+
+METRICS = ["EUCLID", "EUC_2D", "CEIL_2D", "ATT"]
+
+
+def random_places(dice, n):
+    """Places in general position, on a lattice with many ties, or some in one place."""
+    kind = dice.integers(3)
+    xy = dice.random((n, 2)) * 1000 if kind == 0 else dice.integers(0, 12, (n, 2)).astype(float) * 10
+    if kind == 2:
+        xy[dice.integers(0, n, n // 3)] = xy[0]
+    return xy
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_distances_and_candidates(metric):
+    """Lengths are those of TSPLIB's definitions, and candidates are k other cities at the k least distances."""
+    dice = np.random.default_rng(5)
+    for _ in range(cases(20, 200)):
+        n = int(dice.integers(4, 40))
+        xy = random_places(dice, n)
+        matrix = tour.table(metric, xy.tolist())
+        instance = Tsp(xy, metric=metric)
+        order = dice.permutation(n)
+        assert instance.length(order) == pytest.approx(tour.length(matrix, order), rel=1e-12)
+        k = int(dice.integers(1, n))
+        cities = instance.cities(k)
+        for i in range(n):
+            assert i not in cities.near[i] and len(set(cities.near[i])) == k
+            wanted = sorted(matrix[i][j] for j in range(n) if j != i)[:k]
+            assert np.allclose(cities.gap[i], wanted, rtol=1e-12)
+            for c, j in enumerate(cities.near[i]):
+                assert cities.gap[i, c] == pytest.approx(matrix[i][j])
+                back = cities.back[i, c]
+                assert (cities.near[j, back] == i) if back >= 0 else (i not in cities.near[j])
+
+
+def test_computed_and_tabled_distances_agree():
+    """Below and above the size up to which distances are tabled, tours have the same length."""
+    xy = np.random.default_rng(6).random((1200, 2)) * 1e4
+    cities = Tsp(xy, metric="EUC_2D").cities(5)
+    assert cities.matrix.size == 0
+    order = np.arange(1200, dtype=np.uint32)
+    table = kernel.gaps(cities.kind, cities.xy, cities.matrix, np.tile(order, (1200, 1)))
+    tabled = cities._replace(kind=kernel.MATRIX, matrix=table)
+    assert kernel.length(cities, order) == kernel.length(tabled, order)
+
+
+def test_walk_like_the_twin():
+    """An ant's tour is the naive roulette's, draw by draw, also where candidates run out."""
+    dice = np.random.default_rng(8)
+    for case in range(cases(30, 300)):
+        n = int(dice.integers(5, 30))
+        instance = Tsp(random_places(dice, n) + dice.random((n, 2)))
+        colony = Colony(instance, ants=3, candidates=int(dice.integers(1, n)), seed=case)
+        state = colony.state
+        state.tau[:] = dice.random(state.tau.shape) + 0.01
+        tours = colony.ask()
+        matrix = tour.table("EUCLID", instance.xy.tolist())
+        for ant in range(3):
+            assert tours[ant].tolist() == ants.walk(matrix, colony.candidates, state.weight, case, ant)
+            assert state.lengths[ant] == pytest.approx(tour.length(matrix, tours[ant]), rel=1e-12)
+
+
+@pytest.mark.parametrize("breadth", [0, 5])
+@pytest.mark.parametrize("longest", [0, 3, 1000])
+def test_local_search_never_worse(breadth, longest):
+    """From random tours: a permutation, shorter by exactly the gain that is claimed, never longer."""
+    dice = np.random.default_rng(9)
+    for _ in range(cases(40, 400)):
+        n = int(dice.integers(5, 80))
+        cities = Tsp(random_places(dice, n), metric=METRICS[dice.integers(4)]).cities(int(dice.integers(1, 12)))
+        order = dice.permutation(n).astype(np.uint32)
+        before = kernel.length(cities, order)
+        gain = search.improve(cities, search.workspace(n, 0), order, min(breadth, cities.near.shape[1]), longest)
+        assert sorted(order) == list(range(n))
+        assert gain >= 0.0
+        assert kernel.length(cities, order) == pytest.approx(before - gain, abs=1e-6)
+
+
+def test_local_optima_are_optima():
+    """With all cities as candidates no 2-opt move is left after 2-opt, and no Or-opt move either after Or-opt and 3-opt."""
+    dice = np.random.default_rng(10)
+    for _ in range(cases(25, 250)):
+        n = int(dice.integers(6, 14))
+        instance = Tsp(dice.random((n, 2)))
+        cities, matrix = instance.cities(n - 1), tour.table("EUCLID", instance.xy.tolist())
+        for breadth, longest, neighbours in (
+            (0, 0, [tour.two_opt_moves]),
+            (n - 1, 3, [tour.two_opt_moves, tour.or_opt_moves]),
+            (n - 1, n, [tour.two_opt_moves, tour.or_opt_moves]),
+        ):
+            order = dice.permutation(n).astype(np.uint32)
+            search.improve(cities, search.workspace(n, 0), order, breadth, longest)
+            found = order.tolist()
+            length = tour.length(matrix, found)
+            for moves in neighbours:
+                assert all(tour.length(matrix, other) > length - 1e-9 for other in moves(found))
+
+
+def test_undo_restores_the_tour():
+    """Reversals that are logged and taken back leave the closed tour as it was."""
+    dice = np.random.default_rng(12)
+    for _ in range(cases(50, 500)):
+        n = int(dice.integers(8, 60))
+        work = search.workspace(n, 50)
+        order = dice.permutation(n).astype(np.uint32)
+        search.set_tour(work, order)
+        for _ in range(int(dice.integers(1, 50))):
+            i, j = (int(v) for v in dice.choice(n, 2, replace=False))
+            a, c = order[i], order[j]
+            search.flip(work, a, search.beside(work, a, True), c, search.beside(work, c, True))
+        assert sorted(work.order) == list(range(n)) and (work.order[work.place] == np.arange(n)).all()
+        search.undo(work)
+        assert {frozenset(e) for e in zip(work.order, np.roll(work.order, 1))} == {
+            frozenset(e) for e in zip(order, np.roll(order, 1))
+        }
+
+
+@pytest.mark.parametrize("options", [{}, {"local_search": "2opt"}, {"local_search": "3opt", "focused": True}])
+def test_small_instances_are_solved(options):
+    """Up to eight cities the ants find what trying all tours finds."""
+    dice = np.random.default_rng(13)
+    for n in (1, 2, 3, 4, 5, 6, 7, 8, 8):
+        for _ in range(cases(2, 20)):
+            instance = Tsp(random_places(dice, n), metric="EUC_2D")
+            found = solve_tsp(instance, cycles=60, **options)
+            assert sorted(found.order) == list(range(n))
+            wanted = tour.shortest(tour.table("EUC_2D", instance.xy.tolist()))
+            assert found.length == instance.length(found.order) == wanted
+
+
+def test_focused_changes_keep_the_books():
+    """A focused ant's length is that of its tour after every cycle, and never rises."""
+    instance = Tsp(np.random.default_rng(14).random((150, 2)) * 1000, metric="EUC_2D")
+    colony = Colony(instance, ants=3, candidates=8, labour=tsp.Labour(5, 150, 100, 30))
+    before = np.full(3, np.inf)
+    for _ in range(cases(20, 200)):
+        colony.run(1, np.empty((1, 2)))
+        lengths = [instance.length(order) for order in colony.state.orders]
+        assert lengths == colony.state.lengths.tolist()
+        assert (colony.state.lengths <= before).all()
+        before = colony.state.lengths.copy()
