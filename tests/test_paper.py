@@ -43,7 +43,7 @@ def test_ants_find_the_way_round_a_standing_obstacle() -> None:
     avoid = next(d for _, d in result.trace.decisions if d.action == "avoid")
     assert avoid.obstacle == 0 and avoid.encounter == "standing" and avoid.local_target is not None
     assert avoid.pheromone is not None and (avoid.pheromone[2] > 0).any() and np.isfinite(avoid.pheromone[2]).all()
-    assert avoid.history is not None and avoid.history.shape == (20, 4) and (np.diff(avoid.history[:, 0]) <= 0).all()
+    assert avoid.history is not None and 1 <= len(avoid.history) <= 20 and (np.diff(avoid.history[:, 0]) <= 0).all()
     assert avoid.path is not None and dict(avoid.alternatives)["avoid"] < dict(avoid.alternatives)["wait"]
     assert avoid.distance_at_closest < 0 < avoid.time_to_closest
     assert result.reached and 8.0 < result.length < 9.5 and result.replans >= 1

@@ -18,13 +18,13 @@ from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.avoidance.encounter import closest_approach, encounter
 from antway.avoidance.local_target import local_target
-from antway.avoidance.routes import STOP, Nodes, Routes
+from antway.avoidance.routes import STOP, Nodes, Routes, Ways
 from antway.avoidance.tubes import Tubes
-from antway.planning import Problem, Status
+from antway.planning import Problem, Status, TimedPath
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
-NEAR = 2.0  # s; a conflict farther off, with no way out yet, is no reason to stop
+NEAR = 2.0  # s; a conflict farther off, with no way round yet, is no reason to stop
 REFUGES = 30  # places to step back to that are tried
 Costs = tuple[tuple[str, float], ...]
 
@@ -47,8 +47,12 @@ class Ahead:
     tubes: Tubes
     body: float
     velocity: NDArray[np.float64]  # float64[K, 2] of the tracks, m/s
-    until: float  # s; how far the prediction reaches
+    until: float  # s; how far the robot looks ahead
     growth: float
+
+    def conflict(self, path: TimedPath, until: float) -> tuple[float, int]:
+        """Return when and with which track the robot on `path` first meets a tube."""
+        return self.tubes.conflict(path.t, path.xy, until, self.body, self.growth)
 
 
 class PaperPolicy:
@@ -97,7 +101,7 @@ class PaperPolicy:
         ahead = self._look(observation)
         if self.retreating:
             home = self.routes.to_goal(observation.xy)
-            if len(home) and self._free(ahead, home):
+            if len(home) and self._free(ahead, home, longer=self.lookahead / 2):
                 self._resume(observation, home)
         self.nodes = self.routes.ahead(observation.xy, self.nodes)
         when, who = self._conflict(ahead, self.nodes)
@@ -107,6 +111,8 @@ class PaperPolicy:
             self.held = -math.inf
             return self._drive(observation)
         if self.held > now and now < self.asked + WAITS and self._free(ahead, self.nodes, self.held - now):
+            return self._drive(observation)
+        if self.held == -math.inf and when > now + NEAR and now < self.asked + WAITS and not self.retreating:
             return self._drive(observation)
         return self._choose(ahead, when, who)
 
@@ -129,12 +135,11 @@ class PaperPolicy:
             room = max(min(margin, float(gaps.min()) - 0.01), 0.0)
         return Ahead(seen, tubes, self.spec.radius + room, velocity, seen.t + self.lookahead, self.growth)
 
-    def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0) -> tuple[float, int]:
-        path = self.routes.timed(ahead.seen.t, ahead.seen.xy, nodes, hold)
-        return ahead.tubes.conflict(path.t, path.xy, ahead.until + hold, ahead.body, ahead.growth)
+    def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> tuple[float, int]:
+        return ahead.conflict(self.routes.timed(ahead.seen.t, ahead.seen.xy, nodes, hold), ahead.until + hold + longer)
 
-    def _free(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0) -> bool:
-        return self._conflict(ahead, nodes, hold)[0] == math.inf
+    def _free(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> bool:
+        return self._conflict(ahead, nodes, hold, longer)[0] == math.inf
 
     def _choose(self, ahead: Ahead, when: float, who: int) -> Command:
         """Of the ways out of a coming conflict take the one that costs the least time."""
@@ -150,11 +155,11 @@ class PaperPolicy:
         if detour is not None and extra <= wait:
             self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
             self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, who, costs, detour)
+        elif when > seen.t + NEAR and not self.retreating and (wait == math.inf or self.held == -math.inf):
+            self.held = -math.inf  # so far off that much may change
         elif wait < math.inf:
             self.held = seen.t + wait
             self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, who, costs)
-        elif when > seen.t + NEAR and not self.retreating:
-            return self._drive(seen)
         elif (refuge := self._refuge(ahead)) is not None:
             self.nodes, self.held, self.retreating = refuge, -math.inf, True
             self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, who, costs)
@@ -197,6 +202,7 @@ class PaperPolicy:
                 persistence=Adaptive(),
                 ants=self.ants,
                 cycles=self.cycles,
+                stop_at_bound=True,
                 window=window,
                 forbidden=closed,
             )
@@ -209,20 +215,22 @@ class PaperPolicy:
         return None
 
     def _refuge(self, ahead: Ahead) -> Nodes | None:
-        """Return the way to the nearest place that can be reached and where the robot can stand."""
-        seen, routes = ahead.seen, self.routes
-        cells, far = routes.near(seen.xy, self.lookahead * self.spec.v_max)
-        tries = 0
-        for cell, way in zip(cells.tolist(), far.tolist()):
-            arrival, there = np.array([seen.t + way / self.spec.v_max]), routes.room.to_xy(cell)
-            if ahead.tubes.conflict(arrival, there, ahead.until, ahead.body, self.growth)[0] < math.inf:
-                continue
-            nodes = routes.to_cell(seen.xy, (cell[0], cell[1]))
-            if len(nodes) and self._free(ahead, nodes):
-                return nodes
-            tries += 1
-            if tries == REFUGES:
-                break
+        """Return the way to the nearest place where the robot can stand, for long where there is one, else for now."""
+        seen, routes, v_max = ahead.seen, self.routes, self.spec.v_max
+        here = routes.cell(seen.xy)
+        if here is None:
+            return None
+        ways = Ways(routes.room, here, self.lookahead * v_max)
+        field = ways.distance()
+        cells = np.argwhere(np.isfinite(field))
+        far = field[cells[:, 0], cells[:, 1]]
+        for until in (ahead.until + self.lookahead, ahead.until):
+            free = ahead.tubes.standing(seen.t + far / v_max, routes.room.to_xy(cells), until, ahead.body, self.growth)
+            nearest = np.flatnonzero(free)[np.argsort(far[free], kind="stable")]
+            for row, col in cells[nearest[:REFUGES]].tolist():
+                nodes = routes.joined(seen.xy, ways.nodes((row, col))[::-1])
+                if ahead.conflict(routes.timed(seen.t, seen.xy, nodes), until)[0] == math.inf:
+                    return nodes
         return None
 
     def _last_resort(self, ahead: Ahead, who: int, costs: Costs) -> Command:

@@ -8,14 +8,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.errors import OutOfBounds
-from antway.grid import Cell
+from antway.grid import Cell, Grid, Moves
+from antway.kernels.field import STRAIGHT, descend
 from antway.kernels.geometry import segment_hits_cells
-from antway.planning import Problem, TimedPath, solve
-from antway.search.dijkstra import distance_field
+from antway.planning import TimedPath
+from antway.search.derived import lattice
+from antway.search.dijkstra import Wave
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))
 Nodes = NDArray[np.float64]  # float64[N, 2], m: a chain of points still to be driven to, the robot's own place not among them
+
+
+class Ways:
+    """Shortest ways between one cell and all cells within some way (m) of it, found at once by Dijkstra's algorithm."""
+
+    def __init__(self, room: Grid, cell: Cell, within: float = math.inf) -> None:
+        self.room, self.net = room, lattice(room, Moves.EIGHT)
+        self.wave = Wave(self.net, [cell], [], within / room.resolution)
+        self.wave.run(None)
+
+    def distance(self) -> NDArray[np.float64]:
+        """Return the way to each cell in m, float64[H, W]; infinite for those not reached."""
+        label = self.wave.label
+        known = np.where(label <= self.wave.known, label, np.inf) * (self.room.resolution / STRAIGHT)
+        return known.reshape(self.room.shape)
+
+    def nodes(self, cell: Cell) -> Nodes:
+        """Return the centres of the cells on the way from `cell` to the one cell; empty if there is none."""
+        at, net = self.net.at(cell), self.net
+        if not self.wave.label[at] <= self.wave.known:
+            return np.empty((0, 2))
+        flat = descend(net.around, net.table, net.offsets, self.wave.label, at)
+        return self.room.to_xy(np.column_stack(np.divmod(flat, net.width)))
 
 
 class Routes:
@@ -32,6 +57,8 @@ class Routes:
         radius, size = task.robot.radius, task.grid.resolution
         self.task = task
         self.room = task.grid.inflate(radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2)))
+        goal = self.cell(task.goal)
+        self.home = None if goal is None else Ways(self.room, goal)
         self.stops = task.robot.drive == "differential" or task.robot.a_max * task.robot.dt < 2 * task.robot.v_max
 
     def clear(self, a: XY, b: XY) -> bool:
@@ -51,29 +78,11 @@ class Routes:
         free.sort(key=lambda cell: (math.dist(self.room.centre(cell), xy), cell))
         return next((cell for cell in free if self.clear(xy, self.room.centre(cell))), None)
 
-    def to_cell(self, xy: XY, cell: Cell) -> Nodes:
-        """Return the shortest way from `xy` to the centre of `cell` (Dijkstra); empty if there is none."""
-        here = self.cell(xy)
-        if here is None:
-            return np.empty((0, 2))
-        return self.joined(xy, solve(Problem(self.room, here, cell), "dijkstra").xy(self.room))
-
     def to_goal(self, xy: XY) -> Nodes:
         """Return the shortest way from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
-        goal = self.cell(self.task.goal)
-        nodes = np.empty((0, 2)) if goal is None else self.to_cell(xy, goal)
-        return np.vstack((nodes, self.task.goal)) if len(nodes) else nodes
-
-    def near(self, xy: XY, within: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the cells within that way (m) of `xy`, nearest first, int64[N, 2], and their distances in m."""
         here = self.cell(xy)
-        if here is None:
-            return np.empty((0, 2), np.int64), np.empty(0)
-        field = distance_field(self.room, here, within=within)
-        cells = np.argwhere(np.isfinite(field))
-        far = field[cells[:, 0], cells[:, 1]]
-        order = np.argsort(far, kind="stable")
-        return cells[order], far[order]
+        nodes = np.empty((0, 2)) if here is None or self.home is None else self.home.nodes(here)
+        return np.vstack((self.joined(xy, nodes), self.task.goal)) if len(nodes) else nodes
 
     def joined(self, xy: XY, nodes: Nodes) -> Nodes:
         """Return `nodes`, a way that begins at the centre of a cell near `xy`, without that centre where `xy` sees the next."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.rng import stream
-from antway.kernels.tubes import close_cells, first_conflict
+from antway.kernels.tubes import close_cells, first_conflict, stand_free
 from antway.kernels.world import bounce
 from antway.world.policy import XY, Observation
 
@@ -71,6 +71,14 @@ class Tubes:
     ) -> tuple[float, int]:
         """Return when and with which track a body of radius `body` m on the timed path (t, xy) first meets a tube."""
         return first_conflict(t, xy, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius)
+
+    def standing(
+        self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float
+    ) -> NDArray[np.bool_]:
+        """Return bool[N]: whether a body can stand at xy[i], float64[N, 2], from t[i] to `until` and meets no tube."""
+        free = np.empty(len(t), np.bool_)
+        stand_free(t, xy, self.t, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius, free)
+        return free
 
     def close(
         self, grid: Grid, window: tuple[int, int, int, int], xy: XY, v_max: float, body: float, horizon: float, *, whole: bool

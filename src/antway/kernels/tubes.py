@@ -64,6 +64,42 @@ def first_conflict(
 
 
 @bare_kernel
+def stand_free(
+    t: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    now: float,
+    until: float,
+    body: float,
+    growth: float,
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    first: NDArray[np.int64],
+    radius: NDArray[np.float64],
+    free: NDArray[np.bool_],
+) -> None:
+    """Mark the places xy[i] at which a body can stand from t[i] to `until` and meets no tube.
+
+    Parameters
+    ----------
+    t, xy, free : float64[N], float64[N, 2], bool[N]
+        `free` is filled.
+    now, until : float
+        s; tubes widen from `now` on.
+    body, growth, knot_t, knot_xy, first, radius
+        As in `first_conflict`.
+    """
+    for i in range(len(t)):
+        free[i] = True
+        for k in range(len(radius)):
+            reach = body + radius[k] + growth * (t[i] - now)
+            x, y, end = xy[i, 0], xy[i, 1], max(until, t[i])
+            hit, _, _ = swept_timeline(x, y, x, y, t[i], end, reach, knot_t, knot_xy, first[k], first[k + 1])
+            if hit < math.inf:
+                free[i] = False
+                break
+
+
+@bare_kernel
 def close_cells(
     now: float,
     x: float,
