@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from antway.console import exit_with, number_option, print_json, print_summaries, print_table, working
-from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.errors import BadParameter
 
 if TYPE_CHECKING:
-    from antway.grid import Grid
+    pass
 
 NO_PATH, OUT_OF_BUDGET, CONTACT = 3, 4, 5
 
@@ -67,13 +67,14 @@ def plan_command(
 ) -> int:
     """Plan a path on a map; exit status 3 if there is none, 4 if time ran out."""
     from antway import Moves, Problem, Status, check_plan, checks, load_map, solve
+    from antway.planning import standing_cell
 
     ends = {name: _pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
         room = grid.inflate(radius)
-        source, target = (end if cells else _cell(name, end, grid, room, radius) for name, end in ends.items())
+        source, target = (end if cells else standing_cell(name, end, grid, room) for name, end in ends.items())
         problem = Problem(room, source, target, rule)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
@@ -107,18 +108,6 @@ def plan_command(
     if out is not None and not json:
         print(f"drawn in {out}")
     return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[path.status]
-
-
-def _cell(name: str, xy: tuple[float, float], grid: Grid, room: Grid, radius: float) -> tuple[int, int]:
-    """Return the cell that holds a point where the robot can stand; errors name the point as it was given."""
-    try:
-        cell = room.cell_at(xy)
-    except OutOfBounds as error:
-        raise OutOfBounds(name, xy, error.allowed) from None
-    if room.blocked[cell]:
-        near = "" if grid.blocked[cell] else f" with a radius of {radius:g} m; a wall or the map's edge is nearer"
-        raise CellBlocked(name, xy, f"where the robot can stand{near or '; this cell is blocked'}")
-    return cell
 
 
 @app.command("run")

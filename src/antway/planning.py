@@ -63,6 +63,19 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
     return cell
 
 
+def standing_cell(name: str, xy: Iterable[float], grid: Grid, room: Grid) -> Cell:
+    """Return the cell that holds the point (x, y) in m, free in `room`, the inflated `grid`; errors name the point."""
+    point = checks.point(name, xy)
+    try:
+        cell = room.cell_at(point)
+    except OutOfBounds as error:
+        raise OutOfBounds(name, point, error.allowed) from None
+    if room.blocked[cell]:
+        why = "this cell is blocked" if grid.blocked[cell] else "a wall or the map's edge is nearer than its radius"
+        raise CellBlocked(name, point, f"where the robot can stand; {why}")
+    return cell
+
+
 class Status(Enum):
     """How a search ended: with a path, with the proof that there is none, or out of budget (a path found so far is kept)."""
 
@@ -272,7 +285,7 @@ def plan(
     checks.instance("grid", grid, Grid)
     room = grid.inflate(robot_radius)
     return solve(
-        Problem(room, room.cell_at(start), room.cell_at(goal), moves),
+        Problem(room, standing_cell("start", start, grid, room), standing_cell("goal", goal, grid, room), moves),
         planner,
         seed=seed,
         time_limit=time_limit,

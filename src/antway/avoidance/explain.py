@@ -64,7 +64,7 @@ def explain(
         local_target=(float(path.xy[-1, 0]), float(path.xy[-1, 1])),
         path=path,
         alternatives=(("the plan", cost), ("no way is faster than", bound)),
-        gap=cost / bound - 1.0 if bound > 0.0 else 0.0,
+        gap=max(cost / bound - 1.0, 0.0) if bound > 0.0 else 0.0,
         guard=guard,
         pheromone=pheromone,
     )

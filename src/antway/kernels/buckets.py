@@ -42,7 +42,7 @@ def reset(first: NDArray[np.int32], filled: NDArray[np.uint64], state: NDArray[n
 
 @kernel
 def next_block(first: NDArray[np.int32], filled: NDArray[np.uint64], entries: NDArray[np.int32], key: int, last: int) -> int:
-    """Spread the entries of the next block that has any over its keys; return its first key, or -1 if there is no such block."""
+    """Spread the entries of the next block that has any over its keys; return its first key, or -1 if there is none."""
     block = (key >> 14) + 1
     while block <= last and first[KEYS + block] < 0:
         block += 1
