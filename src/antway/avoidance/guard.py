@@ -9,11 +9,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.errors import BadParameter
 from antway.kernels.guard import BRAKED, guarded, within_reach
+from antway.kernels.track import fault
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 
 DID = ("free", "slowed", "braked", "stepped-aside")
 _STOP = Command((0.0, 0.0))
+_FAULTS = ("observation.xy, velocity, heading", "tracks.xy", "tracks.velocity", "tracks.radius")
+_ALLOWED = ("finite", "finite", "finite, or NaN where unknown", "finite and >= 0 (m)")
+
+
+def check_observation(o: Observation) -> None:
+    """Raise `BadParameter` if the robot's state or a track is not finite, or if a track's arrays differ in length."""
+    t = o.tracks
+    if t.xy.shape != (len(t), 2) or t.velocity.shape != (len(t), 2) or t.radius.shape != (len(t),):
+        raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {len(t)} tracks each, as id is")
+    what = fault(*o.xy, *o.velocity, o.heading, t.xy, t.velocity, t.radius)
+    if what:
+        value = ((o.xy, o.velocity, o.heading), t.xy, t.velocity, t.radius)[what - 1]
+        raise BadParameter(_FAULTS[what - 1], value, _ALLOWED[what - 1])
+    if t.covariance is not None:
+        shape, spread = t.covariance.shape, t.covariance.diagonal(axis1=-2, axis2=-1)
+        if shape != (len(t), 4, 4) or not ((spread >= 0.0) & (spread < math.inf)).all():
+            raise BadParameter("tracks.covariance", t.covariance, f"float64[{len(t)}, 4, 4] of finite variances >= 0")
 
 
 class Guard:
@@ -47,6 +66,7 @@ class Guard:
         """Prepare for `task`."""
         robot, (x, y, _) = task.robot, task.grid.origin
         self.task, self.corner = task, (x, y)
+        self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
         self.stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         self.book, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
@@ -54,11 +74,18 @@ class Guard:
         self.did = ""
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
-        """Return the command that may pass; `did` then says what was done to it."""
+        """Return the command that may pass; `did` then says what was done to it.
+
+        Raises
+        ------
+        BadParameter
+            For an observation that is not finite.
+        """
+        check_observation(observation)
         o, robot = observation, self.task.robot
         stamp = o.t if math.isnan(o.stamp) else o.stamp
         if (
-            o.t - stamp > self.timeout
+            not -1e-6 <= o.t - stamp <= self.timeout
             or stamp < self.last_stamp
             or command is None
             or not all(map(math.isfinite, command.velocity))
@@ -70,11 +97,11 @@ class Guard:
         vx, vy, did = guarded(
             *o.xy,
             *o.velocity,
+            o.heading,
             *command.velocity,
             tracks,
             robot.radius,
-            robot.v_max,
-            robot.a_max,
+            self.limits,
             robot.dt,
             self.lookahead,
             self.task.grid.blocked,

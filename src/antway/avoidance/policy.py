@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.avoidance.explain import explain
-from antway.avoidance.guard import Guard
+from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels import track
@@ -120,12 +120,12 @@ class AntwayPolicy:
     def __init__(
         self,
         *,
-        horizon: float = 5.0,
+        horizon: float = 9.0,
         margin: float = 0.005,
         chance: float = 0.05,
         commitment: float = 0.05,
         gain: float = 0.02,
-        tests: int = 4000,
+        tests: int = 8000,
         second_looks: int = 400,
         moves: Moves = Moves.THIRTY_TWO,
         deposit: float = 20.0,
@@ -196,7 +196,14 @@ class AntwayPolicy:
         self.did = ""
 
     def act(self, observation: Observation) -> Command:
-        """Return the command for the next control period."""
+        """Return the command for the next control period.
+
+        Raises
+        ------
+        BadParameter
+            For an observation that is not finite.
+        """
+        check_observation(observation)
         o, t = observation, observation.tracks
         stamp = o.t if math.isnan(o.stamp) else o.stamp
         n = len(t)

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import TOUCH, segment_hits_cells
+from antway.kernels.geometry import TOUCH, segment_hits_cells, swept_discs
 from antway.kernels.jit import kernel
+from antway.kernels.world import drive, first_wall
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
 _FRACTIONS = 10  # speeds tried along the commanded direction
@@ -168,17 +169,33 @@ def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np
 
 
 @kernel
+def _aside(
+    x: float, y: float, vx: float, vy: float, until: float, horizon: float, tracks: NDArray[np.float64], radius: float
+) -> float:
+    """Time of the first contact, at most `horizon` s, of a robot that drives with (vx, vy) until `until` s and then stands."""
+    earliest = horizon
+    for k in range(len(tracks)):
+        ax, ay, ux, uy = tracks[k, 0] - x, tracks[k, 1] - y, tracks[k, 2], tracks[k, 3]
+        first, _, _ = swept_discs(ax, ay, ux - vx, uy - vy, radius + tracks[k, 4], until)
+        earliest = min(earliest, first)
+        ax, ay = ax + (ux - vx) * until, ay + (uy - vy) * until
+        first, _, _ = swept_discs(ax, ay, ux, uy, radius + tracks[k, 4], horizon - until)
+        earliest = min(earliest, until + first)
+    return earliest
+
+
+@kernel
 def guarded(
     px: float,
     py: float,
     vx: float,
     vy: float,
+    heading: float,
     cx: float,
     cy: float,
     tracks: NDArray[np.float64],
     radius: float,
-    v_max: float,
-    a_max: float,
+    limits: NDArray[np.float64],
     dt: float,
     lookahead: float,
     blocked: NDArray[np.bool_],
@@ -188,37 +205,31 @@ def guarded(
 ) -> tuple[float, float, int]:
     """Return the command (vx, vy) that the guard lets pass, and what it did.
 
-    The commanded velocity (cx, cy) where its braking path is free; else the fastest along it that is; else a stand. A robot
-    that would stand in the way of a track within `lookahead` s steps aside where a free side exists.
+    The commanded velocity (cx, cy) where the braking path of what the robot does with it is free; else the fastest along it of
+    which that holds; else a stand. A robot that would stand in the way of a track within `lookahead` s steps aside where a side
+    is free that puts the contact off. `limits` is float64[4], as in `drive`.
     """
+    v_max, a_max = limits[0], limits[1]
     speed = math.hypot(cx, cy)
     if speed > v_max:
         cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
     for k in range(_FRACTIONS, 0, -1):
         if speed <= TOUCH:
             break
-        wx, wy = cx * k / _FRACTIONS, cy * k / _FRACTIONS
-        gap = math.hypot(wx - vx, wy - vy) - a_max * dt
-        if gap > TOUCH and k < _FRACTIONS:
-            continue  # cannot be reached in one period
-        if gap > TOUCH:  # what the robot will really do with it
-            share = a_max * dt / (gap + a_max * dt)
-            wx, wy = vx + (wx - vx) * share, vy + (wy - vy) * share
+        tx, ty = cx * k / _FRACTIONS, cy * k / _FRACTIONS
+        wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
         if brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
-            return (cx, cy, FREE) if k == _FRACTIONS else (wx, wy, SLOWED)
+            return tx, ty, FREE if k == _FRACTIONS else SLOWED
     best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
-    if best > lookahead or math.hypot(vx, vy) > TOUCH:
-        return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
     sx, sy = 0.0, 0.0
-    pace = min(v_max, a_max * dt)
-    for k in range(_SIDES):
-        wx, wy = pace * math.cos(2 * math.pi * k / _SIDES), pace * math.sin(2 * math.pi * k / _SIDES)
-        # the side is good if a stand there is in nobody's way for longer
-        after = time_to_contact(px + wx * dt, py + wy * dt, 0.0, 0.0, tracks, radius)
-        escape = time_to_contact(px, py, wx, wy, tracks, radius)
-        value = max(after, min(escape, 2 * lookahead))
+    for k in range(_SIDES if best <= lookahead else 0):
+        tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)
+        wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
+        row, col, ahead = (py - oy) / resolution - 0.5, (px - ox) / resolution - 0.5, lookahead / resolution
+        wall, _, _ = first_wall(blocked, row, col, ty * ahead, tx * ahead, radius / resolution)
+        value = _aside(px, py, tx, ty, min(wall, 1.0) * lookahead, 2 * lookahead, tracks, radius)
         if value > best + TOUCH and brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
-            best, sx, sy = value, wx, wy
+            best, sx, sy = value, tx, ty
     if sx == 0.0 and sy == 0.0:
         return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
     return sx, sy, STEPPED_ASIDE

@@ -1,0 +1,243 @@
+"""The guard alone against policies and obstacles at their worst: no contact while the robot moves (C25), and its slow twin."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
+from antway.avoidance.guard import Guard, Guarded
+from antway.kernels.geometry import segment_hits_cells, swept_discs
+from antway.kernels.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
+from antway.kernels.world import drive
+from common import cases
+from naive import guard as naive
+
+DT, RADIUS, V_MAX, BOUND = 0.1, 0.3, 1.0, 1.2
+SIZE = 0.25
+HALL = np.zeros((40, 40), dtype=bool)  # 10 x 10 m
+HALL[10:14, 12:28] = HALL[26:28, 4:20] = HALL[20:30, 30:32] = True
+STARTS = ((5.0, 5.0), (1.0, 1.0), (8.6, 6.0), (3.0, 7.5))
+POLICIES = ("charge", "random", "none", "flee", "steady")
+ROBOTS = [(math.inf, "holonomic"), (1.0, "holonomic"), (math.inf, "differential"), (0.7, "differential")]
+
+
+class Chasers:
+    """Discs within assumption A: a bound on speed and its growth, turns at once, and a stop short of a robot that stands."""
+
+    def __init__(self, rng: np.random.Generator, count: int, surge: float, xy: np.ndarray) -> None:
+        self.rng, self.surge = rng, surge
+        self.radius = rng.uniform(0.15, 0.4, count)
+        angle, far = rng.uniform(-math.pi, math.pi, count), rng.uniform(1.0, 4.0, count)
+        self.xy = xy + np.column_stack((far * np.cos(angle), far * np.sin(angle)))
+        self.velocity = np.zeros((count, 2))
+        self.mood, self.until = np.zeros(count, int), np.zeros(count)
+
+    def choose(self, t: float, xy: np.ndarray, velocity: np.ndarray) -> None:
+        """Each disc chases, cuts the robot off, wanders or waits, all at what speed it likes."""
+        for k in range(len(self.radius)):
+            if t >= self.until[k]:
+                self.mood[k], self.until[k] = self.rng.integers(4), t + self.rng.uniform(0.3, 4.0)
+                self.aim = self.rng.uniform(0.0, 10.0, (len(self.radius), 2))
+            lead = self.rng.uniform(0.0, 1.0)
+            goal = (xy, xy + velocity * lead, self.aim[k], self.xy[k])[self.mood[k]]
+            way = goal - self.xy[k]
+            far = math.hypot(*way)
+            fastest = min(BOUND, math.hypot(*self.velocity[k]) + self.surge * DT)
+            self.velocity[k] = way / far * fastest if far > 1e-9 else 0.0
+
+
+def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: float = 0.0) -> dict[str, int]:
+    """Play one robot, policy after policy, against chasers; returns how often what happened."""
+    rng = np.random.default_rng(seed)
+    robot = RobotSpec(radius=RADIUS, v_max=V_MAX, a_max=a_max, drive=kind, dt=DT)
+    task = Task(Grid(HALL, SIZE), robot, (1.0, 1.0), (9.0, 9.0), obstacle_speed=BOUND, obstacle_surge=surge)
+    limits = np.array([V_MAX, a_max, robot.turn_rate, float(kind == "differential")])
+    guard = Guard(timeout=0.35)
+    told = {"free": 0, "slowed": 0, "braked": 0, "stepped-aside": 0, "moving": 0}
+    for i in range(steps):
+        t = i * DT
+        if i % 40 == 0:  # in the end they stand round the robot and none can move: begin anew
+            guard.reset(task)
+            xy, velocity, heading = np.array(STARTS[i // 40 % len(STARTS)]), np.zeros(2), float(rng.uniform(-3, 3))
+            discs, seen, stamp = Chasers(rng, 5, surge, xy), Tracks.none(), -math.inf
+        policy = POLICIES[(i // 20) % len(POLICIES)]
+        discs.choose(t, xy, velocity)
+        if rng.random() >= stale:
+            stamp = t
+            seen = Tracks(np.arange(5), discs.xy.copy(), discs.velocity.copy(), discs.radius)
+        nearest = discs.xy[int(np.argmin(np.hypot(*(discs.xy - xy).T)))] - xy
+        towards = nearest / max(math.hypot(*nearest), 1e-9)
+        wanted = {
+            "charge": towards * 2.0,
+            "flee": -towards,
+            "random": rng.normal(size=2) * rng.choice([0.3, 1.0, 5.0]),
+            "steady": np.array([math.cos(i // 8), math.sin(i // 8)]),
+            "none": np.array([math.nan, 1.0]),
+        }[policy]
+        command = None if policy == "none" and i % 2 else Command((float(wanted[0]), float(wanted[1])))
+        o = Observation(t, tuple(xy.tolist()), tuple(velocity.tolist()), heading, seen, stamp)
+        passed = guard.limit(o, command)
+        told[guard.did] += 1
+        if policy == "none" or t - stamp > guard.timeout:
+            assert passed == Command((0.0, 0.0)) and guard.did == "braked"
+        vx, vy, heading = drive(*velocity, heading, *passed.velocity, limits, DT)
+        velocity = np.array([vx, vy])
+        moving = math.hypot(vx, vy) > 1e-9
+        told["moving"] += moving
+        for k, radius in enumerate(discs.radius):
+            apart, reach = discs.xy[k] - xy, RADIUS + radius
+            hit, _, _ = swept_discs(*apart, *(discs.velocity[k] - velocity), reach, DT)
+            if moving:
+                assert hit == math.inf, (seed, i, k, policy, guard.did)
+            elif hit < math.inf:  # a disc does not drive into a robot that stands
+                discs.velocity[k] *= max(hit / DT - 1e-6, 0.0)
+        ends = [*((xy[::-1] / SIZE) - 0.5), *(((xy + velocity * DT)[::-1] / SIZE) - 0.5)]
+        assert not segment_hits_cells(HALL, *ends, (RADIUS - 1e-9) / SIZE, True)
+        xy = xy + velocity * DT
+        discs.xy += discs.velocity * DT
+    return told
+
+
+@pytest.mark.parametrize("surge", [math.inf, 0.5])
+@pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
+def test_the_robot_never_moves_into_a_contact(a_max: float, kind: str, surge: float) -> None:
+    """Whatever is commanded and however obstacles move within the declared bounds, a moving robot touches nothing (C25)."""
+    told = play(1, cases(625, 12_500), a_max, kind, surge)
+    assert told["moving"] > 50 and told["braked"] > 50 and told["slowed"] > 0
+
+
+@pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
+def test_the_promise_holds_with_lost_scans(a_max: float, kind: str) -> None:
+    """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
+    told = play(2, cases(400, 12_500), a_max, kind, 0.5, stale=0.5)
+    assert told["moving"] > 20
+
+
+@pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
+def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> None:
+    """A free command passes whole, a slowed one is the fastest of ten that sampling finds free, and none is when it brakes."""
+    rng = np.random.default_rng(3)
+    limits = np.array([V_MAX, a_max, 2.0, float(kind == "differential")])
+    did_all = []
+    for _ in range(cases(100, 3000)):
+        tracks = np.column_stack(
+            (rng.uniform(4, 6, (2, 2)), rng.uniform(-0.7, 0.7, (2, 2)), rng.uniform(0.1, 0.3, 2), rng.uniform(0, 1.2, 2))
+        )
+        (px, py), heading, speed = rng.uniform(4, 6, 2), rng.uniform(-3, 3), rng.uniform(0, V_MAX) * (rng.random() < 0.7)
+        command = rng.normal(size=2) * rng.choice([0.5, 1.0, 2.0])
+        v = (speed * math.cos(heading), speed * math.sin(heading))
+        wx, wy, did = guarded(
+            px, py, *v, heading, *command, tracks, RADIUS, limits, DT, 1.5, HALL, SIZE, 0.0, 0.0
+        )  # fmt: skip
+        did_all.append(did)
+        gaps = naive.gaps_of_fractions(px, py, v, heading, command, tracks, RADIUS, limits, DT, HALL, SIZE)
+        near = np.abs(gaps) < 2e-3  # too close to call by sampling
+        passed = math.hypot(wx, wy) / min(math.hypot(*command), V_MAX) * 10
+        if did in (FREE, SLOWED) and passed > 0:
+            k = round(passed)
+            assert passed == pytest.approx(k) and (did == FREE) == (k == 10)
+            assert gaps[k - 1] > -2e-3 and ((gaps[k:] < 0.0) | near[k:]).all()
+        else:
+            assert did in (BRAKED, STEPPED_ASIDE) and ((gaps < 0.0) | near).all()
+            if did == STEPPED_ASIDE:
+                stepped = naive.gaps_of_fractions(px, py, v, heading, (wx, wy), tracks, RADIUS, limits, DT, HALL, SIZE)
+                assert stepped[-1] > -2e-3
+            else:
+                assert wx == wy == 0.0
+    assert {FREE, SLOWED} <= set(did_all) or kind == "differential"
+
+
+def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
+    """Seen tracks, and lost ones while they are held, come out with the radius that covers what they could have moved."""
+    rng = np.random.default_rng(4)
+    book, count, out, slow = np.zeros((64, 8)), 0, np.empty((64, 6)), naive.Book()
+    for i in range(cases(200)):
+        now, age = i * 0.1, 0.05 * float(rng.integers(3))
+        name = np.flatnonzero(rng.random(8) < 0.6)
+        xy, velocity = rng.uniform(-5, 5, (len(name), 2)), rng.uniform(-1, 1, (len(name), 2))
+        velocity[rng.random(len(name)) < 0.2] = math.nan
+        radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name))
+        count, n = within_reach(book, count, now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3, out)
+        expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3)
+        rows = out[:n][np.lexsort(out[:n].T)]
+        np.testing.assert_allclose(rows, expected[np.lexsort(expected.T)], atol=1e-12)
+
+
+def test_a_robot_in_the_way_steps_aside() -> None:
+    """A robot at rest leaves the course of an obstacle that comes for it, and runs before it where there is no room aside."""
+    robot, coming = RobotSpec(a_max=math.inf), np.array([[6.5, 5.0]])
+    for corridor in (False, True):
+        blocked = np.zeros((40, 40), dtype=bool)
+        if corridor:
+            blocked[:18], blocked[22:] = True, True
+        guard = Guard()
+        guard.reset(Task(Grid(blocked, SIZE), robot, (1.0, 5.0), (9.0, 5.0), obstacle_speed=0.8, obstacle_surge=0.2))
+        tracks = Tracks(np.array([0]), coming, np.array([[-0.8, 0.0]]), np.array([0.3]))
+        passed = guard.limit(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks), Command((0.0, 0.0)))
+        assert guard.did == "stepped-aside"
+        assert passed.velocity[0] < -0.9 if corridor else abs(passed.velocity[1]) > 0.3
+
+
+def test_stale_future_and_reversed_stamps_stop_the_robot() -> None:
+    """A scan that is too old, from the future, or older than the last one means stop."""
+    guard = Guard()
+    guard.reset(Task(Grid(HALL, SIZE), RobotSpec(), (1.0, 1.0), (9.0, 9.0)))
+
+    def did(t: float, stamp: float) -> str:
+        guard.limit(Observation(t, (5.0, 5.0), (0.0, 0.0), 0.0, Tracks.none(), stamp), Command((0.5, 0.0)))
+        return guard.did
+
+    assert did(1.0, 1.0) == "free" and did(1.5, 1.0) == "free" and did(1.6, 1.0) == "braked"
+    assert did(1.6, 1.7) == "braked" and did(1.7, 1.7) == "free" and did(1.8, 1.2) == "braked"
+    assert did(0.5, 0.5) == "braked" and did(2.0, -math.inf) == "braked"
+
+
+@pytest.mark.parametrize("what", ["xy", "velocity", "radius", "lengths", "covariance", "own"])
+def test_observations_that_make_no_sense_raise(what: str) -> None:
+    """NaN, infinite or negative numbers and arrays of unequal length raise `BadParameter`: no command comes out."""
+    guard = Guard()
+    guard.reset(Task(Grid(HALL, SIZE), RobotSpec(), (1.0, 1.0), (9.0, 9.0)))
+    xy, velocity, radius, covariance, own = np.array([[7.0, 7.0]]), np.zeros((1, 2)), np.array([0.3]), None, (5.0, 5.0)
+    if what == "xy":
+        xy = np.array([[math.nan, 1.0]])
+    elif what == "velocity":
+        velocity = np.array([[math.inf, 1.0]])
+    elif what == "radius":
+        radius = np.array([-0.1])
+    elif what == "lengths":
+        xy = np.zeros((2, 2))
+    elif what == "covariance":
+        covariance = np.full((1, 4, 4), -1.0)
+    else:
+        own = (math.nan, 5.0)
+    o = Observation(0.0, own, (0.0, 0.0), 0.0, Tracks(np.array([0]), xy, velocity, radius, covariance))
+    with pytest.raises(BadParameter):
+        guard.limit(o, Command((1.0, 0.0)))
+
+
+def test_a_guarded_policy_says_what_the_guard_did() -> None:
+    """`Guarded` passes commands through the guard and adds its state to the decision."""
+
+    class Charge:
+        def reset(self, task, seed): ...
+        def act(self, observation):
+            return Command((1.0, 0.0))
+
+        def explain(self):
+            return Decision("follow", "onwards")
+
+    policy = Guarded(Charge())
+    policy.reset(Task(Grid(HALL, SIZE), RobotSpec(), (1.0, 1.0), (9.0, 9.0)), 0)
+    tracks = Tracks(np.array([0]), np.array([[5.75, 5.0]]), np.zeros((1, 2)), np.array([0.3]))
+    policy.act(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks))
+    assert policy.explain().guard in ("slowed", "braked")
+
+
+@pytest.mark.parametrize("wrong", [{"timeout": 0.0}, {"timeout": math.nan}, {"hold": -1.0}, {"lookahead": math.inf}])
+def test_wrong_settings_raise(wrong: dict[str, float]) -> None:
+    """Settings out of range raise `BadParameter`."""
+    with pytest.raises(BadParameter):
+        Guard(**wrong)
