@@ -15,6 +15,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
 
+from numba.core import event
+
 import antway
 from antway import checks
 from antway.arena import metrics
@@ -212,10 +214,15 @@ class _Desk:
         self.job, self.deadline = job, time.monotonic() + self.patience
         self.pipe.send(job)
 
-    def collect(self) -> Answer:
-        """Return the answer that has come, or what there is to say if the process died instead."""
+    def collect(self) -> Answer | None:
+        """Return the answer that has come, or what there is to say if the process died instead.
+
+        None: a kernel was compiled, and time begins anew.
+        """
         try:
-            return cast(Answer, self.pipe.recv())
+            answer = cast("Answer | None", self.pipe.recv())
+            self.deadline = time.monotonic() + self.patience
+            return answer
         except (EOFError, OSError):
             self.process.join()
             return self.job.failed(Outcome.ERROR, f"the process died with exit status {self.process.exitcode}")
@@ -233,12 +240,26 @@ def _work(pipe: Connection) -> None:
     assert parent is not None
     threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
     pipe.send(None)
+    event.register("numba:compile", _Compiled(pipe))  # type: ignore[no-untyped-call]
     while True:
         try:
             job = pipe.recv()
         except EOFError:
             return
         pipe.send(_safely(job))
+
+
+class _Compiled(event.Listener):
+    """Tells the driver of every kernel compiled, so that it does not count as the policy's time."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self.pipe = pipe
+
+    def on_start(self, event: object) -> None:
+        pass
+
+    def on_end(self, event: object) -> None:
+        self.pipe.send(None)
 
 
 def _safely(job: Job) -> Answer:

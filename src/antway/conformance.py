@@ -1,0 +1,166 @@
+"""The contract of policies and planners, as a test that third parties can run on theirs.
+
+>>> from antway.conformance import check_policy
+>>> from antway.rivals.replan import Follow
+>>> check_policy(Follow)
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from antway.errors import InvalidPlan
+from antway.grid import Grid
+from antway.planning import Budget, Plan, Planner, Problem, Status
+from antway.verify import check_plan
+from antway.world.episode import run
+from antway.world.motions import Bounce, Line
+from antway.world.policy import Command, Decision, Observation, Policy, RobotSpec, Task, Tracks
+from antway.world.scenario import Scenario
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle, World
+
+OVERRUN = 0.5  # s that a planner may take beyond a spent time limit, on a slow machine
+
+
+def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
+    """Check that a policy keeps the contract.
+
+    It must give finite commands in time, say why, forget everything at `reset`, depend on nothing but task, seed and
+    observations, leave NumPy's and Python's global random state alone, and stand what sensors do: no tracks, no velocities, old
+    scans.
+
+    Parameters
+    ----------
+    make : function
+        Returns a new policy, for instance its class.
+    seconds : float
+        What one control cycle may take at most, after the first, s.
+
+    Raises
+    ------
+    InvalidPlan
+        With every breach found.
+    """
+    faults: list[str] = []
+    scenario = _scenario()
+    policy = make()
+    before = _global_state()
+    first = run(scenario, policy, seed=1)
+    if first.outcome.value == "error":
+        raise InvalidPlan([f"fails in an empty room: {first.reason}"])
+    if _global_state() != before:
+        faults.append("global state: it changes the random state of NumPy or of Python")
+    if len(first.cycle_ms) > 1 and first.cycle_ms[1:].max() > 1e3 * seconds:
+        faults.append(f"time limit: a cycle took {first.cycle_ms[1:].max():.0f} ms, more than {1e3 * seconds:g} ms")
+    runs = {"reset: a second episode differs from the first": policy, "seeding: another instance does otherwise": make()}
+    for fault, player in runs.items():
+        again = run(scenario, player, seed=1)
+        assert first.trace is not None and again.trace is not None
+        if not np.array_equal(first.trace.command, again.trace.command, equal_nan=True):
+            faults.append(fault)
+    faults += _odd_observations(make, scenario.task)
+    if faults:
+        raise InvalidPlan(faults)
+
+
+def check_planner(planner: Planner) -> None:
+    """Check that a planner keeps the contract: legal answers, no answer where there is none, seeds, budgets, global state.
+
+    Raises
+    ------
+    InvalidPlan
+        With every breach found.
+    """
+    faults: list[str] = []
+    open_, closed = np.zeros((2, 24, 24), np.bool_)
+    open_[4:, 8], open_[:20, 16], closed[:, 12] = True, True, True
+    problem = Problem(Grid(open_), (2, 2), (20, 21))
+    before = _global_state()
+    plans = [planner(problem, seed=seed) for seed in (5, 6, 5)]
+    if _global_state() != before:
+        faults.append("global state: it changes the random state of NumPy or of Python")
+    faults += _plan_faults("", problem, plans[0], Status.FOUND)
+    if not np.array_equal(plans[0].cells, plans[2].cells):
+        faults.append("seeding: the same problem and seed have two answers")
+    walled = Problem(Grid(closed), (2, 2), (2, 21))
+    faults += _plan_faults("unreachable: ", walled, planner(walled, seed=5), Status.NO_PATH)
+    here = Problem(problem.grid, (2, 2), (2, 2))
+    faults += _plan_faults("start at the goal: ", here, planner(here, seed=5), Status.FOUND)
+    begun = time.perf_counter()
+    late = planner(problem, seed=5, budget=Budget(seconds=0.0))
+    if time.perf_counter() - begun > OVERRUN:
+        faults.append("time limit: it goes on after its time is spent")
+    faults += _plan_faults("out of budget: ", problem, late, late.status)
+    if faults:
+        raise InvalidPlan(faults)
+
+
+def _plan_faults(what: str, problem: Problem, plan: Plan, status: Status) -> list[str]:
+    if plan.status is not status:
+        return [f"{what}its status is {plan.status.value}, not {status.value}"]
+    try:
+        check_plan(problem, plan)
+    except InvalidPlan as error:
+        return [f"{what}{violation}" for violation in error.violations]
+    return []
+
+
+def _scenario() -> Scenario:
+    walls = np.zeros((40, 40), np.bool_)
+    walls[12:28, 18:22] = True
+    obstacles = (
+        Obstacle(0.3, Bounce((6.0, 1.5), 0.5, 1.0)),
+        Obstacle(0.4, Line((7.0, 6.5), (1.0, 6.5), 0.6, 2.0)),
+    )
+    return Scenario(
+        World(Grid(walls, 0.2), obstacles),
+        (1.1, 4.1),
+        (6.9, 4.1),
+        RobotSpec(),
+        Sensor(noise=0.02),
+        horizon=20.0,
+        name="conformance",
+    )
+
+
+def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
+    """Show a fresh policy what sensors deliver on bad days."""
+    tracks = Tracks(np.array([3, 9]), np.array([[3.0, 4.0], [5.0, 1.0]]), np.zeros((2, 2)), np.array([0.3, 0.4]))
+    usual = Observation(0.0, task.start, (0.0, 0.0), 0.0, tracks)
+    unknown = replace(tracks, velocity=np.full((2, 2), math.nan))
+    days = {
+        "no tracks": replace(usual, tracks=Tracks.none()),
+        "NaN: unknown velocities": replace(usual, tracks=unknown),
+        "an old scan": replace(usual, t=2.0, stamp=1.0),
+        "no scan yet": replace(usual, tracks=Tracks.none(), stamp=-math.inf),
+        "an obstacle in contact": replace(usual, tracks=replace(tracks, xy=np.array([task.start, (5.0, 1.0)]))),
+    }
+    faults = []
+    for name, observation in days.items():
+        policy = make()
+        if hasattr(policy, "foresee"):
+            policy.foresee(_scenario().world.timeline(0, 20.0))
+        try:
+            policy.reset(task, 0)
+            command: Command | None = policy.act(observation)
+            decision = policy.explain()
+        except Exception as error:  # what a third party raises is what is to be reported
+            faults.append(f"{name}: {type(error).__name__}: {error}")
+            continue
+        if command is not None and not all(math.isfinite(part) for part in command.velocity):
+            faults.append(f"{name}: its command {command.velocity} is not finite")
+        if not isinstance(decision, Decision):
+            faults.append(f"{name}: explain() returns no Decision")
+    return faults
+
+
+def _global_state() -> tuple[object, ...]:
+    name, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002 - the old global state is what is watched
+    return random.getstate(), name, np.asarray(keys).tobytes(), tuple(rest)

@@ -1,0 +1,99 @@
+"""The shipped contract test passes what antway ships, and names each way of breaking the contract."""
+
+from __future__ import annotations
+
+import random
+import time
+
+import numpy as np
+import pytest
+
+from antway import Command
+from antway.conformance import check_planner, check_policy
+from antway.errors import InvalidPlan
+from antway.planning import PLANNERS, Plan, Status, find
+from antway.rivals.replan import Follow
+from antway.world.policy import make_policy
+
+
+@pytest.mark.parametrize("name", ["antway", "paper", "follow", "stop", "replan", "dstarlite", "sipp", "oracle"])
+def test_policies_keep_the_contract(name):
+    """Every policy keeps the contract."""
+    check_policy(lambda: make_policy(name), seconds=30.0)
+
+
+@pytest.mark.parametrize("name", PLANNERS)
+def test_planners_keep_the_contract(name):
+    """Every planner keeps the contract."""
+    check_planner(find("planner", name, PLANNERS, ""))
+
+
+class Remembers(Follow):
+    count = 0
+
+    def act(self, observation):
+        self.count += 1
+        return super().act(observation) if self.count < 100 else Command((0.0, 0.0))
+
+
+class Unseeded(Follow):
+    def act(self, observation):
+        vx, vy = super().act(observation).velocity
+        return Command((vx * Unseeded.chance.uniform(0.9, 1.0), vy))
+
+    chance = random.Random(3)
+
+
+class Global(Follow):
+    def act(self, observation):
+        np.random.default_rng(0)
+        random.random()
+        return super().act(observation)
+
+
+class Slow(Follow):
+    def act(self, observation):
+        time.sleep(0.02)
+        return super().act(observation)
+
+
+class NoNan(Follow):
+    def act(self, observation):
+        vx = observation.tracks.velocity.sum() * 1e-9
+        return Command((vx, 0.1))
+
+
+class Empty(Follow):
+    def act(self, observation):
+        if observation.t == 0.0 and not len(observation.tracks):
+            raise ValueError("nobody is here")
+        return super().act(observation)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        (Remembers, "reset"),
+        (Unseeded, "seeding"),
+        (Global, "global state"),
+        (Slow, "time limit"),
+        (NoNan, "NaN"),
+        (Empty, "no tracks: ValueError"),
+    ],
+)
+def test_breaches_are_named(kind, said):
+    """A policy that breaks the contract in one way is told which."""
+    with pytest.raises(InvalidPlan, match=said):
+        check_policy(kind, seconds=0.01 if kind is Slow else 30.0)
+
+
+def test_a_planner_that_lies_is_caught():
+    """A planner that says there is no path where there is one, and global randomness, are caught."""
+
+    def lies(problem, *, seed=0, budget=None):
+        random.random()
+        return Plan(Status.NO_PATH)
+
+    with pytest.raises(InvalidPlan) as caught:
+        check_planner(lies)
+    assert len(caught.value.violations) == 3
