@@ -27,7 +27,7 @@ from antway.search.batch import solve_many
 from antway.search.costs import inflation_costs, path_cost
 from antway.search.dijkstra import dijkstra
 from antway.search.heap import faces
-from antway.search.jps import jps
+from antway.search.jps import jps, jumps_pay
 from common import SHARED, cases, free_cells, needs_data, random_grid
 from naive import search as naive
 
@@ -430,6 +430,18 @@ def test_the_searcher_is_made_once() -> None:
     assert isinstance(searcher(grid, Moves.EIGHT, True), Searcher)
     assert searcher(grid, Moves.EIGHT, True) is searcher(grid, Moves.EIGHT, True)
     assert searcher(Grid(grid.blocked), Moves.EIGHT, True) is not searcher(grid, Moves.EIGHT, True)
+
+
+def test_where_jumps_pay() -> None:
+    """Jumps are left out on large maps strewn with single cells alone, and the answer is the same."""
+    rng = np.random.default_rng(12)
+    strewn, small = rng.random((1100, 1100)) < 0.1, rng.random((500, 500)) < 0.1
+    walls = np.zeros((1100, 1100), dtype=bool)
+    walls[::50, :-5] = True
+    assert [jumps_pay(Grid(blocked)) for blocked in (strewn, small, walls)] == [False, True, True]
+    grid = Grid(strewn)
+    start, goal = pick(rng, grid, 2)
+    assert jps(Problem(grid, start, goal)).length == astar(Problem(grid, start, goal)).length
 
 
 def test_lists_grow() -> None:

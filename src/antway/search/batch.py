@@ -18,6 +18,7 @@ from antway.planning import Problem
 from antway.search.astar import MOST_CELLS, Workspace, searcher
 from antway.search.derived import NEIGHBOURS
 from antway.search.dijkstra import dijkstra
+from antway.search.jps import jumps_pay
 
 PIECE = 256  # queries between two looks of Python at its signals
 
@@ -61,7 +62,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     starts, goals : int[Q, 2]
         Free cells (row, col).
     moves : Moves
-        Of 4 or 8 neighbours. Jump points are used for `Moves.EIGHT`, as by the planner `jps`, and single moves otherwise.
+        Of 4 or 8 neighbours; solved as by the planner `jps`.
 
     Returns
     -------
@@ -87,7 +88,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     if len(sources) != len(targets):
         raise BadParameter("len(goals)", len(targets), f"that of starts, {len(sources)}")
     ends = np.hstack((sources, targets))
-    search = searcher(grid, moves, moves is Moves.EIGHT)
+    search = searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid))
     begins, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
     cells = np.empty((64 * len(ends) + 1024, 2), np.int32)
     work = search.spare.pop() if search.spare else Workspace(grid.shape)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from antway.grid import Moves
+import numpy as np
+
+from antway.grid import Grid, Moves
 from antway.planning import Budget, Plan, Problem
 from antway.search.astar import astar, searcher
+from antway.search.derived import kept
 
 
 def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
-    """Return a shortest path, by jump points on the bit-packed map for `Moves.EIGHT`, and as `astar` does for other moves.
+    """Return a shortest path: for `Moves.EIGHT` by jump points on the bit-packed map where they pay, else as `astar` does.
 
-    Jumps look at 63 cells at a time, and a way that is clear is answered at once, so that nothing is lost against single moves
-    even on cluttered maps (see `benchmarks/search.py`). The packed map is made at the first query on a grid and kept with it.
+    The packed map is made at the first query on a grid and kept with it.
 
     Parameters
     ----------
@@ -26,11 +28,25 @@ def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
 
     Examples
     --------
-    >>> import numpy as np
-    >>> from antway.grid import Grid
     >>> jps(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (1, 2))).cells.tolist()
     [[0, 0], [1, 1], [1, 2]]
     """
     if problem.moves is not Moves.EIGHT:
         return astar(problem, seed=seed, budget=budget)
-    return searcher(problem.grid, problem.moves, jumping=True).plan(problem, budget.start())
+    return searcher(problem.grid, problem.moves, jumping=jumps_pay(problem.grid)).plan(problem, budget.start())
+
+
+def jumps_pay(grid: Grid) -> bool:
+    """Tell whether jumps are at least as fast as single moves, measured once: not on large maps strewn with single cells.
+
+    Such maps stop every jump after a few cells, yet make diagonals long, and beyond about a million cells the lines that those
+    look along no longer stay in the cache.
+    """
+    return grid.blocked.size <= 1 << 20 or kept(grid, "strewn", lambda: _strewn(grid)) < 0.1
+
+
+def _strewn(grid: Grid) -> float:
+    """Return which share of the blocked cells has no blocked neighbour to its side."""
+    blocked = np.pad(grid.blocked, 1)
+    beside = blocked[:-2, 1:-1] | blocked[2:, 1:-1] | blocked[1:-1, :-2] | blocked[1:-1, 2:]
+    return float((grid.blocked & ~beside).sum()) / max(1.0, float(grid.blocked.sum()))
