@@ -89,8 +89,8 @@ def disc_force(
 
     With the distance d between the edges, the speed v of approach along the line n of the centres, v' e the rest of the
     relative velocity, and the way b = v^2 / 2a that braking takes, the potential is 1 / (d - b) - 1 / reach where v > 0 and
-    d - b < reach. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, r being the distance of the centres (the paper writes
-    d; r is what the gradient gives for discs).
+    d - b < reach. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, r being the distance of the centres (the paper
+    writes d; r is what the gradient gives for discs).
 
     Parameters
     ----------

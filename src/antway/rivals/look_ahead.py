@@ -31,7 +31,7 @@ def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY
 
 
 def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
-    """Return the command (vx, vy) in m/s, at most at full speed, slowed where the robot could not stop before a wall on its way."""
+    """Return the command (vx, vy) in m/s, at most at full speed, slowed where a wall on the way is too near."""
     robot, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
     speed = math.hypot(vx, vy)
     if speed > robot.v_max:

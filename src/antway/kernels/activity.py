@@ -1,0 +1,139 @@
+"""Activity over a map's cells: shunting neurons (Yang, Meng), bounded relaxation (Glasius), and the way up.
+
+A sweep visits the cells in one of four orders in place, so that activity crosses a map in a few sweeps; the stationary state
+does not depend on the order. `kind` says what a cell is: `FREE`, `CLOSED` or `TARGET`. All arrays have a rim of closed cells
+around the map, never visited.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+
+FREE, CLOSED, TARGET = 0, 1, 2
+_DIAGONAL = 1.0 / math.sqrt(2.0)
+
+
+@kernel
+def stamp(kind: NDArray[np.uint8], frame: NDArray[np.float64], xy: NDArray[np.float64], reach: NDArray[np.float64]) -> None:
+    """Close the free cells whose centres are nearer than `reach[k]` to `xy[k]`, float64[K] and float64[K, 2], m.
+
+    `frame` is x and y of the corner of the map, rim included, and the edge of a cell, float64[3], m.
+    """
+    size = frame[2]
+    for k in range(len(reach)):
+        row, col, span = (xy[k, 1] - frame[1]) / size - 0.5, (xy[k, 0] - frame[0]) / size - 0.5, reach[k] / size
+        for i in range(max(math.ceil(row - span), 0), min(math.floor(row + span), kind.shape[0] - 1) + 1):
+            for j in range(max(math.ceil(col - span), 0), min(math.floor(col + span), kind.shape[1] - 1) + 1):
+                if kind[i, j] == FREE and math.hypot(i - row, j - col) < span:
+                    kind[i, j] = CLOSED
+
+
+@kernel
+def shunt(
+    x: NDArray[np.float64],
+    kind: NDArray[np.uint8],
+    decay: float,
+    upper: float,
+    lower: float,
+    mu: float,
+    drive: float,
+    span: float,
+    order: int,
+) -> float:
+    """Let `span` s pass for every neuron: dx/dt = -A x + (B - x)(max(I, 0) + sum_j mu [x_j]+ / d_j) - (D + x) max(-I, 0).
+
+    For neighbours that stand still the equation is linear, and its solution, an exponential, is taken exactly.
+
+    Parameters
+    ----------
+    x : float64[H, W]
+        Activities, changed in place, within [-D, B].
+    kind : uint8[H, W]
+        The input I is `drive` at targets, -`drive` at closed cells, else 0.
+    decay, upper, lower, mu, drive : float
+        A, B, D, mu and E of the papers.
+    span : float
+        s; infinite takes each neuron to where it would come to rest.
+    order : int
+        0 to 3: which way rows and columns are gone through.
+
+    Returns
+    -------
+    float
+        Largest change relative to the activity before.
+    """
+    rows, cols = x.shape
+    change = 0.0
+    for i in range(1, rows - 1):
+        row = i if order & 1 == 0 else rows - 1 - i
+        for j in range(1, cols - 1):
+            col = j if order & 2 == 0 else cols - 1 - j
+            excited = mu * _around(x, row, col) + (drive if kind[row, col] == TARGET else 0.0)
+            inhibited = drive if kind[row, col] == CLOSED else 0.0
+            rate = decay + excited + inhibited
+            rest = (upper * excited - lower * inhibited) / rate
+            new = rest + (x[row, col] - rest) * math.exp(-rate * span)
+            if new != x[row, col]:
+                change = max(change, abs(new - x[row, col]) / max(abs(new), abs(x[row, col])))
+                x[row, col] = new
+    return change
+
+
+@kernel
+def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], gain: float, order: int) -> float:
+    """Set each cell to `gain` times the mean of its neighbours weighted by 1 / distance; targets to 1, closed cells to 0.
+
+    The parameters are those of `shunt`; 0 < gain < 1 keeps activity within [0, 1].
+    """
+    rows, cols = x.shape
+    change, weight = 0.0, gain / (4.0 + 4.0 * _DIAGONAL)
+    for i in range(1, rows - 1):
+        row = i if order & 1 == 0 else rows - 1 - i
+        for j in range(1, cols - 1):
+            col = j if order & 2 == 0 else cols - 1 - j
+            if kind[row, col] == TARGET:
+                new = 1.0
+            else:
+                new = 0.0 if kind[row, col] == CLOSED else weight * _around(x, row, col)
+            if new != x[row, col]:
+                change = max(change, abs(new - x[row, col]) / max(new, x[row, col]))
+                x[row, col] = new
+    return change
+
+
+@kernel
+def _around(x: NDArray[np.float64], row: int, col: int) -> float:
+    """Sum of the positive activities of the 8 neighbours, each over its distance in cells."""
+    straight = max(x[row - 1, col], 0.0) + max(x[row, col - 1], 0.0) + max(x[row, col + 1], 0.0) + max(x[row + 1, col], 0.0)
+    above = max(x[row - 1, col - 1], 0.0) + max(x[row - 1, col + 1], 0.0)
+    below = max(x[row + 1, col - 1], 0.0) + max(x[row + 1, col + 1], 0.0)
+    total: float = straight + _DIAGONAL * (above + below)
+    return total
+
+
+@kernel
+def climb(x: NDArray[np.float64], row: int, col: int, steps: int) -> NDArray[np.int64]:
+    """Go from a cell to its most active neighbour, and on, for at most `steps` steps or to where none is more active.
+
+    Returns
+    -------
+    int64[N, 2]
+        The cells after the first; empty where no neighbour is active and more so than the cell.
+    """
+    path = np.empty((steps, 2), np.int64)
+    for n in range(steps):
+        best, to_row, to_col = max(x[row, col], 0.0), -1, -1
+        for r in range(row - 1, row + 2):
+            for c in range(col - 1, col + 2):
+                if x[r, c] > best:
+                    best, to_row, to_col = x[r, c], r, c
+        if to_row < 0:
+            return path[:n]
+        row, col = to_row, to_col
+        path[n] = row, col
+    return path

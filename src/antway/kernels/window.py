@@ -1,0 +1,71 @@
+"""Roll out a robot that is given one command for a while: where it gets to, and when it touches what."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.geometry import segment_hits_cells, swept_discs
+from antway.kernels.jit import kernel
+from antway.kernels.world import drive
+
+
+@kernel
+def roll_out(
+    candidates: NDArray[np.float64],
+    state: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    dt: float,
+    steps: int,
+    blocked: NDArray[np.bool_],
+    frame: NDArray[np.float64],
+    radius: float,
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    reach: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Drive each candidate command for `steps` control periods, or to the first contact.
+
+    Parameters
+    ----------
+    candidates : float64[C, 2]
+        Commanded velocities, m/s.
+    state : float64[5]
+        x, y, vx, vy, heading of the robot, m, m/s, rad.
+    limits : float64[4]
+        As in `kernels.world.drive`.
+    dt, steps
+        Control period in s, and how many of them.
+    blocked, frame, radius
+        The map; x and y of its corner and the edge of a cell, m; the robot's radius, m.
+    xy, velocity, reach : float64[K, 2], float64[K, 2], float64[K]
+        Obstacles in uniform motion: place now, velocity, least distance of the centres; m, m/s.
+    out : float64[C, 5]
+        For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
+        wall or none), speed at the end of the first period, and the robot's place after that period.
+    """
+    size = frame[2]
+    for c in range(len(candidates)):
+        x, y, vx, vy, heading = state[0], state[1], state[2], state[3], state[4]
+        contact, who = math.inf, -1
+        for i in range(steps):
+            vx, vy, heading = drive(vx, vy, heading, candidates[c, 0], candidates[c, 1], limits, dt)
+            t = i * dt
+            for k in range(len(reach)):
+                px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
+                hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, reach[k], dt)
+                if t + hit < contact:
+                    contact, who = t + hit, k
+            row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
+            to_row, to_col = row + vy * dt / size, col + vx * dt / size
+            if contact > t and segment_hits_cells(blocked, row, col, to_row, to_col, radius / size, True):
+                contact, who = t, -1
+            x, y = x + vx * dt, y + vy * dt
+            if i == 0:
+                out[c, 2], out[c, 3], out[c, 4] = math.hypot(vx, vy), x, y
+            if contact < math.inf:
+                break
+        out[c, 0], out[c, 1] = contact, who

@@ -1,0 +1,128 @@
+"""Policy `dwa`: the dynamic window approach, obstacles rolled on as they move."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.kernels.window import roll_out
+from antway.rivals.look_ahead import look_ahead
+from antway.rivals.replan import STOP, Follow, now
+
+from antway.search.sipp import NO_PIECES  # isort: skip
+from antway.world.policy import XY, Command, Observation, Task
+
+
+class Dwa(Follow):
+    """Choose, from the velocities that can be reached within a control period, the best one that is safe.
+
+    Each candidate command is held for `horizon` s under the robot's own limits of speed, acceleration and turning, while every
+    obstacle goes straight on. It is admissible if the robot can still stop before the first contact. Of these the one is taken
+    with the largest sum of `heading` (1 - angle to the target / pi, after one period), `dist` (time of the first contact, as a
+    share of the horizon) and `vel` (speed / v_max); the target is the farthest point of the global path in sight. With none
+    admissible contact is put off as long as can be.
+
+    Parameters
+    ----------
+    heading, dist, vel : float
+        Weights, >= 0.
+    horizon : float
+        s, > 0.
+    look_ahead : float
+        How far along the path the target may be, m, > 0.
+    directions, speeds : int
+        Of the candidates: so many directions, >= 3, and speeds up to v_max, >= 1.
+    margin : float
+        Room kept round obstacles, m, >= 0.
+
+    Notes
+    -----
+    Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, IEEE Robotics & Automation Magazine 4(1), 1997.
+    There a candidate is an arc of given speed and turn rate; here it is a command, which for a differential drive begins such
+    an arc. Obstacles stand still there.
+    """
+
+    def __init__(
+        self,
+        *,
+        heading: float = 1.0,
+        dist: float = 1.0,
+        vel: float = 0.2,
+        horizon: float = 2.0,
+        look_ahead: float = 2.0,
+        directions: int = 36,
+        speeds: int = 4,
+        margin: float = 0.05,
+    ) -> None:
+        self.heading = checks.number("heading", heading, low=0.0)
+        self.dist = checks.number("dist", dist, low=0.0)
+        self.vel = checks.number("vel", vel, low=0.0)
+        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        self.look_ahead = checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")
+        self.directions = checks.integer("directions", directions, low=3, high=3600)
+        self.speeds = checks.integer("speeds", speeds, low=1, high=100)
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Lay out the candidates."""
+        super().reset(task, seed)
+        robot = task.robot
+        angle = np.arange(self.directions) * (2 * math.pi / self.directions)
+        speed = robot.v_max * np.arange(1, self.speeds + 1) / self.speeds
+        self.circles = np.outer(speed, np.exp(1j * angle)).ravel()
+        self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
+        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+        self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o, robot = observation, self.task.robot
+        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        if not len(path.t):
+            self.decide("stuck", "the map has no way for this robot")
+            return STOP
+        target = look_ahead(self.task, o, path, self.look_ahead)
+        commands = self._candidates(o, target)
+        ends = self._ends(o, commands)
+        free = np.minimum(ends[:, 0], self.horizon)
+        admissible = free > robot.dt + ends[:, 2] / (2 * robot.a_max)
+        if not admissible.any():
+            best = int(np.argmax(free))
+            self.decide("brake", "no velocity is safe: contact is put off as long as can be")
+        else:
+            best = int(np.argmax(np.where(admissible, self._value(o, target, ends, free), -math.inf)))
+            self.decide("follow", "the best velocity in the window")
+        return Command((float(commands[best, 0]), float(commands[best, 1])))
+
+    def _candidates(self, o: Observation, target: XY) -> NDArray[np.float64]:
+        """Return the commands: rest, all directions and speeds, and straight to the target."""
+        robot, dx, dy = self.task.robot, target[0] - o.xy[0], target[1] - o.xy[1]
+        speed = min(robot.v_max, math.hypot(dx, dy) / robot.dt)
+        there = speed * np.exp(1j * math.atan2(dy, dx))
+        every = np.concatenate(([0.0], self.circles, there * np.arange(1, self.speeds + 1) / self.speeds))
+        return np.column_stack((every.real, every.imag))
+
+    def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+        robot, grid = self.task.robot, self.task.grid
+        xy, velocity = now(o)
+        body = o.tracks.radius + robot.radius
+        room = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
+        reach = body + np.clip(room - 1e-6, 0.0, self.margin)  # a margin that is broken already is cut to what there is
+        ends = np.empty((len(commands), 5))
+        roll_out(
+            commands, np.array([*o.xy, *o.velocity, o.heading]), self.limits, robot.dt, self.periods,
+            grid.blocked, self.frame, robot.radius, xy, velocity, reach, ends,
+        )  # fmt: skip
+        return ends
+
+    def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = ends[:, 3:] - o.xy
+        course = np.where(ends[:, 2] > 0.0, np.arctan2(moved[:, 1], moved[:, 0]), o.heading)
+        ahead = np.subtract(target, ends[:, 3:])
+        off = np.abs((course - np.arctan2(ahead[:, 1], ahead[:, 0]) + math.pi) % (2 * math.pi) - math.pi)
+        speed = ends[:, 2] / self.task.robot.v_max
+        value: NDArray[np.float64] = self.heading * (1 - off / math.pi) + self.dist * free / self.horizon + self.vel * speed
+        return value

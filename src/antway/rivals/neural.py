@@ -1,0 +1,158 @@
+"""Policies `neural` and `glasius`: the robot climbs the activity that spreads from its target over the cells of the map."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.grid import Cell
+from antway.kernels.activity import CLOSED, FREE, TARGET, climb, relax, shunt, stamp
+from antway.rivals.look_ahead import short_of_walls
+from antway.rivals.replan import STOP, clear, now
+from antway.world.policy import XY, Command, Decision, Observation, Task
+
+SETTLED = 1e-6  # largest relative change in a sweep of an activity that has come to rest
+MOST = 10_000  # sweeps before an episode
+
+
+class Neural:
+    """Climb the activity of a shunting neural network, one neuron a cell; nothing is learnt.
+
+    Each neuron follows dx/dt = -A x + (B - x)([I]+ + sum_j mu [x_j]+ / d_j) - (D + x)[I]-, over its 8 neighbours at distance
+    d_j, with I = E at the goal and -E in cells that are closed: to the robot's centre by a wall, or by an obstacle where it is
+    now. Activity is positive only by what spreads from the goal, so it has no other peak. The network is at rest on the empty
+    map when an episode begins; each cycle then lets `sweeps` times `span` s pass.
+
+    Known faults: activity falls by a factor of 5 to 15 a cell, and beyond some 270 cells of a corridor it is below the smallest
+    float64 and the robot is stuck; obstacles are avoided where they are and not where they will be.
+
+    Parameters
+    ----------
+    decay, upper, lower, mu, drive : float
+        A > 0, B > 0, D >= 0, 0 < mu < A / 8 and E > 0.
+    sweeps : int
+        Updates of the network in a cycle, >= 1.
+    span : float
+        s, > 0.
+    margin : float
+        Room kept round obstacles, m, >= 0.
+
+    Notes
+    -----
+    Yang, Meng: An efficient neural network approach to dynamic robot motion planning, Neural Networks 13, 2000. Yang, Meng:
+    Neural network approaches to dynamic collision-free trajectory generation, IEEE Trans. SMC B 31(3), 2001.
+    """
+
+    def __init__(
+        self,
+        *,
+        decay: float = 10.0,
+        upper: float = 1.0,
+        lower: float = 1.0,
+        mu: float = 0.7,
+        drive: float = 100.0,
+        sweeps: int = 4,
+        span: float = 0.1,
+        margin: float = 0.2,
+    ) -> None:
+        self.decay = checks.number("decay", decay, low=0.0, open_low=True)
+        self.upper = checks.number("upper", upper, low=0.0, open_low=True)
+        self.lower = checks.number("lower", lower, low=0.0)
+        self.mu = checks.number("mu", mu, low=0.0, high=self.decay / 8, open_low=True)
+        self.drive = checks.number("drive", drive, low=0.0, open_low=True)
+        self.span = checks.number("span", span, low=0.0, open_low=True, infinite=True, unit="s")
+        self._common(sweeps, margin)
+
+    def _common(self, sweeps: int, margin: float) -> None:
+        self.sweeps = checks.integer("sweeps", sweeps, low=1)
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Let the activity come to rest on the empty map."""
+        self.task, grid, size = task, task.grid, task.grid.resolution
+        # A diagonal dips towards a corner by at most half its length.
+        reach = task.robot.radius if size >= 2 * task.robot.radius else math.hypot(task.robot.radius, size / math.sqrt(2))
+        self.walls = np.pad(np.where(grid.inflate(reach).blocked, CLOSED, FREE).astype(np.uint8), 1, constant_values=CLOSED)
+        self.goal = self._cell(task.goal)
+        self.walls[self.goal] = TARGET
+        self.frame = np.array([grid.origin[0] - size, grid.origin[1] - size, size])
+        self.x, self.order = np.zeros(self.walls.shape), 0
+        self.steps = math.ceil(task.robot.v_max * task.robot.dt / size) + 1
+        self.decision = Decision("follow", "up the activity")
+        for _ in range(MOST):
+            if self._sweep(self.walls, rest=True) < SETTLED:
+                break
+
+    def _sweep(self, kind: NDArray[np.uint8], rest: bool = False) -> float:
+        self.order += 1
+        span = math.inf if rest else self.span
+        return shunt(self.x, kind, self.decay, self.upper, self.lower, self.mu, self.drive, span, self.order & 3)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o, task = observation, self.task
+        kind = self.walls.copy()
+        stamp(kind, self.frame, now(o)[0], o.tracks.radius + task.robot.radius + self.margin)
+        for _ in range(self.sweeps):
+            self._sweep(kind)
+        target = self._up(o)
+        if target is None:
+            self._decide("stuck", "no cell in reach is more active")
+            return STOP
+        self._decide("follow", "up the activity")
+        dt = task.robot.dt
+        return short_of_walls(task, o, (target[0] - o.xy[0]) / dt, (target[1] - o.xy[1]) / dt)
+
+    def explain(self) -> Decision:
+        """Return the decision that stands."""
+        return self.decision
+
+    def _decide(self, action: str, reason: str) -> None:
+        if self.decision.action != action:
+            self.decision = Decision(action, reason)
+
+    def _cell(self, xy: XY) -> Cell:
+        """Return the cell that holds a point, counted with the rim."""
+        row, col = self.task.grid.cell_at(xy)
+        return row + 1, col + 1
+
+    def _up(self, o: Observation) -> XY | None:
+        """Return the farthest place in sight on the way up, about one control period from here."""
+        here = self._cell(o.xy)
+        if here == self.goal:
+            return self.task.goal
+        for cell in climb(self.x, *here, self.steps)[::-1].tolist():
+            place = self.task.goal if tuple(cell) == self.goal else self.task.grid.centre((cell[0] - 1, cell[1] - 1))
+            if clear(self.task, o.xy, place):
+                return place
+        return None
+
+
+class Glasius(Neural):
+    """Climb the activity of a bounded relaxation: 1 at the goal, 0 in closed cells, elsewhere below the mean of the neighbours.
+
+    Each cell goes to `gain` times the mean of its 8 neighbours, weighted by 1 / distance. What is closed, and what else there
+    is, as in `Neural`; activity falls by a third a cell in the open and by a factor of 7 in a corridor one cell wide.
+
+    Parameters
+    ----------
+    gain : float
+        In (0, 1).
+    sweeps, margin
+        As in `Neural`.
+
+    Notes
+    -----
+    Glasius, Komoda, Gielen: Neural network dynamics for path planning and obstacle avoidance, Neural Networks 8(1), 1995.
+    """
+
+    def __init__(self, *, gain: float = 0.95, sweeps: int = 8, margin: float = 0.2) -> None:
+        self.gain = checks.number("gain", gain, low=0.0, high=1 - 1e-6, open_low=True)
+        self._common(sweeps, margin)
+
+    def _sweep(self, kind: NDArray[np.uint8], rest: bool = False) -> float:
+        self.order += 1
+        return relax(self.x, kind, self.gain, self.order & 3)

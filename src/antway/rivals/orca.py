@@ -1,0 +1,130 @@
+"""Policy `orca`: optimal reciprocal collision avoidance, by RVO2."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.rivals.look_ahead import look_ahead
+from antway.rivals.replan import STOP, Follow, now
+
+from antway.search.sipp import NO_PIECES  # isort: skip
+from antway.world.policy import XY, Command, Observation, Task
+
+AWAY = 1e6  # m; where agents stand that no track is given to
+
+
+class Orca(Follow):
+    """Take the velocity nearest to the preferred one that keeps clear for a while of all who do their half of avoiding.
+
+    The preferred velocity leads to the farthest point of the global path in sight, at full speed or, within the last metre, at
+    what is left of the way a second. Walls are obstacles of RVO2. Each track is an agent without a goal at its present
+    velocity; that obstacles do avoid the robot is this method's assumption, and where it is false the robot is hit.
+
+    Parameters
+    ----------
+    horizon, wall_horizon : float
+        For how long the velocity is to be free of moving obstacles, and of walls, s, > 0.
+    margin : float
+        Added to every radius, m, >= 0.
+    look_ahead : float
+        How far along the path the target may be, m, > 0.
+
+    Raises
+    ------
+    BadParameter
+        If pyrvo is not installed.
+
+    Notes
+    -----
+    Van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, ISRR 2011. Horizon, margin and preferred velocity
+    are those of Chen, Liu, Kreiss, Alahi: Crowd-robot interaction, ICRA 2019.
+    """
+
+    def __init__(
+        self, *, horizon: float = 5.0, wall_horizon: float = 0.5, margin: float = 0.01, look_ahead: float = 2.0
+    ) -> None:
+        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        self.wall_horizon = checks.number("wall_horizon", wall_horizon, low=0.0, open_low=True, unit="s")
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        self.look_ahead = checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")
+        try:
+            from pyrvo import RVOSimulator
+        except ImportError:
+            raise BadParameter("policy", "orca", "another, or install pyrvo (the extra `arena`)") from None
+        self.simulator = RVOSimulator
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Set up the simulation: the robot and the walls."""
+        super().reset(task, seed)
+        robot = task.robot
+        self.mind: Any = self.simulator(
+            robot.dt, 10.0, 10, self.horizon, self.wall_horizon, robot.radius + self.margin, robot.v_max
+        )
+        for polygon in outlines(task.grid):
+            self.mind.add_obstacle(polygon)
+        self.mind.process_obstacles()
+        self.mind.add_agent(task.start)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        o, robot, mind = observation, self.task.robot, self.mind
+        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        if not len(path.t):
+            self.decide("stuck", "the map has no way for this robot")
+            return STOP
+        target = look_ahead(self.task, o, path, self.look_ahead)
+        dx, dy = target[0] - o.xy[0], target[1] - o.xy[1]
+        way = max(math.hypot(dx, dy), 1.0 if target == self.task.goal else 1e-9)
+        wish = dx * robot.v_max / way, dy * robot.v_max / way
+        self._place(0, o.xy, o.velocity, robot.radius, wish)
+        xy, velocity = now(o)
+        for k in range(max(len(o.tracks), mind.get_num_agents() - 1)):
+            if k + 1 == mind.get_num_agents():
+                mind.add_agent((AWAY, AWAY))
+            if k < len(o.tracks):
+                (x, y), (vx, vy) = xy[k].tolist(), velocity[k].tolist()
+                self._place(k + 1, (x, y), (vx, vy), float(o.tracks.radius[k]), (0.0, 0.0))
+            else:
+                mind.set_agent_position(k + 1, (AWAY, AWAY + AWAY * k))
+        mind.do_step()
+        found = mind.get_agent_velocity(0)
+        if math.dist((found.x, found.y), wish) < 1e-3:
+            self.decide("follow", "the preferred velocity is free")
+        else:
+            self.decide("avoid", "the nearest velocity that avoids its half")
+        return Command((float(found.x), float(found.y)))
+
+    def _place(self, k: int, xy: XY, velocity: XY, radius: float, wish: XY) -> None:
+        self.mind.set_agent_position(k, xy)
+        self.mind.set_agent_velocity(k, velocity)
+        self.mind.set_agent_radius(k, radius + self.margin)
+        self.mind.set_agent_pref_velocity(k, wish)
+
+
+def outlines(grid: Grid) -> list[list[XY]]:
+    """Return the blocked cells as rectangles, counterclockwise, none of which overlap, and the map's edge, clockwise; m."""
+    rows, cols = grid.shape
+    taken = ~grid.blocked
+    boxes = [(rows, 0, 0, cols)]  # the edge, turned inside out
+    for row, col in np.argwhere(grid.blocked).tolist():
+        if taken[row, col]:
+            continue
+        right = col + 1
+        while right < cols and not taken[row, right]:
+            right += 1
+        top = row + 1
+        while top < rows and not taken[top, col:right].any():
+            top += 1
+        taken[row:top, col:right] = True
+        boxes.append((row, col, top, right))
+    (x, y, _), s = grid.origin, grid.resolution
+    return [
+        [(x + c * s, y + r * s) for r, c in ((low, left), (low, right), (high, right), (high, left))]
+        for low, left, high, right in boxes
+    ]
