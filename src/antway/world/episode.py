@@ -133,67 +133,124 @@ def run(
     >>> result.outcome, round(result.time, 6)
     (<Outcome.REACHED: 'reached'>, 7.8)
     """
-    checks.instance("scenario", scenario, Scenario)
-    seed = scenario.seed if seed is None else checks.seed(seed)
-    horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
-    stage = _Stage(scenario, seed, horizon)
-    name, player = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
-    decisions: list[tuple[int, Decision]] = []
-    outcome, reason, fault = None, "", ""
-    if math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
-        outcome, reason = Outcome.REACHED, "the start is at the goal"
-    try:
-        if hasattr(player, "foresee"):
-            player.foresee(stage.timeline)
-        player.reset(stage.task, seed)
-        if guard is not None:
-            guard.reset(stage.task)
-    except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
-        outcome, reason = Outcome.ERROR, f"{name} at reset: {type(error).__name__}: {error}"
+    episode = Episode(scenario, policy, seed=seed, horizon=horizon, guard=guard)
+    while episode.outcome is None:
+        episode.step()
+    return episode.result(record=record)
 
-    while outcome is None:
+
+class Episode:
+    """An episode played one control cycle at a time; arguments and errors are those of `run`.
+
+    Attributes
+    ----------
+    scenario : Scenario
+    policy : Policy
+    outcome : Outcome or None
+        None while it goes on.
+    reason : str
+        One sentence on the outcome.
+    decisions : list of (step, Decision)
+        As in `Trace`.
+    stage : Stage
+        The record: arrays as in `Trace`, filled up to row `steps`.
+
+    Examples
+    --------
+    >>> from antway import load_scenario
+    >>> from antway.scenes import scene
+    >>> episode = Episode(load_scenario(scene("paper")), "follow", seed=1)
+    >>> episode.step()
+    >>> episode.steps, episode.outcome
+    (1, None)
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        policy: str | Policy = "antway",
+        *,
+        seed: int | None = None,
+        horizon: float | None = None,
+        guard: Guard | None = None,
+    ) -> None:
+        self.scenario = checks.instance("scenario", scenario, Scenario)
+        self.seed = scenario.seed if seed is None else checks.seed(seed)
+        horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        self.stage = stage = Stage(scenario, self.seed, horizon)
+        self.name, self.policy = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
+        self.guard = guard
+        self.decisions: list[tuple[int, Decision]] = []
+        self.outcome: Outcome | None = None
+        self.reason = self._fault = ""
+        if math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
+            self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
+        try:
+            if hasattr(self.policy, "foresee"):
+                self.policy.foresee(stage.timeline)
+            self.policy.reset(stage.task, self.seed)
+            if guard is not None:
+                guard.reset(stage.task)
+        except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
+            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {type(error).__name__}: {error}"
+
+    @property
+    def steps(self) -> int:
+        """How many control cycles were played."""
+        return self.stage.n
+
+    def step(self) -> None:
+        """Play one control cycle: sense, decide, drive."""
+        stage, name = self.stage, self.name
         cx = cy = math.nan
         observation = stage.observe()
-        if not fault:
+        if not self._fault:
             begun = time.perf_counter()
             try:
-                command = player.act(observation)
-                if guard is not None:
-                    command = guard.limit(observation, command)
+                command = self.policy.act(observation)
+                if self.guard is not None:
+                    command = self.guard.limit(observation, command)
                 if command is not None:
                     cx, cy = float(command.velocity[0]), float(command.velocity[1])
-                decision = player.explain()
-                if not decisions or decision is not decisions[-1][1]:
-                    decisions.append((stage.n, decision))
+                decision = self.policy.explain()
+                if not self.decisions or decision is not self.decisions[-1][1]:
+                    self.decisions.append((stage.n, decision))
             except Exception as error:
-                fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
+                self._fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
             stage.cycle_ms[stage.n] = (time.perf_counter() - begun) * 1e3
-        outcome, reason = stage.drive(cx, cy)
-        if fault and (outcome is Outcome.TIMEOUT or (outcome is None and stage.at_rest)):
-            outcome, reason = Outcome.ERROR, fault
+        self.outcome, self.reason = stage.drive(cx, cy)
+        if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
+            self.outcome, self.reason = Outcome.ERROR, self._fault
 
-    config = {
-        "version": antway.__version__,
-        "horizon": horizon,
-        "sensor": asdict(scenario.sensor),
-        "guard": "" if guard is None else type(guard).__name__,
-    }
-    n = stage.n
-    speeds = np.hypot(*stage.velocity[1 : n + 1].T)
-    resting = np.concatenate(([False], speeds <= REST))
-    return EpisodeResult(
-        outcome=outcome,
-        reason=reason,
-        time=float(stage.t[n]),
-        length=math.fsum(np.hypot(*np.diff(stage.xy[: n + 1], axis=0).T).tolist()),
-        min_clearance=stage.clearance,
-        replans=_changes([decision.path for _, decision in decisions]),
-        waits=int((resting[1:] & ~resting[:-1]).sum()),
-        cycle_ms=stage.cycle_ms[:n].copy(),
-        seed=seed,
-        config=config,
-        trace=stage.trace(name, scenario.name, seed, tuple(decisions), outcome, reason, config) if record else None,
-    )
+    def result(self, *, record: bool = True) -> EpisodeResult:
+        """Return what came of an episode that has ended."""
+        stage, scenario, outcome = self.stage, self.scenario, self.outcome
+        assert outcome is not None, "the episode goes on"
+        config = {
+            "version": antway.__version__,
+            "horizon": stage.horizon,
+            "sensor": asdict(scenario.sensor),
+            "guard": "" if self.guard is None else type(self.guard).__name__,
+        }
+        n, decisions = stage.n, self.decisions
+        speeds = np.hypot(*stage.velocity[1 : n + 1].T)
+        resting = np.concatenate(([False], speeds <= REST))
+        trace = (
+            stage.trace(self.name, scenario.name, self.seed, tuple(decisions), outcome, self.reason, config) if record else None
+        )
+        return EpisodeResult(
+            outcome=outcome,
+            reason=self.reason,
+            time=float(stage.t[n]),
+            length=math.fsum(np.hypot(*np.diff(stage.xy[: n + 1], axis=0).T).tolist()),
+            min_clearance=stage.clearance,
+            replans=_changes([decision.path for _, decision in decisions]),
+            waits=int((resting[1:] & ~resting[:-1]).sum()),
+            cycle_ms=stage.cycle_ms[:n].copy(),
+            seed=self.seed,
+            config=config,
+            trace=trace,
+        )
 
 
 def _changes(paths: list[TimedPath | None]) -> int:
@@ -201,7 +258,7 @@ def _changes(paths: list[TimedPath | None]) -> int:
     return sum(a is not b for a, b in pairwise(planned))
 
 
-class _Stage:
+class Stage:
     """The robot, the obstacles and the record of one episode, up to step `n`."""
 
     def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
