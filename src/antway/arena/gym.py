@@ -1,0 +1,116 @@
+"""The synthetic worlds as an environment of Gymnasium (extra `arena`).
+
+Importing this module registers `antway/Crossing-v0`; `gymnasium.make("antway.arena.gym:antway/Crossing-v0")` does both.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.arena.suites import Chance, load_suite
+from antway.kernels.world import first_wall
+from antway.world.episode import Stage
+from antway.world.policy import Observation
+from antway.world.trace import Outcome
+
+SPAN = 32.0  # m and m/s; bound on what is observed, beyond which it is clipped
+RAYS = 16
+COMFORT = 0.2  # m
+
+
+class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
+    """Steer a robot through an episode of the suite `synthetic`, drawn at each reset.
+
+    An action is the commanded velocity in units of v_max, float32[2] within [-1, 1]. An observation has three parts:
+
+    * robot, float32[6]: way to the goal x, y (m), velocity x, y (m/s), cosine and sine of the heading;
+    * tracks, float32[tracks, 6]: of the nearest tracks, nearest first, place x, y seen from the robot (m), velocity x, y (m/s),
+      radius (m) and 1; rows without a track are 0;
+    * walls, float32[16]: how far the robot can go before a wall, in directions of 2 pi k / 16, m, up to its sensor's range.
+
+    The reward is 1 at the goal and -0.25 for a contact; within 0.2 m of an obstacle a step costs up to 0.1 a second (Chen, Liu,
+    Kreiss, Alahi: Crowd-robot interaction, ICRA 2019). An episode is terminated by goal or contact, and truncated by its
+    horizon; `info["outcome"]` says by what, and `info["time"]` when (s).
+
+    Parameters
+    ----------
+    group : str or None
+        Of the suite, such as "open/low"; None: any.
+    tracks : int
+        How many are observed, >= 1.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+
+    def __init__(self, group: str | None = None, tracks: int = 8) -> None:
+        self.suite = load_suite("synthetic")
+        self.groups = self.suite.groups if group is None else (checks.choice("group", group, self.suite.groups),)
+        self.tracks = checks.integer("tracks", tracks, low=1, high=1000)
+
+        def box(*shape: int) -> gymnasium.spaces.Box:
+            return gymnasium.spaces.Box(-SPAN, SPAN, shape, np.float32)
+
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = gymnasium.spaces.Dict(
+            {"robot": box(6), "tracks": box(self.tracks, 6), "walls": gymnasium.spaces.Box(0.0, SPAN, (RAYS,), np.float32)}
+        )
+        self.stage: Stage | None = None
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin an episode; with a seed, always the same ones from then on."""
+        super().reset(seed=seed)
+        group = self.groups[int(self.np_random.integers(len(self.groups)))]
+        number = int(self.np_random.integers(2**63))
+        scenario = self.suite.make(group, Chance(number))
+        self.stage = Stage(scenario, number, scenario.horizon)
+        return self._observe(self.stage), {"group": group, "seed": number}
+
+    def step(self, action: NDArray[np.float32]) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Drive for one control period."""
+        if self.stage is None:
+            raise gymnasium.error.ResetNeeded("reset the environment before the first step and after the last")
+        stage = self.stage
+        speed = stage.task.robot.v_max
+        stage.clearance = math.inf  # of this step alone
+        outcome, _ = stage.drive(float(action[0]) * speed, float(action[1]) * speed)
+        observation, info = self._observe(stage), {"time": float(stage.t[stage.n])}
+        if outcome is None:
+            close = min(stage.clearance - COMFORT, 0.0)
+            return observation, 0.5 * close * stage.task.robot.dt, False, False, info
+        self.stage = None
+        timeout, reached = outcome is Outcome.TIMEOUT, outcome is Outcome.REACHED
+        reward = 0.0 if timeout else 1.0 if reached else -0.25
+        return observation, reward, not timeout, timeout, info | {"outcome": outcome.value}
+
+    def _observe(self, stage: Stage) -> dict[str, NDArray[np.float32]]:
+        o, goal = stage.observe(), stage.task.goal
+        robot = (goal[0] - o.xy[0], goal[1] - o.xy[1], *o.velocity, math.cos(o.heading), math.sin(o.heading))
+        parts = {"robot": np.array(robot), "tracks": self._nearest(o), "walls": self._walls(stage, o)}
+        return {name: np.clip(part, -SPAN, SPAN).astype(np.float32) for name, part in parts.items()}
+
+    def _nearest(self, o: Observation) -> NDArray[np.float64]:
+        seen, rows = o.tracks, np.zeros((self.tracks, 6))
+        away = seen.xy - o.xy
+        order = np.argsort(np.hypot(away[:, 0], away[:, 1]) - seen.radius, kind="stable")[: self.tracks]
+        every = np.column_stack((away, seen.velocity, seen.radius, np.ones(len(seen))))
+        rows[: len(order)] = every[order]
+        return rows
+
+    def _walls(self, stage: Stage, o: Observation) -> NDArray[np.float64]:
+        grid, robot = stage.task.grid, stage.task.robot
+        (row, col), size = grid.to_points([o.xy])[0].tolist(), grid.resolution
+        far, free = min(robot.sensor_range, SPAN), np.empty(RAYS)
+        for k in range(RAYS):
+            angle = 2 * math.pi * k / RAYS
+            dr, dc = far / size * math.sin(angle), far / size * math.cos(angle)
+            free[k] = far * min(first_wall(grid.blocked, row, col, dr, dc, robot.radius / size)[0], 1.0)
+        return free
+
+
+gymnasium.register("antway/Crossing-v0", "antway.arena.gym:CrossingEnv")

@@ -1,0 +1,80 @@
+"""The environment for Gymnasium keeps Gymnasium's rules and plays the simulator's episodes."""
+
+from __future__ import annotations
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from antway import BadParameter, Outcome
+
+ID = "antway.arena.gym:antway/Crossing-v0"
+
+
+def test_the_environment_passes_gymnasiums_own_checker() -> None:
+    """`check_env` raises and warns of nothing."""
+    check_env(gymnasium.make(ID).unwrapped)
+
+
+def test_same_seed_same_bytes() -> None:
+    """Two environments with one seed and the same actions agree bit for bit over several episodes."""
+
+    def play() -> bytes:
+        env, rng, parts = gymnasium.make(ID), np.random.default_rng(1), []
+        seen, _ = env.reset(seed=5)
+        for _ in range(300):
+            parts += [part.tobytes() for part in seen.values()]
+            seen, reward, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 2).astype(np.float32))
+            parts.append(np.float64(reward).tobytes())
+            if terminated or truncated:
+                seen, _ = env.reset()
+        return b"".join(parts)
+
+    assert play() == play()
+
+
+def test_terminated_and_truncated_mean_what_gymnasium_says() -> None:
+    """A contact or the goal terminates with its reward; the horizon truncates; then only reset helps."""
+    env = gymnasium.make(ID, group="open/low").unwrapped
+    ends = set()
+    for seed in range(12):
+        seen, info = env.reset(seed=seed)
+        assert info["group"] == "open/low"
+        done = False
+        while not done:
+            goal = seen["robot"][:2] * (seed % 3 != 0)  # every third robot stands still
+            action = goal / max(np.hypot(*goal), 1.0)
+            seen, reward, terminated, truncated, info = env.step(action.astype(np.float32))
+            done = terminated or truncated
+        outcome = Outcome(info["outcome"])
+        assert truncated == (outcome is Outcome.TIMEOUT) and terminated != truncated
+        assert reward == {Outcome.TIMEOUT: 0.0, Outcome.REACHED: 1.0}.get(outcome, -0.25)
+        ends.add(outcome)
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            env.step(np.zeros(2, np.float32))
+    assert len(ends) >= 3
+
+
+def test_observations_are_the_nearest_tracks_and_the_walls() -> None:
+    """Tracks come nearest first and within sensor range; walls are never nearer than they are."""
+    env = gymnasium.make(ID, group="aisles/high", tracks=3).unwrapped
+    counts = []
+    for seed in range(10):
+        seen, _ = env.reset(seed=seed)
+        rows = seen["tracks"][seen["tracks"][:, 5] == 1.0]
+        gaps = np.hypot(rows[:, 0], rows[:, 1]) - rows[:, 4]
+        assert (np.diff(gaps) >= 0).all() and (np.hypot(rows[:, 0], rows[:, 1]) <= 4.0 + rows[:, 4]).all()
+        counts.append(len(rows))
+        task = env.stage.task
+        clearance = task.grid.clearance()[task.grid.cell_at(task.start)] - task.robot.radius
+        assert (seen["walls"] >= min(clearance, 4.0) - 1e-6).all() and seen["walls"].max() <= 4.0
+    assert max(counts) == 3
+
+
+def test_wrong_options_are_refused() -> None:
+    """Typed errors name them."""
+    with pytest.raises(BadParameter, match="group"):
+        gymnasium.make(ID, group="closed")
+    with pytest.raises(BadParameter, match="tracks"):
+        gymnasium.make(ID, tracks=0)
