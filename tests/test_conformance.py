@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import time
 
@@ -65,8 +66,8 @@ class NoNan(Follow):
 
 class Empty(Follow):
     def act(self, observation):
-        if observation.t == 0.0 and not len(observation.tracks):
-            raise ValueError("nobody is here")
+        if observation.stamp == -math.inf:
+            raise ValueError("the sensor has not begun")
         return super().act(observation)
 
 
@@ -78,7 +79,7 @@ class Empty(Follow):
         (Global, "global state"),
         (Slow, "time limit"),
         (NoNan, "NaN"),
-        (Empty, "no tracks: ValueError"),
+        (Empty, "no scan yet: ValueError"),
     ],
 )
 def test_breaches_are_named(kind, said):

@@ -127,8 +127,8 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     comma = path.suffix.lower() == ".csv"
     allowed = "CSV lines t,id,x,y" if comma else "the columns of an obsmat.txt: frame, id, x, z, y, vx, vz, vy"
     try:
-        text = path.read_text(encoding="utf-8-sig").splitlines()
-        skip = int(comma and bool(text) and any(c.isalpha() for c in text[0].replace("e", "")))
+        text = path.read_text(encoding="utf-8-sig").splitlines() or ["nothing"]
+        skip = int(comma and len(text) > 1 and any(c.isalpha() for c in text[0].replace("e", "")))
         table = np.loadtxt(text[skip:], delimiter="," if comma else None, ndmin=2)
     except (OSError, ValueError) as error:
         raise BadScenario("tracks", str(error), allowed, where=file) from None

@@ -183,8 +183,9 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     search = Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
     plan = search.plan(task.start, timeline, horizon=scenario.horizon)
     free = search.plan(task.start)
+    arrival = _arrival(plan.path.t, plan.path.xy, task.goal, task.goal_tolerance)
     return Facts(
-        bound=_arrival(plan.path.t, plan.path.xy, task.goal, task.goal_tolerance),
+        bound=arrival if arrival <= scenario.horizon else math.inf,
         shortest=_arrival(free.path.t, free.path.xy, task.goal, task.goal_tolerance) * robot.v_max,
         survival=_survival(scenario, seed),
     )

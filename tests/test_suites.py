@@ -1,0 +1,182 @@
+"""Suites: the same episodes on every machine and in every order, worlds as they are described, files refused by name."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec, Scenario, World, save_map
+from antway.arena.suites import SUITES, Chance, build, episodes, facts, load_suite, seed_of, stage
+from antway.arena.synthetic import DENSITIES
+from antway.errors import BadInput, BadParameter, BadScenario
+from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk
+from antway.world.scenario import to_toml
+from antway.world.world import Obstacle
+from common import SHARED, needs_data
+
+
+@pytest.mark.parametrize("spec", ["paper", "synthetic", "crossing", "encounters", "barn"])
+def test_every_group_builds_the_same_twice(spec):
+    """Each group gives a sound scenario, equal from one build to the next, with no obstacle on the robot at the start."""
+    if spec == "crossing":
+        pytest.importorskip("pyrvo")
+    for episode in episodes(spec, 1):
+        scenario = build(episode)
+        assert to_toml(scenario) == to_toml(build(episode))
+        places = scenario.world.timeline(episode.seed, 1.0).places(np.zeros(1))[0]
+        gaps = np.hypot(*(places - scenario.start).T) - [one.radius for one in scenario.world.obstacles]
+        assert (gaps > scenario.robot.radius).all()
+
+
+def test_seeds_depend_on_names_alone():
+    """A seed is a hash of what the episode is called: fixed for good, and different for every name and number."""
+    assert seed_of("synthetic", "open/low", 0) == 3850625544610840973
+    seeds = {episode.seed for episode in episodes("synthetic", 200)}
+    assert len(seeds) == 18 * 200 and all(0 <= seed < 2**63 for seed in seeds)
+    few, many = episodes("synthetic", 2), episodes("synthetic", 5)
+    assert few == many[: len(few)]
+
+
+def test_worlds_do_not_depend_on_the_hash_seed():
+    """Another process with another PYTHONHASHSEED builds the same worlds."""
+    script = (
+        "import hashlib; from antway.arena.suites import *; from antway.world.scenario import to_toml\n"
+        "print([hashlib.sha256(to_toml(build(e)).encode()).hexdigest() for e in episodes('synthetic', 1)[::9]])"
+    )
+    found = []
+    for seed in ("0", "77"):
+        world = {**os.environ, "PYTHONHASHSEED": seed}
+        found.append(subprocess.run([sys.executable, "-c", script], env=world, check=True, capture_output=True).stdout)
+    assert found[0] == found[1]
+
+
+def test_synthetic_worlds_are_as_described():
+    """Density, radii, speeds, turners, noise and declared bounds are those of the family; no disc begins in a wall."""
+    for episode in episodes("synthetic", 1):
+        scenario, (family, level) = build(episode), episode.group.split("/")
+        density, _, variant = level.partition("-")
+        obstacles, grid = scenario.world.obstacles, scenario.world.grid
+        low, high = (0.6, 1.5) if variant == "fast" else (0.3, 0.9)
+        assert len(obstacles) == round(DENSITIES[density] * 256) and grid.shape == (80, 80) and grid.resolution == 0.2
+        assert all(0.2 <= one.radius <= 0.45 and low <= one.motion.speed <= high for one in obstacles)
+        assert all(grid.clearance()[grid.cell_at(one.motion.start)] > one.radius for one in obstacles)
+        turners = sum(isinstance(one.motion, RandomWalk) for one in obstacles)
+        assert turners == (len(obstacles) // 2 if variant == "turners" else 0)
+        assert scenario.sensor.noise == (0.05 if variant == "noise" else 0.0) and not scenario.sensor.occlusion
+        assert (scenario.obstacle_speed, scenario.obstacle_surge) == (high, 0.5)
+        assert bool(grid.blocked.any()) == (family != "open")
+        assert math.dist(scenario.start, scenario.goal) > 10.0
+
+
+def test_crossing_keeps_the_protocol():
+    """CrowdNav's starts and goals; humans walk at most 1 m/s, start at rest from the circle, and keep clear of one another."""
+    pytest.importorskip("pyrvo")
+    for episode in episodes("crossing", 4):
+        scenario = build(episode)
+        timeline = scenario.world.timeline(0, 25.0)
+        places = timeline.places(np.linspace(0.0, 25.0, 101))
+        assert len(scenario.world.obstacles) == 5 and scenario.robot.dt == 0.25 and scenario.goal_tolerance == 0.3
+        assert (np.hypot(*np.moveaxis(np.diff(places, axis=0), 2, 0)) <= 0.25 + 1e-4).all()
+        if episode.group == "circle":
+            radii = np.hypot(*places[0].T)
+            assert ((radii > 4.0 - math.sqrt(0.5)) & (radii < 4.0 + math.sqrt(0.5))).all()
+            assert np.hypot(*(places[-1] + places[0]).T).max() < 0.5
+        for a in range(5):
+            for b in range(a):
+                assert np.hypot(*(places[:, a] - places[:, b]).T).min() > 0.55
+
+
+def test_facts():
+    """The optimum of a free way is its length less the tolerance at full speed; a disc in the way delays it; walls kill."""
+    room = Grid(np.zeros((60, 60), np.bool_), 0.2)
+    spec = RobotSpec(radius=0.3, v_max=2.0)
+    free = facts(Scenario(World(room), (1.1, 6.1), (11.1, 6.1), spec), 0)
+    assert (free.bound, free.shortest) == pytest.approx((4.9, 9.8))
+    assert 0.02 < free.survival < 0.5
+    blocked = room.blocked.copy()
+    blocked[:28], blocked[33:] = True, True
+    barrier = Obstacle(0.4, BackAndForth((9.1, 6.1), (3.1, 6.1), 1.0))
+    late = facts(Scenario(World(Grid(blocked, 0.2), (barrier,)), (1.1, 6.1), (11.1, 6.1), spec, horizon=20.0), 0)
+    assert late.bound == math.inf and late.shortest == pytest.approx(9.8)
+    gone = facts(Scenario(World(room, (Obstacle(0.3, Line((6.1, 2.0), (6.1, 10.0), 1.6)),)), (1.1, 6.1), (11.1, 6.1), spec), 0)
+    assert free.bound < gone.bound < free.bound + 1.0
+
+
+def test_chance():
+    """Draws lie in their ranges and cover them."""
+    chance = Chance(7)
+    numbers = [chance.between(2.0, 3.0) for _ in range(500)]
+    assert 2.0 <= min(numbers) < 2.05 and 2.95 < max(numbers) < 3.0
+    assert {chance.integer(3, 7) for _ in range(200)} == {3, 4, 5, 6}
+
+
+def test_wrong_suites_are_refused():
+    """An unknown suite names those there are; a suite without its file, or with one it does not take, says so."""
+    with pytest.raises(BadParameter, match=", ".join(SUITES)):
+        load_suite("synthetics")
+    for spec in ("maps", "tracks", "synthetic:x.yaml"):
+        with pytest.raises(BadParameter, match="suite"):
+            load_suite(spec)
+    for spec in ("maps:none.yaml", "tracks:none.csv"):
+        with pytest.raises(BadInput, match="none"):
+            load_suite(spec)
+    with pytest.raises(BadParameter, match="episodes"):
+        episodes("synthetic", 0)
+
+
+def test_maps(tmp_path):
+    """Any map file makes a suite; its name tells the content, so that results of a changed map are not mixed up."""
+    walls = np.zeros((60, 80), np.bool_)
+    walls[20:40, 38:42] = True
+    save_map(Grid(walls, 0.2), tmp_path / "hall.yaml")
+    suite = load_suite(f"maps:{tmp_path / 'hall.yaml'}")
+    for episode in episodes(f"maps:{tmp_path / 'hall.yaml'}", 2):
+        scenario, known = stage(episode)
+        assert all(isinstance(one.motion, Bounce) for one in scenario.world.obstacles) and math.isfinite(known.shortest)
+    (tmp_path / "hall.yaml").write_text((tmp_path / "hall.yaml").read_text() + "\n")
+    assert load_suite(f"maps:{tmp_path / 'hall.yaml'}").name != suite.name
+
+
+def walkers(path, *, csv):
+    """Two people who cross, as an obsmat.txt (a place each 0.4 s) or CSV."""
+    lines = []
+    for name, (x, y, vx, vy) in {1: (0.0, 2.0, 1.0, 0.0), 2: (6.0, 8.0, 0.0, -0.9)}.items():
+        for k in range(30):
+            t, px, py = 0.4 * k, x + 0.4 * k * vx, y + 0.4 * k * vy
+            lines.append(f"{t!r},{name},{px!r},{py!r}" if csv else f"{700 + 6 * k} {name} {px!r} 0 {py!r} {vx} 0 {vy}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("csv", [True, False])
+def test_tracks(tmp_path, csv):
+    """Recorded people walk where and when the file says, straight on before and after, in both formats alike."""
+    spec = f"tracks:{walkers(tmp_path / ('t.csv' if csv else 'obsmat.txt'), csv=csv)}"
+    episode = episodes(spec, 1)[0]
+    scenario = build(episode)
+    assert len(scenario.world.obstacles) == 2
+    timeline = scenario.world.timeline(0, 5.0)
+    begin = (timeline.at(0.0)[0][0, 0] - 0.0) / 1.0  # the first walks along x at 1 m/s from x = 0 at time 0
+    for t in (0.0, 0.7, 3.0):
+        assert timeline.at(t)[0] == pytest.approx(np.array([(begin + t, 2.0), (6.0, 8.0 - 0.9 * (begin + t))]), abs=1e-6)
+
+
+@pytest.mark.parametrize("text", ["", "1,2\n", "0,1,a,0\n1,1,0,0\n", "0,1,0,nan\n1,1,0,0\n", "0,1,0,0\n0,1,1,1\n", "\0\0"])
+def test_broken_tracks_are_refused(tmp_path, text):
+    """A broken track file is a typed error that says what it must hold."""
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(BadScenario, match=r"tracks|t,id,x,y"):
+        load_suite(f"tracks:{tmp_path / 't.csv'}")
+
+
+@needs_data
+def test_shipped_maps_of_robots():
+    """A map_server file of a real robot makes a suite whose episodes have a way."""
+    file = next((SHARED / "ros_maps" / "teb_tutorials").glob("*.yaml"))
+    _, known = stage(episodes(f"maps:{file}", 1)[0])
+    assert math.isfinite(known.bound)
