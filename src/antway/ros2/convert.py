@@ -1,0 +1,299 @@
+"""ROS 2 messages to antway's types and back, without ROS: whatever has a message's fields is read as that message.
+
+Messages are written by `make("nav_msgs/msg/Path", header=..., poses=...)`, so that rclpy, rosbags and `plain` can each make
+their own. A map's cells are those of Nav2's map_server: row 0 has the lowest y, 0 is free, 100 blocked, -1 unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.errors import BadInput, BadMap, BadParameter, TooLarge
+from antway.grid import Grid
+from antway.kernels.world import drive, wrap
+from antway.maps.limits import DEFAULT, Limits
+from antway.planning import Plan, Status
+from antway.world.policy import XY, Command, RobotSpec, Tracks
+
+Make = Callable[..., Any]
+SPHERE, CYLINDER, ARROW, ADD, DELETE_ALL = 2, 3, 0, 0, 3  # of visualization_msgs/msg/Marker
+_TILT = 1e-3  # of a quaternion: how far from a unit turn about z it may be
+
+
+def plain(_kind: str, **fields: Any) -> Any:
+    """Make a message of no library: an object with these fields."""
+    return SimpleNamespace(**fields)
+
+
+def seconds(stamp: Any, *, where: str = "") -> float:
+    """Return a builtin_interfaces/msg/Time in s."""
+    sec = checks.integer("stamp.sec", stamp.sec, where=where)
+    return sec + checks.integer("stamp.nanosec", stamp.nanosec, low=0, high=999_999_999, where=where) * 1e-9
+
+
+def stamp_message(t: float, make: Make = plain) -> Any:
+    """Return `t` s, >= 0, as a builtin_interfaces/msg/Time, to the nearest ns."""
+    total = round(checks.number("t", t, low=0.0, high=2.0**31 - 1, unit="s") * 1e9)
+    return make("builtin_interfaces/msg/Time", sec=total // 10**9, nanosec=total % 10**9)
+
+
+def header_message(t: float, frame: str, make: Make = plain) -> Any:
+    """Return a std_msgs/msg/Header of time `t` s in `frame`."""
+    return make("std_msgs/msg/Header", stamp=stamp_message(t, make), frame_id=frame)
+
+
+def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
+    """Return a geometry_msgs/msg/Pose on the floor: m, m, rad."""
+    turn = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    return make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0),
+        orientation=make("geometry_msgs/msg/Quaternion", **turn),
+    )
+
+
+def read_pose(pose: Any, *, error: type[BadInput] = BadParameter, where: str = "pose") -> tuple[float, float, float]:
+    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuses one that is not finite or is tilted."""
+    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), error=error, where=where) for n in "xy")
+    q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), error=error, where=where) for n in "xyzw"]
+    if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
+        raise error("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
+    return x, y, wrap(2.0 * math.atan2(q[2], q[3]))
+
+
+def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
+    """Return the map in a nav_msgs/msg/OccupancyGrid; blocked where it says 100 or -1, unknown where it says -1.
+
+    The message holds the resolution in single precision; it is taken as it is, as map_server's readers do.
+
+    Raises
+    ------
+    BadMap
+        For a length of data other than width times height, costs other than -1 to 100, and numbers that are not finite.
+    TooLarge
+        For more cells than `limits` allow.
+
+    Examples
+    --------
+    >>> grid = Grid(np.array([[False, True]]), resolution=0.5)
+    >>> read_grid(grid_message(grid)) == grid
+    True
+    """
+    where, info = "OccupancyGrid", message.info
+    cols, rows = (
+        checks.integer(f"info.{n}", getattr(info, n), low=1, high=2**32 - 1, error=BadMap, where=where)
+        for n in ("width", "height")
+    )
+    if rows * cols > limits.cells:
+        raise TooLarge("info.width * info.height", rows * cols, f"at most {limits.cells} cells", where=where)
+    if len(message.data) != rows * cols:
+        raise BadMap("data.length", len(message.data), f"info.width * info.height, {rows * cols}", where=where)
+    size = checks.number("info.resolution", info.resolution, low=1e-6, high=1e6, unit="m", error=BadMap, where=where)
+    origin = read_pose(info.origin, error=BadMap, where=f"{where}.info.origin")
+    costs = np.asarray(message.data)
+    if costs.dtype.kind not in "iu" or costs.ndim != 1:
+        raise BadMap("data", costs.dtype.name, "integers", where=where)
+    wrong = (costs < -1) | (costs > 100)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise BadMap(f"data[{i}]", int(costs[i]), "-1 (unknown), or 0 (free) to 100 (blocked)", where=where)
+    costs = costs.reshape(rows, cols)
+    unknown = costs == -1
+    return Grid((costs == 100) | unknown, size, origin, unknown if unknown.any() else None)
+
+
+def costs_message(
+    costs: NDArray[np.int8],
+    resolution: float,
+    origin: tuple[float, float, float],
+    make: Make = plain,
+    *,
+    t: float = 0.0,
+    frame: str = "map",
+) -> Any:
+    """Return costs, int8[H, W] from -1 to 100, as a nav_msgs/msg/OccupancyGrid."""
+    info = make(
+        "nav_msgs/msg/MapMetaData",
+        map_load_time=stamp_message(t, make),
+        resolution=float(np.float32(resolution)),
+        width=costs.shape[1],
+        height=costs.shape[0],
+        origin=pose_message(*origin, make),
+    )
+    return make(
+        "nav_msgs/msg/OccupancyGrid", header=header_message(t, frame, make), info=info, data=costs.astype(np.int8).ravel()
+    )
+
+
+def grid_message(grid: Grid, make: Make = plain, *, t: float = 0.0, frame: str = "map") -> Any:
+    """Return `grid` as a nav_msgs/msg/OccupancyGrid: 0 free, 100 blocked, -1 blocked because unknown."""
+    costs = np.where(grid.blocked, 100, 0).astype(np.int8)
+    if grid.unknown is not None:
+        costs[grid.unknown & grid.blocked] = -1
+    return costs_message(costs, grid.resolution, grid.origin, make, t=t, frame=frame)
+
+
+def path_message(xy: ArrayLike, make: Make = plain, *, t: float = 0.0, frame: str = "map") -> Any:
+    """Return vertices, float[N, 2] in m, as a nav_msgs/msg/Path; each pose looks to the next, the last as the one before."""
+    points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+    yaw = np.arctan2(*np.diff(points, axis=0).T[::-1])
+    yaw = np.append(yaw, yaw[-1:] if len(yaw) else [0.0] * len(points))
+    header = header_message(t, frame, make)
+    poses = [
+        make("geometry_msgs/msg/PoseStamped", header=header, pose=pose_message(x, y, turn, make))
+        for (x, y), turn in zip(points.tolist(), yaw.tolist())
+    ]
+    return make("nav_msgs/msg/Path", header=header, poses=poses)
+
+
+def read_path(message: Any) -> NDArray[np.float64]:
+    """Return the vertices of a nav_msgs/msg/Path, float64[N, 2] in m.
+
+    Raises
+    ------
+    BadParameter
+        For a pose that is not finite or is tilted.
+    """
+    poses = [read_pose(one.pose, where=f"Path.poses[{i}]")[:2] for i, one in enumerate(message.poses)]
+    return np.array(poses, np.float64).reshape(-1, 2)
+
+
+def read_plan(message: Any, grid: Grid) -> Plan:
+    """Return a nav_msgs/msg/Path whose poses stand in neighbouring cells of `grid` as a plan; an empty one as no path.
+
+    Raises
+    ------
+    OutOfBounds, BadParameter
+        For a pose off the map, and for one in no neighbour cell of the one before.
+    """
+    xy = read_path(message)
+    if len(xy) == 0:
+        return Plan(Status.NO_PATH)
+    cells = np.array([grid.cell_at(point) for point in xy], np.int32)
+    steps = np.abs(np.diff(cells, axis=0))
+    far = steps.max(axis=1, initial=0) != 1
+    if far.any():
+        i = int(np.argmax(far)) + 1
+        raise BadParameter(f"Path.poses[{i}]", tuple(xy[i].tolist()), "in a neighbour cell of the pose before")
+    return Plan(Status.FOUND, cells, math.fsum(np.hypot(*steps.T).tolist()) * grid.resolution)
+
+
+def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSpec, make: Make = plain) -> Any:
+    """Return `command`, in the map's frame, as a geometry_msgs/msg/Twist in the robot's.
+
+    A holonomic robot gets the velocity turned by -heading. A differential drive gets the forward speed and the turn rate that
+    bring it, within its limits and one control period, as near the command as `antway.world` would.
+    """
+    vx, vy = command.velocity
+    if robot.drive == "differential":
+        limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, 1.0])
+        wx, wy, turned = drive(*velocity, heading, vx, vy, limits, robot.dt)
+        forward, left, turn = wx * math.cos(turned) + wy * math.sin(turned), 0.0, wrap(turned - heading) / robot.dt
+    else:
+        cos, sin = math.cos(heading), math.sin(heading)
+        forward, left, turn = cos * vx + sin * vy, cos * vy - sin * vx, 0.0
+    return make(
+        "geometry_msgs/msg/Twist",
+        linear=make("geometry_msgs/msg/Vector3", x=forward, y=left, z=0.0),
+        angular=make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=turn),
+    )
+
+
+def read_twist(message: Any, heading: float) -> Command:
+    """Return the velocity of a geometry_msgs/msg/Twist, given in the frame of a robot with that heading, as a command."""
+    x, y = (checks.number(f"linear.{n}", getattr(message.linear, n), where="Twist") for n in "xy")
+    cos, sin = math.cos(heading), math.sin(heading)
+    return Command((cos * x - sin * y, sin * x + cos * y))
+
+
+def read_odometry(message: Any) -> tuple[float, XY, XY, float]:
+    """Return (t, xy, velocity, heading) of a nav_msgs/msg/Odometry: s, m and rad in its frame, m/s turned into it."""
+    x, y, heading = read_pose(message.pose.pose, where="Odometry.pose")
+    return seconds(message.header.stamp), (x, y), read_twist(message.twist.twist, heading).velocity, heading
+
+
+def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
+    """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m, nameless and of unknown velocity."""
+    places = [read_pose(pose, where=f"PoseArray.poses[{i}]")[:2] for i, pose in enumerate(message.poses)]
+    n = len(places)
+    xy = np.array(places, np.float64).reshape(n, 2)
+    return seconds(message.header.stamp), Tracks(np.full(n, -1, np.int64), xy, np.full((n, 2), math.nan), np.full(n, radius))
+
+
+def read_markers(message: Any) -> tuple[float, Tracks]:
+    """Return (t in s, tracks) of a visualization_msgs/msg/MarkerArray.
+
+    Each added sphere or cylinder is a disc as wide as the larger of scale.x and scale.y, named by its id. An added arrow of the
+    same id from points[0] to points[1] is its velocity (m in 1 s); without one the velocity is unknown. Other markers and
+    actions say nothing. The time is the latest of the stamps, so that even an empty scene needs a marker: delete-all.
+
+    Raises
+    ------
+    BadParameter
+        For no marker at all, two discs of one id, and numbers out of range.
+    """
+    if len(message.markers) == 0:
+        raise BadParameter("MarkerArray.markers", [], "at least a delete-all marker, which carries the time")
+    discs: dict[int, tuple[float, float, float]] = {}
+    arrows: dict[int, XY] = {}
+    for i, marker in enumerate(message.markers):
+        where = f"MarkerArray.markers[{i}]"
+        if marker.action != ADD:
+            continue
+        name = checks.integer("id", marker.id, low=0, where=where)
+        if marker.type in (SPHERE, CYLINDER):
+            if name in discs:
+                raise BadParameter("id", name, "of one disc alone", where=where)
+            place = marker.pose.position
+            wide = [checks.number(f"scale.{n}", getattr(marker.scale, n), low=0.0, where=where) for n in "xy"]
+            x, y = (checks.number(f"position.{n}", getattr(place, n), where=where) for n in "xy")
+            discs[name] = (x, y, max(wide) / 2)
+        elif marker.type == ARROW and len(marker.points) == 2:
+            tail, tip = marker.points
+            vx, vy = (checks.number(f"points.{n}", getattr(tip, n) - getattr(tail, n), where=where) for n in "xy")
+            arrows[name] = (vx, vy)
+    rows = np.array(list(discs.values()), np.float64).reshape(-1, 3)
+    velocity = np.array([arrows.get(name, (math.nan, math.nan)) for name in discs], np.float64).reshape(-1, 2)
+    t = max(seconds(marker.header.stamp) for marker in message.markers)
+    return t, Tracks(np.array(list(discs), np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy())
+
+
+def markers_message(tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
+    """Return `tracks` as the visualization_msgs/msg/MarkerArray that `read_markers` reads; RViz shows it as it is."""
+    kind, header = "visualization_msgs/msg/Marker", header_message(t, frame, make)
+
+    def vector(x: float, y: float, z: float) -> Any:
+        return make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+    def point(x: float, y: float) -> Any:
+        return make("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
+
+    def marker(name: int, type: int, xy: XY, size: Any, points: list[Any], action: int = ADD) -> Any:
+        colour = make("std_msgs/msg/ColorRGBA", r=0.8, g=0.3, b=0.1, a=0.8)
+        return make(
+            kind,
+            header=header,
+            ns="velocities" if type == ARROW and action == ADD else "obstacles",
+            id=name,
+            type=type,
+            action=action,
+            pose=pose_message(*xy, 0.0, make),
+            scale=size,
+            color=colour,
+            points=points,
+        )
+
+    markers = [marker(0, ARROW, (0.0, 0.0), vector(0.0, 0.0, 0.0), [], DELETE_ALL)]
+    rows = zip(tracks.id.tolist(), tracks.xy.tolist(), tracks.velocity.tolist(), tracks.radius.tolist())
+    for name, (x, y), (vx, vy), radius in rows:
+        markers.append(marker(name, CYLINDER, (x, y), vector(2 * radius, 2 * radius, 1.0), []))
+        if not math.isnan(vx):
+            markers.append(marker(name, ARROW, (0.0, 0.0), vector(0.05, 0.1, 0.1), [point(x, y), point(x + vx, y + vy)]))
+    return make("visualization_msgs/msg/MarkerArray", markers=markers)

@@ -1,0 +1,162 @@
+"""Messages of ROS: read back as they were written, and refused by name where they are malformed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec, load_map, save_map, solve
+from antway.errors import BadInput, BadMap, BadParameter, TooLarge
+from antway.maps.ros import load_costs
+from antway.planning import Problem
+from antway.ros2 import convert
+from antway.world.policy import Command, Tracks
+from common import cases, free_cells, random_grid
+
+
+def grids(count: int):
+    rng = np.random.default_rng(8)
+    for _ in range(count):
+        grid = random_grid(rng, high=30)
+        unknown = grid.blocked & (rng.random(grid.shape) < 0.3)
+        size = float(np.float32(rng.uniform(0.01, 2.0)))
+        yield rng, Grid(grid.blocked, size, (*rng.uniform(-50, 50, 2), 0.0), unknown if unknown.any() else None)
+
+
+def test_maps_come_back_as_they_were():
+    """A grid written as an OccupancyGrid and read back is equal, bit for bit."""
+    for _, grid in grids(cases(200, 20_000)):
+        assert convert.read_grid(convert.grid_message(grid)) == grid
+
+
+def test_costs_are_those_of_map_server(tmp_path):
+    """An OccupancyGrid of the costs that map_server reads of a file makes the grid that `load_map` makes of it."""
+    for i, (_, grid) in enumerate(grids(cases(20, 500))):
+        file = tmp_path / f"{i}.yaml"
+        save_map(grid, file)
+        costs = load_costs(file)
+        assert (convert.grid_message(grid).data == costs.ravel()).all()
+        assert convert.read_grid(convert.costs_message(costs, grid.resolution, grid.origin)) == load_map(file)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -0.3, math.pi / 2, 3.0, -3.1])
+def test_yaw_survives_the_quaternion(yaw):
+    """The origin's yaw comes back to rounding, and every cell centre with it."""
+    grid = Grid(np.zeros((5, 7), bool), 0.25, (1.0, -2.0, yaw))
+    back = convert.read_grid(convert.grid_message(grid))
+    assert math.isclose(back.origin[2], yaw, rel_tol=1e-15, abs_tol=1e-15)
+    cells = free_cells(grid)
+    np.testing.assert_allclose(back.to_xy(cells), grid.to_xy(cells), rtol=0, atol=1e-14)
+
+
+def spoil(message, rng):
+    """Spoil one part of an OccupancyGrid; the error it must raise."""
+    info, data = message.info, message.data
+    case = rng.integers(12)
+    if case == 0:
+        message.data = data[:-1]
+    elif case == 1:
+        message.data = np.append(data, 0)
+    elif case == 2:
+        info.width, info.height = 2**16, 2**16
+        return TooLarge
+    elif case == 3:
+        info.width = int(rng.choice([0, -1, 2**32]))
+    elif case == 4:
+        info.height = 2**31
+        return TooLarge
+    elif case == 5:
+        message.data = data.astype(np.int16)
+        message.data[rng.integers(len(data))] = rng.choice([-2, -128, 101, 127, 255])
+    elif case == 6:
+        info.resolution = float(rng.choice([0.0, -0.05, math.nan, math.inf]))
+    elif case == 7:
+        setattr(info.origin.position, rng.choice(["x", "y"]), float(rng.choice([math.nan, math.inf])))
+    elif case == 8:
+        setattr(info.origin.orientation, rng.choice(["x", "y", "z", "w"]), math.nan)
+    elif case == 9:
+        info.origin.orientation.z = info.origin.orientation.w = 0.0
+    elif case == 10:
+        message.data = data.astype(np.float64)
+    else:
+        info.width = rng.choice([1.5, "3", None])
+    return BadMap
+
+
+def test_malformed_maps_are_refused_by_name():
+    """Spoilt lengths, sizes, costs, origins and resolutions each raise a `BadInput` that names the field; nothing else."""
+    for rng, grid in grids(cases(300, 100_000)):
+        message = convert.grid_message(grid)
+        expected = spoil(message, rng)
+        with pytest.raises(expected) as caught:
+            convert.read_grid(message)
+        assert "OccupancyGrid" in str(caught.value)
+
+
+def test_plans_come_back_as_they_were():
+    """A plan written as a Path and read back has the same cells and length; an empty Path is no path; jumps are refused."""
+    for rng, grid in grids(cases(100, 5_000)):
+        free = free_cells(grid)
+        if len(free) == 0:
+            continue
+        start, goal = (tuple(map(int, free[i])) for i in rng.integers(len(free), size=2))
+        plan = solve(Problem(grid, start, goal))
+        back = convert.read_plan(convert.path_message(plan.xy(grid)), grid)
+        assert (back.cells == plan.cells).all() and back.status is plan.status
+        assert math.isclose(back.length, plan.length, rel_tol=1e-12) or math.isinf(plan.length)
+    room = Grid(np.zeros((5, 5), bool))
+    with pytest.raises(BadParameter, match=r"poses\[1\]"):
+        convert.read_plan(convert.path_message([(0.5, 0.5), (3.5, 0.5)]), room)
+    with pytest.raises(BadInput, match=r"poses\[0\].*position.x = nan"):
+        convert.read_path(convert.path_message([(math.nan, 0.5)]))
+
+
+def test_commands_come_back_as_they_were():
+    """A holonomic command turned into the robot's frame and back is the same velocity; a differential one keeps the limits."""
+    rng = np.random.default_rng(3)
+    disc, cart = RobotSpec(), RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0)
+    for _ in range(cases(200, 5_000)):
+        velocity, heading = rng.uniform(-1, 1, 2), rng.uniform(-math.pi, math.pi)
+        twist = convert.twist_message(Command(tuple(velocity)), (0.0, 0.0), heading, disc)
+        np.testing.assert_allclose(convert.read_twist(twist, heading).velocity, velocity, rtol=0, atol=1e-15)
+        twist = convert.twist_message(Command(tuple(velocity)), (0.0, 0.0), heading, cart)
+        assert twist.linear.y == 0.0 and 0.0 <= twist.linear.x <= 0.08 + 1e-12 and abs(twist.angular.z) <= 1.0 + 1e-12
+
+
+def test_tracks_come_back_as_they_were():
+    """Tracks written as markers read back the same, with unknown velocities unknown and the stamp to the nanosecond."""
+    rng = np.random.default_rng(4)
+    for n in range(cases(30, 300)):
+        velocity = rng.uniform(-1, 1, (n, 2))
+        velocity[rng.random(n) < 0.3] = math.nan
+        tracks = Tracks(rng.permutation(n).astype(np.int64), rng.uniform(-9, 9, (n, 2)), velocity, rng.uniform(0.1, 1, n))
+        t, back = convert.read_markers(convert.markers_message(tracks, 12.25 + n))
+        assert t == 12.25 + n and (back.id == tracks.id).all()
+        np.testing.assert_array_equal(back.xy, tracks.xy)
+        np.testing.assert_array_equal(back.radius, tracks.radius)
+        np.testing.assert_allclose(back.velocity, tracks.velocity, rtol=0, atol=1e-14)
+
+
+def test_malformed_tracks_are_refused_by_name():
+    """No markers, one id twice, places that are not finite and stamps out of range are refused."""
+    tracks = Tracks(np.array([3]), np.array([[1.0, 2.0]]), np.array([[0.5, 0.0]]), np.array([0.3]))
+    message = convert.markers_message(tracks, 1.0)
+    message.markers.append(message.markers[1])
+    with pytest.raises(BadParameter, match=r"markers\[3\]: id = 3"):
+        convert.read_markers(message)
+    message.markers[:] = []
+    with pytest.raises(BadParameter, match="delete-all"):
+        convert.read_markers(message)
+    message = convert.markers_message(tracks, 1.0)
+    message.markers[1].pose.position.y = math.inf
+    with pytest.raises(BadParameter, match=r"position.y = inf"):
+        convert.read_markers(message)
+    message = convert.markers_message(tracks, 1.0)
+    message.markers[0].header.stamp.nanosec = 10**9
+    with pytest.raises(BadParameter, match="nanosec"):
+        convert.read_markers(message)
+    poses = convert.plain("", header=convert.header_message(2.5, "map"), poses=[convert.pose_message(1.0, 2.0, 0.1)])
+    t, nameless = convert.read_poses(poses, 0.4)
+    assert t == 2.5 and nameless.id.tolist() == [-1] and np.isnan(nameless.velocity).all() and nameless.radius.tolist() == [0.4]
