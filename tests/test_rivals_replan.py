@@ -1,0 +1,113 @@
+"""Rivals that replan, and the oracle: what they must manage, what they cannot, and that the exact ones never touch anything."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec, Scenario, World, make_policy, run
+from antway.arena.suites import Chance, episodes, facts, seed_of, stage
+from antway.errors import BadParameter
+from antway.world.motions import Bounce, Line
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
+from common import cases
+
+ALL = ["follow", "stop", "replan", "dstarlite", "sipp", "oracle"]
+
+
+def room(*obstacles, walls=None, horizon=40.0, reach=math.inf, **more):
+    grid = Grid(np.zeros((40, 60), np.bool_) if walls is None else walls, 0.2)
+    spec = RobotSpec(sensor_range=reach)
+    return Scenario(World(grid, obstacles), (1.1, 4.1), (10.9, 4.1), spec, Sensor(occlusion=False), horizon=horizon, **more)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_free_ways_are_driven_at_full_speed(name):
+    """With nothing in the way each drives the shortest way round walls, touching none, in the time it must take."""
+    walls = np.zeros((40, 60), np.bool_)
+    walls[10:30, 28:32] = True
+    result = run(room(walls=walls), name)
+    assert result.reached
+    # Ways over 8 neighbours are up to 8 % too long.
+    assert result.time <= (1.09 if name == "dstarlite" else 1.03) * facts(room(walls=walls), 0).bound
+
+
+@pytest.mark.parametrize(("name", "passes"), [("follow", False), ("replan", True), ("dstarlite", True), ("sipp", True)])
+def test_something_stands_in_the_way(name, passes):
+    """Whoever looks goes round what stands unknown to the map; `follow` does not look."""
+    assert run(room(Obstacle(0.4, Line((6.1, 4.1), (6.1, 4.1), 0.0))), name).reached is passes
+
+
+def test_stop_waits():
+    """`stop` lets a crossing obstacle pass and goes on; it drives no detour."""
+    result = run(room(Obstacle(0.4, Line((6.1, 1.0), (6.1, 7.0), 0.62))), "stop")
+    assert result.reached and result.waits >= 1 and result.length < 10.0
+    assert run(room(Obstacle(0.4, Line((6.1, 4.1), (6.1, 4.1), 0.0)), horizon=15.0), "stop").outcome.value == "timeout"
+
+
+@pytest.mark.parametrize("name", ["sipp", "oracle"])
+def test_nothing_is_touched_where_the_future_is_known(name):
+    """Where everything is seen and goes straight on, `sipp` touches nothing; `oracle` does not where discs bounce, either."""
+    solved = 0
+    for k in range(cases(40, 1000)):
+        chance = Chance(seed_of("known future", k))
+        obstacles = []
+        while len(obstacles) < 12:
+            at = chance.between(0.5, 11.5), chance.between(0.5, 7.5)
+            if math.dist(at, (1.1, 4.1)) < 1.5:
+                continue
+            speed, heading = chance.between(0.2, 0.9), chance.turn()
+            motion = Bounce(at, speed, heading)
+            if name == "sipp":
+                far = at[0] + 40 * speed * math.cos(heading), at[1] + 40 * speed * math.sin(heading)
+                motion = Line(at, far, speed)
+            obstacles.append(Obstacle(chance.between(0.2, 0.4), motion))
+        scenario = room(*obstacles)
+        policy = make_policy(name, **({"horizon": 100.0} if name == "sipp" else {}))
+        result = run(scenario, policy, seed=k)
+        if result.outcome.value.startswith("hit-"):
+            # Only a robot that is boxed in, with no way at all, may be run into; it stands.
+            assert result.outcome.value == "hit-standing" and policy.explain().action in ("brake", "stuck"), k
+        solved += result.reached
+    assert solved >= 0.95 * cases(40, 1000)
+
+
+def test_the_oracle_is_a_bound():
+    """On synthetic worlds the oracle touches nothing and nobody beats the optimum by more than its grid allows."""
+    for episode in episodes("synthetic", cases(1, 20)):
+        scenario, known = stage(episode)
+        best = run(scenario, "oracle", seed=episode.seed)
+        assert best.reached and best.time >= known.bound - 1e-6, episode.name
+        other = run(scenario, "sipp", seed=episode.seed)
+        assert not other.reached or other.time > 0.9 * known.bound
+
+
+def test_mirrored_predictions_are_better():
+    """A disc comes back from the wall: the mirrored prediction knows it and the constant one does not."""
+    from antway.rivals.replan import Sipp
+    from antway.world.policy import Observation, Tracks
+
+    task = room().task
+    tracks = Tracks(np.array([0]), np.array([[6.1, 7.0]]), np.array([[0.0, 0.8]]), np.array([0.3]))
+    seen = Observation(0.0, (1.1, 4.1), (0.0, 0.0), 0.0, tracks)
+    ends = {}
+    for predictions in ("constant", "mirrored", "frozen"):
+        policy = Sipp(predictions=predictions)
+        policy.reset(task, 0)
+        piece = policy._pieces(seen, 0.0)[-1]
+        ends[predictions] = piece[3] + piece[5] * (piece[1] - piece[0])
+    assert ends["constant"] == pytest.approx(11.0)
+    assert ends["mirrored"] == pytest.approx(2 * 7.7 - 11.0)
+    assert ends["frozen"] == 7.0
+
+
+def test_wrong_options_are_refused():
+    """Options out of range name field, value and what is allowed."""
+    for name, options in (("sipp", {"predictions": "tea"}), ("sipp", {"horizon": 0}), ("stop", {"lookahead": -1})):
+        with pytest.raises(BadParameter, match=next(iter(options))):
+            make_policy(name, **options)
+    with pytest.raises(BadParameter, match="margin"):
+        make_policy("replan", margin=math.nan)
