@@ -74,7 +74,8 @@ def test_earliest_departure_is_safe_and_earliest() -> None:
         departures = np.arange(0.0, 9.0, 0.01)
         moved = pieces + np.array([lag, lag, 0, 0, 0, 0, 0, 0])
         hit = np.any([naive.unsafe_departures(x, y, v, duration, piece, departures) for piece in moved], axis=0)
-        assert hit[departures < s - 1e-6].all() or (departures[departures < s - 1e-6][~hit[departures < s - 1e-6]] < 0).all()
+        missed = departures[(departures < s - 1e-6) & ~hit]  # grazes between samples of the way
+        assert all(np.abs(departures[hit] - m).min() < 0.03 for m in missed)
         assert not hit[np.abs(departures - s) < 1e-9].any()
 
 

@@ -74,7 +74,7 @@ def plan_command(
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
         room = grid.inflate(radius)
-        source, target = (end if cells else standing_cell(name, end, grid, room) for name, end in ends.items())
+        source, target = (end if cells else standing_cell(name, end, grid, room, radius) for name, end in ends.items())
         problem = Problem(room, source, target, rule)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
@@ -320,6 +320,32 @@ def tsp_command(
     print(f"{instance.name}: {tour.length:,.6g}{gap}; {tour.tours:,} tours in {tour.elapsed:.1f} s")
     if out is not None:
         print(f"drawn in {out}")
+    return 0
+
+
+@app.command("serve")
+def serve_command(
+    port: Annotated[int, number_option("port", int, "N", "Port; 0 takes any that is free.")] = 8765,
+    host: Annotated[
+        str,
+        typer.Option(metavar="HOST", help="Address of this machine to open to others, who need the address with its token."),
+    ] = "127.0.0.1",
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
+) -> int:
+    """Serve the live page: draw a place, drop obstacles, watch policies think; Ctrl-C ends it."""
+    import importlib.util
+    import webbrowser
+
+    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
+        raise BadParameter("antway[web]", "not installed", "installed: pip install 'antway[web]'")
+    from antway.web.server import serve
+
+    def ready(url: str) -> None:
+        print(f"antway at {url} (Ctrl-C ends it)", flush=True)
+        if browser:
+            webbrowser.open(url)
+
+    serve(host, port, ready=ready)
     return 0
 
 

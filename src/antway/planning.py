@@ -63,16 +63,16 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
     return cell
 
 
-def standing_cell(name: str, xy: Iterable[float], grid: Grid, room: Grid) -> Cell:
-    """Return the cell that holds the point (x, y) in m, free in `room`, the inflated `grid`; errors name the point."""
+def standing_cell(name: str, xy: Iterable[float], grid: Grid, room: Grid, radius: float) -> Cell:
+    """Return the cell that holds the point (x, y) in m, free in `room`, `grid` inflated by `radius`; errors name the point."""
     point = checks.point(name, xy)
     try:
         cell = room.cell_at(point)
     except OutOfBounds as error:
         raise OutOfBounds(name, point, error.allowed) from None
     if room.blocked[cell]:
-        why = "this cell is blocked" if grid.blocked[cell] else "a wall or the map's edge is nearer than its radius"
-        raise CellBlocked(name, point, f"where the robot can stand; {why}")
+        near = f" with a radius of {radius:g} m; a wall or the map's edge is nearer"
+        raise CellBlocked(name, point, f"where the robot can stand{'; this cell is blocked' if grid.blocked[cell] else near}")
     return cell
 
 
@@ -284,8 +284,9 @@ def plan(
     """
     checks.instance("grid", grid, Grid)
     room = grid.inflate(robot_radius)
+    ends = (("start", start), ("goal", goal))
     return solve(
-        Problem(room, standing_cell("start", start, grid, room), standing_cell("goal", goal, grid, room), moves),
+        Problem(room, *(standing_cell(name, xy, grid, room, robot_radius) for name, xy in ends), moves),
         planner,
         seed=seed,
         time_limit=time_limit,
