@@ -1,0 +1,188 @@
+"""Bags of ROS 2 (rosbag2, as sqlite3 or mcap): traces into them, maps and tracks out of them, by the library rosbags."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import (
+    Nodetype,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from antway import checks
+from antway.errors import BadMap, BadScenario
+from antway.grid import Grid
+from antway.ros2 import convert
+from antway.world.policy import Command, RobotSpec, Tracks
+from antway.world.trace import Trace
+
+T = TypeVar("T")
+STORES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
+_TYPES = get_typestore(Stores.ROS2_JAZZY)
+_KINDS = {
+    "/map": "nav_msgs/msg/OccupancyGrid",
+    "/odom": "nav_msgs/msg/Odometry",
+    "/obstacles": "visualization_msgs/msg/MarkerArray",
+    "/plan": "nav_msgs/msg/Path",
+    "/cmd_vel": "geometry_msgs/msg/TwistStamped",
+}
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    QosTime(0, 0),
+    QosTime(0, 0),
+    QosLiveliness.AUTOMATIC,
+    QosTime(0, 0),
+    False,
+)
+
+
+def make(kind: str, **fields: Any) -> Any:
+    """Make a message of rosbags; fields not given are zero, empty or made so."""
+    values = {name: _zero(*about) for name, about in _TYPES.fielddefs[kind][1] if name not in fields}
+    return _TYPES.types[kind](**fields, **values)
+
+
+def _zero(sort: Nodetype, about: Any) -> Any:
+    if sort is Nodetype.NAME:
+        return make(about)
+    if sort is Nodetype.BASE:
+        return {"string": "", "bool": False}.get(about[0], 0)
+    (inner, of), length = about
+    if inner is Nodetype.BASE and of[0] != "string":
+        return np.zeros(length, of[0])
+    return [_zero(inner, of) for _ in range(length)]
+
+
+def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", begin: float = 0.0) -> dict[str, int]:
+    """Write `trace` as the new bag folder `path`; its time 0 s is `begin` s of the bag.
+
+    Topics: /map once (transient local), /odom and /obstacles (what the robot sensed) at each control step and at the end,
+    /cmd_vel (in the robot's frame, as `antway ros2` sends it) at each step with a command, /plan whenever the plan changed.
+
+    Returns
+    -------
+    dict of str to int
+        How many messages each topic got.
+
+    Raises
+    ------
+    BadParameter
+        For a storage other than mcap and sqlite3.
+    BadScenario
+        If `path` exists.
+    """
+    plugin = STORES[checks.choice("storage", storage, STORES)]
+    begin = checks.number("begin", begin, low=0.0, unit="s")
+    path = Path(path)
+    if path.exists():
+        raise BadScenario("bag", str(path), "a folder that does not exist yet")
+    counts = dict.fromkeys(_KINDS, 0)
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        topics = {
+            topic: writer.add_connection(
+                topic, kind, typestore=_TYPES, offered_qos_profiles=[_LATCHED] if topic == "/map" else []
+            )
+            for topic, kind in _KINDS.items()
+        }
+        for topic, t, message in _messages(trace, begin):
+            writer.write(topics[topic], round((begin + t) * 1e9), _TYPES.serialize_cdr(message, _KINDS[topic]))
+            counts[topic] += 1
+    return counts
+
+
+def _messages(trace: Trace, begin: float) -> Iterator[tuple[str, float, Any]]:
+    """Yield (topic, t in s, message) in the order of time."""
+    robot, plans = trace.task.robot, {step: one.path for step, one in trace.decisions if one.path is not None}
+    yield "/map", 0.0, convert.grid_message(trace.task.grid, make, t=begin)
+    for i, t in enumerate(trace.t.tolist()):
+        (vx, vy), heading = trace.velocity[i].tolist(), float(trace.heading[i])
+        header = convert.header_message(begin + t, "map", make)
+        turned = convert.twist_message(Command((vx, vy)), (0.0, 0.0), heading, RobotSpec(), make)
+        x, y = trace.xy[i].tolist()
+        pose = convert.pose_message(x, y, heading, make)
+        yield (
+            "/odom",
+            t,
+            make(
+                _KINDS["/odom"],
+                header=header,
+                child_frame_id="base_link",
+                pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose),
+                twist=make("geometry_msgs/msg/TwistWithCovariance", twist=turned),
+            ),
+        )
+        seen, line = trace.sensed[i], trace.timeline
+        xy, velocity = line.at(t)
+        tracks = Tracks(line.id[seen], xy[seen], velocity[seen], line.radius[seen])
+        yield "/obstacles", t, convert.markers_message(tracks, begin + t, make)
+        if i in plans:
+            yield "/plan", t, convert.path_message(plans[i].xy, make, t=begin + t)
+        if i < len(trace) and all(map(math.isfinite, trace.command[i])):
+            asked = Command((float(trace.command[i, 0]), float(trace.command[i, 1])))
+            twist = convert.twist_message(asked, (vx, vy), heading, robot, make)
+            base = convert.header_message(begin + t, "base_link", make)
+            yield "/cmd_vel", t, make(_KINDS["/cmd_vel"], header=base, twist=twist)
+
+
+def load_bag_map(path: str | Path, topic: str = "/map") -> Grid:
+    """Return the last map on `topic` of the bag `path`.
+
+    Raises
+    ------
+    BadMap, TooLarge
+        If there is no such topic, or fewer messages than the bag says, or the map is malformed (see `convert.read_grid`).
+    """
+    return _read(path, topic, {"nav_msgs/msg/OccupancyGrid": convert.read_grid}, BadMap)[-1]
+
+
+def load_bag_tracks(path: str | Path, topic: str = "/obstacles", *, radius: float = 0.3) -> list[tuple[float, Tracks]]:
+    """Return (t in s, tracks) of each MarkerArray or PoseArray on `topic` of the bag `path`; poses are discs of `radius` m.
+
+    Raises
+    ------
+    BadScenario, BadParameter
+        If there is no such topic, or fewer messages than the bag says, or one is malformed.
+    """
+    radius = checks.number("radius", radius, low=0.0, open_low=True, unit="m")
+    readers = {
+        "visualization_msgs/msg/MarkerArray": convert.read_markers,
+        "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
+    }
+    return _read(path, topic, readers, BadScenario)
+
+
+def _read(
+    path: str | Path, topic: str, readers: dict[str, Callable[[Any], T]], error: type[BadMap] | type[BadScenario]
+) -> list[T]:
+    """Read every message on `topic`; as many as the bag's metadata says, or it is an error."""
+    where = str(path)
+    found = []
+    try:
+        with AnyReader([Path(path)], default_typestore=_TYPES) as reader:
+            lines = [line for line in reader.connections if line.topic == topic and line.msgtype in readers]
+            promised = sum(line.msgcount for line in lines)
+            if promised == 0:
+                there = ", ".join(sorted(f"{line.topic} ({line.msgtype})" for line in reader.connections)) or "nothing"
+                raise error("topic", topic, f"one with messages of {' or '.join(readers)}; the bag has {there}", where=where)
+            for line, _, data in reader.messages(connections=lines):
+                found.append(readers[line.msgtype](reader.deserialize(data, line.msgtype)))
+    except (AnyReaderError, ReaderError, OSError) as fault:
+        raise error("bag", str(fault), "a readable bag of ROS 2", where=where) from None
+    if len(found) != promised:
+        raise error(f"messages on {topic}", len(found), f"the {promised} of the bag's metadata", where=where)
+    return found

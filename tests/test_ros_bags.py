@@ -1,0 +1,105 @@
+"""Bags: two libraries that antway did not write read back what a trace holds."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway.errors import BadMap, BadParameter, BadScenario
+from antway.ros2.convert import read_odometry, seconds
+from sample import sample_trace
+
+AnyReader = pytest.importorskip("rosbags.highlevel", reason="rosbags is not installed (extra: bags)").AnyReader
+mcap_reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed (extra: bags)")
+bags = pytest.importorskip("antway.ros2.bags")
+load_bag_map, load_bag_tracks, save_bag = bags.load_bag_map, bags.load_bag_tracks, bags.save_bag
+
+
+def check_against(trace, messages, counts, begin):
+    """Counts and values of a bag's messages by topic, as some reader gives them, are those of the trace."""
+    plans = sum(one.path is not None for _, one in trace.decisions)
+    expected = {"/map": 1, "/odom": len(trace) + 1, "/obstacles": len(trace) + 1, "/plan": plans, "/cmd_vel": len(trace)}
+    assert counts == expected and {topic: len(list_) for topic, list_ in messages.items()} == expected
+    grid = trace.task.grid
+    (chart,) = messages["/map"]
+    assert (chart.info.width, chart.info.height) == grid.shape[::-1]
+    assert (np.asarray(chart.data).reshape(grid.shape) == 100 * grid.blocked).all()
+    for i, message in enumerate(messages["/odom"]):
+        t, xy, velocity, heading = read_odometry(message)
+        assert abs(t - begin - trace.t[i]) < 2e-9 and xy == tuple(trace.xy[i])
+        np.testing.assert_allclose(velocity, trace.velocity[i], rtol=0, atol=1e-14)
+        assert math.isclose(heading, trace.heading[i], rel_tol=1e-14, abs_tol=1e-15)
+    for i, message in enumerate(messages["/cmd_vel"]):
+        assert abs(seconds(message.header.stamp) - begin - trace.t[i]) < 2e-9
+        speed = math.hypot(message.twist.linear.x, message.twist.linear.y)
+        assert math.isclose(speed, math.hypot(*trace.command[i]), rel_tol=1e-14, abs_tol=1e-15)
+    paths = [one.path for _, one in trace.decisions if one.path is not None]
+    for message, path in zip(messages["/plan"], paths, strict=True):
+        assert [(p.pose.position.x, p.pose.position.y) for p in message.poses] == [tuple(p) for p in path.xy.tolist()]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_rosbags_reads_what_was_written(tmp_path, storage):
+    """rosbags' own reader finds every message of a trace, with its values, in either storage."""
+    trace, begin = sample_trace(steps=60), 1_700_000_000.0
+    counts = save_bag(trace, tmp_path / "bag", storage=storage, begin=begin)
+    messages = {topic: [] for topic in counts}
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert reader.message_count == sum(counts.values())
+        for line, _, data in reader.messages():
+            messages[line.topic].append(reader.deserialize(data, line.msgtype))
+    # at this date, float64 seconds resolve 2.4e-7 s, so times are compared after the bag's start was taken off
+    first = messages["/odom"][0].header.stamp.sec
+    for topic in ("/odom", "/cmd_vel"):
+        for message in messages[topic]:
+            message.header.stamp.sec -= first
+            message.header.stamp.nanosec = round(message.header.stamp.nanosec, -6)
+    check_against(trace, messages, counts, 0.0)
+
+
+def test_mcap_ros2_support_reads_what_was_written(tmp_path):
+    """mcap-ros2-support finds every message of a trace, with its values."""
+    trace = sample_trace(steps=60)
+    counts = save_bag(trace, tmp_path / "bag")
+    messages = {topic: [] for topic in counts}
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    for one in mcap_reader.read_ros2_messages(str(file)):
+        messages[one.channel.topic].append(one.ros_msg)
+    check_against(trace, messages, counts, 0.0)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_maps_and_tracks_come_back(tmp_path, storage):
+    """The map and the sensed tracks read from a bag are those of the trace."""
+    trace = sample_trace(steps=40, obstacles=5)
+    save_bag(trace, tmp_path / "bag", storage=storage)
+    assert load_bag_map(tmp_path / "bag") == trace.task.grid
+    scans = load_bag_tracks(tmp_path / "bag")
+    assert len(scans) == len(trace.t)
+    for i, (t, tracks) in enumerate(scans):
+        seen = trace.sensed[i]
+        assert abs(t - trace.t[i]) < 2e-9 and (tracks.id == trace.timeline.id[seen]).all()
+        np.testing.assert_array_equal(tracks.xy, trace.timeline.at(trace.t[i])[0][seen])
+        np.testing.assert_array_equal(tracks.radius, trace.timeline.radius[seen])
+
+
+def test_a_bag_that_promises_more_than_it_holds_is_refused(tmp_path):
+    """Metadata that counts more messages than are there, a topic that is not there, and a folder that is no bag are refused."""
+    save_bag(sample_trace(steps=10), tmp_path / "bag", storage="sqlite3")
+    with pytest.raises(BadMap, match=r"/chart.*the bag has"):
+        load_bag_map(tmp_path / "bag", "/chart")
+    with pytest.raises(BadScenario, match="/map"):
+        load_bag_tracks(tmp_path / "bag", "/map")
+    about = tmp_path / "bag" / "metadata.yaml"
+    about.write_text(about.read_text().replace("message_count: 11", "message_count: 12"))
+    with pytest.raises(BadScenario, match="the 12 of the bag's metadata"):
+        load_bag_tracks(tmp_path / "bag")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadMap, match="a readable bag"):
+        load_bag_map(tmp_path / "empty")
+    with pytest.raises(BadScenario, match="does not exist yet"):
+        save_bag(sample_trace(steps=10), tmp_path / "bag")
+    with pytest.raises(BadParameter, match="mcap, sqlite3"):
+        save_bag(sample_trace(steps=10), tmp_path / "other", storage="db4")
