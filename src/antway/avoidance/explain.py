@@ -39,6 +39,7 @@ def explain(
     if path is None:
         return Decision("wait", "no way is safe at the moment: stand", guard=guard, pheromone=pheromone)
     course = _course(path, o.t)
+    bound = min(cost, bound)  # which holds over the grid's moves: a way at any angle may be faster
     other, t, gap = _nearest(o, course, float(path.t[-1]) - o.t)
     waiting = _wait(path, o.t)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
@@ -50,7 +51,7 @@ def explain(
         manner = f"wait {waiting:.1f} s" if waiting > 0.0 else _manner(o, i, path)
         if waiting == 0.0 and action == "follow":
             action = "avoid"
-        delay = max(cost - bound, 0.0)
+        delay = cost - bound
         reason = f"{kind} with obstacle {other}, closest in {t:.1f} s at {max(gap, 0.0):.1f} m: {manner}, +{delay:.1f} s"
     if guard in _STEPS or guard == "slowed":
         reason += f"; guard: {guard}"
@@ -64,7 +65,7 @@ def explain(
         local_target=(float(path.xy[-1, 0]), float(path.xy[-1, 1])),
         path=path,
         alternatives=(("the plan", cost), ("no way is faster than", bound)),
-        gap=max(cost / bound - 1.0, 0.0) if bound > 0.0 else 0.0,
+        gap=cost / bound - 1.0 if bound > 0.0 else 0.0,
         guard=guard,
         pheromone=pheromone,
     )

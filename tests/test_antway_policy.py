@@ -1,0 +1,262 @@
+"""Policy `antway` in episodes: it arrives, keeps its promise, says why, bears bad input, and moves on once the way is free."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import (
+    BadParameter,
+    CellBlocked,
+    Grid,
+    Observation,
+    Outcome,
+    OutOfBounds,
+    RobotSpec,
+    Scenario,
+    Task,
+    Tracks,
+    World,
+    check_episode,
+    make_policy,
+    run,
+)
+from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
+from common import cases
+from crossing import crowd
+
+ACTIONS = {"follow", "avoid", "wait", "brake", "step-aside"}
+ENCOUNTERS = {"", "head-on", "crossing-left", "crossing-right", "overtaking", "standing"}
+ROOM = Grid(np.zeros((20, 40), dtype=bool), 0.25)  # 10 x 5 m
+
+
+def room(*obstacles: Obstacle, grid: Grid = ROOM, **changes) -> Scenario:
+    return Scenario(World(grid, obstacles), (1.0, 2.5), (9.0, 2.5), **changes)
+
+
+def test_crowds_are_crossed_and_decisions_make_sense() -> None:
+    """In every small crowd the robot reaches its goal, the verifier agrees, and every decision has what it must."""
+    for seed in range(cases(12, 300)):
+        result = run(crowd(seed), seed=seed)
+        check_episode(result)
+        assert result.reached, (seed, result.reason)
+        assert result.time < 25.0 and result.cycle_ms.size
+        for _, d in result.trace.decisions:
+            assert d.action in ACTIONS and d.encounter in ENCOUNTERS and d.reason
+            assert d.guard in ("free", "slowed", "braked", "stepped-aside")
+            assert (d.obstacle is None) == (d.encounter == "")
+            if d.obstacle is not None:
+                assert d.time_to_closest >= 0.0 and math.isfinite(d.distance_at_closest)
+                assert d.encounter in d.reason and str(d.obstacle) in d.reason
+            if d.path is not None:
+                assert (np.diff(d.path.t) > 0).all() and np.isfinite(d.path.xy).all()
+                assert math.isfinite(d.gap) and d.gap >= -1e-9 and d.local_target is not None
+                costs = dict(d.alternatives)
+                assert len(costs) == 2 and min(costs.values()) == pytest.approx(costs["no way is faster than"])
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("no velocities", {"sensor": Sensor(velocity="none", occlusion=False)}),
+        ("estimates", {"sensor": Sensor(velocity="estimated", noise=0.02, occlusion=False)}),
+        ("noise", {"sensor": Sensor(noise=0.05, velocity_noise=0.05, occlusion=False)}),
+        ("losses", {"sensor": Sensor(dropout=0.1, period=0.2, latency=0.1, occlusion=False)}),
+        ("inertia", {"robot": RobotSpec(a_max=2.0)}),
+        ("differential", {"robot": RobotSpec(drive="differential")}),
+        ("differential with inertia", {"robot": RobotSpec(drive="differential", a_max=2.0)}),
+    ],
+)
+def test_no_contact_in_motion_with_poor_sensors_and_drives(name: str, changes: dict) -> None:
+    """Without velocities, with noise, losses, inertia or wheels a moving robot touches nothing, and mostly arrives (C24)."""
+    outcomes = []
+    for seed in range(cases(6, 100)):
+        result = run(crowd(seed, count=8, **changes), seed=seed)
+        check_episode(result)
+        assert result.outcome in (Outcome.REACHED, Outcome.HIT_STANDING), (name, seed, result.reason)
+        outcomes.append(result.reached)
+    assert np.mean(outcomes) >= 0.6, name
+
+
+def ambush(rng: np.random.Generator) -> Scenario:
+    """Obstacles that keep to their bounds and are seen early, on the courses that suit a robot least."""
+    blocked = np.zeros((20, 40), dtype=bool)
+    kind = int(rng.integers(4))
+    if kind == 1:  # a corridor
+        blocked[:6, 12:28] = blocked[14:, 12:28] = True
+    elif kind == 2:  # a corner
+        blocked[:11, 18:22] = True
+    y, speed = float(rng.uniform(2.0, 3.0)), float(rng.uniform(0.3, 1.0))
+    obstacles = [Obstacle(0.3, Line((8.4, y), (0.6, 2.5), speed, delay=float(rng.uniform(0, 4))))]  # head-on
+    obstacles += [Obstacle(0.25, RandomWalk((float(rng.uniform(3, 8)), 4.4), speed, 1.0))]
+    obstacles += [Obstacle(0.3, Bounce((5.0, 4.5), speed, float(rng.uniform(-math.pi, math.pi))))]
+    t = np.cumsum(rng.uniform(0.5, 2.0, 12))  # darts about the goal
+    points = np.array([8.0, 2.5]) + np.cumsum(rng.uniform(-0.3, 0.3, (12, 2)), axis=0)
+    if kind == 3:
+        obstacles += [Obstacle(0.2, Replay(tuple(t.tolist()), tuple(map(tuple, points.tolist()))))]
+    sensor = Sensor(occlusion=False)
+    return room(*obstacles, grid=Grid(blocked, 0.25), sensor=sensor, horizon=40.0, obstacle_speed=1.0)
+
+
+def test_adversaries_within_the_assumptions_never_meet_a_moving_robot() -> None:
+    """Head-on, in a corridor, at a corner, in the way of the goal: no contact while the robot moves (C24)."""
+    rng = np.random.default_rng(0)
+    for _ in range(cases(60, 10_000)):
+        scenario, seed = ambush(rng), int(rng.integers(2**32))
+        result = run(scenario, seed=seed)
+        check_episode(result)
+        assert result.outcome in (Outcome.REACHED, Outcome.HIT_STANDING, Outcome.TIMEOUT), (seed, result.reason)
+
+
+def digest(seed: int) -> str:
+    """All that an episode is, as a hash."""
+    result = run(crowd(seed), seed=seed)
+    trace = result.trace
+    parts = [a.tobytes() for a in (trace.t, trace.xy, trace.velocity, trace.command)]
+    parts += [repr((i, d.action, d.reason, d.gap, d.alternatives)).encode() for i, d in trace.decisions]
+    return hashlib.sha256(b"".join(parts)).hexdigest()
+
+
+def test_same_seed_same_bytes_in_two_processes() -> None:
+    """Positions, commands and decisions of an episode are the same bytes in another process, and differ with the seed."""
+    code = "from test_antway_policy import digest; print(digest(3))"
+    other = subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    assert other.stdout.strip() == digest(3) != digest(4)
+
+
+def test_the_robot_moves_on_once_the_way_is_free() -> None:
+    """A door that an obstacle blocks and then leaves is passed at once: the robot moves within 2 s (C28)."""
+    blocked = np.zeros((20, 40), dtype=bool)
+    blocked[:8, 18:22] = blocked[12:, 18:22] = True
+    rng = np.random.default_rng(1)
+    for seed in range(cases(6, 1000)):
+        until, speed = float(rng.uniform(8.0, 20.0)), float(rng.uniform(0.3, 1.0))
+        aside = (7.0, 4.4) if seed % 2 else (3.0, 4.4)
+        way = Replay((0.0, until, until + 3.0 / speed), ((5.0, 2.5), (5.0, 2.5), aside))
+        scenario = room(Obstacle(0.4, way), grid=Grid(blocked, 0.25), obstacle_speed=1.5, horizon=60.0)
+        result = run(scenario, seed=seed)
+        check_episode(result)
+        assert result.reached, (seed, result.reason)
+        t, v = result.trace.t, np.hypot(*result.trace.velocity.T)
+        free = until + 3.0 / speed
+        stands = v[(t > until - 3.0) & (t < until)] < 1e-9
+        assert stands.any() and (v[(t >= until) & (t <= free + 2.0)] > 0.1).any()
+
+
+def test_a_way_that_never_opens_ends_at_the_horizon() -> None:
+    """Where no way exists, moving or not, the robot stands, says so, and the episode ends by its horizon."""
+    blocked = np.zeros((20, 40), dtype=bool)
+    blocked[:8, 18:22] = blocked[12:, 18:22] = True
+    scenario = room(Obstacle(0.45, Line((5.0, 2.5), (5.0, 2.5), 0.0)), grid=Grid(blocked, 0.25), horizon=15.0)
+    result = run(scenario)
+    check_episode(result)
+    assert result.outcome is Outcome.TIMEOUT and result.trace.velocity[-1].tolist() == [0.0, 0.0]
+    walled = blocked.copy()
+    walled[:, 19] = True
+    result = run(room(grid=Grid(walled, 0.25), horizon=5.0))
+    assert result.outcome is Outcome.TIMEOUT and result.length == 0.0
+    assert result.trace.decisions[-1][1].action == "wait"
+
+
+def observed(tracks: Tracks, xy=(5.0, 2.5)) -> tuple[float, float]:
+    """The first command of a fresh policy that sees `tracks`."""
+    policy = make_policy("antway")
+    policy.reset(Task(ROOM, RobotSpec(), (5.0, 2.5), (9.0, 2.5)), 0)
+    command = policy.act(Observation(0.0, xy, (0.0, 0.0), 0.0, tracks)).velocity
+    assert policy.explain().reason
+    return command
+
+
+def one_track(**changes) -> Tracks:
+    fields = {"id": np.array([0]), "xy": np.array([[7.0, 2.5]]), "velocity": np.zeros((1, 2)), "radius": np.array([0.3])}
+    return Tracks(**(fields | changes))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"xy": np.array([[math.nan, 2.5]])},
+        {"xy": np.array([[math.inf, 2.5]])},
+        {"velocity": np.array([[math.inf, 0.0]])},
+        {"radius": np.array([-0.3])},
+        {"radius": np.array([math.nan])},
+        {"radius": np.array([0.3, 0.3])},
+        {"covariance": np.full((1, 4, 4), math.nan)},
+        {"covariance": np.eye(4)},
+    ],
+)
+def test_tracks_that_make_no_sense_raise(changes: dict) -> None:
+    """NaN, infinite and negative numbers and arrays of unequal length raise `BadParameter`; nothing moves."""
+    with pytest.raises(BadParameter):
+        observed(one_track(**changes))
+
+
+def test_a_robot_at_a_place_that_is_no_number_raises() -> None:
+    """So does a robot's own state."""
+    with pytest.raises(BadParameter):
+        observed(one_track(), xy=(math.nan, 2.5))
+
+
+def test_a_robot_in_contact_stands_and_says_why() -> None:
+    """A robot that a track overlaps does not move."""
+    assert observed(one_track(xy=np.array([[5.3, 2.5]]))) == (0.0, 0.0)
+
+
+def test_tracks_inside_walls_and_off_the_map_are_borne() -> None:
+    """A track in a wall or outside the map is predicted like any other, and the robot arrives."""
+    blocked = np.zeros((20, 40), dtype=bool)
+    blocked[:5, 10:30] = True
+    wall, far = Obstacle(0.3, Line((4.0, 0.6), (6.0, 0.6), 0.4)), Obstacle(0.3, Waypoints(((-3.0, 2.5), (-1.0, 2.5)), 0.5))
+    scenario = room(wall, far, grid=Grid(blocked, 0.25), sensor=Sensor(occlusion=False))
+    result = run(scenario)
+    check_episode(result)
+    assert result.reached
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "error"),
+    [
+        ((1.0, 2.5), (5.1, 2.5), CellBlocked),
+        ((5.1, 2.5), (1.0, 2.5), CellBlocked),
+        ((1.0, 2.5), (20.0, 2.5), OutOfBounds),
+    ],
+)
+def test_ends_in_walls_and_off_the_map_raise(start, goal, error) -> None:
+    """A goal or start in a wall, or off the map, raises the typed error at reset."""
+    blocked = np.zeros((20, 40), dtype=bool)
+    blocked[:, 20] = True
+    with pytest.raises(error):
+        make_policy("antway").reset(Task(Grid(blocked, 0.25), RobotSpec(), start, goal), 0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"horizon": 0.0}, {"margin": -0.1}, {"chance": 1.5}, {"gain": 0.0}, {"tests": 0}, {"deposit": -1.0}, {"second_looks": -1}],
+)
+def test_wrong_settings_raise(wrong: dict) -> None:
+    """Settings out of range raise `BadParameter`."""
+    with pytest.raises(BadParameter):
+        make_policy("antway", **wrong)
+
+
+def test_a_policy_that_fails_ends_braked() -> None:
+    """A scan that spoils in mid-episode ends it as an error, with the reason, the robot at rest."""
+    policy = make_policy("antway")
+    whole = policy.act
+
+    def act(observation: Observation):
+        if observation.t > 2.0:
+            observation.tracks.xy[:] = math.nan
+        return whole(observation)
+
+    policy.act = act
+    result = run(room(Obstacle(0.3, Line((6.0, 4.0), (7.0, 4.0), 0.1))), policy)
+    assert result.outcome is Outcome.ERROR and "tracks.xy" in result.reason and result.trace.velocity[-1].tolist() == [0.0, 0.0]
