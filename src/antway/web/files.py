@@ -1,0 +1,167 @@
+"""Files that come to the live page and go from it: maps, scenarios, traces, replay pages. Names and sizes are bounded."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import io
+import re
+import tempfile
+import warnings
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.errors import BadInput, BadMap, BadParameter, TooLarge
+from antway.grid import Grid
+from antway.maps import GreyTrapWarning, Limits, load_map
+from antway.world.policy import RobotSpec
+from antway.world.scenario import Scenario, load_scenario, save_scenario
+from antway.world.trace import Trace
+from antway.world.tracefile import to_json
+from antway.world.world import World
+
+MAX_BYTES = 4 * 2**20  # of all files together, unpacked
+MAX_FILES = 8
+MAX_OBSTACLES = 200
+LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
+_NAME = re.compile(r"[^\W_][\w .()+-]{0,99}")
+_MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
+
+
+def read_upload(files: object) -> Scenario:
+    """Return the scenario in `files`, a list of {name, data in base64}, or one made of the map in them.
+
+    A .zip is unpacked. What counts is the first file of .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm in this order; the
+    others are what it refers to.
+
+    Raises
+    ------
+    BadInput
+        For files that are too many, too large or no scenario or map; the text names them without the folder they stood in.
+    """
+    contents = _unpacked(_decoded(files))
+    with tempfile.TemporaryDirectory(prefix="antway-") as name:
+        folder = Path(name)
+        for file, data in contents.items():
+            (folder / file).write_bytes(data)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", GreyTrapWarning)
+                return _read(folder, list(contents))
+        except BadInput as error:
+            where = error.where.replace(f"{folder}/", "")
+            value = error.value.replace(f"{folder}/", "") if isinstance(error.value, str) else error.value
+            raise type(error)(error.field, value, error.allowed, where=where) from None
+
+
+def _read(folder: Path, names: list[str]) -> Scenario:
+    for suffix in (".toml", *_MAPS):
+        for name in names:
+            if name.lower().endswith(suffix):
+                if suffix != ".toml":
+                    return errand(load_map(folder / name, limits=LIMITS), Path(name).stem)
+                scenario = load_scenario(folder / name)
+                LIMITS.check_shape(*scenario.world.grid.shape, Path(name))
+                return scenario
+    raise BadParameter("files", names, f"a scenario .toml or a map {', '.join(_MAPS)}, and what it refers to, or a .zip")
+
+
+def _decoded(files: object) -> dict[str, bytes]:
+    if not isinstance(files, list) or not 1 <= len(files) <= MAX_FILES:
+        raise BadParameter("files", files, f"1 to {MAX_FILES} files")
+    contents: dict[str, bytes] = {}
+    for i, file in enumerate(files):
+        if not isinstance(file, dict) or not isinstance(file.get("data"), str):
+            raise BadParameter(f"files[{i}]", file, "a name and data")
+        try:
+            contents[_name(file.get("name"))] = base64.b64decode(file["data"], validate=True)
+        except binascii.Error as error:
+            raise BadParameter(f"files[{i}].data", str(error), "base64") from None
+    _total(sum(map(len, contents.values())))
+    return contents
+
+
+def _unpacked(contents: dict[str, bytes]) -> dict[str, bytes]:
+    out: dict[str, bytes] = {}
+    for name, data in contents.items():
+        if not name.lower().endswith(".zip"):
+            out[name] = data
+            continue
+        try:
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                entries = archive.infolist()
+                if len(entries) > MAX_FILES:
+                    raise TooLarge("files.length", len(entries), f"at most {MAX_FILES}", where=name)
+                _total(sum(entry.file_size for entry in entries))
+                for entry in entries:
+                    with archive.open(entry) as file:
+                        out[_name(entry.filename)] = file.read(MAX_BYTES)
+        except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+            raise BadParameter("zip", str(error), "a zip archive", where=name) from None
+    _total(sum(map(len, out.values())))
+    return out
+
+
+def _total(size: int) -> None:
+    if size > MAX_BYTES:
+        raise TooLarge("files", f"{size} bytes", f"at most {MAX_BYTES} bytes together")
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str) or not _NAME.fullmatch(value):
+        raise BadParameter("name", value, "a file's name of at most 100 letters, digits, spaces and _ . ( ) + -")
+    return value
+
+
+def errand(grid: Grid, name: str) -> Scenario:
+    """Return a scenario across the largest part of `grid` in which the robot fits, from low row and column to high."""
+    from scipy.ndimage import label
+
+    robot = RobotSpec(radius=min(0.3, 0.3 * grid.resolution) if grid.resolution >= 1.0 else 0.25)
+    free = ~grid.inflate(robot.radius).blocked
+    parts, count = label(free, np.ones((3, 3), dtype=np.int64))
+    if count == 0:
+        raise BadMap("map", name, f"one on which a robot of {robot.radius:g} m radius can stand")
+    cells = np.argwhere(parts == np.argmax(np.bincount(parts.ravel())[1:]) + 1)
+    rank = cells.sum(axis=1)
+    start, goal = (grid.centre((int(r), int(c))) for r, c in (cells[np.argmin(rank)], cells[np.argmax(rank)]))
+    return Scenario(World(grid), start=start, goal=goal, robot=robot, horizon=600.0, name=name)
+
+
+def packed(mask: NDArray[np.bool_]) -> str:
+    """Return a mask as base64 of its bits, row by row, the lowest bit of a byte first."""
+    return base64.b64encode(np.packbits(mask.ravel(), bitorder="little").tobytes()).decode()
+
+
+def scenario_file(scenario: Scenario) -> dict[str, Any]:
+    """Return a zip of the scenario's TOML and its map, which `read_upload` reads back."""
+    buffer = io.BytesIO()
+    with tempfile.TemporaryDirectory(prefix="antway-") as name, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        save_scenario(scenario, Path(name) / "scenario.toml")
+        for file in sorted(Path(name).iterdir()):
+            archive.write(file, file.name)
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return {"kind": "file", "name": f"{_stem(scenario.name)}.zip", "type": "application/zip", "base64": data}
+
+
+def trace_file(trace: Trace) -> dict[str, Any]:
+    """Return the trace as a file."""
+    name = f"{_stem(trace.scenario)}-{trace.policy}.json"
+    return {"kind": "file", "name": name, "type": "application/json", "text": to_json(trace)}
+
+
+def replay_file(trace: Trace) -> dict[str, Any]:
+    """Return the replay page of a trace as a file."""
+    from antway.view.figures import shortest
+    from antway.view.replay import replay_page
+
+    name = f"{_stem(trace.scenario)}-{trace.policy}.html"
+    return {"kind": "file", "name": name, "type": "text/html", "text": replay_page(trace, shortest=shortest(trace.task))}
+
+
+def _stem(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", name)[:60].strip("-") or "scenario"
