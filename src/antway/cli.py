@@ -328,7 +328,7 @@ def serve_command(
     port: Annotated[int, number_option("port", int, "N", "Port; 0 takes any that is free.")] = 8765,
     host: Annotated[
         str,
-        typer.Option(metavar="HOST", help="Address of this machine to open to others, who need the address with its token."),
+        typer.Option(metavar="HOST", help="Address of this machine to open to others (with a token)."),
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> int:
