@@ -1,0 +1,211 @@
+"""C31, C34, C36, C37: the runner loses no finished episode and gives the same rows however it is run."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import pytest
+
+from antway.arena.engines import Job, bench, load_policy, table_jobs
+from antway.arena.store import TIMING, Results
+from antway.arena.suites import episodes
+from antway.errors import BadParameter, BadResults
+from antway.rivals.replan import Follow
+from common import cases
+
+POLICIES = ["follow", "sipp/predictions=mirrored"]
+
+
+class Crashes(Follow):
+    """Ends its process in the middle of an episode."""
+
+    def act(self, observation):
+        if observation.t > 0.5:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().act(observation)
+
+
+class Hangs(Follow):
+    """Never answers."""
+
+    def act(self, observation):
+        time.sleep(3600)
+
+
+class Raises(Follow):
+    """Fails at the first look."""
+
+    def act(self, observation):
+        raise RuntimeError("no idea")
+
+
+def same(file):
+    """All rows without their timing, as text."""
+    with Results(file, write=False) as results:
+        return [repr(replace(row, **dict.fromkeys(TIMING, 0.0))) for row in results.rows()]
+
+
+@pytest.fixture(scope="module")
+def jobs():
+    return table_jobs(episodes("synthetic", 1)[:9], POLICIES)
+
+
+@pytest.fixture(scope="module")
+def alone(jobs, tmp_path_factory):
+    """Rows of one worker in order, against which all others are held."""
+    file = tmp_path_factory.mktemp("alone") / "r.db"
+    with Results(file) as results:
+        bench(jobs, results)
+    return same(file)
+
+
+@pytest.mark.parametrize("workers", [2, 8])
+def test_workers_and_order_change_nothing(jobs, alone, tmp_path, workers):
+    """C31: 2 and 8 workers on shuffled jobs give the rows of one worker in order, timing apart."""
+    shuffled = list(jobs)
+    random.Random(workers).shuffle(shuffled)
+    with Results(tmp_path / "r.db") as results:
+        bench(shuffled, results, workers=workers)
+    assert same(tmp_path / "r.db") == alone
+
+
+def command(out, *more):
+    start = "from antway.cli import main; main()"
+    line = ["bench", "synthetic", "--episodes", "1", "--policies", "follow", "--workers", "2", "--out", str(out), *more]
+    return [sys.executable, "-c", start, *line]
+
+
+def test_kill_and_resume(tmp_path):
+    """C34: killed at random moments and begun again until done, a run has the rows of one that was left alone, each once."""
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    subprocess.run(command(whole), check=True, capture_output=True)
+    rng, kept = random.Random(5), 0
+    for _ in range(cases(3, 50)):
+        with subprocess.Popen(command(broken), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
+            begun, wanted = time.monotonic(), min(kept + rng.randint(1, 4), 17)
+            while one.poll() is None and time.monotonic() < begun + 120 and count(broken) < wanted:
+                time.sleep(0.02)
+            one.kill()
+        assert count(broken) >= kept, "a finished episode was lost"
+        kept = count(broken)
+    assert kept > 0
+    subprocess.run(command(broken), check=True, capture_output=True)
+    assert same(broken / "results.db") == same(whole / "results.db")
+    assert (broken / "report.html").is_file() and (broken / "results.csv").is_file()
+
+
+def count(folder):
+    try:
+        with Results(folder / "results.db", write=False) as results:
+            return len(results.rows())
+    except BadResults:
+        return 0
+
+
+def test_two_runs_on_one_file(tmp_path):
+    """C36: two runs on one file at once do each other no harm; every episode is there once."""
+    out = tmp_path / "both"
+    runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
+    for one in runs:
+        _, said = one.communicate()
+        assert one.returncode == 0, said
+    assert count(out) == 18
+
+
+def test_a_bad_policy_costs_its_own_episodes_alone(tmp_path):
+    """C37: a policy that kills its process, hangs or raises is a row that says so; the others' rows are as ever."""
+    few = episodes("synthetic", 1)[:2]
+    jobs = [Job(one, name) for one in few for name in ("test_bench:Crashes", "follow", "test_bench:Hangs", "test_bench:Raises")]
+    with Results(tmp_path / "r.db") as results:
+        bench(jobs, results, workers=2, patience=5.0)
+        by = {(row.policy, row.episode): row for row in results.rows()}
+    assert len(by) == len(jobs)
+    for one in few:
+        crashed, hung, raised = (by[f"test_bench:{kind}", one.name] for kind in ("Crashes", "Hangs", "Raises"))
+        assert crashed.outcome == "error" and "-9" in crashed.reason and math.isnan(crashed.time)
+        assert hung.outcome == "timeout" and "5 s of wall time" in hung.reason
+        assert raised.outcome == "error" and "RuntimeError: no idea" in raised.reason
+        assert by["follow", one.name].outcome not in ("error", "timeout")
+
+
+def test_interrupt_ends_soon_and_leaves_a_sound_file(tmp_path):
+    """C37: Ctrl-C ends a run with status 130, its workers with it, and the file goes on."""
+    out = tmp_path / "stopped"
+    with subprocess.Popen(command(out, "--episodes", "50"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
+        while one.poll() is None and count(out) < 2:
+            time.sleep(0.05)
+        one.send_signal(signal.SIGINT)
+        assert one.wait(timeout=60) == 130
+    with Results(out / "results.db") as results:
+        assert len(results.rows()) >= 2
+
+
+def test_json_and_the_table(tmp_path):
+    """--json prints one object on stdout and nothing else; a second run plays nothing again."""
+    for _ in range(2):
+        said = subprocess.run(command(tmp_path / "b", "--json"), check=True, capture_output=True, text=True)
+        record = json.loads(said.stdout)
+        assert record["suite"] == "synthetic" and len(record["summaries"]) == 7
+    assert count(tmp_path / "b") == 18
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (["--policies", "antway,nobody"], "policy = 'nobody': must be one of"),
+        (["--policies", "sipp/horizon"], "NAME or MODULE:CLASS"),
+        (["--policies", "sipp/colour=red"], "options that it has"),
+        (["--policies", "no.such.module:Thing"], "can be imported"),
+        (["--engine", "steam"], "local, ray"),
+        (["--episodes", "0"], "episodes = 0"),
+        (["--workers", "-1"], "workers = -1"),
+    ],
+)
+def test_wrong_input_is_refused(tmp_path, change, said):
+    """Wrong options exit with status 2 and one line that names field, value and what is allowed."""
+    run = subprocess.run(command(tmp_path / "x", *change), capture_output=True, text=True, check=False)
+    assert run.returncode == 2 and said in run.stderr and "Traceback" not in run.stderr
+
+
+def test_a_file_of_others_is_refused(tmp_path):
+    """A results file that is none is refused with status 2 and left as it was."""
+    (tmp_path / "results.db").write_text("mine " * 1000)
+    run = subprocess.run(command(tmp_path), capture_output=True, text=True, check=False)
+    assert run.returncode == 2 and "results" in run.stderr
+    assert (tmp_path / "results.db").read_text() == "mine " * 1000
+
+
+def test_policies_by_name_module_and_option():
+    """A policy is found by name or as MODULE:CLASS, with options in their own types."""
+    assert type(load_policy("test_bench:Raises")) is Raises
+    assert load_policy("sipp/margin=0.1/predictions=mirrored").margin == 0.1
+    for spec in ("", "nobody", "sipp/", "test_bench:Nothing"):
+        with pytest.raises(BadParameter, match="policy"):
+            load_policy(spec)
+
+
+def test_ray_gives_the_same_rows(tmp_path):
+    """The Ray engine, on a cluster started here, gives the rows of the local engine."""
+    pytest.importorskip("ray")
+    script = tmp_path / "both.py"
+    script.write_text(
+        "import sys\n"
+        "from antway.arena.engines import bench, table_jobs\n"
+        "from antway.arena.store import Results\n"
+        "from antway.arena.suites import episodes\n"
+        "if __name__ == '__main__':\n"
+        "    with Results(sys.argv[1]) as results:\n"
+        "        bench(table_jobs(episodes('synthetic', 1)[:3], ['follow']), results, engine=sys.argv[2], workers=2)\n"
+    )
+    for engine in ("local", "ray"):
+        file = tmp_path / f"{engine}.db"
+        subprocess.run([sys.executable, str(script), str(file), engine], check=True, capture_output=True)
+    assert same(tmp_path / "ray.db") == same(tmp_path / "local.db")

@@ -1,0 +1,106 @@
+"""The report is made of the results file alone, opens offline, and treats every name as text."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import run
+from antway.arena.engines import Job, play
+from antway.arena.report import report_page, write_report
+from antway.arena.store import Results
+from antway.arena.suites import episodes, stage
+from antway.arena.summary import level_of, levels, paired, summarise
+from antway.view.replay import replay_page
+from browser import chromium, needs_browser
+
+POLICIES = ["follow", "oracle"]
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("report") / "r.db"
+    with Results(path) as results:
+        for episode in episodes("synthetic", 1)[:6]:
+            for policy in POLICIES:
+                row, trace = play(Job(episode, policy))
+                results.add(row, trace)
+        results.add(replace(row, policy="<script>alert(1)</script>", outcome="error", reason="<b>&amp;"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def rows(file):
+    with Results(file, write=False) as results:
+        return results.rows()
+
+
+def test_rows_measure_the_episode(rows):
+    """A row has the episode's own figures, and those of its world."""
+    episode = episodes("synthetic", 1)[0]
+    scenario, known = stage(episode)
+    result = run(scenario, "oracle", seed=episode.seed)
+    row = next(row for row in rows if row.episode == episode.name and row.policy == "oracle")
+    assert (row.time, row.length, row.clearance) == (result.time, result.length, result.min_clearance)
+    assert (row.bound, row.shortest, row.survival) == (known.bound, known.shortest, known.survival)
+    assert row.flips >= 0 and row.discomfort >= 0.0 and row.jerk > 0.0 and row.cycle_p50 <= row.cycle_p99 <= row.cycle_max
+
+
+def test_summaries(rows):
+    """Counts add up, levels come easiest first, the oracle is at its bound, and pairs share their episodes."""
+    rows = [row for row in rows if row.policy in POLICIES]
+    table = {(one.level, one.policy): one for one in summarise(rows)}
+    ease = [np.mean([row.survival for row in rows if level_of(row) == level]) for level in levels(rows)]
+    assert ease == sorted(ease, reverse=True) and len(ease) == 6 and ("", "oracle") in table
+    for one in table.values():
+        assert sum(one.outcomes.values()) == one.episodes
+        assert one.success_interval[0] <= one.success <= one.success_interval[1]
+    assert table["", "oracle"].success == 1.0 and 1.0 - 1e-9 <= table["", "oracle"].regret < 1.05
+    wins, times = paired(rows, POLICIES)
+    assert all(len(part) == 6 for part in wins.values())
+    assert len({len(part) for part in times.values()}) == 1
+
+
+def test_failures_keep_their_trace(file, rows):
+    """A failed episode has its trace in the file, a reached one has none."""
+    with Results(file, write=False) as results:
+        for row in rows:
+            assert bool(results.trace(row.key)) == (not row.reached and row.policy in POLICIES)
+
+
+def test_the_page_is_whole_and_safe(file, tmp_path):
+    """Nothing is fetched, names are text, every plot and table is there, and the same file gives the same page."""
+    with Results(file, write=False) as results:
+        page = report_page(results, replay_page)
+        assert page == write_report(results, tmp_path / "r.html", replay_page).read_text(encoding="utf-8")
+    assert "<script>alert(1)" not in page and "&lt;script&gt;alert(1)" in page
+    assert not re.search(r"""(src|href)=["']?(https?:)?//""", page)
+    for part in ("Suite synthetic", "Reached by", "Time over the optimum", "Which differences are real", "data-replay="):
+        assert part in page
+
+
+def test_an_empty_file_makes_a_page(tmp_path):
+    """Without rows the report says so and stands."""
+    with Results(tmp_path / "r.db") as results:
+        assert "0 episodes" in report_page(results, replay_page)
+
+
+@needs_browser
+def test_a_thumbnail_opens_the_replay(file, tmp_path):
+    """In a browser: no error, no request, and a click on a failure plays it."""
+    with Results(file, write=False) as results:
+        page = write_report(results, tmp_path / "r.html", replay_page)
+    with chromium() as browser:
+        context = browser.new_context(viewport={"width": 1280, "height": 900})
+        tab, said, asked = context.new_page(), [], []
+        context.on("console", lambda message: said.append(message.text))
+        context.on("request", lambda request: asked.append(request.url))
+        tab.goto(page.as_uri())
+        with context.expect_page() as opened:
+            tab.locator("[data-replay]").first.click()
+        opened.value.wait_for_selector("#outcome")
+        assert "synthetic" in opened.value.locator("#title").inner_text()
+        assert not said and all(url.startswith(("file:", "blob:", "data:")) for url in asked)
