@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from antway.ants.front import alternatives as alternatives
+    from antway.ants.front import pareto as pareto
+    from antway.ants.gridpath import explore as explore
     from antway.ants.tsp import load_tsp as load_tsp
     from antway.ants.tsp import solve_tsp as solve_tsp
     from antway.errors import AntwayError as AntwayError
@@ -21,7 +24,9 @@ if TYPE_CHECKING:
     from antway.errors import TooLarge as TooLarge
     from antway.grid import Grid as Grid
     from antway.grid import Moves as Moves
+    from antway.maps import load_costs as load_costs
     from antway.maps import load_map as load_map
+    from antway.maps import load_scen as load_scen
     from antway.maps import save_map as save_map
     from antway.planning import PLANNERS as PLANNERS
     from antway.planning import Budget as Budget
@@ -31,7 +36,9 @@ if TYPE_CHECKING:
     from antway.planning import TimedPath as TimedPath
     from antway.planning import plan as plan
     from antway.planning import solve as solve
+    from antway.search.batch import solve_many as solve_many
     from antway.search.dijkstra import distance_field as distance_field
+    from antway.search.sipp import sipp as sipp
     from antway.verify import check_episode as check_episode
     from antway.verify import check_plan as check_plan
     from antway.world.episode import EpisodeResult as EpisodeResult
@@ -53,9 +60,13 @@ if TYPE_CHECKING:
 _HOME = {
     "errors": "AntwayError BadInput BadMap BadParameter BadScenario CellBlocked InvalidPlan OutOfBounds TooLarge",
     "grid": "Grid Moves",
-    "maps": "load_map save_map",
+    "maps": "load_costs load_map load_scen save_map",
     "planning": "PLANNERS Budget Plan Problem Status TimedPath plan solve",
     "search.dijkstra": "distance_field",
+    "search.batch": "solve_many",
+    "search.sipp": "sipp",
+    "ants.gridpath": "explore",
+    "ants.front": "alternatives pareto",
     "verify": "check_episode check_plan",
     "ants.tsp": "load_tsp solve_tsp",
     "world.world": "World",

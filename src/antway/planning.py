@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 from importlib.metadata import entry_points
 from typing import Any, Protocol, cast
 
@@ -215,13 +216,18 @@ PLANNERS: dict[str, str] = {
 }
 
 
+@lru_cache(maxsize=64)
+def _load(target: str) -> Any:
+    module, _, attribute = target.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
 def find(kind: str, name: object, table: dict[str, str], group: str) -> Any:
     """Return what `table`, or a third party's entry point of `group`, has under `name`; imported at first use."""
     if isinstance(name, str) and name not in table:
         for point in entry_points(group=group, name=name):
             return point.load()
-    module, _, attribute = table[checks.choice(kind, name, table)].partition(":")
-    return getattr(importlib.import_module(module), attribute)
+    return _load(table[checks.choice(kind, name, table)])
 
 
 def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: float | None = None, **options: Any) -> Plan:
@@ -284,9 +290,9 @@ def plan(
     """
     checks.instance("grid", grid, Grid)
     room = grid.inflate(robot_radius)
-    ends = (("start", start), ("goal", goal))
+    source, target = (standing_cell(name, xy, grid, room, robot_radius) for name, xy in (("start", start), ("goal", goal)))
     return solve(
-        Problem(room, *(standing_cell(name, xy, grid, room, robot_radius) for name, xy in ends), moves),
+        Problem(room, source, target, moves),
         planner,
         seed=seed,
         time_limit=time_limit,
