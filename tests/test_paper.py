@@ -26,12 +26,13 @@ def hall(*obstacles: Obstacle, **changes) -> Scenario:
     return Scenario(World(HALL, obstacles), (1.125, 3.125), (9.125, 3.125), horizon=60.0, **changes)
 
 
+@pytest.mark.parametrize("policy", ["paper", "antway"])
 @pytest.mark.parametrize("name", SCENES)
-def test_the_shipped_scenes_are_crossed_without_contact(name: str) -> None:
+def test_the_shipped_scenes_are_crossed_without_contact(name: str, policy: str) -> None:
     """Seed after seed the robot reaches the goal, touches nothing, and the verifier agrees."""
     scenario = load_scenario(scene(name))
     for seed in range(cases(4, 50)):
-        result = run(scenario, "paper", seed=seed)
+        result = run(scenario, policy, seed=seed)
         check_episode(result)
         assert result.reached, (name, seed, result.outcome, result.reason)
 
@@ -87,6 +88,39 @@ def test_other_robots_and_sensors_arrive(changes: dict) -> None:
         result = run(hall(disc, **changes), "paper", seed=seed)
         check_episode(result)
         assert result.reached, (changes, seed, result.outcome)
+
+
+def crowded(seed: int, robot: RobotSpec) -> Scenario:
+    """A hall with boxes that five slow discs cross."""
+    rng = np.random.default_rng(seed)
+    boxes = rng.random((16, 28)) < 0.05
+    boxes[:, :3] = boxes[:, -3:] = False
+    x = 3.0 + 2.0 * np.arange(5) + rng.uniform(-0.5, 0.5, 5)
+    ends = zip(x.tolist(), (x + rng.uniform(-0.8, 0.8, 5)).tolist())
+    discs = [Obstacle(0.3, BackAndForth((a, 0.4), (b, 7.6), (0.15, 0.4), (0.0, 1.0))) for a, b in ends]
+    world = World(Grid(np.kron(boxes, np.ones((2, 2), dtype=bool)), 0.25), discs)
+    return Scenario(world, (1.0, 4.0), (13.0, 4.0), robot, horizon=90.0, obstacle_speed=0.5)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        RobotSpec(),
+        RobotSpec(a_max=1.5),
+        RobotSpec(a_max=0.8),
+        RobotSpec(drive="differential"),
+        RobotSpec(drive="differential", a_max=1.0, turn_rate=1.5),
+    ],
+)
+def test_crowded_rooms_are_crossed_by_every_robot(robot: RobotSpec) -> None:
+    """With inertia, wheels or neither the robot never drives into anything, and mostly arrives in time."""
+    outcomes = []
+    for seed in range(cases(4, 40)):
+        result = run(crowded(seed, robot), "paper", seed=seed)
+        check_episode(result)
+        outcomes.append(result.outcome)
+    assert not {Outcome.HIT_MOVING, Outcome.HIT_WALL, Outcome.ERROR} & set(outcomes)
+    assert outcomes.count(Outcome.REACHED) >= 0.75 * len(outcomes), outcomes
 
 
 def test_no_way_and_blind_robots_stand() -> None:

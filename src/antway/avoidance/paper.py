@@ -21,7 +21,7 @@ from antway.avoidance.local_target import local_target
 from antway.avoidance.routes import STOP, Nodes, Routes, Ways
 from antway.avoidance.tubes import Tubes
 from antway.planning import Problem, Status, TimedPath
-from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 
 WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
 NEAR = 2.0  # s; a conflict farther off, with no way round yet, is no reason to stop
@@ -88,7 +88,7 @@ class PaperPolicy:
         self.colonies = 0
         self.places: dict[int, tuple[float, XY]] = {}
         if len(self.nodes):
-            path = self.routes.timed(0.0, task.start, self.nodes)
+            path = self.routes.timed(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()), self.nodes)
             self.decision = Decision("follow", "the shortest path over the map", path=path)
         else:
             self.decision = Decision("stuck", "the map has no way to the goal for this robot")
@@ -104,6 +104,10 @@ class PaperPolicy:
             if len(home) and self._free(ahead, home, longer=self.lookahead / 2):
                 self._resume(observation, home)
         self.nodes = self.routes.ahead(observation.xy, self.nodes)
+        if self.routes.astray(observation, self.nodes):
+            self._resume(observation, self.routes.to_goal(observation.xy))
+            if not len(self.nodes):
+                return STOP
         when, who = self._conflict(ahead, self.nodes)
         if when == math.inf:
             if self.decision.action in ("wait", "brake", "step-aside") and not self.retreating:
@@ -136,7 +140,7 @@ class PaperPolicy:
         return Ahead(seen, tubes, self.spec.radius + room, velocity, seen.t + self.lookahead, self.growth)
 
     def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> tuple[float, int]:
-        return ahead.conflict(self.routes.timed(ahead.seen.t, ahead.seen.xy, nodes, hold), ahead.until + hold + longer)
+        return ahead.conflict(self.routes.timed(ahead.seen, nodes, hold), ahead.until + hold + longer)
 
     def _free(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> bool:
         return self._conflict(ahead, nodes, hold, longer)[0] == math.inf
@@ -209,9 +213,10 @@ class PaperPolicy:
             if found.plan.status is Status.NO_PATH or not len(found.plan.cells):
                 continue
             nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(room), route[i + 1 :], rest)))
-            if self._free(ahead, nodes):
-                x, y = route[i].tolist()
-                return Detour(nodes, (x, y), reason, found)
+            x, y = route[i].tolist()
+            for way in (routes.pulled(seen.xy, nodes), nodes) if routes.stops else (nodes,):
+                if self._free(ahead, way):
+                    return Detour(way, (x, y), reason, found)
         return None
 
     def _refuge(self, ahead: Ahead) -> Nodes | None:
@@ -229,21 +234,22 @@ class PaperPolicy:
             nearest = np.flatnonzero(free)[np.argsort(far[free], kind="stable")]
             for row, col in cells[nearest[:REFUGES]].tolist():
                 nodes = routes.joined(seen.xy, ways.nodes((row, col))[::-1])
-                if ahead.conflict(routes.timed(seen.t, seen.xy, nodes), until)[0] == math.inf:
+                nodes = routes.pulled(seen.xy, nodes) if routes.stops else nodes
+                if ahead.conflict(routes.timed(seen, nodes), until)[0] == math.inf:
                     return nodes
         return None
 
     def _last_resort(self, ahead: Ahead, who: int, costs: Costs) -> Command:
         """Nothing is free: take the velocity, rest first, that puts contact off longest."""
-        seen, spec, step = ahead.seen, self.spec, max(self.spec.dt, 0.3)
+        seen, spec = ahead.seen, self.spec
+        push = max(spec.dt, 0.3) + (math.pi / 2 / spec.turn_rate if spec.drive == "differential" else 0.0)
         best, velocity = -math.inf, (0.0, 0.0)
         for k in range(17):
             angle, speed = 2 * math.pi * k / 16, spec.v_max if k else 0.0
             v = (speed * math.cos(angle), speed * math.sin(angle))
-            end = (seen.xy[0] + v[0] * step, seen.xy[1] + v[1] * step)
-            if self.routes.clear(seen.xy, end):
-                path = np.array([seen.t, seen.t + step]), np.array([seen.xy, end])
-                contact, _ = ahead.tubes.conflict(*path, ahead.until, spec.radius + 0.02)
+            path = self.routes.driven(seen, v, push if k else 0.0)
+            if path is not None:
+                contact, _ = ahead.tubes.conflict(path.t, path.xy, ahead.until, spec.radius + 0.02)
                 if contact > best:
                     best, velocity = contact, v
         self.nodes, self.held, self.retreating = np.array([seen.xy]), -math.inf, True
@@ -268,7 +274,7 @@ class PaperPolicy:
                 "history": detour.found.history,
             }
         if action in ("avoid", "step-back"):
-            more["path"] = self.routes.timed(seen.t, seen.xy, self.nodes)
+            more["path"] = self.routes.timed(seen, self.nodes)
         self.decision = Decision(
             action,
             reason,
@@ -282,7 +288,7 @@ class PaperPolicy:
 
     def _resume(self, seen: Observation, nodes: Nodes) -> None:
         self.nodes, self.held, self.retreating = nodes, -math.inf, False
-        path = self.routes.timed(seen.t, seen.xy, nodes)
+        path = self.routes.timed(seen, nodes)
         self.decision = Decision("follow", "the way is free again", path=path)
 
     def _drive(self, seen: Observation) -> Command:

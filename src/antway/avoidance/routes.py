@@ -11,6 +11,7 @@ from antway.errors import OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.field import STRAIGHT, descend
 from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.world import REST, drive
 from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.dijkstra import Wave
@@ -37,7 +38,7 @@ class Ways:
     def nodes(self, cell: Cell) -> Nodes:
         """Return the centres of the cells on the way from `cell` to the one cell; empty if there is none."""
         at, net = self.net.at(cell), self.net
-        if not self.wave.label[at] <= self.wave.known:
+        if not (math.isfinite(self.wave.label[at]) and self.wave.label[at] <= self.wave.known):
             return np.empty((0, 2))
         flat = descend(net.around, net.table, net.offsets, self.wave.label, at)
         return self.room.to_xy(np.column_stack(np.divmod(flat, net.width)))
@@ -82,7 +83,10 @@ class Routes:
         """Return the shortest way from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
         here = self.cell(xy)
         nodes = np.empty((0, 2)) if here is None or self.home is None else self.home.nodes(here)
-        return np.vstack((self.joined(xy, nodes), self.task.goal)) if len(nodes) else nodes
+        if not len(nodes):
+            return nodes
+        nodes = np.vstack((self.joined(xy, nodes), self.task.goal))
+        return self.pulled(xy, nodes) if self.stops else nodes
 
     def joined(self, xy: XY, nodes: Nodes) -> Nodes:
         """Return `nodes`, a way that begins at the centre of a cell near `xy`, without that centre where `xy` sees the next."""
@@ -90,13 +94,81 @@ class Routes:
             return nodes[1:]
         return nodes
 
-    def timed(self, t: float, xy: XY, nodes: Nodes, hold: float = 0.0) -> TimedPath:
-        """Return the motion that stands at `xy` from `t` for `hold` s and then drives along `nodes` at full speed."""
-        points = np.vstack((xy, xy, nodes)) if hold > 0.0 else np.vstack((xy, nodes))
-        times = np.hypot(*np.diff(points, axis=0).T) / self.task.robot.v_max
+    def pulled(self, xy: XY, nodes: Nodes) -> Nodes:
+        """Return the way from `xy` along `nodes` without those that can be left out: the corners of a string pulled tight."""
+        points, kept, here = [xy, *map(tuple, nodes.tolist())], [], 0
+        while here < len(nodes):
+            there = here + 1
+            while there < len(nodes) and self.clear(points[here], points[there + 1]):
+                there += 1
+            kept.append(points[there])
+            here = there
+        return np.array(kept)
+
+    def timed(self, seen: Observation, nodes: Nodes, hold: float = 0.0) -> TimedPath:
+        """Return the motion that stands for `hold` s and then drives along `nodes`, as fast as this robot drives that way."""
+        points = np.vstack((seen.xy, nodes))
+        if self.stops:
+            times, points = self._stop_and_go(seen, points)
+        else:
+            times = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T) / self.task.robot.v_max)))
         if hold > 0.0:
-            times[0] = hold
-        return TimedPath(t + np.concatenate(([0.0], np.cumsum(times))), points)
+            times, points = np.concatenate(([0.0], hold + times)), np.vstack((seen.xy, points))
+        return TimedPath(seen.t + times, points)
+
+    def _stop_and_go(self, seen: Observation, points: Nodes) -> tuple[NDArray[np.float64], Nodes]:
+        """Return times and places of a robot that stops and turns at each corner: six knots a leg."""
+        spec = self.task.robot
+        legs = np.diff(points, axis=0)
+        points = points[np.concatenate(([True], np.hypot(*legs.T) > 1e-9))]
+        legs = np.diff(points, axis=0)
+        angle = np.arctan2(legs[:, 1], legs[:, 0])
+        corner = np.concatenate(([True], np.abs(np.sin(np.diff(angle) / 2)) > 1e-6, [True])) if len(legs) else np.array([True])
+        points = points[corner]
+        if len(points) == 1:
+            return np.zeros(1), points
+        angle = angle[corner[:-1]]
+        way = np.diff(points, axis=0)
+        length = np.hypot(*way.T)
+        along = math.cos(angle[0]) * seen.velocity[0] + math.sin(angle[0]) * seen.velocity[1]
+        speed = math.hypot(*seen.velocity)
+        on = speed - along < 1e-6  # it drives along the first leg already; else it stops first
+        begin = np.zeros(len(way))
+        begin[0] = along if on else 0.0
+        pause = np.full(len(way), 2.0 * spec.dt)
+        pause[0] = 0.0 if on else speed / spec.a_max
+        if spec.drive == "differential":
+            turn = np.diff(np.concatenate(([seen.heading], angle)))
+            pause += np.abs(turn - 2 * math.pi * np.round(turn / (2 * math.pi))) / spec.turn_rate
+        if math.isinf(spec.a_max):
+            top, up, down = np.full(len(way), spec.v_max), np.zeros(len(way)), np.zeros(len(way))
+        else:
+            top = np.minimum(np.sqrt(spec.a_max * length + begin**2 / 2), spec.v_max)
+            top = np.maximum(top, begin)
+            up, down = (top - begin) / spec.a_max, top / spec.a_max
+        gained, lost = (begin + top) / 2 * up, top / 2 * down
+        cruise = np.maximum(length - gained - lost, 0.0) / top
+        half_up = (begin + (begin + top) / 2) / 2 * up / 2
+        spans = np.column_stack((pause, up / 2, up / 2, cruise, down / 2, down / 2))
+        done = np.column_stack((0 * length, half_up, gained, length - lost, length - lost / 4, length))
+        share = np.minimum(np.maximum(done, 0.0), length[:, None]) / length[:, None]
+        places = points[:-1, None, :] + share[:, :, None] * way[:, None, :]
+        return np.concatenate(([0.0], np.cumsum(spans.ravel()))), np.vstack((points[:1], places.reshape(-1, 2)))
+
+    def driven(self, seen: Observation, velocity: XY, push: float) -> TimedPath | None:
+        """Return what the robot does when told to drive at `velocity` for `push` s and then to stop; None if into a wall."""
+        spec = self.task.robot
+        limits = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential")])
+        (x, y), (vx, vy), heading, n = seen.xy, seen.velocity, seen.heading, 0
+        points = [seen.xy]
+        while n * spec.dt < push or math.hypot(vx, vy) > REST:
+            cx, cy = velocity if n * spec.dt < push else (0.0, 0.0)
+            vx, vy, heading = drive(vx, vy, heading, cx, cy, limits, spec.dt)
+            x, y, n = x + vx * spec.dt, y + vy * spec.dt, n + 1
+            if not self.clear(points[-1], (x, y)):
+                return None
+            points.append((x, y))
+        return TimedPath(seen.t + spec.dt * np.arange(n + 1, dtype=np.float64), np.array(points))
 
     @staticmethod
     def length(xy: XY, nodes: Nodes) -> float:
@@ -134,6 +206,11 @@ class Routes:
             here, rest = (float(nodes[0, 0]), float(nodes[0, 1])), nodes[1:]
         return Command(((here[0] - seen.xy[0]) / dt, (here[1] - seen.xy[1]) / dt)), rest if len(rest) else nodes[-1:]
 
+    def astray(self, seen: Observation, nodes: Nodes) -> bool:
+        """Tell whether a robot that could not turn at once has come to rest where it does not see the next of `nodes`."""
+        x, y = nodes[0].tolist()
+        return self.stops and math.hypot(*seen.velocity) < 1e-6 and not self.clear(seen.xy, (x, y))
+
     def _to_corner(self, seen: Observation, nodes: Nodes) -> Command:
         """Drive straight to the next corner and stop there: a robot with inertia or one that must turn keeps on its way so."""
         spec = self.task.robot
@@ -142,7 +219,7 @@ class Routes:
             i += 1
         x, y = nodes[i].tolist()
         way = math.dist(seen.xy, (x, y))
-        if way < 1e-9:
+        if way < 1e-9 or not self.clear(seen.xy, (x, y)):
             return STOP
         ux, uy = (x - seen.xy[0]) / way, (y - seen.xy[1]) / way
         aside = abs(ux * seen.velocity[1] - uy * seen.velocity[0])
