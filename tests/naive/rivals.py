@@ -39,11 +39,15 @@ def gradient(function, at: np.ndarray, step: float = 1e-6) -> np.ndarray:
     return np.array([(function(at + e) - function(at - e)) / (2 * step) for e in np.eye(len(at)) * step])
 
 
-def neighbours(shape: tuple[int, int], row: int, col: int) -> list[tuple[int, int, float]]:
-    """The up to 8 neighbours of a cell and their distances."""
-    around = [(i, j) for i, j in itertools.product((-1, 0, 1), repeat=2) if (i, j) != (0, 0)]
-    near = [(row + i, col + j, math.hypot(i, j)) for i, j in around]
-    return [(r, c, d) for r, c, d in near if 0 <= r < shape[0] and 0 <= c < shape[1]]
+def neighbours(kind: np.ndarray, row: int, col: int) -> list[tuple[int, int, float]]:
+    """The up to 8 neighbours of a cell and their distances; diagonal ones only if both side cells are not closed (1)."""
+    near = []
+    for i, j in itertools.product((-1, 0, 1), repeat=2):
+        r, c = row + i, col + j
+        inside = 0 <= r < kind.shape[0] and 0 <= c < kind.shape[1] and (i, j) != (0, 0)
+        if inside and (i == 0 or j == 0 or (kind[row, c] != 1 and kind[r, col] != 1)):
+            near.append((r, c, math.hypot(i, j)))
+    return near
 
 
 def relaxed(kind: np.ndarray, gain: float) -> np.ndarray:
@@ -54,7 +58,7 @@ def relaxed(kind: np.ndarray, gain: float) -> np.ndarray:
         i = row * kind.shape[1] + col
         b[i] = kind[row, col] == 2
         if kind[row, col] == 0:
-            for r, c, d in neighbours(kind.shape, row, col):
+            for r, c, d in neighbours(kind, row, col):
                 a[i, r * kind.shape[1] + c] -= weight / d
     return np.linalg.solve(a, b).reshape(kind.shape)
 
@@ -66,7 +70,7 @@ def shunted(kind: np.ndarray, time: float, step: float = 1e-4) -> np.ndarray:
         change = np.zeros_like(x)
         for row, col in np.ndindex(kind.shape):
             drive = 100.0 * (kind[row, col] == 2) - 100.0 * (kind[row, col] == 1)
-            excited = max(drive, 0.0) + sum(0.7 / d * max(x[r, c], 0.0) for r, c, d in neighbours(kind.shape, row, col))
+            excited = max(drive, 0.0) + sum(0.7 / d * max(x[r, c], 0.0) for r, c, d in neighbours(kind, row, col))
             here = x[row, col]
             change[row, col] = -10.0 * here + (1.0 - here) * excited - (1.0 + here) * max(-drive, 0.0)
         x += step * change
@@ -83,8 +87,9 @@ def first_touch(
     samples: int = 20001,
 ) -> float:
     """When a disc that goes straight first touches one of `discs` (x, y, vx, vy, least distance) or the wall x = `wall`."""
-    for t in np.linspace(0.0, horizon, samples):
-        x, y = start[0] + velocity[0] * t, start[1] + velocity[1] * t
-        if x + radius > wall or any(math.hypot(d[0] + d[2] * t - x, d[1] + d[3] * t - y) < d[4] for d in discs):
-            return float(t)
-    return math.inf
+    t = np.linspace(0.0, horizon, samples)
+    x, y = start[0] + velocity[0] * t, start[1] + velocity[1] * t
+    touched = x + radius > wall
+    for d in discs:
+        touched |= np.hypot(d[0] + d[2] * t - x, d[1] + d[3] * t - y) < d[4]
+    return float(t[touched][0]) if touched.any() else math.inf

@@ -73,7 +73,7 @@ def shunt(
         row = i if order & 1 == 0 else rows - 1 - i
         for j in range(1, cols - 1):
             col = j if order & 2 == 0 else cols - 1 - j
-            excited = mu * _around(x, row, col) + (drive if kind[row, col] == TARGET else 0.0)
+            excited = mu * _around(x, kind, row, col) + (drive if kind[row, col] == TARGET else 0.0)
             inhibited = drive if kind[row, col] == CLOSED else 0.0
             rate = decay + excited + inhibited
             rest = (upper * excited - lower * inhibited) / rate
@@ -99,7 +99,7 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], gain: float, order: i
             if kind[row, col] == TARGET:
                 new = 1.0
             else:
-                new = 0.0 if kind[row, col] == CLOSED else weight * _around(x, row, col)
+                new = 0.0 if kind[row, col] == CLOSED else weight * _around(x, kind, row, col)
             if new != x[row, col]:
                 change = max(change, abs(new - x[row, col]) / max(new, x[row, col]))
                 x[row, col] = new
@@ -107,17 +107,26 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], gain: float, order: i
 
 
 @kernel
-def _around(x: NDArray[np.float64], row: int, col: int) -> float:
-    """Sum of the positive activities of the 8 neighbours, each over its distance in cells."""
+def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int) -> float:
+    """Sum of the positive activities of the neighbours, each over its distance; diagonal ones if `_linked`."""
     straight = max(x[row - 1, col], 0.0) + max(x[row, col - 1], 0.0) + max(x[row, col + 1], 0.0) + max(x[row + 1, col], 0.0)
-    above = max(x[row - 1, col - 1], 0.0) + max(x[row - 1, col + 1], 0.0)
-    below = max(x[row + 1, col - 1], 0.0) + max(x[row + 1, col + 1], 0.0)
-    total: float = straight + _DIAGONAL * (above + below)
+    diagonal = 0.0
+    for r in (row - 1, row + 1):
+        for c in (col - 1, col + 1):
+            if x[r, c] > 0.0 and _linked(kind, row, col, r, c):
+                diagonal += x[r, c]
+    total: float = straight + _DIAGONAL * diagonal
     return total
 
 
 @kernel
-def climb(x: NDArray[np.float64], row: int, col: int, steps: int) -> NDArray[np.int64]:
+def _linked(kind: NDArray[np.uint8], row: int, col: int, r: int, c: int) -> bool:
+    """Tell whether a robot can go from one cell to a neighbour: diagonally only past two cells that are not closed."""
+    return kind[row, c] != CLOSED and kind[r, col] != CLOSED
+
+
+@kernel
+def climb(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, steps: int) -> NDArray[np.int64]:
     """Go from a cell to its most active neighbour, and on, for at most `steps` steps or to where none is more active.
 
     Returns
@@ -130,7 +139,7 @@ def climb(x: NDArray[np.float64], row: int, col: int, steps: int) -> NDArray[np.
         best, to_row, to_col = max(x[row, col], 0.0), -1, -1
         for r in range(row - 1, row + 2):
             for c in range(col - 1, col + 2):
-                if x[r, c] > best:
+                if x[r, c] > best and (r == row or c == col or _linked(kind, row, col, r, c)):
                     best, to_row, to_col = x[r, c], r, c
         if to_row < 0:
             return path[:n]

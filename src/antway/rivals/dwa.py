@@ -42,7 +42,7 @@ class Dwa(Follow):
     -----
     Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, IEEE Robotics & Automation Magazine 4(1), 1997.
     There a candidate is an arc of given speed and turn rate; here it is a command, which for a differential drive begins such
-    an arc. Obstacles stand still there.
+    an arc. Obstacles stand still there, and the weights are 2, 0.2 and 0.2, which leave this robot standing before corners.
     """
 
     def __init__(
@@ -50,12 +50,12 @@ class Dwa(Follow):
         *,
         heading: float = 1.0,
         dist: float = 1.0,
-        vel: float = 0.2,
+        vel: float = 1.1,
         horizon: float = 2.0,
         look_ahead: float = 2.0,
         directions: int = 36,
         speeds: int = 4,
-        margin: float = 0.05,
+        margin: float = 0.1,
     ) -> None:
         self.heading = checks.number("heading", heading, low=0.0)
         self.dist = checks.number("dist", dist, low=0.0)

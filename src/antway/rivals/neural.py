@@ -22,9 +22,9 @@ class Neural:
     """Climb the activity of a shunting neural network, one neuron a cell; nothing is learnt.
 
     Each neuron follows dx/dt = -A x + (B - x)([I]+ + sum_j mu [x_j]+ / d_j) - (D + x)[I]-, over its 8 neighbours at distance
-    d_j, with I = E at the goal and -E in cells that are closed: to the robot's centre by a wall, or by an obstacle where it is
-    now. Activity is positive only by what spreads from the goal, so it has no other peak. The network is at rest on the empty
-    map when an episode begins; each cycle then lets `sweeps` times `span` s pass.
+    d_j (diagonal ones only past two open cells), with I = E at the goal and -E in cells that are closed: to the robot's centre
+    by a wall, or by an obstacle where it is now. Activity is positive only by what spreads from the goal, so it has no other
+    peak. The network is at rest on the empty map when an episode begins; each cycle then lets `sweeps` times `span` s pass.
 
     Known faults: activity falls by a factor of 5 to 15 a cell, and beyond some 270 cells of a corridor it is below the smallest
     float64 and the robot is stuck; obstacles are avoided where they are and not where they will be.
@@ -98,7 +98,7 @@ class Neural:
         stamp(kind, self.frame, now(o)[0], o.tracks.radius + task.robot.radius + self.margin)
         for _ in range(self.sweeps):
             self._sweep(kind)
-        target = self._up(o)
+        target = self._up(o, kind)
         if target is None:
             self._decide("stuck", "no cell in reach is more active")
             return STOP
@@ -119,12 +119,12 @@ class Neural:
         row, col = self.task.grid.cell_at(xy)
         return row + 1, col + 1
 
-    def _up(self, o: Observation) -> XY | None:
+    def _up(self, o: Observation, kind: NDArray[np.uint8]) -> XY | None:
         """Return the farthest place in sight on the way up, about one control period from here."""
         here = self._cell(o.xy)
         if here == self.goal:
             return self.task.goal
-        for cell in climb(self.x, *here, self.steps)[::-1].tolist():
+        for cell in climb(self.x, kind, *here, self.steps)[::-1].tolist():
             place = self.task.goal if tuple(cell) == self.goal else self.task.grid.centre((cell[0] - 1, cell[1] - 1))
             if clear(self.task, o.xy, place):
                 return place
