@@ -261,7 +261,7 @@ def search(
             _pop(memory)  # stale
         bound = memory.heap_key[0] if memory.counter[4] > 0 else math.inf
         if bound >= best_cost - gain:
-            return best, best_cost, min(bound, best_cost)
+            break
         s = memory.heap_state[0]
         _pop(memory)
         beta = betas[ant % len(betas)]
@@ -326,4 +326,4 @@ def search(
             if then < 0 or memory.key[then] > most:
                 break
             s = then
-    return best, best_cost, min(bound, best_cost)
+    return best, best_cost, max(min(bound, best_cost - gain), t0 + here)  # what would gain less was passed over

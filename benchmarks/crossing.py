@@ -1,0 +1,174 @@
+"""The colony in space and time beside exact search, and the time of a control cycle.
+
+Run as `python benchmarks/crossing.py [--seeds N]`. Prints two tables and writes them to benchmarks/out/crossing.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from antway import Grid, RobotSpec, Scenario, Status, World, run
+from antway.avoidance.policy import AntwayPolicy, make_memory, make_trails
+from antway.kernels import spacetime
+from antway.search.sipp import Sipp
+from antway.world.motions import Bounce
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
+from crossing import local_problem
+
+MIXED, SLACK = np.array([100.0, 30.0, 10.0, 100.0]), np.array([9.0, 0.0, 0.05, 0.2])
+GREEDY = np.full(4, 100.0)
+HORIZON, GAIN, TESTS = 20.0, 0.001, 10**6
+COLONIES = {"mixed ants, no pheromone": (MIXED, 0.0), "mixed ants, pheromone": (MIXED, 20.0), "greedy ants": (GREEDY, 0.0)}
+
+
+def local(seeds: int) -> list[dict[str, object]]:
+    """Local problems, each by SIPP and by every colony: share solved, gap of the way from now to the goal, time.
+
+    No wait is bound to end within `HORIZON`; problems whose optimum arrives within it count.
+    """
+    rng = np.random.default_rng(0)
+    memory = make_memory(31 * 31, 1 << 16, 1 << 18)
+    gaps: dict[str, list[float]] = {name: [] for name in COLONIES}
+    ms: dict[str, list[float]] = {name: [] for name in (*COLONIES, "SIPP")}
+    unsound = 0
+    for seed in range(seeds):
+        grid, robot, start, goal, place, pieces = local_problem(rng)
+        x, y = grid.centre(start)
+        sipp = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=robot.v_max)
+        exact, best = None, math.inf
+        for _ in range(3):
+            begun = time.perf_counter()
+            exact = sipp.search((x, y), 0.0, pieces)
+            best = min(best, time.perf_counter() - begun)
+        solvable = exact.status is Status.FOUND and exact.arrival < HORIZON - 1.0
+        if solvable:
+            ms["SIPP"].append(1e3 * best)
+        for name, (betas, amount) in COLONIES.items():
+            best = math.inf
+            for _ in range(3):
+                trails, state = make_trails(31 * 31), np.array([seed], np.uint64)
+                begun = time.perf_counter()
+                end, arrival, bound = spacetime.search(
+                    memory,
+                    trails,
+                    place,
+                    pieces,
+                    0.0,
+                    x,
+                    y,
+                    0.0,
+                    HORIZON,
+                    0,
+                    betas,
+                    SLACK,
+                    GAIN,
+                    math.inf,
+                    TESTS,
+                    amount,
+                    state,
+                )
+                best = min(best, time.perf_counter() - begun)
+            if solvable:
+                gaps[name].append(arrival / exact.arrival - 1.0 if end >= 0 else math.inf)
+                ms[name].append(1e3 * best)
+                unsound += bound > exact.arrival + 1e-6 or arrival < exact.arrival - 1e-6
+            elif exact.status is Status.NO_PATH:
+                unsound += arrival < HORIZON - 1.0
+    assert not unsound, f"{unsound} answers contradict exact search"
+    rows = []
+    for name, times in ms.items():
+        gap = np.array(gaps.get(name, [0.0] * len(times)))
+        solved = np.isfinite(gap)
+        rows.append(
+            {
+                "search": name,
+                "solvable": len(gap),
+                "solved %": 100 * solved.mean(),
+                "mean gap %": 100 * gap[solved].mean(),
+                "p95 gap %": 100 * np.percentile(gap[solved], 95),
+                "median ms": float(np.median(times)),
+                "p99 ms": float(np.percentile(times, 99)),
+                "times SIPP": float(np.median(np.array(times) / np.array(ms["SIPP"]))),
+            }
+        )
+    return rows
+
+
+def hall(seed: int, discs: int) -> Scenario:
+    """An open hall of 16 x 16 m with bouncing discs that never yield."""
+    rng = np.random.default_rng(seed)
+    obstacles: list[Obstacle] = []
+    while len(obstacles) < discs:
+        xy, radius = rng.uniform(1.0, 15.0, 2), float(rng.uniform(0.2, 0.45))
+        if math.dist(xy, (1.5, 1.5)) > 2.0:
+            motion = Bounce(tuple(xy.tolist()), float(rng.uniform(0.3, 0.9)), float(rng.uniform(-math.pi, math.pi)))
+            obstacles.append(Obstacle(radius, motion))
+    bounds = {"obstacle_speed": 0.9, "obstacle_surge": 0.5}
+    world = World(Grid(np.zeros((80, 80), dtype=bool), 0.2), tuple(obstacles))
+    return Scenario(world, (1.5, 1.5), (14.5, 14.5), RobotSpec(sensor_range=30.0), Sensor(occlusion=False), **bounds)
+
+
+def cycles(episodes: int) -> list[dict[str, object]]:
+    """Time of a control cycle with all discs in range, and how much faster than time itself an episode is, unrecorded."""
+    rows = []
+    for discs in (0, 5, 10, 20, 30):
+        policy = AntwayPolicy()
+        run(hall(0, discs), policy, record=False)
+        ms, simulated, taken, reached = [], 0.0, 0.0, 0
+        for seed in range(episodes):
+            scenario = hall(seed, discs)
+            begun = time.perf_counter()
+            result = run(scenario, policy, seed=seed, record=False)
+            taken += time.perf_counter() - begun
+            ms.append(result.cycle_ms)
+            simulated += result.time
+            reached += result.reached
+        every = np.concatenate(ms)
+        rows.append(
+            {
+                "tracks": discs,
+                "episodes": episodes,
+                "reached": reached,
+                "median ms": float(np.median(every)),
+                "p99 ms": float(np.percentile(every, 99)),
+                "times real time": simulated / taken,
+            }
+        )
+    return rows
+
+
+def show(console: Console, title: str, rows: list[dict[str, object]]) -> None:
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        table.add_row(*(f"{value:.4g}" if isinstance(value, float) else str(value) for value in row.values()))
+    console.print(table)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=1000)
+    parser.add_argument("--episodes", type=int, default=30)
+    options = parser.parse_args()
+    console = Console()
+    local(3)  # compile
+    tables = {"local": local(options.seeds), "cycle": cycles(options.episodes)}
+    show(console, "31 x 31 cells, 12 % blocked, 3-14 discs, against exact search over the same moves", tables["local"])
+    show(console, "policy antway, a control cycle and a whole episode, one core", tables["cycle"])
+    out = Path(__file__).parent / "out" / "crossing.json"
+    out.parent.mkdir(exist_ok=True)
+    out.write_text(json.dumps(tables, indent=1))
+
+
+if __name__ == "__main__":
+    main()
