@@ -1,0 +1,126 @@
+"""Faults of sensor, clock and policy under the guard (C26), and robots that go on once the way clears (C28)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway.avoidance.guard import Guarded
+from antway.world.motions import BackAndForth, Line
+from antway.world.policy import Command, Tracks
+from antway.world.world import Obstacle
+from common import cases
+
+HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
+AT, TIMEOUT = 2.0, 0.5  # s; when the fault sets in, and the guard's patience
+STOPS = ("blackout", "stale stamp", "clock ahead", "clock back", "slow", "nothing", "nan", "exception")
+CARRIES_ON = ("dropped", "duplicated", "reordered", "noise")
+
+
+def pick(tracks: Tracks, rows: np.ndarray) -> Tracks:
+    return Tracks(tracks.id[rows], tracks.xy[rows], tracks.velocity[rows], tracks.radius[rows])
+
+
+class Faulty:
+    """A guarded policy whose observations, or whose commands on the way to the guard, go wrong from `AT` on."""
+
+    def __init__(self, policy: str, fault: str, seed: int) -> None:
+        self.inner, self.fault, self.rng = make_policy(policy), fault, np.random.default_rng(seed)
+        self.guarded = Guarded(self)
+        self.outer = True
+
+    def reset(self, task, seed) -> None:
+        if self.outer:
+            self.outer = False
+            self.guarded.reset(task, seed)
+            self.outer = True
+        else:
+            self.inner.reset(task, seed)
+
+    def act(self, o):
+        if self.outer:
+            self.outer = False
+            try:
+                return self.guarded.act(self.spoil(o))
+            finally:
+                self.outer = True
+        command = self.inner.act(o)
+        if o.t >= AT:
+            if self.fault == "exception":
+                raise RuntimeError("the planner broke")
+            if self.fault in ("slow", "nothing"):  # ten cycles over time: nothing arrives meanwhile
+                return None if self.fault == "nothing" or round(o.t / 0.1) % 10 else command
+            if self.fault == "nan":
+                return Command((math.nan, 0.0))
+        return command
+
+    def explain(self):
+        return replace(self.inner.explain(), guard=self.guarded.guard.did)
+
+    def spoil(self, o):
+        n, tracks = len(o.tracks), o.tracks
+        if o.t < AT:
+            self.last = o
+            return replace(o, stamp=o.t)
+        return {
+            "blackout": lambda: replace(o, stamp=self.last.t, tracks=self.last.tracks),
+            "stale stamp": lambda: replace(o, stamp=o.t - 1.0),
+            "clock ahead": lambda: replace(o, t=o.t + 3600.0, stamp=o.t),
+            "clock back": lambda: replace(o, t=o.t - 1.5, stamp=o.t - 1.5) if o.t < AT + 1.4 else replace(o, stamp=o.t - 9.0),
+            "dropped": lambda: replace(o, tracks=pick(tracks, np.flatnonzero(self.rng.random(n) < 0.5))),
+            "duplicated": lambda: replace(o, tracks=pick(tracks, np.repeat(np.arange(n), 2))),
+            "reordered": lambda: replace(o, tracks=pick(tracks, self.rng.permutation(n))),
+            "noise": lambda: replace(o, tracks=replace(tracks, xy=tracks.xy + self.rng.normal(0.0, 0.06, (n, 2)))),
+        }.get(self.fault, lambda: o)()
+
+
+def hall(seed: int) -> Scenario:
+    discs = [Obstacle(0.3, BackAndForth((x, 0.4), (x, 5.6), (0.3, 0.5), (0.0, 1.0))) for x in (4.0, 6.5)]
+    robot = RobotSpec(a_max=[math.inf, 2.0][seed % 2])
+    return Scenario(World(HALL, discs), (1.1, 3.1), (9.1, 3.1), robot, horizon=30.0, obstacle_speed=0.6)
+
+
+@pytest.mark.parametrize("policy", ["paper", "antway"])
+@pytest.mark.parametrize("fault", STOPS + CARRIES_ON)
+def test_faults_stop_the_robot_or_do_no_harm(fault: str, policy: str) -> None:
+    """The robot stands within timeout + braking, never moves into a contact, and the record names what was wrong (C26)."""
+    for seed in range(cases(3, 50)):
+        scenario = hall(seed)
+        horizon = 6.0 if fault in STOPS else 30.0
+        result = run(scenario, Faulty(policy, fault, seed), seed=seed, horizon=horizon)
+        check_episode(result)
+        assert result.outcome not in (Outcome.HIT_MOVING, Outcome.HIT_WALL)
+        stop = 0.0 if math.isinf(scenario.robot.a_max) else scenario.robot.stop_time
+        late = result.trace.t[1:] > AT + TIMEOUT + stop + 2.5 * scenario.robot.dt
+        speed = np.hypot(*result.trace.velocity[1:].T)
+        if fault == "exception":
+            assert result.outcome is Outcome.ERROR and "the planner broke" in result.reason
+        elif fault == "slow":
+            assert result.outcome in (Outcome.TIMEOUT, Outcome.HIT_STANDING)
+            assert speed[late].mean() < 0.3 if late.any() else True
+        elif fault in STOPS:
+            assert result.outcome in (Outcome.TIMEOUT, Outcome.HIT_STANDING)
+            assert (speed[late] < 1e-6).all()
+            assert result.trace.decisions[-1][1].guard == "braked"
+
+
+@pytest.mark.parametrize("policy", ["paper", "antway"])
+def test_the_robot_goes_on_within_two_seconds_once_the_way_clears(policy: str) -> None:
+    """A gate closed by a disc that then leaves for good: the robot that waited moves on within 2 s (C28)."""
+    blocked = np.zeros((24, 40), dtype=bool)
+    blocked[:10, 18:22] = blocked[14:, 18:22] = True
+    for seed in range(cases(5, 100)):
+        delay = 10.0 + 0.37 * seed
+        gate = Obstacle(0.45, Line((5.0, 3.0), (9.4, 0.6), 1.0, delay))
+        scenario = Scenario(World(Grid(blocked, 0.25), [gate]), (1.1, 3.1), (9.1, 4.6), horizon=60.0)
+        result = run(scenario, policy, seed=seed)
+        check_episode(result)
+        moving = np.hypot(*result.trace.velocity[1:].T) > 0.1
+        since = result.trace.t[1:]
+        clears = delay + 4.5 / 1.0 / 2  # it has left the gate by then
+        assert result.reached and not moving[(since > 8.0) & (since < delay)].all()
+        assert moving[(since > clears) & (since < clears + 2.0)].any()
