@@ -122,7 +122,7 @@ def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int)
 @kernel
 def _linked(kind: NDArray[np.uint8], row: int, col: int, r: int, c: int) -> bool:
     """Tell whether a robot can go from one cell to a neighbour: diagonally only past two cells that are not closed."""
-    return kind[row, c] != CLOSED and kind[r, col] != CLOSED
+    return not (kind[row, c] == CLOSED or kind[r, col] == CLOSED)
 
 
 @kernel
