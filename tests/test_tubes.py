@@ -1,0 +1,109 @@
+"""Tubes and ways of policy `paper` against sampled twins and plain Dijkstra; timed paths against what the robot then does."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec, Scenario, World, distance_field, run
+from antway.avoidance.routes import Routes, Ways
+from antway.avoidance.tubes import Tubes
+from antway.world.policy import Observation, Tracks
+from common import cases, free_cells, random_grid
+
+OPEN = Grid(np.zeros((40, 40), dtype=bool), 0.25)
+
+
+def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
+    tracks = Tracks(
+        np.arange(count), rng.uniform(1, 9, (count, 2)), rng.uniform(-1, 1, (count, 2)), rng.uniform(0.2, 0.5, count)
+    )
+    return Tubes.predict(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 8.0)
+
+
+def gap(course: Tubes, t: float, x: float, y: float, growth: float) -> float:
+    """Least distance of the point (x, y) from the edges of the tubes at time t."""
+    gaps = []
+    for k in range(len(course.radius)):
+        part = slice(course.first[k], course.first[k + 1])
+        px, py = (np.interp(t, course.knot_t[part], course.knot_xy[part, i]) for i in (0, 1))
+        gaps.append(math.hypot(px - x, py - y) - course.radius[k] - growth * t)
+    return min(gaps)
+
+
+def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
+    """A place is free exactly if no sampled instant from arrival on finds it in a tube, but for a hair's breadth."""
+    rng = np.random.default_rng(3)
+    for _ in range(cases(40, 2000)):
+        course, t, xy = tubes(rng), rng.uniform(0, 5, 8), rng.uniform(1, 9, (8, 2))
+        free = course.standing(t, xy, 6.0, 0.4, 0.0)
+        for i in range(8):
+            least = min(gap(course, s, *xy[i], 0.0) for s in np.linspace(t[i], 6.0, 400)) - 0.4
+            assert abs(least) < 0.02 or free[i] == (least > 0.0)
+
+
+def test_conflicts_are_those_that_sampling_finds() -> None:
+    """The first conflict of a timed path is the first sampled instant within a tube; without one there is none."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(40, 2000)):
+        course, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
+        t = np.cumsum(rng.uniform(0.5, 2.0, 4))
+        when, who = course.conflict(t, xy, 7.0, 0.3)
+        times = np.linspace(t[0], max(7.0, t[0]), 1500)
+        gaps = np.array([gap(course, s, np.interp(s, t, xy[:, 0]), np.interp(s, t, xy[:, 1]), 0.0) for s in times]) - 0.3
+        inside = np.flatnonzero(gaps < -0.01)
+        if when == math.inf:
+            assert who == -1 and not len(inside)
+        else:
+            assert gap(course, when, np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1]), 0.0) < 0.3 + 1e-6
+            assert not len(inside) or when <= times[inside[0]]
+
+
+def test_ways_are_shortest_and_none_leads_where_none_can() -> None:
+    """Ways of the field of one cell have the lengths that Dijkstra gives; unreachable and far cells have none."""
+    rng = np.random.default_rng(5)
+    for _ in range(cases(60, 2000)):
+        grid = random_grid(rng, 4, 20)
+        free = free_cells(grid)
+        if not len(free):
+            continue
+        cell = tuple(free[rng.integers(len(free))].tolist())
+        within = [math.inf, 5.0][rng.integers(2)]
+        exact, ways = distance_field(grid, cell, within=within), Ways(grid, cell, within)
+        assert np.allclose(ways.distance(), exact)
+        for row, col in free[:: max(1, len(free) // 10)].tolist():
+            nodes = ways.nodes((row, col))
+            assert (len(nodes) == 0) == math.isinf(exact[row, col])
+            if len(nodes):
+                assert nodes[0].tolist() == list(grid.centre((row, col))) and nodes[-1].tolist() == list(grid.centre(cell))
+                assert math.isclose(np.hypot(*np.diff(nodes, axis=0).T).sum(), exact[row, col], abs_tol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "robot", [RobotSpec(a_max=1.0), RobotSpec(drive="differential"), RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0)]
+)
+def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
+    """A robot with inertia or wheels is where its timed path says, within a few control periods' way."""
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked[12:28, 12:28] = True
+    scenario = Scenario(World(Grid(blocked, 0.25), ()), (1.1, 1.1), (9.1, 9.1), robot)
+    result = run(scenario, "paper")
+    assert result.reached
+    routes, trace = Routes(scenario.task), result.trace
+    nodes = routes.to_goal(scenario.start)
+    for i in (0, 8, 20):
+        seen = Observation(
+            float(trace.t[i]), tuple(trace.xy[i]), tuple(trace.velocity[i]), float(trace.heading[i]), Tracks.none()
+        )
+        path = routes.timed(seen, routes.ahead(seen.xy, nodes))
+        place = np.column_stack([np.interp(trace.t[i:], path.t, path.xy[:, k]) for k in (0, 1)])
+        assert np.hypot(*(place - trace.xy[i:]).T).max() < 0.5
+
+
+def test_a_standing_obstacle_has_a_standing_tube() -> None:
+    """What does not move is predicted to stay."""
+    tracks = Tracks(np.array([1]), np.array([[5.0, 5.0]]), np.zeros((1, 2)), np.array([0.3]))
+    course = Tubes.predict(Observation(2.0, (1.0, 1.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 5.0)
+    assert np.allclose(course.knot_xy, (5.0, 5.0))
