@@ -1,0 +1,50 @@
+"""A polygon footprint as discs that cover it: what a planner for discs can promise for a robot that is none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+
+
+def circumscribed_radius(polygon: ArrayLike) -> float:
+    """Return the radius of the disc around (0, 0), about which the robot turns, that holds `polygon` (float64[N, 2], m).
+
+    A way for that disc is one for the robot in every orientation; ways that only fit it turned are not found.
+
+    Examples
+    --------
+    >>> circumscribed_radius([(0.3, 0.4), (-0.3, 0.4), (-0.3, -0.4), (0.3, -0.4)])
+    0.5
+    """
+    points = _polygon(polygon)
+    return float(np.hypot(points[:, 0], points[:, 1]).max())
+
+
+def covering_discs(polygon: ArrayLike, count: int) -> tuple[NDArray[np.float64], float]:
+    """Return the centres, float64[count, 2], and the radius in m of equal discs that cover the box around `polygon`.
+
+    They stand in a row along the longer side; each covers its share of the box exactly to the corners.
+
+    Raises
+    ------
+    BadParameter
+    """
+    points, count = _polygon(polygon), checks.integer("count", count, low=1, high=1000)
+    low, high = points.min(axis=0), points.max(axis=0)
+    axis = int(np.argmax(high - low))
+    step = (high[axis] - low[axis]) / count
+    centres = np.tile((low + high) / 2.0, (count, 1))
+    centres[:, axis] = low[axis] + step * (np.arange(count) + 0.5)
+    return centres, math.hypot(step, float(high[1 - axis] - low[1 - axis])) / 2.0
+
+
+def _polygon(polygon: ArrayLike) -> NDArray[np.float64]:
+    points = checks.array("polygon", polygon, (None, 2))
+    if len(points) < 3:
+        raise BadParameter("polygon", len(points), "at least 3 corners")
+    return points
