@@ -134,7 +134,7 @@ def _casadi() -> ModuleType:
         import casadi
     except ImportError:
         raise MissingExtra("smooth needs CasADi: install antway[smooth]") from None
-    return casadi  # type: ignore[no-any-return]
+    return casadi
 
 
 def _solve(

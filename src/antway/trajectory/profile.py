@@ -115,8 +115,8 @@ def is_clear(path: TimedPath, grid: Grid, radius: float, pieces: NDArray[np.floa
     `pieces` is float64[P, 8] as in `antway.kernels.pieces`, radii included.
     """
     points = grid.to_points(path.xy).tolist()
-    for a, b in pairwise(points):
-        if segment_hits_cells(grid.blocked, *a, *b, radius / grid.resolution, True):
+    for (ar, ac), (br, bc) in pairwise(points):
+        if segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True):
             return False
     if pieces is None or not len(pieces):
         return True
