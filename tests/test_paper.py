@@ -120,7 +120,7 @@ def test_crowded_rooms_are_crossed_by_every_robot(robot: RobotSpec) -> None:
         check_episode(result)
         outcomes.append(result.outcome)
     assert not {Outcome.HIT_WALL, Outcome.ERROR} & set(outcomes)
-    assert outcomes.count(Outcome.HIT_MOVING) <= 0.05 * len(outcomes), outcomes  # none is what the guard promises, not this policy
+    assert outcomes.count(Outcome.HIT_MOVING) <= 0.05 * len(outcomes), outcomes  # the promise of none is the guard's
     assert outcomes.count(Outcome.REACHED) >= 0.75 * len(outcomes), outcomes
 
 
