@@ -151,6 +151,7 @@ class Guarded:
 
     def __init__(self, policy: Policy, guard: Guard | None = None) -> None:
         self.policy, self.guard = policy, Guard() if guard is None else guard
+        self.inner: Decision | None = None
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
@@ -162,5 +163,8 @@ class Guarded:
         return self.guard.limit(observation, self.policy.act(observation))
 
     def explain(self) -> Decision:
-        """Return the policy's reason, and what the guard did."""
-        return replace(self.policy.explain(), guard=self.guard.did)
+        """Return the policy's reason, and what the guard did; the same object for as long as both stay."""
+        decision = self.policy.explain()
+        if decision is not self.inner or self.guard.did != self.told.guard:
+            self.inner, self.told = decision, replace(decision, guard=self.guard.did)
+        return self.told
