@@ -152,6 +152,7 @@ class Guarded:
     def __init__(self, policy: Policy, guard: Guard | None = None) -> None:
         self.policy, self.guard = policy, Guard() if guard is None else guard
         self.inner: Decision | None = None
+        self.told: Decision | None = None
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
@@ -165,6 +166,6 @@ class Guarded:
     def explain(self) -> Decision:
         """Return the policy's reason, and what the guard did; the same object for as long as both stay."""
         decision = self.policy.explain()
-        if decision is not self.inner or self.guard.did != self.told.guard:
+        if self.told is None or decision is not self.inner or self.guard.did != self.told.guard:
             self.inner, self.told = decision, replace(decision, guard=self.guard.did)
         return self.told
