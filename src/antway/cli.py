@@ -349,6 +349,18 @@ def serve_command(
     return 0
 
 
+@app.command("ros2", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def ros2_command(context: typer.Context) -> int:
+    """Run the ROS 2 node; what follows goes to ROS, as in --ros-args -p robot.radius:=0.2 -r odom:=/odometry/filtered."""
+    from importlib.util import find_spec
+
+    if find_spec("rclpy") is None:
+        raise BadParameter("rclpy", None, "importable: source the robot's ROS 2 first, and install antway beside it")
+    from antway.ros2.node import main as spin
+
+    return spin(["antway", *context.args])
+
+
 def _pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
     """Read "A,B" as two numbers of `kind`."""
     wanted = "two integers ROW,COL" if kind is int else "two numbers X,Y (m)"
