@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 CORE   := $(VENV)/.core
 READY  := $(VENV)/.ready
 
-.PHONY: demo browser test check nightly clean
+.PHONY: demo browser ros test check nightly clean
 
 $(CORE): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -29,16 +29,25 @@ browser:
 	     && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends chromium >/dev/null 2>&1; } \
 	|| echo "no chromium, and no root with apt-get and a network to install it: the tests of pages will be skipped"
 
+# Real ROS 2 comes as wheels, which re-exec Python: they have an environment of their own.
+ros:
+	@test -f .venv-ros/bin/.ready \
+	|| { echo "installing ROS 2 into .venv-ros for its tests ..." && $(PYTHON) -m venv .venv-ros \
+	     && .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check 'ros-rclpy[fastrtps]==9.1.2' ros-nav-msgs \
+	        ros-sensor-msgs ros-geometry-msgs ros-std-srvs ros-visualization-msgs ros-diagnostic-msgs --editable . 2>/dev/null \
+	     && touch .venv-ros/bin/.ready; } \
+	|| echo "no ROS 2 wheels for this machine, or no network: the tests of the ROS 2 node will be skipped"
+
 check: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: $(READY) browser check
+test: $(READY) browser ros check
 	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
-nightly: $(READY) browser
+nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
 clean:
