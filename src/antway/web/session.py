@@ -102,7 +102,7 @@ class Lane:
             ],
             "from": begin,
             "trail": [[_short(v) for v in row] for row in stage.xy[begin:end]],
-            "ms": [_short(v) for v in stage.cycle_ms[begin : min(end, n)]],
+            "ms": [_short(v) for v in stage.cycle_ms[max(begin - 1, 0) : end - 1]],
             "clearance": _short(stage.clearance),
             "outcome": None if episode.outcome is None else episode.outcome.value,
             "ending": episode.reason[:400],

@@ -176,7 +176,7 @@ class Lane {
       this.driven[this.trail.length] = last ? this.driven[this.trail.length - 1] + Math.hypot(point[0] - last[0], point[1] - last[1]) : 0;
       this.trail.push(point);
     }
-    this.ms.length = Math.min(this.ms.length, record.from);
+    this.ms.length = Math.min(this.ms.length, Math.max(0, record.from - 1)); // a cycle leads to each row but the first
     this.ms.push(...record.ms);
     if ("decision" in record) {
       this.decision = record.decision;
