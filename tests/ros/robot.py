@@ -166,7 +166,7 @@ def main(episodes: int) -> None:
     outcomes = []
     for seed in range(episodes):
         base += 1000.0
-        robot.hears("jumped", lambda base=base: robot.senses(still, base))
+        robot.hears("jumped", lambda base=base: robot.senses(still, base - 0.2))
         before, begun = robot.answered, time.monotonic()
         result = run(place, Remote(robot, base), seed=seed)
         check_episode(result)
