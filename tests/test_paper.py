@@ -163,9 +163,9 @@ def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
 
 
 def test_golden_traces() -> None:
-    """Stored digests of whole traces are reproduced; a deliberate change edits tests/golden/traces.json."""
+    """C32: stored digests of whole traces are reproduced; a deliberate change edits tests/golden/traces.json."""
     golden = json.loads(GOLDEN.read_text())
-    assert len(golden) >= 6
+    assert len(golden) >= 20
     for key, digest in golden.items():
         name, policy, seed = key.split()
         assert run(load_scenario(scene(name)), policy, seed=int(seed)).trace.digest() == digest, key
