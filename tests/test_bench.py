@@ -139,7 +139,13 @@ def test_a_bad_policy_costs_its_own_episodes_alone(tmp_path):
 def test_interrupt_ends_soon_and_leaves_a_sound_file(tmp_path):
     """C37: Ctrl-C ends a run with status 130, its workers with it, and the file goes on."""
     out = tmp_path / "stopped"
-    with subprocess.Popen(command(out, "--episodes", "50"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
+    with subprocess.Popen(
+        command(out, "--episodes", "50"),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        # whoever runs the tests in the background may have had Ctrl-C ignored, and children inherit that
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    ) as one:
         while one.poll() is None and count(out) < 2:
             time.sleep(0.05)
         one.send_signal(signal.SIGINT)
