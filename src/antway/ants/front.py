@@ -2,7 +2,7 @@
 
 Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting
 (`kernels.walk.guide`, over cells and headings), in some cycles keenly, in others idly: the idle ones find what is the optimum
-of no weighting. They leave no pheromone: it was measured to make fronts no more complete (benchmarks/walk.py).
+of no weighting. They leave no pheromone: it was measured to make fronts no more complete.
 """
 
 from __future__ import annotations

@@ -27,6 +27,7 @@ from antway.planning import Budget
 _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3), "3opt": (5, None)}
 # With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
 _MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
+_HEAT = 0.05  # mean edges of the best tour
 _FOCUSED_FROM = 400  # cities from which changing a tour beats building one anew
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
@@ -203,8 +204,8 @@ def _plan(n: int, rule: str | Rule, local_search: str | None, focused: bool | No
             raise BadParameter("focused", focused, "False without a local_search")
         return Labour(-1, 0, 0, 0), rule
     breadth, longest = _SEARCHES[local_search]
-    attempts = min(n, 5000) if (n >= _FOCUSED_FROM if focused is None else focused) else 0
-    labour = Labour(breadth, n if longest is None else longest, attempts, 30)
+    attempts = min(10 * n, 5000) if (n >= _FOCUSED_FROM if focused is None else focused) else 0
+    labour = Labour(breadth, n if longest is None else longest, attempts, 30, _HEAT)
     return labour, _MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 

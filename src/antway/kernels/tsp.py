@@ -37,6 +37,7 @@ class Labour(NamedTuple):
     longest: int  # of the local search
     attempts: int  # > 0: focused construction, so many changes a cycle
     window: int  # how many cities a part of a change spans at most
+    heat: float = 0.0  # temperature at which a cycle's changes begin, in mean edges of the best tour
 
 
 @bare_kernel
@@ -224,13 +225,16 @@ def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: 
 def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, search: Search, sums: NDArray[np.float32]) -> float:
     """Focused construction: copy the ant's last tour, change four edges, repair around them, keep what is no longer.
 
+    A longer tour is kept by Metropolis' rule at a temperature that falls to 0 within the cycle (simulated annealing).
+
     The change is a double bridge, u B C D -> u D C B on a few dozen cities, which 3-opt cannot take back in one move; the
     edge from u into D is drawn by Eq. (1). Done `attempts` times; returns the gain.
     """
     n, k = cities.near.shape
     window = min(plan.window, (n - 2) // 3)
     total = 0.0
-    for _ in range(plan.attempts):
+    heat = plan.heat * colony.record[BEST] / n
+    for a in range(plan.attempts):
         p = np.int64(rng.below(state, n))
         u = search.order[p]
         # The drawn edge leads to a city 3 to 2 window places ahead.
@@ -257,7 +261,7 @@ def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, searc
             continue
         gain = bridge(cities, search, p, b, q - 1, d)
         gain += settle(cities, search, plan.breadth, plan.longest)
-        if gain < 0.0:
+        if gain < 0.0 and gain <= heat * (1.0 - a / plan.attempts) * math.log(1.0 - rng.uniform(state)):
             undo(search)
         else:
             search.counts[LOGGED] = 0
