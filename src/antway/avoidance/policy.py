@@ -228,7 +228,7 @@ class AntwayPolicy:
             _NEAR,
             self.beliefs,
         )
-        vx, vy, what, arrival, bound, pieces = cycle(
+        vx, vy, what, arrival, bound, _ = cycle(
             self.memory,
             self.trails,
             self.place,
@@ -249,7 +249,7 @@ class AntwayPolicy:
         did = self.guard.did if self.guard else ""
         if what != KEPT or did != self.did:
             self.decision = None
-            self.now, self.what, self.did, self.arrival, self.bound, self.count_pieces = o, what, did, arrival, bound, pieces
+            self.now, self.did, self.arrival, self.bound = o, did, arrival, bound
         return command
 
     def _believed(self, o: Observation, known: int) -> Observation:
