@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from importlib.metadata import entry_points
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,20 +43,25 @@ class Problem:
     moves: Moves = Moves.EIGHT
 
     def __post_init__(self) -> None:
-        checks.instance("grid", self.grid, Grid)
+        grid = checks.instance("grid", self.grid, Grid)
         checks.instance("moves", self.moves, Moves)
-        for name in ("start", "goal"):
-            object.__setattr__(self, name, free_cell(name, getattr(self, name), self.grid))
+        start, goal = free_cell("start", self.start, grid), free_cell("goal", self.goal, grid)
+        if start is not self.start or goal is not self.goal:
+            object.__setattr__(self, "start", start)
+            object.__setattr__(self, "goal", goal)
 
 
 def free_cell(name: str, value: object, grid: Grid) -> Cell:
     """Return `value` as a free (row, col) of `grid`, or raise what is wrong with it."""
-    if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
-        raise BadParameter(name, value, "a cell (row, col)")
-    parts = list(value)
-    if len(parts) != 2:
-        raise BadParameter(name, value, "a cell (row, col)")
-    cell = (checks.integer(f"{name}[0]", parts[0]), checks.integer(f"{name}[1]", parts[1]))
+    if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
+        cell: Cell = value  # the usual case, at once
+    else:
+        if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
+            raise BadParameter(name, value, "a cell (row, col)")
+        parts = list(value)
+        if len(parts) != 2:
+            raise BadParameter(name, value, "a cell (row, col)")
+        cell = (checks.integer(f"{name}[0]", parts[0]), checks.integer(f"{name}[1]", parts[1]))
     if not grid.contains(cell):
         raise OutOfBounds(name, cell, f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns")
     if grid.blocked[cell]:
@@ -113,8 +118,7 @@ class Budget:
         return Clock(begun, math.inf if self.seconds is None else begun + self.seconds, self.cancel)
 
 
-@dataclass(frozen=True, slots=True)
-class Clock:
+class Clock(NamedTuple):
     """A running budget."""
 
     begun: float
@@ -168,9 +172,9 @@ class Plan:
     points: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.cells, self.points):
-            if array is not None:
-                array.flags.writeable = False
+        self.cells.setflags(write=False)
+        if self.points is not None:
+            self.points.setflags(write=False)
 
     def xy(self, grid: Grid) -> NDArray[np.float64]:
         """Return the path's vertices in m, float64[N, 2]."""
