@@ -6,6 +6,8 @@ run, 130 interrupted. Answers go to stdout (with --json nothing else does), ever
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -31,7 +33,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
 PolicyName = Annotated[
-    str, typer.Option(metavar="NAME", help="What steers the robot: antway, paper, follow, stop, replan, ...")
+    str, typer.Option(metavar="NAME", help="What steers the robot: antway, paper, follow, stop, ..., or MODULE:CLASS.")
 ]
 
 
@@ -52,7 +54,9 @@ def plan_command(
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m (with --cells: ROW,COL).")],
     goal: Annotated[str, typer.Option(metavar="X,Y", help="Where to, in m (with --cells: ROW,COL).")],
     cells: Annotated[bool, typer.Option("--cells", help="Start and goal are cells, ROW,COL.")] = False,
-    planner: Annotated[str, typer.Option(metavar="NAME", help="dijkstra, astar, jps, anyangle, dstarlite or ants.")] = "jps",
+    planner: Annotated[
+        str, typer.Option(metavar="NAME", help="dijkstra, astar, jps, anyangle, dstarlite, ants or MODULE:NAME.")
+    ] = "jps",
     moves: Annotated[
         str, typer.Option(metavar="NAME", help="four, eight, eight-nosqueeze, eight-cut, sixteen or thirty-two.")
     ] = "eight",
@@ -187,7 +191,6 @@ def bench_command(
     json: Json = False,
 ) -> int:
     """Measure policies on a suite of worlds against the clairvoyant optimum; resumes where it stopped."""
-    import os
     from dataclasses import asdict
 
     from rich.console import Console
@@ -375,4 +378,5 @@ def _pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
 
 def main() -> None:
     """Run the command line and exit with its status."""
+    sys.path.append(os.getcwd())  # where MODULE:NAME is looked for last, so that nothing here hides what is installed
     exit_with(app)

@@ -227,11 +227,18 @@ def _load(target: str) -> Any:
 
 
 def find(kind: str, name: object, table: dict[str, str], group: str) -> Any:
-    """Return what `table`, or a third party's entry point of `group`, has under `name`; imported at first use."""
-    if isinstance(name, str) and name not in table:
-        for point in entry_points(group=group, name=name):
-            return point.load()
-    return _load(table[checks.choice(kind, name, table)])
+    """Return what `name` is in `table`, a third party's entry point of `group`, or MODULE:NAME to import."""
+    if not isinstance(name, str) or name in table:
+        return _load(table[checks.choice(kind, name, table)])
+    for point in entry_points(group=group, name=name):
+        return point.load()
+    if ":" not in name:
+        others = {point.name for point in entry_points(group=group)}
+        raise BadParameter(kind, name, f"one of {', '.join([*table, *sorted(others)])}, or MODULE:NAME")
+    try:
+        return _load(name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BadParameter(kind, name, f"MODULE:NAME of what can be imported; {error}") from None
 
 
 def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: float | None = None, **options: Any) -> Plan:
@@ -241,7 +248,7 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     ----------
     problem : Problem
     planner : str
-        A name of `PLANNERS`, or of an entry point in the group `antway.planners`.
+        A name of `PLANNERS`, of an entry point in the group `antway.planners`, or MODULE:NAME.
     seed : int
         In [0, 2**64 - 1]; exact planners ignore it.
     time_limit : float or None

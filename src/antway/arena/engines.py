@@ -50,7 +50,7 @@ class Job:
 
 
 def load_policy(spec: str) -> Policy:
-    """Return a new policy: NAME as for `make_policy`, or MODULE:CLASS, either followed by /OPTION=VALUE as often as needed.
+    """Return a new policy: a name for `make_policy`, followed by /OPTION=VALUE as often as needed.
 
     Raises
     ------
@@ -72,15 +72,7 @@ def load_policy(spec: str) -> Policy:
             options[key] = ast.literal_eval(text)
         except (ValueError, SyntaxError):
             options[key] = text
-    module, colon, kind = name.partition(":")
-    try:
-        if not colon:
-            return make_policy(name, **options)
-        return cast(Policy, getattr(importlib.import_module(module), kind)(**options))
-    except (ImportError, AttributeError) as error:
-        raise BadParameter("policy", spec, f"the name of a policy that can be imported; {error}") from None
-    except TypeError as error:
-        raise BadParameter("policy", spec, f"a policy with options that it has; {error}") from None
+    return make_policy(name, **options)
 
 
 def play(job: Job) -> Answer:

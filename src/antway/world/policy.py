@@ -233,11 +233,15 @@ POLICIES: dict[str, str] = {
 
 
 def make_policy(name: str, **options: Any) -> Policy:
-    """Return a new policy of that name: one of `POLICIES`, or of the entry points in the group `antway.policies`.
+    """Return a new policy of that name: of `POLICIES`, of the entry points in the group `antway.policies`, or MODULE:CLASS.
 
     Raises
     ------
     BadParameter
         For an unknown name or option.
     """
-    return cast(Policy, find("policy", name, POLICIES, "antway.policies")(**options))
+    kind = find("policy", name, POLICIES, "antway.policies")
+    try:
+        return cast(Policy, kind(**options))
+    except TypeError as error:
+        raise BadParameter("policy", name, f"a policy, with options that it has; {error}") from None

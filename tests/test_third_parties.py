@@ -1,0 +1,87 @@
+"""Planners and policies of other packages join by an entry point or as MODULE:NAME, everywhere where a name is asked for."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from antway import BadParameter, Grid, Problem, load_scenario, make_policy, run, solve
+from antway.arena.engines import load_policy
+from antway.conformance import check_planner, check_policy
+from antway.planning import PLANNERS, find
+from antway.scenes import scene
+from common import free_cells
+
+THEIRS = """
+from antway.rivals.replan import Stop
+from antway.search.astar import astar
+
+class Patient(Stop):
+    def __init__(self, *, patience: float = 2.0):
+        super().__init__(lookahead=patience)
+
+def theirs(problem, *, seed=0, **options):
+    return astar(problem, seed=seed, **options)
+"""
+POINTS = "[antway.policies]\npatient = their_package:Patient\n\n[antway.planners]\ntheirs = their_package:theirs\n"
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """A package of someone else's, as pip would lay it down."""
+    (tmp_path / "their_package.py").write_text(THEIRS)
+    info = tmp_path / "their_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: their-package\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(POINTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", ["patient", "their_package:Patient"])
+def test_policies_of_others(installed, name):
+    """By both names a policy plays, takes options, and keeps the contract."""
+    result = run(load_scenario(scene("paper")), name, seed=3)
+    assert result.outcome.value != "error" and result.trace.policy == name
+    assert load_policy(f"{name}/patience=3.0").lookahead == 3.0
+    check_policy(lambda: make_policy(name), seconds=30.0)
+
+
+@pytest.mark.parametrize("name", ["theirs", "their_package:theirs"])
+def test_planners_of_others(installed, name):
+    """By both names a planner answers `solve`; it keeps the contract."""
+    grid = Grid([[False, True, False], [False, False, False]])
+    start, *_, goal = (tuple(cell) for cell in free_cells(grid).tolist())
+    assert solve(Problem(grid, start, goal), name).length == solve(Problem(grid, start, goal), "dijkstra").length
+    check_planner(find("planner", name, PLANNERS, "antway.planners"))
+
+
+def test_what_is_not_there_is_named(installed):
+    """A wrong name lists the shipped ones and those of others; a wrong import says why."""
+    with pytest.raises(BadParameter, match=r"policy = 'impatient': must be one of .*antway.*, patient, or MODULE:NAME"):
+        make_policy("impatient")
+    for wrong in ("their_package:Nothing", "no_such_package:Patient", ":", "their_package:"):
+        with pytest.raises(BadParameter, match="MODULE:NAME"):
+            make_policy(wrong)
+    with pytest.raises(BadParameter, match="options that it has"):
+        make_policy("patient", colour="red")
+
+
+def test_the_commands_take_modules_of_the_working_directory(installed):
+    """`antway run --policy` and `antway plan --planner` find MODULE:NAME where they are started."""
+    (installed / "map.txt").write_text("...\n.@.\n...\n")
+
+    def antway(*line):
+        begin = [sys.executable, "-c", "from antway.cli import main; main()"]
+        return subprocess.run([*begin, *line], cwd=installed, capture_output=True, text=True, check=False)
+
+    ran = antway("run", "paper", "--policy", "their_package:Patient", "--seed", "3", "--json")
+    assert json.loads(ran.stdout)["policy"] == "their_package:Patient" and ran.returncode in (0, 5), ran.stderr
+    ends = ["--start", "0,0", "--goal", "2,2", "--cells"]
+    planned = antway("plan", "map.txt", *ends, "--planner", "their_package:theirs", "--json")
+    assert json.loads(planned.stdout)["planner"] == "their_package:theirs", planned.stderr
+    wrong = antway("plan", "map.txt", *ends, "--planner", "their_package:nothing")
+    assert wrong.returncode == 2 and "MODULE:NAME" in wrong.stderr
