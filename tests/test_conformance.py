@@ -14,10 +14,10 @@ from antway.conformance import check_planner, check_policy
 from antway.errors import InvalidPlan
 from antway.planning import PLANNERS, Plan, Status, find
 from antway.rivals.replan import Follow
-from antway.world.policy import make_policy
+from antway.world.policy import POLICIES, make_policy
 
 
-@pytest.mark.parametrize("name", ["antway", "paper", "follow", "stop", "replan", "dstarlite", "sipp", "oracle"])
+@pytest.mark.parametrize("name", POLICIES)
 def test_policies_keep_the_contract(name):
     """Every policy keeps the contract."""
     check_policy(lambda: make_policy(name), seconds=30.0)

@@ -23,8 +23,6 @@ from common import SHARED, needs_data
 @pytest.mark.parametrize("spec", ["paper", "synthetic", "crossing", "encounters", "barn"])
 def test_every_group_builds_the_same_twice(spec):
     """Each group gives a sound scenario, equal from one build to the next, with no obstacle on the robot at the start."""
-    if spec == "crossing":
-        pytest.importorskip("pyrvo")
     for episode in episodes(spec, 1):
         scenario = build(episode)
         assert to_toml(scenario) == to_toml(build(episode))
@@ -75,7 +73,6 @@ def test_synthetic_worlds_are_as_described():
 
 def test_crossing_keeps_the_protocol():
     """CrowdNav's starts and goals; humans walk at most 1 m/s, start at rest from the circle, and keep clear of one another."""
-    pytest.importorskip("pyrvo")
     for episode in episodes("crossing", 4):
         scenario = build(episode)
         timeline = scenario.world.timeline(0, 25.0)
