@@ -163,12 +163,14 @@ def test_all_seeds_load(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_descriptions(tmp_path: Path, old: bytes, new: bytes, field: str) -> None:
-    """Each wrong, missing or doubled part of a ROS description is a `BadMap` that names it and the file."""
+    """Each wrong value of a ROS description is a `BadParameter`, each missing or doubled part a `BadMap`; both name it."""
     seeds(tmp_path)
     assert old in YAML
     (tmp_path / "a.yaml").write_bytes(YAML.replace(old, new))
-    with pytest.raises(BadMap) as caught:
+    with pytest.raises(BadInput) as caught:
         load_map(tmp_path / "a.yaml")
+    structure = new in (b"", b"image:", b"- a", b"a: [") or new.startswith(b"image: ")
+    assert type(caught.value) is (BadMap if structure else BadParameter)
     assert caught.value.field == field
     assert caught.value.where.startswith(str(tmp_path)) and "must be" in str(caught.value)
 

@@ -82,7 +82,7 @@ def spoil(message, rng):
         message.data = data.astype(np.float64)
     else:
         info.width = rng.choice([1.5, "3", None])
-    return BadMap
+    return BadParameter if 6 <= case <= 9 else BadMap
 
 
 def test_malformed_maps_are_refused_by_name():

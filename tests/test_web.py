@@ -110,7 +110,8 @@ def test_a_websocket_plays(port: int) -> None:
         wire.send(json.dumps({"op": "step"}))
         assert json.loads(wire.recv(60))["lanes"][0]["t"] == pytest.approx(0.1)
         wire.send("{")
-        assert json.loads(wire.recv(60)) == {"kind": "refused", "field": "message", "text": "message = '{': must be JSON"}
+        refusal = {"kind": "refused", "error": "BadParameter", "field": "message", "text": "message = '{': must be JSON"}
+        assert json.loads(wire.recv(60)) == refusal
 
 
 def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:

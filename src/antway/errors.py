@@ -1,6 +1,13 @@
-"""The one tree of errors: wrong input raises a `BadInput`; outcomes of a search are `Status` values, never exceptions."""
+"""The one tree of errors: wrong input raises a `BadInput`; outcomes of a search are `Status` values, never exceptions.
+
+A wrong value raises the same class by whatever door it comes in: as an argument, in a file, from the command line, from the
+page, in a ROS message. `BadMap` and `BadScenario` are for files and messages whose make-up is wrong: text of no such format,
+parts that are missing, unknown, doubled or do not fit together, references that lead nowhere.
+"""
 
 from __future__ import annotations
+
+from typing import Self
 
 
 class AntwayError(Exception):
@@ -38,6 +45,10 @@ class BadInput(AntwayError, ValueError):
         place = f"{self.where}: " if self.where else ""
         return f"{place}{self.field} = {shown}: must be {self.allowed}"
 
+    def at(self, where: str, field: str | None = None) -> Self:
+        """Return the same error, said of the part `field` of the file, line or call `where`."""
+        return type(self)(self.field if field is None else field, self.value, self.allowed, where=where)
+
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (type(self), self.field, self.value, self.allowed, self.where)
 
@@ -47,11 +58,11 @@ def _rebuild(kind: type[BadInput], field: str, value: object, allowed: str, wher
 
 
 class BadMap(BadInput):
-    """A map file, or a part of one, that cannot be read as a map."""
+    """A map file or message that cannot be read as a map."""
 
 
 class BadScenario(BadInput):
-    """A scenario, track or trace file that cannot be read."""
+    """A scenario, track or trace that cannot be read, or whose parts do not fit together."""
 
 
 class BadResults(BadInput):
@@ -59,7 +70,7 @@ class BadResults(BadInput):
 
 
 class BadParameter(BadInput):
-    """A number, name or array argument outside what it may be."""
+    """A number, name or array outside what it may be."""
 
 
 class OutOfBounds(BadInput):

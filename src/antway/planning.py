@@ -75,7 +75,7 @@ def standing_cell(name: str, xy: Iterable[float], grid: Grid, room: Grid, radius
     try:
         cell = room.cell_at(point)
     except OutOfBounds as error:
-        raise OutOfBounds(name, point, error.allowed) from None
+        raise error.at("", name) from None
     if room.blocked[cell]:
         near = f" with a radius of {radius:g} m; a wall or the map's edge is nearer"
         raise CellBlocked(name, point, f"where the robot can stand{'; this cell is blocked' if grid.blocked[cell] else near}")

@@ -21,7 +21,7 @@ from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
 from antway.kernels.spacetime import HEAP, LEGS, PIECES, STATES, Memory
 from antway.kernels.trails import TRAILS, Trails
-from antway.planning import TimedPath, free_cell
+from antway.planning import TimedPath, standing_cell
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
 
@@ -155,8 +155,8 @@ class AntwayPolicy:
         """
         self.task, robot, grid = task, task.robot, task.grid
         room = grid.inflate(robot.radius)
-        free_cell("start", grid.cell_at(task.start), room)
-        goal = free_cell("goal", grid.cell_at(task.goal), room)
+        standing_cell("start", task.start, grid, room, robot.radius)
+        goal = standing_cell("goal", task.goal, grid, room, robot.radius)
         self.place = make_place(grid, robot, goal, self.moves)
         cells = grid.blocked.size
         self.memory, self.trails = make_memory(cells), make_trails(cells)

@@ -72,7 +72,7 @@ def load_map(
     TooLarge
         For a map over `limits`, before memory is taken for it.
     BadParameter
-        For a resolution or origin out of range, or given for a ROS map, which holds its own.
+        For a resolution, origin or threshold out of range, or one given for a ROS map, which holds its own.
 
     Warns
     -----

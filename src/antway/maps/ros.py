@@ -51,8 +51,8 @@ def read(path: Path, limits: Limits) -> Grid:
     unknown = costs == -1
     try:
         return Grid((costs == 100) | unknown, about.resolution, about.origin, unknown if unknown.any() else None)
-    except BadParameter as wrong:
-        raise BadMap(wrong.field, wrong.value, wrong.allowed, where=str(path)) from None
+    except BadInput as wrong:
+        raise wrong.at(str(path)) from None
 
 
 def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArray[np.int8]:
@@ -60,7 +60,7 @@ def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArra
 
     Raises
     ------
-    BadMap, TooLarge
+    BadMap, BadParameter, TooLarge
         As `load_map`.
     """
     path = as_path(path)
@@ -112,15 +112,15 @@ def _describe(path: Path, limits: Limits) -> _Description:
 
     origin = _need(fields, "origin", where)
     if not isinstance(origin, list) or len(origin) != 3:
-        raise BadMap("origin", origin, "three numbers [x, y, yaw] (m, m, rad)", where=where)
+        raise BadParameter("origin", origin, "three numbers [x, y, yaw] (m, m, rad)", where=where)
     x, y, yaw = (_number(f"origin[{i}]", part, -1e9, 1e9, where) for i, part in enumerate(origin))
     negate = _need(fields, "negate", where)
     if not isinstance(negate, str) or negate.lower() not in _FLAG:
-        raise BadMap("negate", negate, "0 or 1", where=where)
+        raise BadParameter("negate", negate, "0 or 1", where=where)
     mode = fields.get("mode", "trinary")
     occupied, free = number("occupied_thresh", 0.0, 1.0), number("free_thresh", 0.0, 1.0)
     if free > occupied:
-        raise BadMap("free_thresh", free, f"at most occupied_thresh, {occupied:g}", where=where)
+        raise BadParameter("free_thresh", free, f"at most occupied_thresh, {occupied:g}", where=where)
     return _Description(
         image=_beside(path, _need(fields, "image", where)),
         resolution=number("resolution", 1e-6, 1e6),
@@ -128,9 +128,7 @@ def _describe(path: Path, limits: Limits) -> _Description:
         negate=_FLAG[negate.lower()],
         occupied_thresh=occupied,
         free_thresh=free,
-        mode=checks.choice(
-            "mode", mode.lower() if isinstance(mode, str) else mode, ("trinary", "scale", "raw"), error=BadMap, where=where
-        ),
+        mode=checks.choice("mode", mode.lower() if isinstance(mode, str) else mode, ("trinary", "scale", "raw"), where=where),
     )
 
 
@@ -184,9 +182,9 @@ def _need(fields: dict[str, object], name: str, where: str) -> object:
 
 def _number(name: str, value: object, low: float, high: float, where: str) -> float:
     if not isinstance(value, str) or _NUMBER.fullmatch(value) is None:
-        raise BadMap(name, value, "a number", where=where)
+        raise BadParameter(name, value, "a number", where=where)
     return checks.number(
-        name, float(value.lower().replace(".inf", "inf").replace(".nan", "nan")), low=low, high=high, error=BadMap, where=where
+        name, float(value.lower().replace(".inf", "inf").replace(".nan", "nan")), low=low, high=high, where=where
     )
 
 

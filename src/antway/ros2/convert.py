@@ -59,12 +59,12 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
     )
 
 
-def read_pose(pose: Any, *, error: type[BadInput] = BadParameter, where: str = "pose") -> tuple[float, float, float]:
+def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
     """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuses one that is not finite or is tilted."""
-    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), error=error, where=where) for n in "xy")
-    q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), error=error, where=where) for n in "xyzw"]
+    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
+    q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
-        raise error("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
+        raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
     return x, y, wrap(2.0 * math.atan2(q[2], q[3]))
 
 
@@ -76,7 +76,9 @@ def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
     Raises
     ------
     BadMap
-        For a length of data other than width times height, costs other than -1 to 100, and numbers that are not finite.
+        For a length of data other than width times height, and costs other than -1 to 100.
+    BadParameter
+        For a resolution or origin out of range.
     TooLarge
         For more cells than `limits` allow.
 
@@ -95,8 +97,7 @@ def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
         raise TooLarge("info.width * info.height", rows * cols, f"at most {limits.cells} cells", where=where)
     if len(message.data) != rows * cols:
         raise BadMap("data.length", len(message.data), f"info.width * info.height, {rows * cols}", where=where)
-    size = checks.number("info.resolution", info.resolution, low=1e-6, high=1e6, unit="m", error=BadMap, where=where)
-    origin = read_pose(info.origin, error=BadMap, where=f"{where}.info.origin")
+    origin = read_pose(info.origin, where=f"{where}.info.origin")
     costs = np.asarray(message.data)
     if costs.dtype.kind not in "iu" or costs.ndim != 1:
         raise BadMap("data", costs.dtype.name, "integers", where=where)
@@ -106,7 +107,10 @@ def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
         raise BadMap(f"data[{i}]", int(costs[i]), "-1 (unknown), or 0 (free) to 100 (blocked)", where=where)
     costs = costs.reshape(rows, cols)
     unknown = costs == -1
-    return Grid((costs == 100) | unknown, size, origin, unknown if unknown.any() else None)
+    try:
+        return Grid((costs == 100) | unknown, info.resolution, origin, unknown if unknown.any() else None)
+    except BadInput as wrong:
+        raise wrong.at(where, f"info.{wrong.field}") from None
 
 
 def costs_message(
@@ -254,7 +258,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             place = marker.pose.position
             wide = [checks.number(f"scale.{n}", getattr(marker.scale, n), low=0.0, where=where) for n in "xy"]
             x, y = (checks.number(f"position.{n}", getattr(place, n), where=where) for n in "xy")
-            discs[name] = (x, y, max(wide) / 2)
+            discs[name] = (x, y, checks.number("scale", max(wide), low=0.0, open_low=True, unit="m", where=where) / 2)
         elif marker.type == ARROW and len(marker.points) == 2:
             tail, tip = marker.points
             vx, vy = (checks.number(f"points.{n}", getattr(tip, n) - getattr(tail, n), where=where) for n in "xy")

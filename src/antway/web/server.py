@@ -204,7 +204,7 @@ class _Player:
                     replies = await asyncio.to_thread(self.session.apply, wish)
                     self.owed = True
             except BadInput as error:
-                replies = [{"kind": "refused", "field": error.field, "text": str(error)}]
+                replies = [{"kind": "refused", "error": type(error).__name__, "field": error.field, "text": str(error)}]
             for reply in replies:
                 await self.send(reply)
         self.wake.set()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter
+from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
 from antway.planning import TimedPath, find
 
@@ -83,6 +83,11 @@ class Task:
     obstacle_surge : float
         Declared bound on how fast an obstacle's speed grows, m/s^2, >= 0; infinite: it may be at full speed at once. It may
         turn at once in any case.
+
+    Raises
+    ------
+    BadParameter, OutOfBounds
+        Whether the robot has room at the ends is for `Scenario` and for policies to say.
     """
 
     grid: Grid
@@ -100,6 +105,10 @@ class Task:
             raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw; turn the map first)")
         for name in ("start", "goal"):
             object.__setattr__(self, name, checks.point(name, getattr(self, name)))
+            try:
+                self.grid.cell_at(getattr(self, name))
+            except OutOfBounds as error:
+                raise error.at("", name) from None
         checks.number("goal_tolerance", self.goal_tolerance, low=0.0, open_low=True, unit="m")
         checks.number("obstacle_speed", self.obstacle_speed, low=0.0, unit="m/s")
         checks.number("obstacle_surge", self.obstacle_surge, low=0.0, infinite=True, unit="m/s^2")

@@ -47,7 +47,7 @@ class Scenario:
 
     Raises
     ------
-    BadParameter, CellBlocked
+    BadParameter, OutOfBounds, CellBlocked, TooLarge
     """
 
     world: World
@@ -100,8 +100,10 @@ def load_scenario(path: str | Path) -> Scenario:
 
     Raises
     ------
-    BadScenario, TooLarge, BadMap
-        Naming the file, the table and the key, what stands there and what is allowed.
+    BadScenario
+        For a file that is no TOML, and parts that are missing, unknown, no tables, or name files that are not there.
+    BadMap, BadParameter, OutOfBounds, CellBlocked, TooLarge
+        What `load_map`, `Scenario` and its parts raise for a value; names the file, the table and the key.
     """
     path = Path(path)
     where = str(path)
@@ -135,7 +137,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     try:
         return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, **values)
     except BadInput as error:
-        raise BadScenario(error.field, error.value, error.allowed, where=where) from None
+        raise error.at(where) from None
 
 
 def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
@@ -145,10 +147,8 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
     for key in ("radius", "motion"):
         if key not in values:
             raise BadScenario(f"{name}.{key}", None, "given", where=where)
-    radius = checks.number(
-        f"{name}.radius", values.pop("radius"), low=0, open_low=True, unit="m", error=BadScenario, where=where
-    )
-    kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, error=BadScenario, where=where)]
+    radius = checks.number(f"{name}.radius", values.pop("radius"), low=0, open_low=True, unit="m", where=where)
+    kind = MOTIONS[checks.choice(f"{name}.motion", values.pop("motion"), MOTIONS, where=where)]
     if kind is Replay and "file" in values:
         _keys(values, name, ("file",), (), where)
         file = _inside(values["file"], f"{name}.file", folder, where)
@@ -171,8 +171,7 @@ def _build(name: str, kind: type, record: object, where: str) -> Any:
     try:
         return kind(**record)
     except BadInput as error:
-        inner = error.field.removeprefix(f"{name}.")
-        raise BadScenario(f"{name}.{inner}", error.value, error.allowed, where=where) from None
+        raise error.at(where, f"{name}.{error.field.removeprefix(f'{name}.')}") from None
 
 
 def _keys(record: dict[str, Any], name: str, allowed: tuple[str, ...], needed: tuple[str, ...], where: str) -> None:

@@ -100,7 +100,7 @@ def _pack(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def read_trace(path: Path) -> Trace:
-    """Read a trace file; every fault is a `BadScenario` (or `TooLarge`) that names the file and the key."""
+    """Read a trace file; every fault is a `BadInput` that names the file and the key, `BadScenario` unless a value is wrong."""
     where = str(path)
     try:
         size = path.stat().st_size if path.is_file() else -1
@@ -149,15 +149,13 @@ class _Reader:
         return Trace(
             task=self.task(top["task"]),
             policy=self.text("policy", top["policy"]),
-            seed=checks.integer("seed", top["seed"], low=0, high=2**64 - 1, error=BadScenario, where=self.where),
+            seed=checks.integer("seed", top["seed"], low=0, high=2**64 - 1, where=self.where),
             scenario=self.text("scenario", top["scenario"]),
             timeline=timeline,
             sensed=sensed,
             decisions=tuple(self.decision(f"decisions[{i}]", one, rows) for i, one in enumerate(top["decisions"])),
             cycle_ms=cycle_ms,
-            outcome=Outcome(
-                checks.choice("outcome", top["outcome"], [o.value for o in Outcome], error=BadScenario, where=self.where)
-            ),
+            outcome=Outcome(checks.choice("outcome", top["outcome"], [o.value for o in Outcome], where=self.where)),
             reason=self.text("reason", top["reason"]),
             config=self.table("config", top["config"], ""),
             **arrays,
@@ -183,10 +181,8 @@ class _Reader:
                 obstacle_speed=self.real("task.obstacle_speed", parts["obstacle_speed"]),
                 obstacle_surge=self.real("task.obstacle_surge", parts["obstacle_surge"]),
             )
-        except BadScenario:
-            raise
         except BadInput as error:
-            raise self.bad(f"task.{error.field}", error.value, error.allowed) from None
+            raise error if error.where else error.at(self.where, f"task.{error.field}") from None
 
     def timeline(self, record: object) -> Timeline:
         parts = self.table("timeline", record, " ".join(_TIMELINE))
@@ -199,13 +195,13 @@ class _Reader:
         try:
             return Timeline(**columns)
         except BadScenario as error:
-            raise self.bad(error.field, error.value, error.allowed) from None
+            raise error.at(self.where) from None
 
     def decision(self, name: str, record: object, rows: int) -> tuple[int, Decision]:
         parts = self.table(
             name, record, "step obstacle local_target path alternatives pheromone history " + " ".join((*_TEXTS, *_NUMBERS))
         )
-        step = checks.integer(f"{name}.step", parts["step"], low=0, high=rows, error=BadScenario, where=self.where)
+        step = checks.integer(f"{name}.step", parts["step"], low=0, high=rows, where=self.where)
         obstacle, target, path, pheromone, history = (
             parts[key] for key in ("obstacle", "local_target", "path", "pheromone", "history")
         )
@@ -218,14 +214,12 @@ class _Reader:
         if pheromone is not None:
             if len(_list(pheromone)) != 3:
                 raise self.bad(f"{name}.pheromone", pheromone, "a row, a column and an array")
-            corner = [
-                checks.integer(f"{name}.pheromone[{i}]", pheromone[i], error=BadScenario, where=self.where) for i in (0, 1)
-            ]
+            corner = [checks.integer(f"{name}.pheromone[{i}]", pheromone[i], where=self.where) for i in (0, 1)]
             pheromone = (corner[0], corner[1], self.unpack(f"{name}.pheromone[2]", pheromone[2], "<f4", 2))
         if obstacle is not None:
-            obstacle = checks.integer(f"{name}.obstacle", obstacle, error=BadScenario, where=self.where)
+            obstacle = checks.integer(f"{name}.obstacle", obstacle, where=self.where)
         if target is not None:
-            target = checks.point(f"{name}.local_target", target, error=BadScenario, where=self.where)
+            target = checks.point(f"{name}.local_target", target, where=self.where)
         alternatives = []
         for pair in _list(parts["alternatives"]):
             if len(_list(pair)) != 2:
@@ -258,7 +252,7 @@ class _Reader:
     def real(self, name: str, value: object) -> float:
         if value in ("nan", "inf", "-inf"):
             return float(str(value))
-        return checks.number(name, value, error=BadScenario, where=self.where)
+        return checks.number(name, value, where=self.where)
 
     def floats(self, name: str, value: object, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
         wanted = "x".join("N" if n is None else str(n) for n in shape)
@@ -274,9 +268,7 @@ class _Reader:
 
     def unpack(self, name: str, value: object, dtype: str, ndim: int) -> NDArray[Any]:
         parts = self.table(name, value, "dtype shape zlib")
-        shape = tuple(
-            checks.integer(f"{name}.shape", n, low=0, error=BadScenario, where=self.where) for n in _list(parts["shape"])
-        )
+        shape = tuple(checks.integer(f"{name}.shape", n, low=0, where=self.where) for n in _list(parts["shape"]))
         if parts["dtype"] != dtype or len(shape) != ndim:
             raise self.bad(f"{name}.dtype", (parts["dtype"], shape), f"{dtype} with {ndim} dimensions")
         size = math.prod(shape)
