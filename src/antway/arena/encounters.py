@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from antway.arena.suites import Chance, Suite
 from antway.grid import Grid
-from antway.kernels.geometry import segment_hits_cells
+from antway.planning import Status
 from antway.search.sipp import sipp
-from antway.world.motions import Line, Replay, Waypoints
+from antway.world.motions import Line, Motion, Pursue, Waypoints
 from antway.world.policy import XY, RobotSpec
 from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
 CELL = 0.2  # m
+START, GOAL = (1.1, 6.1), (11.1, 6.1)  # of the pursuit
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=5.0)
 
 
@@ -26,9 +27,8 @@ def encounters() -> Suite:
 
     head-on: a disc comes the other way in a corridor of 2.4 m. doorway: one comes through the door that the robot wants to go
     through. overtaking: a slow one goes ahead in a corridor. ambush: one comes out of a side corridor, hidden until then. flow:
-    a stream of people crosses. crowd: many stand about, and there is a way between them. pursuer: one runs to
-    meet the robot on its undisturbed way and then up that way against it; what moves does not depend on the robot, so it does
-    not turn after one that evades.
+    a stream of people crosses. crowd: many stand about, and there is a way between them. pursuer: one runs after the robot,
+    and stops where it would run into it; as its way depends on the robot's, no optimum is known there.
     """
     return Suite("encounters", tuple(KINDS), lambda group, chance: KINDS[group](chance), default=50)
 
@@ -97,29 +97,18 @@ def crowd(chance: Chance) -> Scenario:
 
 
 def pursuer(chance: Chance) -> Scenario:
-    """A disc runs at 0.9 m/s to where it first meets the robot on its undisturbed way, and then up that way against it."""
-    speed, step, start, goal = 0.9, 0.1, (1.1, 6.1), (11.1, 6.1)
+    """A disc runs towards the robot, and after it when it evades, for 20 s."""
     while True:
         walls = np.zeros((60, 60), np.bool_)
         for _ in range(8):
             row, col = chance.integer(4, 52), chance.integer(12, 44)
             walls[row : row + 4, col : col + 4] = True
+        begin = chance.between(6.0, 10.0), chance.between(3.0, 9.0)
         grid = Grid(walls, CELL)
-        route = sipp(grid, start, goal, radius=ROBOT.radius, v_max=ROBOT.v_max).path
-        begin = chance.between(4.0, 8.0), 11.0 if chance.integer(0, 2) else 1.0
-        for meets in np.arange(step, route.t[-1] if len(route.t) else 0.0, step).tolist():
-            at = route.at(meets)
-            if math.dist(begin, at) <= speed * meets:
-                break
-        else:
-            continue
-        (r0, c0), (r1, c1) = grid.to_points((begin, at)).tolist()
-        if not segment_hits_cells(grid.blocked, r0, c0, r1, c1, ROBOT.radius / CELL, True):
+        free = grid.inflate(ROBOT.radius).is_free(grid.cell_at(begin))
+        if free and sipp(grid, START, GOAL, radius=ROBOT.radius, v_max=ROBOT.v_max).status is Status.FOUND:
             break
-    back = np.arange(0.0, meets, speed * step)[1:]  # times of the route, gone back along at `speed`
-    t = (meets - math.dist(begin, at) / speed, meets, *(meets + back / speed).tolist())
-    places = (begin, at, *(route.at(meets - when) for when in back.tolist()))
-    return _scenario("pursuer", walls, start, goal, [(ROBOT.radius, Replay(t, places))])
+    return _scenario("pursuer", walls, START, GOAL, [(ROBOT.radius, Pursue(begin, chance.between(0.5, 0.9)))])
 
 
 KINDS: dict[str, Callable[[Chance], Scenario]] = {
@@ -146,7 +135,7 @@ def _scenario(
     walls: np.ndarray,
     start: XY,
     goal: XY,
-    obstacles: list[tuple[float, Line]] | list[tuple[float, Replay]] | list[tuple[float, Waypoints]],
+    obstacles: Sequence[tuple[float, Motion]],
     *,
     occlusion: bool = False,
 ) -> Scenario:

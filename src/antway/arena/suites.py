@@ -17,6 +17,7 @@ from antway.errors import BadParameter
 from antway.kernels.rng import below, stream, uniform
 from antway.kernels.survive import survivors
 from antway.search.sipp import Sipp
+from antway.world.motions import Pursue
 from antway.world.policy import XY
 from antway.world.scenario import Scenario
 
@@ -115,7 +116,7 @@ class Facts:
     ----------
     bound : float
         The clairvoyant optimum: when SIPP (32 directions, every future known) is within the goal's tolerance, s; infinite if
-        it has no way.
+        it has no way, NaN where something follows the robot, so that no future can be known.
     shortest : float
         Length of the shortest way among the walls alone, up to the goal's tolerance, over the same moves, m.
     survival : float
@@ -184,8 +185,9 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     plan = search.plan(task.start, timeline, horizon=scenario.horizon)
     free = search.plan(task.start)
     arrival = _arrival(plan.path.t, plan.path.xy, task.goal, task.goal_tolerance)
+    follows = any(isinstance(one.motion, Pursue) for one in scenario.world.obstacles)
     return Facts(
-        bound=arrival if arrival <= scenario.horizon else math.inf,
+        bound=math.nan if follows else arrival if arrival <= scenario.horizon else math.inf,
         shortest=_arrival(free.path.t, free.path.xy, task.goal, task.goal_tolerance) * robot.v_max,
         survival=_survival(scenario, seed),
     )

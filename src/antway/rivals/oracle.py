@@ -22,7 +22,8 @@ class Oracle:
     """Search space and time once, by SIPP over 32 directions with every future known, and drive what was found.
 
     Between two commands the robot goes straight, so it is up to v_max dt / 2 from a plan that turns or sets off in between. Of
-    plans with more and more room round the obstacles the first is taken whose driving, tried beforehand, touches nothing.
+    plans with more and more room round the obstacles the first is taken whose driving, tried beforehand, touches nothing. What
+    follows the robot has no future that could be known; it is taken to stand.
 
     Source: Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments, ICRA 2011.
     """

@@ -18,6 +18,7 @@ from antway.errors import BadScenario
 from antway.kernels.world import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, REST, advance
 from antway.planning import TimedPath
 from antway.world.policy import Command, Decision, Observation, Policy, Task, make_policy
+from antway.world.pursuit import Pursuit
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
 from antway.world.trace import Outcome as Outcome
@@ -263,11 +264,12 @@ class Stage:
 
     def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
         task = self.task = scenario.task
-        self.timeline = scenario.world.timeline(seed, horizon)
-        self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         spec, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
         self.horizon = horizon
         self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
+        self.pursuit = Pursuit(scenario.world, task, seed, horizon, self.steps)
+        self.timeline = self.pursuit.timeline
+        self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
         self.aim, self.frame = np.array([*task.goal, task.goal_tolerance]), np.array([x0, y0, size])
         rows = self.steps + 1
@@ -283,6 +285,7 @@ class Stage:
                 raise BadScenario(
                     f"obstacles[{k}].start", tuple(place), f"clear of the robot at {task.start} (overlap {-gap:.3g} m)"
                 )
+        self.pursuit.go(0, task.start)
 
     @property
     def at_rest(self) -> bool:
@@ -320,6 +323,8 @@ class Stage:
         )
         self.n, self.clearance = i + 1, min(self.clearance, clearance)
         if what == GOES_ON:
+            x, y = self.xy[i + 1].tolist()
+            self.pursuit.go(i + 1, (x, y))
             late = self.n == self.steps
             return (Outcome.TIMEOUT, f"the horizon of {self.horizon:g} s came first") if late else (None, "")
         if what == REACHED:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,13 +184,51 @@ class Replay:
         return self._arrays
 
 
-MOTIONS: dict[str, type[Line | BackAndForth | Waypoints | Bounce | RandomWalk | Replay]] = {
+@dataclass(frozen=True, slots=True)
+class Pursue:
+    """From `start` (m) after the robot: straight to where it is, at `speed` (m/s), from `delay` s on for `patience` s.
+
+    It keeps `gap` m between its edge and the robot's, and so never drives into one that stands; it slides along walls in its
+    way. As its course depends on the robot, none can be told beforehand: `course` is that of standing at the start, and an
+    episode lays down the true one period by period.
+    """
+
+    start: XY
+    speed: Span
+    gap: Span = 0.3
+    delay: Span = 0.0
+    patience: Span = 20.0
+
+    def __post_init__(self) -> None:
+        _points(self, "start")
+        _spans(self, speed="m/s", gap="m", delay="s", patience="s")
+
+    def drawn(self, draw: Draw) -> Pursuer:
+        """Return the numbers of an episode."""
+        return Pursuer(self.start, draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.patience))
+
+    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+        return _standing(self.start)
+
+
+class Pursuer(NamedTuple):
+    """`Pursue` with its spans drawn."""
+
+    start: XY
+    speed: float
+    gap: float
+    delay: float
+    patience: float
+
+
+MOTIONS: dict[str, type[Line | BackAndForth | Waypoints | Bounce | RandomWalk | Replay | Pursue]] = {
     "line": Line,
     "back-and-forth": BackAndForth,
     "waypoints": Waypoints,
     "bounce": Bounce,
     "random-walk": RandomWalk,
     "replay": Replay,
+    "pursue": Pursue,
 }
 
 

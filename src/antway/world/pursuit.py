@@ -1,0 +1,74 @@
+"""Obstacles that follow the robot: their courses grow with the episode, one control period at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.world import first_wall
+from antway.world.motions import Draw, Pursue
+from antway.world.policy import Task
+from antway.world.timeline import Timeline
+from antway.world.world import World
+
+
+class Pursuit:
+    """The pursuers of one episode.
+
+    Attributes
+    ----------
+    timeline : Timeline
+        Of all obstacles. A pursuer's course is known up to the end of the control period under way; from there on it stands.
+    """
+
+    def __init__(self, world: World, task: Task, seed: int, horizon: float, steps: int) -> None:
+        self.task, self.timeline = task, world.timeline(seed, horizon)
+        chosen = [(k, one, one.motion) for k, one in enumerate(world.obstacles) if isinstance(one.motion, Pursue)]
+        self.pursuers = [(k, one.radius, motion.drawn(Draw(seed, k))) for k, one, motion in chosen]
+        if not chosen:
+            return
+        line = self.timeline
+        courses = [line.course(k) for k in range(len(line))]
+        for k, _, motion in chosen:
+            courses[k] = np.arange(steps + 1) * task.robot.dt, np.tile(motion.start, (steps + 1, 1))
+        whole = Timeline.of(line.id.tolist(), line.radius.tolist(), courses)
+        self.xy = whole.knot_xy.copy()
+        live = self.xy.view()  # the timeline makes its own array read-only, and not what it is a view of
+        self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
+
+    def go(self, i: int, robot: tuple[float, float]) -> None:
+        """Lay down the courses in control period i, at the beginning of which the robot is at `robot` (m)."""
+        t, dt, grid = i * self.task.robot.dt, self.task.robot.dt, self.task.grid
+        for k, radius, pursuer in self.pursuers:
+            knots = self.xy[self.timeline.first[k] : self.timeline.first[k + 1]]
+            if not pursuer.delay <= t < pursuer.delay + pursuer.patience or i + 1 == len(knots):
+                continue
+            x, y = knots[i].tolist()
+            away = math.dist((x, y), robot)
+            room = away - radius - self.task.robot.radius - pursuer.gap
+            if room > 0.0:
+                way = min(pursuer.speed * dt, room) / away
+                knots[i + 1 :] = _slide(grid.blocked, grid.origin, grid.resolution, radius, (x, y), robot, way)
+
+
+def _slide(
+    blocked: NDArray[np.bool_],
+    origin: tuple[float, float, float],
+    size: float,
+    radius: float,
+    at: tuple[float, float],
+    to: tuple[float, float],
+    share: float,
+) -> tuple[float, float]:
+    """Return where a disc is that goes the `share` of the way from `at` to `to` (m), and along the first wall in its way."""
+    row, col = (at[1] - origin[1]) / size - 0.5, (at[0] - origin[0]) / size - 0.5
+    dr, dc = (to[1] - at[1]) * share / size, (to[0] - at[0]) * share / size
+    for _ in range(2):
+        gone, n_row, n_col = first_wall(blocked, row, col, dr, dc, radius / size)
+        part = min(gone, 1.0)
+        row, col = row + dr * part, col + dc * part
+        into = dr * n_row + dc * n_col
+        dr, dc = (dr - into * n_row) * (1.0 - part), (dc - into * n_col) * (1.0 - part)
+    return origin[0] + (col + 0.5) * size, origin[1] + (row + 0.5) * size
