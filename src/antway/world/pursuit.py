@@ -31,8 +31,9 @@ class Pursuit:
             return
         line = self.timeline
         courses = [line.course(k) for k in range(len(line))]
+        t = np.arange(steps + 1, dtype=np.float64) * task.robot.dt
         for k, _, motion in chosen:
-            courses[k] = np.arange(steps + 1) * task.robot.dt, np.tile(motion.start, (steps + 1, 1))
+            courses[k] = t, np.full((steps + 1, 2), motion.start)
         whole = Timeline.of(line.id.tolist(), line.radius.tolist(), courses)
         self.xy = whole.knot_xy.copy()
         live = self.xy.view()  # the timeline makes its own array read-only, and not what it is a view of

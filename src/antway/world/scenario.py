@@ -94,9 +94,9 @@ def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a TOML file.
 
     Keys are the fields of `Scenario`; tables `[robot]` and `[sensor]` hold those of `RobotSpec` and `Sensor`; each
-    `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay) and that motion's
-    fields (`antway.world.motions`). `map` is a file in the scenario's folder or below it; so is the `file` of a replay, CSV
-    lines t,x,y.
+    `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and that
+    motion's fields (`antway.world.motions`). `map` is a file in the scenario's folder or below it; so is the `file` of a
+    replay, CSV lines t,x,y.
 
     Raises
     ------
