@@ -5,25 +5,18 @@ from __future__ import annotations
 import base64
 import json
 import socket
-import threading
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-import uvicorn
-from starlette.websockets import WebSocketDisconnect
 from websockets.sync.client import connect
 
 from antway.errors import BadInput
-from antway.web.server import make_app, names_of
 from antway.web.session import Session
+from antway.world.episode import Episode
+from serving import TOKEN, asked, served
 
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # newer ones would rather have another client of HTTP below them
-    from starlette.testclient import TestClient
-
-TOKEN, PORT = "a-token", 8765
+PORT = 8765
 OWN = f"127.0.0.1:{PORT}"
 EVIL_HOSTS = [
     "evil.com",
@@ -42,48 +35,64 @@ EVIL_ORIGINS = [
 TABLE = [(host, f"http://{OWN}") for host in EVIL_HOSTS] + [(OWN, origin) for origin in EVIL_ORIGINS]
 
 
-@pytest.fixture
-def client() -> TestClient:
-    return TestClient(make_app(names_of("127.0.0.1", PORT), TOKEN), base_url=f"http://{OWN}")
+@pytest.fixture(scope="module")
+def port() -> Iterator[int]:
+    with served() as number:
+        yield number
+
+
+@pytest.fixture(scope="module")
+def fixed() -> Iterator[int]:
+    """A server that goes by the names of port 8765, wherever it is."""
+    with served(port=PORT) as number:
+        yield number
+
+
+def status(port: int, host: str, origin: str | None = None, path: str = "/", method: str = "GET") -> int:
+    """The status that a request with these headers is answered with."""
+    lines = [f"{method} {path} HTTP/1.1", f"Host: {host}", "Connection: close"]
+    lines += [] if origin is None else [f"Origin: {origin}"]
+    return int(asked(port, "\r\n".join((*lines, "", ""))).split()[1])
+
+
+def handshake(port: int, host: str, origin: str | None, *protocols: str) -> int:
+    """The status that the opening of a websocket is answered with."""
+    lines = ["GET /live HTTP/1.1", f"Host: {host}", "Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"]
+    lines += [f"Sec-WebSocket-Key: {base64.b64encode(bytes(16)).decode()}"]
+    lines += [] if origin is None else [f"Origin: {origin}"]
+    lines += [f"Sec-WebSocket-Protocol: {', '.join(protocols)}"] if protocols else []
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
+        wire.sendall("\r\n".join((*lines, "", "")).encode("latin-1"))
+        return int(wire.recv(100).split()[1])
 
 
 @pytest.mark.parametrize("host, origin", TABLE)
-def test_strangers_are_refused(client: TestClient, host: str, origin: str) -> None:
+def test_strangers_are_refused(fixed: int, host: str, origin: str) -> None:
     """C38: each of 40 wrong hosts and origins gets 403 over HTTP and over a websocket, token or not."""
-    headers = {"host": host, "origin": origin}
-    assert client.get("/", headers=headers).status_code == 403
-    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/live", subprotocols=["antway", TOKEN], headers=headers):
-        pass
+    assert status(fixed, host, origin) == handshake(fixed, host, origin, "antway", TOKEN) == 403
+
+
+def test_the_page_itself_is_let_in(fixed: int) -> None:
+    """C38: the server's own names and origins pass, and a websocket without an origin, which no browser sends, does not."""
+    for host in (OWN, f"localhost:{PORT}", f"LOCALHOST:{PORT}", f"[::1]:{PORT}"):
+        assert status(fixed, host) == status(fixed, host, f"http://{host}") == 200
+        assert handshake(fixed, host, f"http://{host}", "antway", TOKEN) == 101
+    assert handshake(fixed, OWN, None, "antway", TOKEN) == 403
 
 
 @pytest.mark.parametrize("protocols", [[], ["antway"], ["antway", "wrong"], [TOKEN, "antway"], ["antway", TOKEN, "x"]])
-def test_a_websocket_takes_the_token(client: TestClient, protocols: list[str]) -> None:
+def test_a_websocket_takes_the_token(fixed: int, protocols: list[str]) -> None:
     """C38: without the page's token no websocket opens, and no method but GET is served."""
-    headers = {"host": OWN, "origin": f"http://{OWN}"}
-    with pytest.raises(WebSocketDisconnect), client.websocket_connect("/live", subprotocols=protocols, headers=headers):
-        pass
-    assert client.post("/", headers={"host": OWN}).status_code == 405
+    assert handshake(fixed, OWN, f"http://{OWN}", *protocols) == 403
+    assert status(fixed, OWN, method="POST") == status(fixed, OWN, method="PUT") == 405
 
 
 def test_another_host_needs_the_token_for_the_page() -> None:
     """C38: a server for others gives its page to who has the token alone."""
-    client = TestClient(make_app(names_of("10.0.0.7", 80), TOKEN, open_page=False), base_url="http://10.0.0.7")
-    assert client.get("/").status_code == client.get("/?token=x").status_code == 403
-    page = client.get(f"/?token={TOKEN}")
-    assert page.status_code == 200 and "default-src 'none'" in page.headers["content-security-policy"]
-
-
-@pytest.fixture(scope="module")
-def port() -> Iterator[int]:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        number = listener.getsockname()[1]
-        app = make_app(names_of("127.0.0.1", number), TOKEN)
-        server = uvicorn.Server(uvicorn.Config(app, log_level="critical", http="h11", ws="websockets-sansio"))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        yield number
-        server.should_exit = True
-        thread.join()
+    with served("10.0.0.7", 80, open_page=False) as port:
+        assert status(port, "10.0.0.7") == status(port, "10.0.0.7", path="/?token=x") == 403
+        page = asked(port, f"GET /?token={TOKEN} HTTP/1.1\r\nHost: 10.0.0.7\r\nConnection: close\r\n\r\n")
+    assert page.split()[1] == b"200" and b"content-security-policy: default-src 'none'" in page
 
 
 def test_no_path_leads_outside_the_list_of_files(port: int) -> None:
@@ -94,9 +103,7 @@ def test_no_path_leads_outside_the_list_of_files(port: int) -> None:
     paths = [f"/{dot}/{end}" for dot in dots for end in ends] + [f"/static/{dot}/{dot}/{end}" for dot in dots for end in ends]
     assert len(paths) == 200
     for path in paths:
-        with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
-            wire.sendall(f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode("latin-1"))
-            answer = b"".join(iter(lambda: wire.recv(65536), b""))
+        answer = asked(port, f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n")
         assert answer.split()[1] in (b"400", b"404"), path
         assert b"root:" not in answer and b"import" not in answer, path
 
@@ -155,3 +162,71 @@ def test_a_saved_scenario_opens_again_and_frames_are_small() -> None:
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
         assert frame["lanes"][0]["t"] == frame["lanes"][1]["t"]
+
+
+def test_a_look_inside_a_cycle_changes_nothing() -> None:
+    """Looking at ant cycles leaves the run as it is, ends where the control cycle does, and then plays the cycle."""
+    session = Session()
+    session.apply({"op": "policies", "names": ["paper", "antway"]})
+    looks = 0
+    while not session.ended and session.lanes[0].episode.steps < 120:
+        steps = session.lanes[0].episode.steps
+        session.apply({"op": "ants"})
+        frame = session.frame()
+        looked = [lane["ants"] for lane in frame["lanes"]]
+        looks += any(looked)
+        assert (session.lanes[0].episode.steps > steps) == (not any(looked))
+    assert looks > 20
+    for lane, policy in zip(session.lanes, session.policies):
+        plain = Episode(session.scenario, policy)
+        for _ in range(lane.episode.steps):
+            plain.step()
+        assert (plain.stage.xy == lane.episode.stage.xy).all(), policy
+
+
+def test_the_ants_of_a_look_get_better() -> None:
+    """With more ant cycles the best way of policy paper's ants never gets longer, and all of them give the decision taken."""
+    session = Session()
+    session.apply({"op": "policies", "names": ["paper"]})
+    lane, ways = session.lanes[0], []
+    while not ways or lane.look is not None:
+        session.apply({"op": "ants"})
+        if lane.look is not None:
+            assert lane.look.decision.history is not None and lane.look.decision.pheromone is not None
+            ways.append(lane.look.decision.history[-1, 0])
+            last = lane.look
+    assert ways == sorted(ways, reverse=True) and last.done
+    assert lane.episode.decisions[-1][1].action == last.decision.action
+
+
+def test_obstacles_go_round_their_waypoints() -> None:
+    """Waypoints that were drawn become a round at the speed given, saved as such; too few, too fast, in walls: refused."""
+    session = Session()
+    points = [[5.5, 1.5], [8.5, 1.5], [8.5, 0.5]]
+    session.apply({"op": "drop", "points": points, "speed": 0.5, "radius": 0.25})
+    obstacle = session.scenario.world.obstacles[-1]
+    assert obstacle.radius == 0.25 and obstacle.motion.points == tuple(map(tuple, points)) and obstacle.motion.speed == 0.5
+    before = session.scenario
+    for wrong in (
+        {"points": points[:1]},
+        {"points": points * 20},
+        {"speed": 9.0},
+        {"speed": 0.0},
+        {"points": [[0.5, 3], [99, 3]]},
+    ):
+        with pytest.raises(BadInput):
+            session.apply({"op": "drop", "points": points, "speed": 0.5, "radius": 0.25, **wrong})
+    assert session.scenario is before
+
+
+def test_a_link_holds_the_scenario() -> None:
+    """What a link holds opens as the same scenario, and a scenario too large for an address is refused."""
+    session = Session()
+    session.apply({"op": "drop", "xy": [5.5, 1.5], "velocity": [0.5, 0.0], "radius": 0.3})
+    link = session.apply({"op": "export", "what": "link"})[0]["hash"]
+    named = dict(part.split("=", 1) for part in link.split("&"))
+    assert named["policies"] == "antway" and len(link) < 8000
+    data = named["open"].replace("-", "+").replace("_", "/")
+    other = Session()
+    other.apply({"op": "open", "files": [{"name": "link.zip", "data": data + "=" * (-len(data) % 4)}]})
+    assert other.scenario.world == session.scenario.world and other.scenario.start == session.scenario.start

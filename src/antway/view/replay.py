@@ -40,7 +40,7 @@ def replay_page(trace: Trace, *, shortest: Plan | None = None) -> str:
     policy allows its own script and style, by their hashes, and nothing else.
     """
     style = _asset("replay.css")
-    script = _EXPORT.sub("", _asset("canvas.js")) + _IMPORT.sub("", _asset("replay.js"))
+    script = "".join(_EXPORT.sub("", _IMPORT.sub("", _asset(name))) for name in ("layers.js", "canvas.js", "replay.js"))
     policy = (
         f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -88,6 +88,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
             "heading": _pack(trace.heading, "<f4"),
             "radius": task.robot.radius,
             "range": _number(task.robot.sensor_range),
+            "occlusion": bool(trace.config.get("sensor", {}).get("occlusion", True)),
         },
         "start": list(task.start),
         "goal": list(task.goal),

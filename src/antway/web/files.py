@@ -9,6 +9,7 @@ import re
 import tempfile
 import warnings
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from antway.world.world import World
 MAX_BYTES = 4 * 2**20  # of all files together, unpacked
 MAX_FILES = 8
 MAX_OBSTACLES = 200
+MAX_LINK = 30_000  # characters
 LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
 _NAME = re.compile(r"[^\W_][\w .()+-]{0,99}")
 _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
@@ -161,6 +163,34 @@ def replay_file(trace: Trace) -> dict[str, Any]:
 
     name = f"{_stem(trace.scenario)}-{trace.policy}.html"
     return {"kind": "file", "name": name, "type": "text/html", "text": replay_page(trace, shortest=shortest(trace.task))}
+
+
+def gif_file(trace: Trace) -> dict[str, Any]:
+    """Return an animation of a trace as a file."""
+    from antway.view.animation import write_animation
+    from antway.view.figures import shortest
+
+    with tempfile.TemporaryDirectory(prefix="antway-") as folder:
+        data = write_animation(trace, Path(folder) / "run.gif", shortest=shortest(trace.task)).read_bytes()
+    name = f"{_stem(trace.scenario)}-{trace.policy}.gif"
+    return {"kind": "file", "name": name, "type": "image/gif", "base64": base64.b64encode(data).decode()}
+
+
+EXPORTS = {"trace": trace_file, "replay": replay_file, "gif": gif_file}
+
+
+def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
+    """Return what follows the # of an address that opens this very scenario: it holds the file and goes to no server.
+
+    Raises
+    ------
+    TooLarge
+        For a scenario that browsers might cut.
+    """
+    data = scenario_file(scenario)["base64"].replace("+", "-").replace("/", "_").rstrip("=")
+    if len(data) > MAX_LINK:
+        raise TooLarge("link", f"{len(data)} characters", f"at most {MAX_LINK}; save the scenario as a file instead")
+    return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
 def _stem(name: str) -> str:

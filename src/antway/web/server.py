@@ -27,7 +27,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from antway import checks
 from antway.errors import BadInput, BadParameter
 from antway.scenes import SCENES
-from antway.web.session import PARAMETERS, POLICIES, SPEEDS, Message, Session
+from antway.web.lane import Message
+from antway.web.session import PARAMETERS, POLICIES, SPEEDS, Session
 
 PORT = 8765
 MAX_MESSAGE = 6 * 2**20  # bytes; an upload in base64
@@ -42,8 +43,11 @@ _FILES = {  # path: package, file, type
     "/": ("antway.web", "page.html", "text/html"),
     "/page.css": ("antway.web", "page.css", "text/css"),
     "/page.js": ("antway.web", "page.js", "text/javascript"),
+    "/lane.js": ("antway.web", "lane.js", "text/javascript"),
     "/edit.js": ("antway.web", "edit.js", "text/javascript"),
+    "/parts.js": ("antway.web", "parts.js", "text/javascript"),
     "/canvas.js": ("antway.view", "canvas.js", "text/javascript"),
+    "/layers.js": ("antway.view", "layers.js", "text/javascript"),
     "/replay.css": ("antway.view", "replay.css", "text/css"),
 }
 _HEADERS = {
@@ -220,7 +224,7 @@ class _Player:
                 await self.wake.wait()
                 due = clock()
                 continue
-            period = self.session.scenario.robot.dt / self.session.speed
+            period = self.session.period
             steps = max(1, round(TICK / period))
             due = max(due + steps * period, clock())
             await asyncio.sleep(due - clock())

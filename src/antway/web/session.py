@@ -5,47 +5,33 @@ A session knows nothing of sockets: `apply` takes a message as the page sends it
 
 from __future__ import annotations
 
-import base64
 import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from antway import checks
+from antway.avoidance.routes import Ways
 from antway.errors import BadParameter, TooLarge
 from antway.planning import Problem, solve
 from antway.scenes import SCENES, scene
-from antway.web.files import MAX_OBSTACLES, packed, read_upload, replay_file, scenario_file, trace_file
+from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file
+from antway.web.lane import Lane, Message, shades, short
+from antway.world import policy
 from antway.world.episode import Episode
-from antway.world.motions import Bounce, Line
-from antway.world.policy import Decision
+from antway.world.motions import Bounce, Line, Waypoints
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.world import Obstacle, World
 
-Message = dict[str, Any]
-
-POLICIES = (
-    "antway",
-    "paper",
-    "follow",
-    "stop",
-    "replan",
-    "dstarlite",
-    "sipp",
-    "potential-field",
-    "neural",
-    "glasius",
-    "oracle",
-)
+POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 MAX_UNDO = 100
-_SHADES = 40_000  # cells of pheromone in one frame
-_KNOTS = 300  # of a planned way in one frame
-_ROWS = 300  # of the way driven in one frame
+MAX_WAYPOINTS = 50
+FIELD = 40_000  # cells of the distance field
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,47 +59,6 @@ PARAMETERS = (
 )
 
 
-class Lane:
-    """One policy at work, and what of it the page has been told."""
-
-    def __init__(self, scenario: Scenario, policy: str) -> None:
-        self.episode = Episode(scenario, policy)
-        self.told = 0  # rows of the record
-        self.decision: Decision | None = None
-
-    def step(self) -> None:
-        if self.episode.outcome is None:
-            self.episode.step()
-
-    def frame(self, lanes: int) -> Message:
-        """Return what is new since the last frame."""
-        episode, stage, n = self.episode, self.episode.stage, self.episode.steps
-        places, velocities = stage.timeline.at(float(stage.t[n]))
-        sensed = stage.sensed[max(n - 1, 0)]
-        begin, end = self.told, min(n + 1, self.told + _ROWS)
-        self.told = end
-        record: Message = {
-            "t": _short(stage.t[n]),
-            "robot": [_short(v) for v in (*stage.xy[n], stage.heading[n])],
-            "speed": _short(math.hypot(*stage.velocity[n])),
-            "obstacles": [
-                [_short(v) for v in (*place, *velocity)] + [int(seen)]
-                for place, velocity, seen in zip(places, velocities, sensed)
-            ],
-            "from": begin,
-            "trail": [[_short(v) for v in row] for row in stage.xy[begin:end]],
-            "ms": [_short(v) for v in stage.cycle_ms[max(begin - 1, 0) : end - 1]],
-            "clearance": _short(stage.clearance),
-            "outcome": None if episode.outcome is None else episode.outcome.value,
-            "ending": episode.reason[:400],
-        }
-        latest = episode.decisions[-1][1] if episode.decisions else None
-        if latest is not self.decision:
-            self.decision = latest
-            record["decision"] = None if latest is None else _decision(latest, lanes)
-        return record
-
-
 class Session:
     """The state behind one tab.
 
@@ -136,6 +81,7 @@ class Session:
         self.operations: dict[str, Callable[[Message], list[Message]]] = {
             "play": self._play,
             "step": self._step,
+            "ants": self._ants,
             "reset": self._reset,
             "speed": self._speed,
             "policies": self._policies,
@@ -154,6 +100,11 @@ class Session:
     @property
     def scenario(self) -> Scenario:
         return self.history[self.place]
+
+    @property
+    def period(self) -> float:
+        """Seconds of the clock that a control cycle takes."""
+        return self.scenario.robot.dt / self.speed
 
     @property
     def ended(self) -> bool:
@@ -193,6 +144,9 @@ class Session:
         start, goal = room.cell_at(scenario.start), room.cell_at(scenario.goal)
         found = room.is_free(start) and room.is_free(goal)
         way = solve(Problem(room, start, goal), "jps").xy(grid).tolist() if found else []
+        far = Ways(room, goal).distance() if found else np.full(grid.shape, np.inf)
+        most = far.max(initial=0.0, where=np.isfinite(far)) or 1.0
+        near = np.where(np.isfinite(far), 0.04 + 0.96 * (1.0 - far / most) ** 2, 0.0)  # the page takes the root
         return {
             "kind": "scene",
             "name": scenario.name,
@@ -209,13 +163,16 @@ class Session:
             "goal": scenario.goal,
             "tolerance": scenario.goal_tolerance,
             "radius": scenario.robot.radius,
-            "range": _short(scenario.robot.sensor_range),
+            "range": short(scenario.robot.sensor_range),
             "dt": scenario.robot.dt,
+            "occlusion": scenario.sensor.occlusion,
             "fastest": scenario.obstacle_speed,
+            "surge": short(scenario.obstacle_surge),
+            "field": {"row": 0, "col": 0, "farthest": short(most), **shades(near, FIELD)} if found else None,
             "radii": [obstacle.radius for obstacle in scenario.world.obstacles],
-            "shortest": [[_short(v) for v in point] for point in way],
+            "shortest": [[short(v) for v in point] for point in way],
             "policies": self.policies,
-            "parameters": {p.field: _short(_get(scenario, p.field)) for p in PARAMETERS},
+            "parameters": {p.field: short(_get(scenario, p.field)) for p in PARAMETERS},
             "undo": self.place > 0,
             "redo": self.place + 1 < len(self.history),
         }
@@ -248,6 +205,14 @@ class Session:
     def _step(self, message: Message) -> list[Message]:
         self.playing = False
         self.advance(1)
+        return []
+
+    def _ants(self, message: Message) -> list[Message]:
+        """Let the ants do one cycle more within the control cycle; where there is none, play the control cycle."""
+        self.playing = False
+        looked = [lane.look_inside() for lane in self.lanes]
+        if True not in looked:
+            self.advance(1)
         return []
 
     def _reset(self, message: Message) -> list[Message]:
@@ -312,14 +277,21 @@ class Session:
 
     def _drop(self, message: Message) -> list[Message]:
         world, limit = self.scenario.world, self.scenario.obstacle_speed
-        x, y = checks.point("xy", message.get("xy"))
-        vx, vy = checks.point("velocity", message.get("velocity"))
-        speed = checks.number("speed", math.hypot(vx, vy), low=0.0, high=limit * (1 + 1e-9), unit="m/s")
         radius = checks.number("radius", message.get("radius"), low=0.05, high=5.0, unit="m")
-        row, col = world.grid.cell_at((x, y))
-        if world.grid.blocked[row, col]:
-            raise BadParameter("xy", (x, y), "where the map is free")
-        motion = Bounce((x, y), min(speed, limit), math.atan2(vy, vx)) if speed > 0.0 else Line((x, y), (x, y), 0.0)
+        motion: Line | Bounce | Waypoints
+        if "points" in message:
+            points = checks.array("points", message["points"], (None, 2))
+            checks.integer("points.length", len(points), low=2, high=MAX_WAYPOINTS)
+            speed = checks.number("speed", message.get("speed"), low=0.0, open_low=True, high=limit, unit="m/s")
+            motion = Waypoints(tuple((x, y) for x, y in points.tolist()), speed)
+        else:
+            points = np.array([checks.point("xy", message.get("xy"))])
+            (x, y), (vx, vy) = points[0].tolist(), checks.point("velocity", message.get("velocity"))
+            speed = checks.number("speed", math.hypot(vx, vy), low=0.0, high=limit * (1 + 1e-9), unit="m/s")
+            motion = Bounce((x, y), min(speed, limit), math.atan2(vy, vx)) if speed > 0.0 else Line((x, y), (x, y), 0.0)
+        for place in points.tolist():
+            if world.grid.blocked[world.grid.cell_at(place)]:
+                raise BadParameter("xy", tuple(place), "where the map is free")
         return self._change(world=World(world.grid, (*world.obstacles, Obstacle(radius, motion))))
 
     def _remove(self, message: Message) -> list[Message]:
@@ -331,10 +303,12 @@ class Session:
         return self._open(replace(self.scenario, **changes))
 
     def _export(self, message: Message) -> list[Message]:
-        """Play a copy of each episode to its end and return it as a file, or return the scenario."""
-        what = checks.choice("what", message.get("what"), ("scenario", "trace", "replay"))
+        """Play a copy of an episode to its end and return it as a file; or return the scenario, as a file or a link."""
+        what = checks.choice("what", message.get("what"), ("scenario", "link", *EXPORTS))
         if what == "scenario":
             return [scenario_file(self.scenario)]
+        if what == "link":
+            return [link(self.scenario, self.policies)]
         lane = checks.integer("lane", message.get("lane", 0), low=0, high=len(self.lanes) - 1)
         episode = Episode(self.scenario, self.policies[lane])
         while episode.outcome is None:
@@ -343,44 +317,7 @@ class Session:
             episode.step()
         trace = episode.result().trace
         assert trace is not None
-        return [trace_file(trace) if what == "trace" else replay_file(trace)]
-
-
-def _decision(decision: Decision, lanes: int) -> Message:
-    path = None if decision.path is None else decision.path.xy
-    if path is not None and len(path) > _KNOTS:
-        path = path[np.linspace(0, len(path) - 1, _KNOTS).astype(np.int64)]
-    record: Message = {
-        "action": decision.action,
-        "reason": decision.reason[:400],
-        "obstacle": None if decision.obstacle is None else int(decision.obstacle),
-        "encounter": decision.encounter,
-        "closest": [_short(decision.time_to_closest), _short(decision.distance_at_closest)],
-        "target": None if decision.local_target is None else [_short(v) for v in decision.local_target],
-        "path": None if path is None else [[_short(v) for v in point] for point in path],
-        "alternatives": [[name[:80], _short(cost)] for name, cost in decision.alternatives[:8]],
-        "gap": _short(decision.gap),
-        "guard": decision.guard,
-        "pheromone": None if decision.pheromone is None else _heat(*decision.pheromone, _SHADES // lanes),
-    }
-    return record
-
-
-def _heat(row: int, col: int, amount: NDArray[np.float32], most: int) -> Message:
-    """Return pheromone in 16 shades, two to a byte, the largest of each block of cells where there are more than `most`."""
-    height, width = amount.shape
-    block = max(1, math.ceil(math.sqrt(height * width / most)))
-    rows, cols = -(-height // block), -(-width // block)
-    padded = np.full((rows * block, cols * block), float(amount.min()), np.float32)
-    padded[:height, :width] = amount
-    coarse = padded.reshape(rows, block, cols, block).max(axis=(1, 3))
-    low, high = float(coarse.min()), float(coarse.max())
-    share = (coarse - low) / (high - low) if high > low else np.zeros_like(coarse)
-    shades = np.round(15 * np.sqrt(share)).astype(np.uint8).ravel()
-    if len(shades) % 2:
-        shades = np.append(shades, np.uint8(0))
-    data = base64.b64encode((shades[::2] | (shades[1::2] << 4)).tobytes()).decode()
-    return {"row": row, "col": col, "height": rows * block, "width": cols * block, "rows": rows, "cols": cols, "shades": data}
+        return [EXPORTS[what](trace)]
 
 
 def _get(scenario: Scenario, name: str) -> float:
@@ -394,7 +331,3 @@ def _put(scenario: Scenario, name: str, value: float) -> Scenario:
     table, _, field = name.rpartition(".")
     changes: dict[str, Any] = {field: value}
     return replace(scenario, **({table: replace(getattr(scenario, table), **changes)} if table else changes))
-
-
-def _short(value: float) -> float | None:
-    return round(float(value), 3) if math.isfinite(value) else None

@@ -1,16 +1,23 @@
 // Draws a map and one moment of an episode on a canvas; keeps nothing but the view (pan and zoom), the map and the colours.
 // Distances are in metres, y points up. A moment is a plain object, all of it optional but the robot:
-//   robot {x, y, heading, radius, range}, start [x, y], goal [x, y], tolerance, trail [[x, y], ...], global [[x, y], ...],
-//   planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], horizon (s),
-//   pheromone {mask, row, col, height, width}. A mask is an image whose alpha is the amount; its first row is the highest y.
+//   robot {x, y, heading, radius, range, occlusion}, start [x, y], goal [x, y], tolerance, trail, global [[x, y], ...],
+//   planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], and what layers.js draws:
+//   tubes, trails, pheromone, field {mask, row, col, height, width}, braking. A mask is an image whose alpha is the amount; its
+//   first row is the highest y.
+import { HORIZON, drawAmounts, drawBraking, drawSight, drawTrails, drawTubes } from "./layers.js";
 
+// `live`: known to the one who runs the episode, not to its trace. `off`: not shown at first.
 const LAYERS = [
   { key: "global", label: "Shortest path", swatch: "dash" },
   { key: "trail", label: "Way driven", swatch: "line" },
-  { key: "planned", label: "Planned way and local target", swatch: "line" },
-  { key: "prediction", label: "Predicted motion, next seconds", swatch: "area" },
-  { key: "pheromone", label: "Ants' pheromone", swatch: "area" },
+  { key: "planned", label: "Planned way", swatch: "line" },
+  { key: "target", label: "Local target", swatch: "diamond" },
+  { key: "prediction", label: `Predicted, next ${HORIZON} s`, swatch: "area" },
   { key: "range", label: "Sensed range", swatch: "dot" },
+  { key: "pheromone", label: "Pheromone by cell", swatch: "area" },
+  { key: "trails", label: "Ants' trails", swatch: "line", live: true },
+  { key: "braking", label: "Guard's braking area", swatch: "dash", live: true },
+  { key: "field", label: "Distance to the goal", swatch: "area", live: true, off: true },
 ];
 
 class Stage {
@@ -27,16 +34,27 @@ class Stage {
   // Read the colours from the page's custom properties, after a change of theme.
   refresh() {
     const css = getComputedStyle(document.documentElement);
-    const names = ["floor", "wall", "unknown", "rule", "ink", "robot", "moving", "planned", "prediction", "pheromone", "goal"];
+    const names = ["floor", "wall", "unknown", "rule", "ink", "robot", "moving", "planned", "prediction", "pheromone", "goal", "trails",
+      "braking", "field"];
     this.colour = Object.fromEntries(names.map((name) => [name, css.getPropertyValue(`--${name}`).trim()]));
     this.tints.clear();
   }
 
   // map {rows, cols, resolution, x, y, blocked, unknown}: masks, and the outer corner of cell (0, 0).
   setMap(map) {
+    this.change(map);
+    this.fit();
+  }
+
+  // Show another map of the same size and place.
+  change(map) {
     this.map = map;
     this.tints.clear();
-    this.fit();
+    const masks = [map.blocked, map.unknown].filter(Boolean).map((mask) => alphas(mask, map.rows, map.cols));
+    this.solid = new Uint8Array(map.rows * map.cols);
+    for (let row = 0; row < map.rows; row++)
+      for (let col = 0; col < map.cols; col++)
+        for (const alpha of masks) if (alpha[((map.rows - 1 - row) * map.cols + col) * 4 + 3]) this.solid[row * map.cols + col] = 1;
   }
 
   fit() {
@@ -97,15 +115,19 @@ class Stage {
     c.clearRect(0, 0, this.canvas.width, this.canvas.height);
     this.unit = window.devicePixelRatio || 1;
     this.drawMap();
-    if (show.pheromone && moment.pheromone) this.drawPheromone(moment.pheromone);
-    if (show.prediction) this.drawPredictions(moment.obstacles ?? [], moment.horizon ?? 3);
+    const obstacles = moment.obstacles ?? [];
+    if (show.field && moment.field) drawAmounts(this, moment.field, this.colour.field, false);
+    if (show.pheromone && moment.pheromone) drawAmounts(this, moment.pheromone, this.colour.pheromone, true);
+    if (show.prediction && moment.tubes) drawTubes(this, moment.tubes);
+    if (show.range && Number.isFinite(moment.robot.range)) drawSight(this, moment.robot);
+    if (show.trails && moment.trails) drawTrails(this, moment.trails);
     if (show.global) this.line(moment.global, this.colour.ink, 1.6, [7, 5]);
+    if (show.braking && moment.braking) drawBraking(this, moment.robot, moment.braking, obstacles);
     if (show.trail) this.line(moment.trail, this.colour.robot, 3, [], true);
     if (show.planned) this.line(moment.planned, this.colour.planned, 2.6, [], true);
-    if (show.range && Number.isFinite(moment.robot.range)) this.ring([moment.robot.x, moment.robot.y], moment.robot.range);
-    if (show.planned && moment.target) this.diamond(moment.target);
+    if (show.target && moment.target) this.diamond(moment.target);
     if (moment.goal) this.drawEnds(moment);
-    for (const obstacle of moment.obstacles ?? []) this.drawObstacle(obstacle);
+    for (const obstacle of obstacles) this.drawObstacle(obstacle);
     this.drawRobot(moment.robot);
   }
 
@@ -129,39 +151,6 @@ class Stage {
     c.strokeStyle = this.colour.wall;
     c.lineWidth = 1.5 * this.unit;
     c.strokeRect(left, top, width, height);
-  }
-
-  drawPheromone({ mask, row, col, height, width }) {
-    const { resolution, x, y } = this.map;
-    const c = this.context;
-    const [left, top] = this.toScreen([x + col * resolution, y + (row + height) * resolution]);
-    const size = [width * resolution * this.scale, height * resolution * this.scale];
-    c.imageSmoothingEnabled = false;
-    c.drawImage(this.tinted(mask, this.colour.pheromone), left, top, ...size);
-    c.strokeStyle = this.colour.pheromone;
-    c.lineWidth = this.unit;
-    c.strokeRect(left, top, ...size);
-  }
-
-  // The band that each sensed obstacle sweeps at its present velocity, paler with time.
-  drawPredictions(obstacles, horizon) {
-    const c = this.context;
-    c.save();
-    c.lineCap = "round";
-    c.globalAlpha = 0.22;
-    c.strokeStyle = this.colour.prediction;
-    for (const o of obstacles) {
-      if (!o.sensed) continue;
-      for (const share of [1, 2 / 3, 1 / 3]) {
-        const ahead = horizon * share;
-        c.lineWidth = 2 * o.radius * this.scale;
-        c.beginPath();
-        c.moveTo(...this.toScreen([o.x, o.y]));
-        c.lineTo(...this.toScreen([o.x + o.vx * ahead + 1e-9, o.y + o.vy * ahead]));
-        c.stroke();
-      }
-    }
-    c.restore();
   }
 
   drawObstacle({ id, x, y, radius, sensed, focus }) {
@@ -237,13 +226,6 @@ class Stage {
     this.stroke(this.colour.floor, 1.5);
   }
 
-  ring(centre, radius) {
-    const c = this.context;
-    c.beginPath();
-    c.arc(...this.toScreen(centre), radius * this.scale, 0, 2 * Math.PI);
-    this.stroke(this.colour.ink, 1.2, [2, 5]);
-  }
-
   line(points, colour, width, dash = [], cased = false) {
     if (!points || points.length < 2) return;
     const c = this.context;
@@ -279,6 +261,15 @@ class Stage {
     }
     return tint;
   }
+}
+
+// The red, green, blue and alpha of a mask of rows x cols.
+function alphas(mask, rows, cols) {
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [cols, rows];
+  const c = copy.getContext("2d", { willReadFrequently: true });
+  c.drawImage(mask, 0, 0);
+  return c.getImageData(0, 0, cols, rows).data;
 }
 
 // Drag to pan when zoomed in, wheel or two fingers to zoom, double click to see all; `changed` is called after each.
@@ -322,4 +313,4 @@ function navigate(stage, changed) {
   canvas.addEventListener("dblclick", () => (stage.fit(), done()));
 }
 
-export { LAYERS, Stage, navigate };
+export { HORIZON, LAYERS, Stage, navigate };

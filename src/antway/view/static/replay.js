@@ -1,9 +1,9 @@
-import { LAYERS, Stage, navigate } from "./canvas.js";
+import { HORIZON, LAYERS, Stage, navigate } from "./canvas.js";
 
 const data = JSON.parse(document.getElementById("episode").textContent);
 const byId = (id) => document.getElementById(id);
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
-const HORIZON = 3; // s that predictions are drawn for
+const SHOWN = LAYERS.filter(({ live }) => !live);
 
 // ---- the episode, unpacked ----
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
@@ -44,7 +44,7 @@ const image = async (source) => {
 };
 
 // ---- state ----
-const state = { time: 0, playing: false, speed: 1, show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])) };
+const state = { time: 0, playing: false, speed: 1, show: Object.fromEntries(SHOWN.map(({ key }) => [key, true])) };
 const stage = new Stage(byId("stage"));
 
 const stepAt = (time) => {
@@ -74,9 +74,11 @@ function momentAt(time) {
     return { id, x: ox, y: oy, vx: velocity[0], vy: velocity[1], radius: data.obstacles.radius[k], sensed: isSensed(i, k), focus };
   });
   const range = data.robot.range ?? Infinity;
+  const seen = obstacles.filter((o) => o.sensed);
+  const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, way: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
   return {
-    step: i, decision, obstacles, horizon: HORIZON, start: data.start, goal: data.goal, tolerance: data.tolerance,
-    robot: { x, y, heading: heading[i], radius: data.robot.radius, range },
+    step: i, decision, obstacles, start: data.start, goal: data.goal, tolerance: data.tolerance,
+    robot: { x, y, heading: heading[i], radius: data.robot.radius, range, occlusion: data.robot.occlusion }, tubes,
     trail: [...robotXY.slice(0, i + 1), [x, y]], global: globalPath, planned: decision?.path, target: decision?.target,
     pheromone: decision?.pheromone != null ? data.pheromone[decision.pheromone] : null,
   };
@@ -199,7 +201,7 @@ function drawRibbon() {
 
 function build() {
   const available = { global: globalPath.length > 0, pheromone: data.pheromone.length > 0 };
-  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch }, i) => {
+  byId("layers").replaceChildren(...SHOWN.map(({ key, label, swatch }, i) => {
     const row = document.createElement("label");
     const box = document.createElement("input");
     const mark = document.createElement("span");
@@ -243,7 +245,7 @@ function listen() {
       Home: () => seek(0), End: () => seek(last), n: () => seek(nextEncounter()), "+": () => faster(1), "-": () => faster(-1),
       t: () => byId("theme").click(), f: () => byId("fit").click(), s: save,
     };
-    const layer = LAYERS[Number(event.key) - 1];
+    const layer = SHOWN[Number(event.key) - 1];
     const action = keys[event.key] ?? (layer && !byId(`layer-${layer.key}`).disabled ? () => toggle(layer.key) : null);
     if (!action) return;
     if (!(event.key === " " && onButton)) event.preventDefault();

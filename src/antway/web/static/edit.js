@@ -1,5 +1,6 @@
 // The tools that change the place: each gesture on a stage becomes one wish to the server.
-// `page` gives: scene, tool, brush, wish(message), obstacleAt(lane, [x, y], reach) -> index or -1, redraw().
+// `page` gives: scene, tool, brush, size and pace of a new obstacle, wish(message), obstacleAt(lane, [x, y], reach) -> index or
+// -1, setDone(shown), redraw(). A gesture lasts from press to release, but one of waypoints from its first to its last.
 
 const GRAB = 16; // pixels of the page round start or goal
 const FULL = 90; // pixels of the page for the fastest obstacle
@@ -8,6 +9,7 @@ class Editor {
   constructor(page) {
     this.page = page;
     this.gesture = null;
+    this.cursor = null; // the cell that the keyboard aims at: {lane, cell: [row, col]}
   }
 
   // Take the gestures on a lane's stage that the present tool means; what it does not take is left to pan and zoom.
@@ -18,6 +20,8 @@ class Editor {
       return [event.clientX - box.left, event.clientY - box.top];
     };
     canvas.addEventListener("pointerdown", (event) => {
+      this.cursor = null;
+      if (this.page.tool === "way" && event.button === 0) return event.stopImmediatePropagation(), this.waypoint(lane, at(event));
       if (this.gesture && this.gesture.pointer !== event.pointerId) return this.drop(); // a second finger: pan or zoom
       if (event.button !== 0) return;
       const gesture = this.begin(lane, at(event));
@@ -28,6 +32,7 @@ class Editor {
       this.page.redraw();
     });
     canvas.addEventListener("pointermove", (event) => {
+      if (this.gesture?.kind === "way") return (this.gesture.xy = lane.stage.toWorld(...at(event))), this.page.redraw();
       if (this.gesture?.pointer !== event.pointerId) return;
       event.stopImmediatePropagation();
       for (const each of event.getCoalescedEvents?.() ?? [event]) this.move(at(each));
@@ -35,19 +40,63 @@ class Editor {
       this.page.redraw();
     });
     canvas.addEventListener("pointerup", (event) => {
-      if (this.gesture?.pointer === event.pointerId) this.end();
+      if (this.gesture && this.gesture.pointer === event.pointerId) this.end();
     });
     canvas.addEventListener("pointercancel", () => this.drop());
+    canvas.addEventListener("keydown", (event) => this.key(lane, event));
+    canvas.addEventListener("blur", () => ((this.cursor = null), this.page.redraw()));
   }
 
   drop() {
+    if (this.gesture?.kind === "way") this.page.setDone(false);
     this.gesture = null;
     this.page.redraw();
   }
 
-  begin(lane, point) {
+  // Aim with the arrows, do what the tool does with Enter; the hand puts the goal there, with Shift the start.
+  key(lane, event) {
+    const step = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
+    if (event.ctrlKey || event.altKey || event.metaKey || !(step || (event.key === "Enter" && this.cursor))) return;
+    event.preventDefault();
+    event.stopPropagation();
     const { page } = this;
-    const xy = lane.stage.toWorld(...point);
+    const { rows, cols, resolution, x, y } = page.scene.map;
+    const [row, col] = this.cursor?.cell ?? [1, 0].map((k) => Math.floor((page.scene.start[k] - [x, y][k]) / resolution));
+    const centre = [x + (col + 0.5) * resolution, y + (row + 0.5) * resolution];
+    if (step) this.cursor = { lane, cell: [Math.min(rows - 1, Math.max(0, row + step[0])), Math.min(cols - 1, Math.max(0, col + step[1]))] };
+    else if (page.tool === "hand") page.wish({ op: "move", end: event.shiftKey ? "start" : "goal", xy: centre });
+    else if (page.tool === "way") this.waypoint(lane, null, centre);
+    else {
+      this.gesture = { ...this.begin(lane, null, centre), lane };
+      this.end();
+    }
+    page.redraw();
+  }
+
+  // One waypoint more; the first or the last again ends the round.
+  waypoint(lane, point, xy = lane.stage.toWorld(...point)) {
+    const { gesture } = this;
+    if (gesture?.kind !== "way") {
+      this.gesture = { kind: "way", lane, points: [xy], xy };
+      this.page.setDone(true);
+    } else {
+      const reach = (GRAB * lane.stage.unit) / lane.stage.scale;
+      const again = [gesture.points[0], gesture.points.at(-1)].some(([x, y]) => Math.hypot(x - xy[0], y - xy[1]) <= reach / 2);
+      if (again && gesture.points.length > 1) return this.finish();
+      if (!again) gesture.points.push(xy);
+    }
+    this.page.redraw();
+  }
+
+  finish() {
+    const { gesture, page } = this;
+    if (gesture?.kind !== "way") return;
+    if (gesture.points.length > 1) page.wish({ op: "drop", points: gesture.points, speed: page.pace, radius: page.size });
+    this.drop();
+  }
+
+  begin(lane, point, xy = lane.stage.toWorld(...point)) {
+    const { page } = this;
     const reach = (GRAB * lane.stage.unit) / lane.stage.scale;
     if (page.tool === "hand") {
       const near = (end) => Math.hypot(end[0] - xy[0], end[1] - xy[1]);
@@ -83,7 +132,7 @@ class Editor {
     this.gesture = null;
     const { kind, end, xy, velocity, obstacle, blocked, cells } = gesture;
     if (kind === "end") page.wish({ op: "move", end, xy });
-    if (kind === "obstacle") page.wish({ op: "drop", xy, velocity, radius: page.scene.radii[0] ?? page.scene.radius });
+    if (kind === "obstacle") page.wish({ op: "drop", xy, velocity, radius: page.size });
     if (kind === "remove") page.wish({ op: "remove", obstacle });
     if (kind === "paint" && cells.size) {
       page.wish({ op: "paint", blocked, cells: [...cells.values()] });
@@ -108,41 +157,66 @@ class Editor {
     gesture.last = here;
   }
 
-  // What the gesture under way will do, over the stage's picture.
+  // What the gesture under way will do, and where the keyboard aims, over the stage's picture.
   draw(stage, gesture) {
-    if (!gesture) return;
+    if (gesture?.kind === "paint") this.drawCells(stage, gesture);
+    if (gesture?.kind === "obstacle") this.drawThrow(stage, gesture);
+    if (gesture?.kind === "way") this.drawWay(stage, gesture);
+    if (this.cursor?.lane.stage !== stage) return;
+    const { resolution, x, y } = this.page.scene.map;
+    const [row, col] = this.cursor.cell;
+    const [left, top] = stage.toScreen([x + col * resolution, y + (row + 1) * resolution]);
     const c = stage.context;
-    if (gesture.kind === "paint") {
-      const { resolution, x, y } = this.page.scene.map;
-      const size = resolution * stage.scale;
-      c.fillStyle = gesture.blocked ? stage.colour.wall : stage.colour.floor;
-      for (const [row, col] of gesture.cells.values()) {
-        const [left, top] = stage.toScreen([x + col * resolution, y + (row + 1) * resolution]);
-        c.fillRect(left, top, size + 0.5, size + 0.5);
-      }
+    c.beginPath();
+    c.rect(left, top, resolution * stage.scale, resolution * stage.scale);
+    stage.stroke(stage.colour.floor, 5);
+    stage.stroke(stage.colour.ink, 2.5);
+  }
+
+  drawCells(stage, { blocked, cells }) {
+    const { resolution, x, y } = this.page.scene.map;
+    const size = resolution * stage.scale;
+    stage.context.fillStyle = blocked ? stage.colour.wall : stage.colour.floor;
+    for (const [row, col] of cells.values()) {
+      const [left, top] = stage.toScreen([x + col * resolution, y + (row + 1) * resolution]);
+      stage.context.fillRect(left, top, size + 0.5, size + 0.5);
     }
-    if (gesture.kind === "obstacle") {
-      const radius = this.page.scene.radii[0] ?? this.page.scene.radius;
-      stage.drawObstacle({ id: "", x: gesture.xy[0], y: gesture.xy[1], radius, sensed: true, focus: true });
-      const speed = Math.hypot(...gesture.velocity);
-      const [sx, sy] = stage.toScreen(gesture.xy);
-      const far = (FULL * stage.unit) / this.page.scene.fastest;
-      const [ex, ey] = [sx + gesture.velocity[0] * far, sy - gesture.velocity[1] * far];
+  }
+
+  drawWay(stage, { points, xy }) {
+    const c = stage.context;
+    stage.line([...points, xy, points[0]], stage.colour.moving, 1.5, [5, 4]);
+    for (const point of points) {
       c.beginPath();
-      c.moveTo(sx, sy);
-      c.lineTo(ex, ey);
-      const angle = Math.atan2(ey - sy, ex - sx);
-      if (speed) for (const side of [-0.5, 0.5]) {
-        c.moveTo(ex, ey);
-        c.lineTo(ex - 12 * stage.unit * Math.cos(angle + side), ey - 12 * stage.unit * Math.sin(angle + side));
-      }
-      stage.stroke(stage.colour.ink, 2.5);
-      c.fillStyle = stage.colour.ink;
-      c.font = `600 ${13 * stage.unit}px system-ui, sans-serif`;
-      c.textAlign = "left";
-      c.textBaseline = "bottom";
-      c.fillText(speed ? `${speed.toFixed(2)} m/s` : "stands", sx + 14 * stage.unit, sy - 14 * stage.unit);
+      c.arc(...stage.toScreen(point), 5 * stage.unit, 0, 2 * Math.PI);
+      c.fillStyle = stage.colour.floor;
+      c.fill();
+      stage.stroke(stage.colour.moving, 2);
     }
+    stage.drawObstacle({ id: "", x: points[0][0], y: points[0][1], radius: this.page.size, sensed: true, focus: true });
+  }
+
+  drawThrow(stage, { xy, velocity }) {
+    const c = stage.context;
+    stage.drawObstacle({ id: "", x: xy[0], y: xy[1], radius: this.page.size, sensed: true, focus: true });
+    const speed = Math.hypot(...velocity);
+    const [sx, sy] = stage.toScreen(xy);
+    const far = (FULL * stage.unit) / this.page.scene.fastest;
+    const [ex, ey] = [sx + velocity[0] * far, sy - velocity[1] * far];
+    c.beginPath();
+    c.moveTo(sx, sy);
+    c.lineTo(ex, ey);
+    const angle = Math.atan2(ey - sy, ex - sx);
+    if (speed) for (const side of [-0.5, 0.5]) {
+      c.moveTo(ex, ey);
+      c.lineTo(ex - 12 * stage.unit * Math.cos(angle + side), ey - 12 * stage.unit * Math.sin(angle + side));
+    }
+    stage.stroke(stage.colour.ink, 2.5);
+    c.fillStyle = stage.colour.ink;
+    c.font = `600 ${13 * stage.unit}px system-ui, sans-serif`;
+    c.textAlign = "left";
+    c.textBaseline = "bottom";
+    c.fillText(speed ? `${speed.toFixed(2)} m/s` : "stands", sx + 14 * stage.unit, sy - 14 * stage.unit);
   }
 }
 

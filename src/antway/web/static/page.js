@@ -1,50 +1,20 @@
-import { LAYERS, Stage, navigate } from "/canvas.js";
+import { LAYERS } from "/canvas.js";
 import { Editor } from "/edit.js";
-
-const byId = (id) => document.getElementById(id);
-const choices = JSON.parse(byId("choices").textContent);
-const HORIZON = 3; // s that predictions are drawn for
-const MOST = 4 * 2 ** 20; // bytes of files to open
-const CALM = ["follow", "arrived"];
-const ASIDE = ["avoid", "step-aside", "step-back"];
+import { Lane } from "/lane.js";
+import { bits, busy, byId, choices, connect, fixed, heat, make, mask, notice, save, stemOf, takeFiles } from "/parts.js";
 
 const page = {
-  scene: null, lanes: [], tool: "hand", brush: 1, pending: null, playing: false, speed: 1,
-  show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])),
-  wish, redraw, obstacleAt,
+  scene: null, field: null, lanes: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1,
+  show: Object.fromEntries(LAYERS.map(({ key, off }) => [key, !off])),
+  wish: (message) => wish(message), redraw, align, obstacleAt, askPolicies, setDone,
 };
 const editor = new Editor(page);
-const make = (tag, text, properties = {}) => Object.assign(document.createElement(tag), { textContent: text, ...properties });
-const fixed = (value, digits, unit) => (value == null || !Number.isFinite(value) ? "–" : `${value.toFixed(digits)} ${unit}`);
-
-// ---- the connection ----
-const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`, ["antway", choices.token]);
-socket.addEventListener("message", (event) => {
-  const message = JSON.parse(event.data);
-  if (message.kind === "frame") return takeFrame(message);
-  busy("");
+const wish = connect("/live", (message) => {
+  if (message.kind === "frame") takeFrame(message);
   if (message.kind === "scene") takeScene(message);
-  if (message.kind === "file") download(message);
+  if (message.kind === "link") showLink(message.hash);
   if (message.kind === "refused") refuse(message);
 });
-socket.addEventListener("close", () => {
-  page.playing = false;
-  document.body.dataset.lost = "true";
-  notice("The connection to antway is gone. Start `antway serve` again and reload this page.");
-});
-
-function wish(message) {
-  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
-}
-
-function busy(text) {
-  byId("busy").textContent = text;
-}
-
-function notice(text) {
-  byId("notice").hidden = !text;
-  byId("notice").firstElementChild.textContent = text;
-}
 
 let setting = null; // the parameter last sent
 function refuse({ text }) {
@@ -59,19 +29,6 @@ function refuse({ text }) {
 }
 
 // ---- what comes from the server ----
-const bits = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-
-// An image whose alpha is the amount, its first row the highest y.
-function mask(rows, cols, amount) {
-  const canvas = make("canvas", "", { width: cols, height: rows });
-  const c = canvas.getContext("2d");
-  const data = c.createImageData(cols, rows);
-  for (let row = 0; row < rows; row++)
-    for (let col = 0; col < cols; col++) data.data[((rows - 1 - row) * cols + col) * 4 + 3] = amount(row * cols + col);
-  c.putImageData(data, 0, 0);
-  return canvas;
-}
-
 function takeScene(scene) {
   const { map } = scene;
   for (const name of ["blocked", "unknown"]) {
@@ -81,13 +38,14 @@ function takeScene(scene) {
   }
   const sameMap = page.scene && ["rows", "cols", "resolution", "x", "y"].every((key) => page.scene.map[key] === map[key]);
   page.scene = scene;
+  page.field = scene.field && heat(scene.field, 150);
   page.pending = null;
   notice("");
   document.documentElement.style.setProperty("--ratio", String(map.rows / map.cols));
   buildLanes(scene.policies);
   for (const lane of page.lanes) {
     lane.reset();
-    if (sameMap && lane.stage.map) [lane.stage.map] = [map], lane.stage.tints.clear();
+    if (sameMap && lane.stage.map) lane.stage.change(map);
     else lane.stage.setMap(map);
   }
   if (sameMap) align(page.lanes[0].stage);
@@ -100,11 +58,15 @@ function takeScene(scene) {
   byId("redo").disabled = !scene.redo;
   byId("compare").setAttribute("aria-pressed", String(scene.policies.length > 1));
   setting = null;
+  for (const [id, high] of [["size", 5], ["pace", scene.fastest]]) byId(id).max = String(high);
+  byId("pace").value = String((page.pace = Math.min(page.pace, scene.fastest)));
+  if (!page.dropped && scene.radii.length) byId("size").value = String((page.size = scene.radii[0]));
   for (const { field, input, wrong } of fields) {
     input.value = String(scene.parameters[field]);
     input.removeAttribute("aria-invalid");
     wrong.textContent = "";
   }
+  if (!document.body.dataset.ready) openAddress();
   document.body.dataset.ready = "true";
   redraw();
 }
@@ -118,152 +80,17 @@ function takeFrame(frame) {
   byId("play").classList.toggle("playing", frame.playing);
   byId("speed").value = String(frame.speed);
   const over = page.lanes.every((lane) => lane.now.outcome);
-  byId("play").disabled = byId("step").disabled = over;
+  for (const id of ["play", "step", "ants"]) byId(id).disabled = over;
   byId("cards").setAttribute("aria-live", frame.playing ? "off" : "polite");
+  busy("");
   byId("time").textContent = fixed(Math.max(...page.lanes.map((lane) => lane.now.t)), 1, "s");
   redraw();
 }
 
-function download({ name, type, text, base64 }) {
-  const blob = new Blob([base64 === undefined ? text : bits(base64)], { type });
-  save(blob, name);
-}
-
-function save(blob, name) {
-  const link = make("a", "", { href: URL.createObjectURL(blob), download: name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-}
-
-// ---- one policy's half of the page ----
-class Lane {
-  constructor(index) {
-    this.index = index;
-    this.figure = byId("lane-template").content.firstElementChild.cloneNode(true);
-    this.card = byId("card-template").content.firstElementChild.cloneNode(true);
-    byId("lanes").append(this.figure);
-    byId("cards").append(this.card);
-    this.select = this.figure.querySelector("select");
-    this.select.replaceChildren(...choices.policies.map((name) => make("option", name, { value: name })));
-    this.select.addEventListener("change", () => askPolicies(page.lanes.map((lane) => lane.select.value)));
-    this.stage = new Stage(this.figure.querySelector("canvas"));
-    this.stage.unit = window.devicePixelRatio || 1;
-    editor.listen(this);
-    navigate(this.stage, () => (align(this.stage), redraw()));
-    this.observer = new ResizeObserver(redraw);
-    this.observer.observe(this.stage.canvas);
-    this.reset();
-  }
-
-  remove() {
-    this.observer.disconnect();
-    this.figure.remove();
-    this.card.remove();
-  }
-
-  reset() {
-    [this.now, this.before, this.arrived] = [null, null, 0];
-    [this.trail, this.ms, this.driven, this.decision, this.heat] = [[], [], [0], null, null];
-  }
-
-  take(record) {
-    this.before = this.now;
-    this.now = record;
-    this.arrived = performance.now();
-    this.trail.length = Math.min(this.trail.length, record.from);
-    for (const point of record.trail) {
-      const last = this.trail.at(-1);
-      this.driven[this.trail.length] = last ? this.driven[this.trail.length - 1] + Math.hypot(point[0] - last[0], point[1] - last[1]) : 0;
-      this.trail.push(point);
-    }
-    this.ms.length = Math.min(this.ms.length, Math.max(0, record.from - 1)); // a cycle leads to each row but the first
-    this.ms.push(...record.ms);
-    if ("decision" in record) {
-      this.decision = record.decision;
-      this.heat = null;
-      const heat = record.decision?.pheromone;
-      if (heat) {
-        const shades = bits(heat.shades);
-        this.heat = { ...heat, mask: mask(heat.rows, heat.cols, (i) => Math.round((215 * ((shades[i >> 1] >> (4 * (i & 1))) & 15)) / 15)) };
-      }
-    }
-    this.describe();
-  }
-
-  // The moment that the stage draws: between the last two frames, so that motion is smooth at any rate of frames.
-  moment(time) {
-    const { now, before, decision } = this;
-    const { scene } = page;
-    const span = before && page.playing && !now.outcome ? now.t - before.t : 0;
-    const share = span > 0 ? Math.min(1, (((time - this.arrived) / 1000) * page.speed) / span) : 1;
-    const mix = (a, b) => (share < 1 ? a + (b - a) * share : b);
-    const [x, y] = [0, 1].map((k) => mix(before?.robot[k], now.robot[k]));
-    const obstacles = now.obstacles.map(([ox, oy, vx, vy, sensed], id) => ({
-      id, vx, vy, radius: scene.radii[id], sensed: Boolean(sensed), focus: decision?.obstacle === id,
-      x: mix(before?.obstacles[id]?.[0], ox), y: mix(before?.obstacles[id]?.[1], oy),
-    }));
-    const gesture = editor.gesture?.kind === "end" ? editor.gesture : null;
-    const ends = { start: scene.start, goal: scene.goal, ...(gesture && { [gesture.end]: gesture.xy }) };
-    const trail = share < 1 ? [...this.trail.slice(0, -1), [x, y]] : this.trail;
-    return {
-      ...ends, obstacles, trail, horizon: HORIZON, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path,
-      target: decision?.target, pheromone: this.heat, moving: share < 1,
-      robot: { x, y, heading: now.robot[2], radius: scene.radius, range: scene.range ?? Infinity },
-    };
-  }
-
-  draw(time) {
-    this.stage.resize();
-    if (!this.now) return false;
-    const moment = this.moment(time);
-    this.shown = moment.obstacles;
-    this.stage.draw(moment, page.show);
-    editor.draw(this.stage, page.pending ?? (editor.gesture?.kind === "paint" || editor.gesture?.lane === this ? editor.gesture : null));
-    return moment.moving;
-  }
-
-  describe() {
-    const { now, decision, card, figure } = this;
-    const outcome = figure.querySelector(".outcome");
-    outcome.hidden = !now.outcome;
-    outcome.textContent = (now.outcome ?? "").replaceAll("-", " ");
-    outcome.title = now.ending;
-    outcome.dataset.good = String(now.outcome === "reached");
-    const driven = this.driven[this.trail.length - 1] ?? 0;
-    figure.querySelector(".numbers").textContent =
-      `${fixed(now.t, 1, "s")} · ${fixed(driven, 1, "m driven")} · ${fixed(now.speed, 2, "m/s")} · least clearance ${fixed(now.clearance, 2, "m")}`;
-    this.stage.canvas.setAttribute("aria-label", `Map with the robot steered by ${this.select.value}; the panel says in words what it does.`);
-    card.querySelector("h2").textContent = page.lanes.length > 1 ? `Decision of ${this.select.value}` : "Decision";
-    const action = card.querySelector(".action");
-    action.textContent = now.outcome ? now.outcome.replaceAll("-", " ") : (decision?.action.replaceAll("-", " ") ?? "ready");
-    action.dataset.kind = !decision || CALM.includes(decision.action) ? "calm" : ASIDE.includes(decision.action) ? "planned" : "alert";
-    card.querySelector(".reason").textContent = now.outcome ? now.ending : (decision?.reason ?? "Press play, or take one step.");
-    const facts = [];
-    if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, decision.encounter.replaceAll("-", " ")]);
-    if (decision?.closest[0] != null) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
-    if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
-    if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
-    for (const [name, cost] of decision?.alternatives ?? []) facts.push([name, cost == null ? "not possible" : fixed(cost, 2, "s")]);
-    card.querySelector(".facts").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
-    this.spark();
-  }
-
-  // The policy's time for each of the last cycles.
-  spark() {
-    const canvas = this.card.querySelector(".spark");
-    const last = this.ms.slice(-120);
-    const top = Math.max(...last, 1e-9);
-    [canvas.width, canvas.height] = [240, 56];
-    const c = canvas.getContext("2d");
-    c.fillStyle = this.stage.colour.robot;
-    last.forEach((ms, i) => c.fillRect(i * 2, 56 - Math.max(2, (54 * ms) / top), 1.6, 56));
-    this.card.querySelector(".cycle span").textContent = last.length ? `${fixed(last.at(-1), 2, "ms")} a cycle, worst ${fixed(top, 1, "ms")}` : "";
-  }
-}
-
+// ---- the lanes ----
 function buildLanes(policies) {
   while (page.lanes.length > policies.length) page.lanes.pop().remove();
-  while (page.lanes.length < policies.length) page.lanes.push(new Lane(page.lanes.length));
+  while (page.lanes.length < policies.length) page.lanes.push(new Lane(page, editor));
   policies.forEach((name, i) => (page.lanes[i].select.value = name));
 }
 
@@ -292,18 +119,20 @@ function redraw() {
 // ---- controls ----
 const fields = [];
 
-function askPolicies(names) {
+// Ask for these policies; without names, for those that the lanes' choosers show.
+function askPolicies(names = page.lanes.map((lane) => lane.select.value)) {
   busy("preparing …");
   wish({ op: "policies", names });
 }
 
 function setTool(tool) {
   page.tool = tool;
+  editor.drop();
   document.querySelector("main").dataset.tool = tool;
   for (const button of document.querySelectorAll("[data-tool]:not(main)")) button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
   const brushing = tool === "wall" || tool === "erase";
-  byId("brush").disabled = !brushing;
-  byId("brush-label").classList.toggle("on", brushing);
+  const dropping = tool === "obstacle" || tool === "way";
+  for (const [id, on] of [["brush", brushing], ["size", dropping], ["pace", tool === "way"]]) byId(`${id}-label`).hidden = !on;
 }
 
 function setTheme(theme) {
@@ -319,23 +148,26 @@ function toggle(key) {
   redraw();
 }
 
-async function openFiles(list) {
-  const files = [...list];
-  if (!files.length) return;
-  if (files.reduce((sum, file) => sum + file.size, 0) > MOST) return notice("These files are too large: at most 4 MiB together.");
-  const read = (file) => new Promise((resolve, reject) => {
-    const reader = new FileReader();
-    reader.onload = () => resolve({ name: file.name, data: reader.result.slice(reader.result.indexOf(",") + 1) });
-    reader.onerror = () => reject(reader.error);
-    reader.readAsDataURL(file);
-  });
-  try {
-    busy("opening …");
-    wish({ op: "open", files: await Promise.all(files.map(read)) });
-  } catch (error) {
-    busy("");
-    notice(`The file cannot be read: ${error.message}`);
-  }
+// The button that ends a way of waypoints.
+function setDone(shown) {
+  byId("done").hidden = !shown;
+}
+
+function showLink(hash) {
+  const address = `${location.origin}/#${hash}`;
+  byId("link").value = address;
+  byId("link-box").showModal();
+  byId("link").select();
+}
+
+// Open what the address names after its #: policies, and a scenario's file.
+function openAddress() {
+  const named = new URLSearchParams(location.hash.slice(1));
+  if (!named.has("open")) return;
+  const data = named.get("open").replaceAll("-", "+").replaceAll("_", "/");
+  wish({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
+  if (named.has("policies")) wish({ op: "policies", names: named.get("policies").split(",") });
+  history.replaceState(null, "", location.pathname);
 }
 
 function picture() {
@@ -345,12 +177,23 @@ function picture() {
   c.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--page");
   c.fillRect(0, 0, whole.width, whole.height);
   canvases.reduce((left, canvas) => (c.drawImage(canvas, left, 0), left + canvas.width), 0);
-  whole.toBlob((blob) => save(blob, `antway-${page.scene.name.replace(/[^\w-]+/g, "-")}.png`));
+  whole.toBlob((blob) => save(blob, `antway-${stemOf(page.scene.name)}.png`));
 }
 
 function faster(by) {
   const at = choices.speeds.indexOf(page.speed) + by;
   if (choices.speeds[at] !== undefined) wish({ op: "speed", speed: choices.speeds[at] });
+}
+
+// Take a number of the palette, if it is within its range.
+function setNumber(input, name) {
+  const value = Number(input.value);
+  const right = input.value.trim() !== "" && value >= Number(input.min) && value <= Number(input.max);
+  input.setAttribute("aria-invalid", String(!right));
+  if (!right) return notice(`${input.ariaLabel} = ${input.value || "nothing"}: must be from ${input.min} to ${input.max}`);
+  notice("");
+  page[name] = value;
+  page.dropped = true;
 }
 
 function field(parameter, input, wrong) {
@@ -365,9 +208,9 @@ function field(parameter, input, wrong) {
 
 function build() {
   byId("speed").replaceChildren(...choices.speeds.map((speed) => make("option", `${speed}×`, { value: String(speed) })));
-  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch }, i) => {
-    const row = make("label", "");
-    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: true, title: `Key ${i + 1}` });
+  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch, off }, i) => {
+    const row = make("label", "", { title: `Key ${(i + 1) % 10}` });
+    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: !off });
     box.addEventListener("change", () => ((page.show[key] = box.checked), redraw()));
     row.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
     return row;
@@ -393,13 +236,13 @@ function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
   const play = () => byId("play").disabled || wish({ op: "play", on: !page.playing });
   const actions = {
-    play, step: () => wish({ op: "step" }), reset: () => wish({ op: "reset" }), undo: () => wish({ op: "undo" }), redo: () => wish({ op: "redo" }),
-    open: () => byId("files").click(), fit: () => { for (const { stage } of page.lanes) stage.fit(); redraw(); },
+    play, step: () => wish({ op: "step" }), ants: () => (busy("looking …"), wish({ op: "ants" })), reset: () => wish({ op: "reset" }), undo: () => wish({ op: "undo" }), redo: () => wish({ op: "redo" }),
+    done: () => editor.finish(), fit: () => { for (const { stage } of page.lanes) stage.fit(); redraw(); },
     theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
     compare: () => askPolicies(page.lanes.length > 1 ? [page.lanes[0].select.value] : [page.lanes[0].select.value, page.lanes[0].select.value === "paper" ? "antway" : "paper"]),
     "save-png": picture,
   };
-  for (const what of ["scenario", "trace", "replay"]) actions[`save-${what}`] = () => (busy("writing …"), wish({ op: "export", what }));
+  for (const what of ["scenario", "link", "trace", "replay", "gif"]) actions[`save-${what}`] = () => (busy("writing …"), wish({ op: "export", what }));
   for (const [id, action] of Object.entries(actions)) on(id, "click", action);
   const menu = document.querySelector(".menu");
   menu.addEventListener("click", (event) => event.target.tagName === "BUTTON" && (menu.open = false));
@@ -407,32 +250,31 @@ function listen() {
   on("scene", "change", (event) => (busy("opening …"), wish({ op: "scene", name: event.target.value })));
   on("speed", "change", (event) => wish({ op: "speed", speed: Number(event.target.value) }));
   on("brush", "change", (event) => (page.brush = Number(event.target.value)));
-  on("files", "change", (event) => (openFiles(event.target.files), (event.target.value = "")));
-  on("parameters", "submit", (event) => event.preventDefault());
-  byId("notice").lastElementChild.addEventListener("click", () => notice(""));
-  for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
-  const main = document.querySelector("main");
-  main.addEventListener("dragover", (event) => (event.preventDefault(), main.classList.add("over")));
-  main.addEventListener("dragleave", () => main.classList.remove("over"));
-  main.addEventListener("drop", (event) => {
-    event.preventDefault();
-    main.classList.remove("over");
-    openFiles(event.dataTransfer.files);
+  for (const id of ["size", "pace"]) on(id, "change", (event) => setNumber(event.target, id));
+  on("copy", "click", async () => {
+    byId("link").select();
+    await navigator.clipboard?.writeText(byId("link").value).catch(() => {});
+    byId("copy").textContent = "Copied";
   });
+  on("close-link", "click", () => byId("link-box").close());
+  on("link-box", "close", () => (byId("copy").textContent = "Copy"));
+  on("parameters", "submit", (event) => event.preventDefault());
+  takeFiles((files) => wish({ op: "open", files }));
+  for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
   document.addEventListener("keydown", (event) => {
-    if (event.altKey || ["SELECT"].includes(event.target.tagName) || (event.target.tagName === "INPUT" && event.target.type !== "checkbox")) return;
+    if (event.altKey || byId("link-box").open || ["SELECT"].includes(event.target.tagName) || (event.target.tagName === "INPUT" && event.target.type !== "checkbox")) return;
     const key = event.key.toLowerCase();
     if (event.ctrlKey || event.metaKey) {
       if (key === "z") event.preventDefault(), wish({ op: event.shiftKey ? "redo" : "undo" });
       return;
     }
     const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName);
-    const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle" };
+    const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "way" };
     const keys = {
-      " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
-      f: actions.fit, t: actions.theme, c: actions.compare, escape: () => ((menu.open = false), editor.drop(), notice("")),
+      " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
+      enter: onButton || !editor.gesture ? null : actions.done, f: actions.fit, t: actions.theme, c: actions.compare, escape: () => ((menu.open = false), editor.drop(), notice("")),
     };
-    const layer = LAYERS[Number(key) - 1];
+    const layer = /^\d$/.test(key) && LAYERS[(Number(key) + 9) % 10];
     const action = keys[key] ?? (tools[key] ? () => setTool(tools[key]) : layer ? () => toggle(layer.key) : null);
     if (!action) return;
     event.preventDefault();

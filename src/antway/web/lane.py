@@ -1,0 +1,187 @@
+"""One policy at work in a session: its episode, what it is shown, and what of both the page has been told."""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.avoidance.tubes import Tubes
+from antway.web.inside import Look, edges, look_inside
+from antway.world.episode import Episode
+from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.scenario import Scenario
+
+Message = dict[str, Any]
+
+HORIZON = 3.0  # s that predictions are shown for
+_GROWTH = 0.03  # m/s; policy paper's allowance for what obstacles may do otherwise
+_QUANTILE = 1.645  # of a place that is known with noise
+_SHADES = 40_000  # cells of pheromone in one frame
+_EDGES = 400  # of the ants' trails in one frame
+_KNOTS = 300  # of a planned way in one frame
+_ROWS = 300  # of the way driven in one frame
+
+
+class Watched:
+    """A policy, and what it was shown last."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy = policy
+        self.seen: Observation | None = None
+
+    def reset(self, task: Task, seed: int) -> None:
+        self.policy.reset(task, seed)
+
+    def act(self, observation: Observation) -> Command:
+        self.seen = observation
+        return self.policy.act(observation)
+
+    def explain(self) -> Decision:
+        return self.policy.explain()
+
+
+class Lane:
+    """One policy at work, and what of it the page has been told."""
+
+    def __init__(self, scenario: Scenario, policy: str) -> None:
+        self.episode = Episode(scenario, policy)
+        self.watched = self.episode.policy = Watched(self.episode.policy)
+        self.told = 0  # rows of the record
+        self.decision: Decision | None = None
+        self.look: Look | None = None  # into the cycle to come
+
+    def step(self) -> None:
+        """Play one control cycle."""
+        self.look = None
+        if self.episode.outcome is None:
+            self.episode.step()
+
+    def look_inside(self) -> bool:
+        """Let the ants of the cycle to come do one cycle more, on a copy; tell whether there was one."""
+        if self.episode.outcome is not None or (self.look is not None and self.look.done):
+            return False
+        cycles = 1 if self.look is None else self.look.cycles + 1
+        look = look_inside(self.episode, self.watched.policy, cycles)
+        if look is None:
+            return False
+        self.look = look
+        return True
+
+    def frame(self, lanes: int) -> Message:
+        """Return what is new since the last frame."""
+        episode, stage, n = self.episode, self.episode.stage, self.episode.steps
+        places, velocities = stage.timeline.at(float(stage.t[n]))
+        sensed = stage.sensed[max(n - 1, 0)]
+        begin, end = self.told, min(n + 1, self.told + _ROWS)
+        self.told = end
+        look = self.look
+        way, stand = self._braking()
+        record: Message = {
+            "t": short(stage.t[n]),
+            "robot": [short(v) for v in (*stage.xy[n], stage.heading[n])],
+            "speed": short(math.hypot(*stage.velocity[n])),
+            "braking": [short(way), short(math.atan2(stage.velocity[n, 1], stage.velocity[n, 0])), short(stand)],
+            "obstacles": [
+                [short(v) for v in (*place, *velocity)] + [int(seen)]
+                for place, velocity, seen in zip(places, velocities, sensed)
+            ],
+            "tubes": self._tubes(float(stage.t[n])),
+            "from": begin,
+            "trail": [[short(v) for v in row] for row in stage.xy[begin:end]],
+            "ms": [short(v) for v in stage.cycle_ms[max(begin - 1, 0) : end - 1]],
+            "clearance": short(stage.clearance),
+            "outcome": None if episode.outcome is None else episode.outcome.value,
+            "ending": episode.reason[:400],
+            "ants": None if look is None else [look.cycles, look.done],
+        }
+        latest = look.decision if look is not None else episode.decisions[-1][1] if episode.decisions else None
+        if latest is not self.decision:
+            self.decision = latest
+            policy = self.watched.policy if look is None else look.policy
+            record["decision"] = None if latest is None else _decision(latest, lanes)
+            laid = latest is not None and latest.pheromone is not None
+            record["trails"] = [[short(v) for v in edge] for edge in edges(policy, _EDGES // lanes)] if laid else []
+        return record
+
+    def _braking(self) -> tuple[float, float]:
+        """Return the way in m and the time in s to a stand, if the robot brakes after one more control period."""
+        spec, stage = self.episode.stage.task.robot, self.episode.stage
+        speed = math.hypot(*stage.velocity[stage.n])
+        if speed < 1e-6:
+            return 0.0, 0.0
+        periods = 1 if math.isinf(spec.a_max) else max(1, math.ceil(speed / (spec.a_max * spec.dt) - 1e-9))
+        slower = 0.0 if periods == 1 else spec.a_max * spec.dt * periods * (periods - 1) / 2
+        return (speed * periods - slower) * spec.dt, periods * spec.dt
+
+    def _tubes(self, now: float) -> list[list[Any]]:
+        """Return [radius in m, growth in m/s, [[time from now, x, y], ...]] of each obstacle seen last."""
+        seen = self.watched.seen
+        if seen is None or len(seen.tracks) == 0:
+            return []
+        velocity = np.nan_to_num(seen.tracks.velocity, nan=0.0)
+        tubes = Tubes.predict(seen, velocity, self.episode.stage.task.grid, HORIZON + now - seen.t)
+        result: list[list[Any]] = []
+        for k, radius in enumerate(seen.tracks.radius.tolist()):
+            t, xy = (a[tubes.first[k] : tubes.first[k + 1]] for a in (tubes.knot_t, tubes.knot_xy))
+            times = np.unique(np.concatenate(([now], t[(t > now) & (t < now + HORIZON)], [now + HORIZON])))
+            way = np.column_stack((times - now, *(np.interp(times, t, xy[:, i]) for i in (0, 1))))
+            spread = (0.0, 0.0)
+            if seen.tracks.covariance is not None:
+                spread = (seen.tracks.covariance[k, 0, 0], seen.tracks.covariance[k, 2, 2])
+            wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in spread)
+            result.append([short(radius + wide), short(_GROWTH + faster), [[short(v) for v in knot] for knot in way]])
+        return result
+
+
+def _decision(decision: Decision, lanes: int) -> Message:
+    path = None if decision.path is None else decision.path.xy
+    if path is not None and len(path) > _KNOTS:
+        path = path[np.linspace(0, len(path) - 1, _KNOTS).astype(np.int64)]
+    colony = None
+    if decision.history is not None and len(decision.history):
+        best, _, arrived, _ = decision.history[-1]
+        colony = [len(decision.history), short(best), short(arrived)]
+    pheromone = None
+    if decision.pheromone is not None:
+        row, col, amount = decision.pheromone
+        pheromone = {"row": row, "col": col, **shades(amount, _SHADES // lanes)}
+    return {
+        "action": decision.action,
+        "reason": decision.reason[:400],
+        "obstacle": None if decision.obstacle is None else int(decision.obstacle),
+        "encounter": decision.encounter,
+        "closest": [short(decision.time_to_closest), short(decision.distance_at_closest)],
+        "target": None if decision.local_target is None else [short(v) for v in decision.local_target],
+        "path": None if path is None else [[short(v) for v in point] for point in path],
+        "alternatives": [[name[:80], short(cost)] for name, cost in decision.alternatives[:8]],
+        "gap": short(decision.gap),
+        "guard": decision.guard,
+        "colony": colony,
+        "pheromone": pheromone,
+    }
+
+
+def shades(amount: NDArray[Any], most: int) -> Message:
+    """Return amounts by cell in 16 shades by their square root, two to a byte, the largest of each block if over `most`."""
+    height, width = amount.shape
+    block = max(1, math.ceil(math.sqrt(height * width / most)))
+    rows, cols = -(-height // block), -(-width // block)
+    padded = np.full((rows * block, cols * block), float(amount.min()), np.float32)
+    padded[:height, :width] = amount
+    coarse = padded.reshape(rows, block, cols, block).max(axis=(1, 3))
+    low, high = float(coarse.min()), float(coarse.max())
+    share = (coarse - low) / (high - low) if high > low else np.zeros_like(coarse)
+    levels = np.round(15 * np.sqrt(share)).astype(np.uint8).ravel()
+    if len(levels) % 2:
+        levels = np.append(levels, np.uint8(0))
+    data = base64.b64encode((levels[::2] | (levels[1::2] << 4)).tobytes()).decode()
+    return {"height": rows * block, "width": cols * block, "rows": rows, "cols": cols, "shades": data}
+
+
+def short(value: float) -> float | None:
+    """Return a number to three digits for JSON; None if it is not finite."""
+    return round(float(value), 3) if math.isfinite(value) else None

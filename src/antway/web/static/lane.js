@@ -1,0 +1,142 @@
+// One policy's half of the page: its stage, its card of decisions, and the record of its run.
+import { Stage, navigate } from "/canvas.js";
+import { byId, choices, fixed, heat, make } from "/parts.js";
+
+const CALM = ["follow", "arrived"];
+const ASIDE = ["avoid", "step-aside", "step-back"];
+
+class Lane {
+  // `page` is as in page.js, `editor` takes gestures on the stage.
+  constructor(page, editor) {
+    [this.page, this.editor] = [page, editor];
+    this.figure = byId("lane-template").content.firstElementChild.cloneNode(true);
+    this.card = byId("card-template").content.firstElementChild.cloneNode(true);
+    byId("lanes").append(this.figure);
+    byId("cards").append(this.card);
+    this.select = this.figure.querySelector("select");
+    this.select.replaceChildren(...choices.policies.map((name) => make("option", name, { value: name })));
+    this.select.addEventListener("change", page.askPolicies);
+    this.stage = new Stage(this.figure.querySelector("canvas"));
+    this.stage.unit = window.devicePixelRatio || 1;
+    editor.listen(this);
+    navigate(this.stage, () => (page.align(this.stage), page.redraw()));
+    this.observer = new ResizeObserver(page.redraw);
+    this.observer.observe(this.stage.canvas);
+    this.reset();
+  }
+
+  remove() {
+    this.observer.disconnect();
+    this.figure.remove();
+    this.card.remove();
+  }
+
+  reset() {
+    [this.now, this.before, this.arrived] = [null, null, 0];
+    [this.trail, this.ms, this.driven, this.decision, this.heat, this.trails] = [[], [], [0], null, null, []];
+  }
+
+  take(record) {
+    this.before = this.now;
+    this.now = record;
+    this.arrived = performance.now();
+    this.trail.length = Math.min(this.trail.length, record.from);
+    for (const point of record.trail) {
+      const last = this.trail.at(-1);
+      this.driven[this.trail.length] = last ? this.driven[this.trail.length - 1] + Math.hypot(point[0] - last[0], point[1] - last[1]) : 0;
+      this.trail.push(point);
+    }
+    this.ms.length = Math.min(this.ms.length, Math.max(0, record.from - 1)); // a cycle leads to each row but the first
+    this.ms.push(...record.ms);
+    if ("decision" in record) {
+      this.decision = record.decision;
+      this.trails = record.trails;
+      this.heat = record.decision?.pheromone ? heat(record.decision.pheromone, 215) : null;
+    }
+    this.describe();
+  }
+
+  // The moment that the stage draws: between the last two frames, so that motion is smooth at any rate of frames.
+  moment(time) {
+    const { now, before, decision, page } = this;
+    const { scene } = page;
+    const span = before && page.playing && !now.outcome ? now.t - before.t : 0;
+    const share = span > 0 ? Math.min(1, (((time - this.arrived) / 1000) * page.speed) / span) : 1;
+    const mix = (a, b) => (share < 1 ? a + (b - a) * share : b);
+    const [x, y] = [0, 1].map((k) => mix(before?.robot[k], now.robot[k]));
+    const obstacles = now.obstacles.map(([ox, oy, vx, vy, sensed], id) => ({
+      id, vx, vy, radius: scene.radii[id], sensed: Boolean(sensed), focus: decision?.obstacle === id,
+      x: mix(before?.obstacles[id]?.[0], ox), y: mix(before?.obstacles[id]?.[1], oy),
+    }));
+    const gesture = this.editor.gesture?.kind === "end" ? this.editor.gesture : null;
+    const ends = { start: scene.start, goal: scene.goal, ...(gesture && { [gesture.end]: gesture.xy }) };
+    const trail = share < 1 ? [...this.trail.slice(0, -1), [x, y]] : this.trail;
+    const [way, course, stand] = now.braking;
+    return {
+      ...ends, obstacles, trail, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path, target: decision?.target,
+      tubes: now.tubes.map(([radius, growth, knots]) => ({ radius, growth, way: knots })), trails: this.trails, pheromone: this.heat,
+      field: page.field, braking: { way, course, stand, fastest: scene.fastest, surge: scene.surge ?? Infinity }, moving: share < 1,
+      robot: { x, y, heading: now.robot[2], radius: scene.radius, range: scene.range ?? Infinity, occlusion: scene.occlusion },
+    };
+  }
+
+  draw(time) {
+    this.stage.resize();
+    if (!this.now) return false;
+    const { page, editor } = this;
+    const moment = this.moment(time);
+    this.shown = moment.obstacles;
+    this.stage.draw(moment, page.show);
+    const own = ["paint", "way"].includes(editor.gesture?.kind) || editor.gesture?.lane === this ? editor.gesture : null;
+    editor.draw(this.stage, page.pending ?? own);
+    return moment.moving;
+  }
+
+  describe() {
+    const { now, decision, card, figure } = this;
+    const outcome = figure.querySelector(".outcome");
+    outcome.hidden = !now.outcome;
+    outcome.textContent = (now.outcome ?? "").replaceAll("-", " ");
+    outcome.title = now.ending;
+    outcome.dataset.good = String(now.outcome === "reached");
+    const driven = this.driven[this.trail.length - 1] ?? 0;
+    figure.querySelector(".numbers").textContent =
+      `${fixed(now.t, 1, "s")} · ${fixed(driven, 1, "m driven")} · ${fixed(now.speed, 2, "m/s")} · nearest ${fixed(now.clearance, 2, "m")}`;
+    this.stage.canvas.setAttribute("aria-label", `Map with the robot steered by ${this.select.value}; the panel says in words what it does.`);
+    card.querySelector("h2").textContent = this.page.lanes.length > 1 ? `Decision of ${this.select.value}` : "Decision";
+    const action = card.querySelector(".action");
+    action.textContent = now.outcome ? now.outcome.replaceAll("-", " ") : (decision?.action.replaceAll("-", " ") ?? "ready");
+    action.dataset.kind = !decision || CALM.includes(decision.action) ? "calm" : ASIDE.includes(decision.action) ? "planned" : "alert";
+    card.querySelector(".ants").textContent = now.ants ? `Ant cycle ${now.ants[0]} of the control cycle to come${now.ants[1] ? ", the last" : ""}` : "";
+    card.querySelector(".reason").textContent = now.outcome ? now.ending : (decision?.reason ?? "Press play, or take one step.");
+    const facts = [];
+    if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, decision.encounter.replaceAll("-", " ")]);
+    if (decision?.closest[0] != null) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
+    if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
+    if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
+    for (const [name, cost] of decision?.alternatives ?? []) facts.push([name, cost == null ? "not possible" : fixed(cost, 2, "s")]);
+    if (decision?.colony) {
+      const [cycles, best, arrived] = decision.colony;
+      facts.push([`Ants, after ${cycles} ${cycles === 1 ? "cycle" : "cycles"}`, `${fixed(best, 2, "m")}, ${fixed(100 * arrived, 0, "%")} arrive`]);
+    }
+    card.querySelector(".facts").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
+    this.spark();
+  }
+
+  // The policy's time for each of the last cycles, on a scale of logarithms from 0.01 ms on.
+  spark() {
+    const canvas = this.card.querySelector(".spark");
+    const last = this.ms.slice(-120);
+    const top = Math.max(...last, 0.1);
+    [canvas.width, canvas.height] = [240, 56];
+    const c = canvas.getContext("2d");
+    c.fillStyle = this.stage.colour.robot;
+    last.forEach((ms, i) => {
+      const high = Math.max(2, (54 * Math.log(Math.max(ms, 0.01) / 0.01)) / Math.log(top / 0.01));
+      c.fillRect(i * 2, 56 - high, 1.6, high);
+    });
+    this.card.querySelector(".cycle span").textContent = last.length ? `${fixed(last.at(-1), 2, "ms")} a cycle, worst ${fixed(top, 1, "ms")}` : "";
+  }
+}
+
+export { Lane };

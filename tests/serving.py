@@ -1,0 +1,38 @@
+"""The live page's server on a free port of this machine, for the length of a block."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import uvicorn
+
+from antway.web.server import make_app, names_of
+
+TOKEN = "a-token"
+
+
+@contextmanager
+def served(host: str = "127.0.0.1", port: int | None = None, *, open_page: bool = True) -> Iterator[int]:
+    """Serve on 127.0.0.1 under the names of `host` and `port` (None: the port that is taken); the port taken is given."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        taken = listener.getsockname()[1]
+        app = make_app(names_of(host, port or taken), TOKEN, open_page=open_page)
+        config = uvicorn.Config(app, log_level="critical", http="h11", ws="websockets-sansio", timeout_graceful_shutdown=2)
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        try:
+            yield taken
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+def asked(port: int, request: str) -> bytes:
+    """Send a raw request, and return the whole answer."""
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
+        wire.sendall(request.encode("latin-1"))
+        return b"".join(iter(lambda: wire.recv(65536), b""))
