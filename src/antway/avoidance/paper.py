@@ -86,6 +86,7 @@ class PaperPolicy:
         self.retreating = False  # whether the nodes lead to a refuge, not to the goal
         self.asked = -math.inf  # s; when ways out were last weighed
         self.colonies = 0
+        self.found: Exploration | None = None  # by the last colony
         self.places: dict[int, tuple[float, XY]] = {}
         if len(self.nodes):
             path = self.routes.timed(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()), self.nodes)
@@ -200,7 +201,7 @@ class PaperPolicy:
             if target == here or closed[target] or not room.is_free(target):
                 continue
             self.colonies += 1
-            found = explore(
+            found = self.found = explore(
                 Problem(room, here, target),
                 seed=(self.seed + self.colonies) % 2**64,
                 persistence=Adaptive(),
