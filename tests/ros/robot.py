@@ -18,7 +18,8 @@ from rclpy.qos import QoSProfile
 
 from antway import check_episode, load_scenario, run
 from antway.ros2 import convert
-from antway.ros2.node import LATCHED, load, make
+from antway.ros2.messages import load, make
+from antway.ros2.node import LATCHED
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, RobotSpec, Tracks
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-import math
 import signal
 import time
-from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
@@ -21,63 +18,55 @@ from rclpy.signals import SignalHandlerOptions
 
 from antway import checks
 from antway.avoidance.policy import AntwayPolicy
-from antway.errors import BadInput
+from antway.errors import BadInput, BadParameter
 from antway.grid import Grid
-from antway.planning import Plan, Problem, solve, standing_cell
-from antway.ros2 import convert
-from antway.ros2.settings import Settings, parameters
+from antway.planning import Problem, solve
+from antway.ros2 import convert, frames
+from antway.ros2.actions import Served
+from antway.ros2.frames import Pose
+from antway.ros2.markers import decision_message, predictions_message
+from antway.ros2.messages import load, make
+from antway.ros2.nav2 import Kind, nav2_kinds
+from antway.ros2.pilot import ERROR, OK, WARN, Answer, End, Goal, Pilot
+from antway.ros2.scan import Tracker, discs, off_the_map, read_points
+from antway.ros2.settings import LASER, Settings, parameters
+from antway.ros2.tf import Transforms
 from antway.world.episode import run
-from antway.world.policy import XY, Decision, Observation, Task
+from antway.world.policy import Decision, Tracks
 from antway.world.scenario import Scenario
 from antway.world.world import World
 
 T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
-OK, WARN, ERROR = 0, 1, 2  # of diagnostic_msgs/msg/DiagnosticStatus
-
-
-def make(kind: str, **values: Any) -> Any:
-    """Make a message, service or action type's message of rclpy."""
-    return load(kind)(**{k: array("b", v.tobytes()) if isinstance(v, np.ndarray) else v for k, v in values.items()})
-
-
-def load(kind: str) -> Any:
-    """Return the class of a type such as nav_msgs/msg/Path."""
-    package, folder, name = kind.split("/")
-    return getattr(importlib.import_module(f"{package}.{folder}"), name)
+SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
-    """Drive to what comes on `goal_pose`, and stop, saying why, whenever it cannot be done safely.
+    """Turns messages into what the pilot takes, and its answers into messages.
 
-    Each odometry message begins a control cycle (not oftener than robot.dt); a steady clock, which no jump of the ROS clock
-    moves, stops the robot when odometry falls silent. Obstacles that fall silent stop it too.
+    Parameters
+    ----------
+    kinds : mapping of str to Kind, or None
+        The actions compute_path_to_pose and follow_path; None: Nav2's, where nav2_msgs can be imported.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kinds: Mapping[str, Kind] | None = None) -> None:
         super().__init__("antway")
+        self.kinds = nav2_kinds() if kinds is None else dict(kinds)
         self.values: dict[str, Any] = {}
-        for name, (default, text) in parameters().items():
-            about = make("rcl_interfaces/msg/ParameterDescriptor", description=text)
-            if isinstance(default, float):
-                about.floating_point_range = [make("rcl_interfaces/msg/FloatingPointRange", from_value=0.0, to_value=math.inf)]
-            elif isinstance(default, int) and not isinstance(default, bool):
-                about.integer_range = [make("rcl_interfaces/msg/IntegerRange", from_value=0, to_value=2**31, step=1)]
-            self.values[name] = self.declare_parameter(name, default, about).value
+        for name, one in parameters().items():
+            about = make("rcl_interfaces/msg/ParameterDescriptor", description=one.text, additional_constraints=one.allowed)
+            if isinstance(one.default, float):
+                about.floating_point_range = [
+                    make("rcl_interfaces/msg/FloatingPointRange", from_value=one.low, to_value=one.high)
+                ]
+            elif isinstance(one.default, int) and not isinstance(one.default, bool):
+                about.integer_range = [make("rcl_interfaces/msg/IntegerRange", from_value=one.low, to_value=one.high, step=1)]
+            self.values[name] = self.declare_parameter(name, one.default, about).value
         self.add_on_set_parameters_callback(self._on_parameters)
         self.parts: list[tuple[Callable[[Any], Any], Any]] = []
         self.active = False
-        self._forget()
-
-    def _forget(self) -> None:
-        self.grid: Grid | None = None
-        self.odometry: tuple[float, XY, XY, float] | None = None
-        self.scan: tuple[float, Any] | None = None
-        self.goal: XY | None = None
-        self.policy: AntwayPolicy | None = None
-        self.decision: Decision | None = None
-        self.heard, self.begun, self.acted, self.said = -math.inf, 0.0, -math.inf, (OK, "")
 
     def _on_parameters(self, changed: list[Any]) -> Any:
         values = self.values | {one.name: one.value for one in changed if one.name in self.values}
@@ -88,17 +77,29 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.values = values
         return make("rcl_interfaces/msg/SetParametersResult", successful=True)
 
+    # Up and down
+
     def on_configure(self, state: Any) -> TransitionCallbackReturn:
-        """Check the parameters, compile every kernel that driving needs, and open topics and services."""
+        """Check the parameters, compile every kernel that driving needs, and open topics, services and actions."""
         try:
             self.settings = settings = Settings.of(self.values)
+            kind = load(settings.obstacles_type)
         except BadInput as wrong:
             self.get_logger().error(str(wrong))
+            return TransitionCallbackReturn.FAILURE
+        except (ImportError, AttributeError) as error:
+            self.get_logger().error(f"obstacles_type = {self.values['obstacles_type']!r}: {error}")
             return TransitionCallbackReturn.FAILURE
         room = World(Grid(np.zeros((8, 8), bool)))
         run(Scenario(room, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
         solve(Problem(room.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
-        self._forget()
+        self.pilot, self.tracker = Pilot(settings), Tracker()
+        self.tracker.update(0.0, np.zeros((1, 2)), np.ones(1))
+        self.done: Callable[[End, str], None] | None = None  # told how the drive to the goal ended
+        self.feed: Callable[[], None] | None = None  # told of each command
+        self.walls: tuple[Grid, Grid] | None = None
+        self.shown: Decision | None = None
+        self.heard, self.turning, self.said = time.monotonic(), 0.0, (OK, "")
 
         def publisher(kind: str, topic: str, qos: Any = 10) -> Any:
             made = self.create_lifecycle_publisher(load(kind), topic, qos)
@@ -108,22 +109,25 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.cmd_vel = publisher("geometry_msgs/msg/TwistStamped" if settings.stamped else "geometry_msgs/msg/Twist", "cmd_vel")
         self.plan = publisher("nav_msgs/msg/Path", "plan", LATCHED)
         self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", LATCHED)
+        self.decisions = publisher("visualization_msgs/msg/MarkerArray", "decisions", LATCHED)
+        self.predictions = publisher("visualization_msgs/msg/MarkerArray", "predictions")
         self.diagnostics = None
         if find_spec("diagnostic_msgs"):
             self.diagnostics = publisher("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics")
-        for kind, topic, qos, callback in (
-            (settings.obstacles_type, "obstacles", SENSOR, self._on_obstacles),
-            ("nav_msgs/msg/OccupancyGrid", "map", LATCHED, self._on_map),
-            ("nav_msgs/msg/Odometry", "odom", SENSOR, self._on_odometry),
-            ("geometry_msgs/msg/PoseStamped", "goal_pose", 10, self._on_goal),
+        scans = settings.obstacles_type == LASER and settings.reader is None
+        for message, topic, qos, callback in (
+            (kind, "scan" if scans else "obstacles", SENSOR, self._on_scan if scans else self._on_obstacles),
+            (load("nav_msgs/msg/OccupancyGrid"), "map", LATCHED, self._on_map),
+            (load("nav_msgs/msg/Odometry"), "odom", SENSOR, self._on_odometry),
+            (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
         ):
-            self.parts.append((self.destroy_subscription, self.create_subscription(load(kind), topic, callback, qos)))
-        for kind, name, serve in (
-            ("nav_msgs/srv/GetPlan", "get_plan", self._serve_plan),
-            ("std_srvs/srv/Trigger", "~/stop", self._serve_stop),
-        ):
-            self.parts.append((self.destroy_service, self.create_service(load(kind), name, serve)))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.parts.append((self.destroy_subscription, self.create_subscription(message, topic, callback, qos)))
+        stop = self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)
+        self.parts.append((self.destroy_service, stop))
+        self.transforms = Transforms(self)
+        self.parts.append((Transforms.close, self.transforms))
+        self.parts.append((Served.close, Served(self, self.kinds)))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # which no jump of the ROS clock moves
         for period, tick in ((settings.robot.dt, self._watch), (1.0, self._diagnose)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
         return TransitionCallbackReturn.SUCCESS
@@ -131,143 +135,178 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to drive to goals."""
         done = super().on_activate(state)
-        self.active = True
+        self.active, self.heard = True, time.monotonic()
         self._say(OK, "no goal")
         return done
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
         """Stop the robot and drop the goal."""
-        self._drop(OK, "deactivated")
-        self.active = False
+        self.halt("deactivated")
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
-        """Close topics and services, and forget map and obstacles."""
+        """Close topics, services and actions, and forget map and obstacles."""
         for destroy, part in self.parts:
             destroy(part)
         self.parts.clear()
-        self._forget()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
         """Stop the robot and close everything."""
-        self.halt()
+        self.halt("shut down")
         return self.on_cleanup(state)
 
-    def halt(self) -> None:
+    def halt(self, reason: str) -> None:
         """Stop the robot if the node drives it."""
         if self.active:
-            self._drop(OK, "shut down")
+            self.drop(reason)
             self.active = False
 
     # What comes in
 
+    def place(self, header: Any, pose: Any) -> Pose:
+        """Return in the map's frame a geometry_msgs/msg/Pose given in that of `header`; raises `BadInput` where it cannot."""
+        return frames.chain(self._frame(header.frame_id), convert.read_pose(pose))
+
+    def _frame(self, name: str) -> Pose:
+        """Return the pose of the frame `name` in the map's."""
+        t = self.pilot.odometry[0] if self.pilot.odometry else 0.0
+        return self.transforms.pose(name, self.settings.frame, t, self.settings.timeout)
+
     def _read(self, what: str, read: Callable[[Any], T], message: Any) -> T | None:
-        """Read a message; one that is malformed or in another frame is refused and named on diagnostics."""
-        headers = [message.header] if hasattr(message, "header") else [one.header for one in getattr(message, "markers", [])]
+        """Read a message; one that is malformed, or in a frame that is not known, is refused and named on diagnostics."""
         try:
-            for header in headers:
-                checks.choice("header.frame_id", header.frame_id, [self.settings.frame], where=what)
             return read(message)
         except BadInput as wrong:
             self._say(ERROR, f"{what} refused: {wrong}")
             return None
 
     def _on_map(self, message: Any) -> None:
-        grid = self._read("map", convert.read_grid, message)
-        if grid is not None and (self.grid is None or grid != self.grid):
-            self.grid, self.policy = grid, None
+        def read(message: Any) -> Grid:
+            checks.choice("header.frame_id", message.header.frame_id, [self.settings.frame])
+            return convert.read_grid(message)
 
-    def _on_obstacles(self, message: Any) -> None:
-        scan = self._read("obstacles", self.settings.reader, message)
-        if scan is not None:
-            self.scan = scan
+        grid = self._read("map", read, message)
+        if grid is not None:
+            self._do(self.pilot.chart(grid))
 
     def _on_goal(self, message: Any) -> None:
-        pose = self._read("goal_pose", lambda goal: convert.read_pose(goal.pose), message)
-        if pose is None or not self.active:
+        pose = self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message)
+        if pose is not None and self.active:
+            self.go(Goal(pose[:2]))
+
+    def _on_obstacles(self, message: Any) -> None:
+        def read(message: Any) -> tuple[float, Tracks]:
+            assert self.settings.reader is not None
+            t, tracks = self.settings.reader(message)
+            headers = [message.header] if hasattr(message, "header") else [m.header for m in getattr(message, "markers", [])]
+            names = {header.frame_id for header in headers}
+            if len(names) > 1:
+                raise BadParameter("header.frame_id", sorted(names), "the same throughout a message")
+            return t, frames.move_tracks(self._frame(names.pop()) if names else frames.HERE, tracks)
+
+        found = self._read("obstacles", read, message)
+        if found is not None:
+            t, tracks = found
+            named = bool((tracks.id >= 0).any())
+            self.pilot.scan = t, tracks if named else self.tracker.update(t, tracks.xy, tracks.radius)
+
+    def _on_scan(self, message: Any) -> None:
+        """Take a laser scan, from where the robot was at its time."""
+        if self.pilot.map is None or self.pilot.odometry is None:
             return
-        if self.goal is not None:
-            self._stop(OK, f"the goal {self.goal} is pre-empted by {pose[:2]}")
-        self.goal, self.policy = pose[:2], None
+        settings, grid = self.settings, self.pilot.map
+        t, (x, y), (vx, vy), heading = self.pilot.odometry
+
+        def read(message: Any) -> tuple[float, Tracks]:
+            stamp = convert.seconds(message.header.stamp)
+            dt = stamp - t if abs(stamp - t) <= settings.timeout else 0.0
+            robot = x + vx * dt, y + vy * dt, heading + self.turning * dt
+            mount = self.transforms.pose(message.header.frame_id, settings.base_frame, stamp, settings.timeout)
+            if self.walls is None or self.walls[0] is not grid:
+                self.walls = grid, grid.inflate(settings.scan_clear)
+            points = off_the_map(read_points(message), frames.chain(robot, mount), self.walls[1])
+            return stamp, self.tracker.update(stamp, *discs(points, gap=settings.scan_gap, largest=settings.scan_radius))
+
+        found = self._read("scan", read, message)
+        if found is not None:
+            self.pilot.scan = found
 
     def _on_odometry(self, message: Any) -> None:
-        now = self._read("odom", convert.read_odometry, message)
-        if now is None:
+        def read(message: Any) -> tuple[float, Pose, tuple[float, float]]:
+            t, xy, velocity, heading = convert.read_odometry(message)
+            frame = self.transforms.pose(message.header.frame_id, self.settings.frame, t, self.settings.timeout)
+            return t, frames.chain(frame, (*xy, heading)), frames.turn(frame[2], velocity)
+
+        found = self._read("odom", read, message)
+        if found is None:
             return
-        before, self.odometry, self.heard = self.odometry, now, time.monotonic()
-        if before is not None and not 0.0 <= now[0] - before[0] <= self.settings.timeout:
-            self.scan = self.policy = None  # what was seen and planned before means nothing any more
-            self.acted = -math.inf
-            self._stop(WARN, f"odometry's clock jumped by {now[0] - before[0]:.3f} s")
-        elif self.active and self.goal is not None and now[0] - self.acted >= 0.75 * self.settings.robot.dt:
-            self.acted = now[0]
-            self._cycle(self.goal, *now)
-
-    # Driving
-
-    def _cycle(self, goal: XY, t: float, xy: XY, velocity: XY, heading: float) -> None:
-        """Decide and send one command."""
-        settings = self.settings
-        if math.dist(goal, xy) <= settings.task["goal_tolerance"]:
-            return self._drop(OK, f"arrived at {goal}")
-        if self.grid is None:
-            return self._stop(WARN, "waiting for a map")
-        if self.scan is None:
-            return self._stop(WARN, "waiting for obstacles")
-        stamp, tracks = self.scan
-        if abs(t - stamp) > settings.timeout:
-            return self._stop(ERROR, f"obstacles are {t - stamp:.2f} s older than odometry: the sensor is silent")
-        if stamp > t:  # seen after the robot's place was measured
-            xy, t = (xy[0] + velocity[0] * (stamp - t), xy[1] + velocity[1] * (stamp - t)), stamp
-        try:
-            if self.policy is None:
-                policy = AntwayPolicy(**settings.policy)
-                policy.reset(Task(self.grid, settings.robot, xy, goal, **settings.task), 0)
-                self.policy, self.begun, self.decision = policy, t, None
-            command = self.policy.act(Observation(t - self.begun, xy, velocity, heading, tracks, stamp - self.begun))
-        except BadInput as wrong:
-            return self._drop(ERROR, f"the goal {goal} is refused: {wrong}")
-        self._send(convert.twist_message(command, velocity, heading, settings.robot, make))
-        decision = self.policy.explain()
-        if decision is not self.decision:
-            self.decision = decision
-            self._show(decision, t)
-        return self._say(OK, f"{decision.action}: {decision.reason}")
-
-    def _show(self, decision: Decision, t: float) -> None:
-        """Publish the planned motion and the pheromone."""
-        frame, grid = self.settings.frame, self.grid
-        if decision.path is not None:
-            self.plan.publish(convert.path_message(decision.path.xy, make, t=t, frame=frame))
-        if decision.pheromone is not None and grid is not None:
-            row, col, tau = decision.pheromone
-            costs = np.zeros(grid.shape, np.int8)
-            costs[row : row + tau.shape[0], col : col + tau.shape[1]] = np.rint(100.0 * tau / max(float(tau.max()), 1e-30))
-            self.pheromone.publish(convert.costs_message(costs, grid.resolution, grid.origin, make, t=t, frame=frame))
+        t, (x, y, heading), velocity = found
+        self.heard, self.turning = time.monotonic(), message.twist.twist.angular.z
+        if self._do(self.pilot.hear(t, (x, y), velocity, heading)):
+            self._show(t)
 
     def _watch(self) -> None:
-        silent = time.monotonic() - self.heard
-        if self.active and self.goal is not None and silent > self.settings.timeout:
-            self._stop(ERROR, f"no odometry for {self.settings.timeout:g} s")
+        self._do(self.pilot.silent(time.monotonic() - self.heard))
 
-    def _send(self, twist: Any) -> None:
-        if self.settings.stamped:
-            t = self.odometry[0] if self.odometry is not None else 0.0
-            twist = make("geometry_msgs/msg/TwistStamped", header=convert.header_message(t, "base_link", make), twist=twist)
+    def _serve_stop(self, request: Any, response: Any) -> Any:
+        driving = self.active and self.pilot.goal is not None
+        response.success, response.message = driving, "stopped" if driving else "there was no goal"
+        if self.active:
+            self.drop("stopped on request")
+        return response
+
+    # What goes out
+
+    def go(self, goal: Goal, done: Callable[[End, str], None] | None = None, feed: Callable[[], None] | None = None) -> None:
+        """Drive to `goal`; `done` is told how that ended, `feed` whenever there is a command."""
+        self._do(self.pilot.go(goal))
+        self.done, self.feed = done, feed
+
+    def drop(self, reason: str) -> None:
+        """Stop the robot and drop the goal."""
+        self._do(self.pilot.drop(reason))
+
+    def _do(self, answer: Answer | None) -> bool:
+        """Send the pilot's answer, if there is one; True where the robot drives."""
+        if answer is None or not self.active:
+            return False
+        odometry, settings = self.pilot.odometry, self.settings
+        t, _, velocity, heading = odometry if odometry is not None else (0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
+        twist = make("geometry_msgs/msg/Twist")
+        if answer.drives:
+            twist = convert.twist_message(answer.command, velocity, heading, settings.robot, make)
+        if settings.stamped:
+            header = convert.header_message(max(t, 0.0), settings.base_frame, make)
+            twist = make("geometry_msgs/msg/TwistStamped", header=header, twist=twist)
         self.cmd_vel.publish(twist)
+        self._say(answer.level, answer.reason)
+        if answer.end is not None and self.done is not None:
+            done, self.done, self.feed = self.done, None, None
+            done(answer.end, answer.reason)
+        elif self.feed is not None:
+            self.feed()
+        return answer.drives
 
-    def _stop(self, level: int, reason: str) -> None:
-        """Stop the robot, keep the goal, and say why."""
-        self._send(make("geometry_msgs/msg/Twist"))
-        self._say(level, reason)
-
-    def _drop(self, level: int, reason: str) -> None:
-        """Stop the robot, drop the goal, and say why."""
-        self.goal = self.policy = None
-        self._stop(level, reason)
-
-    # What is said
+    def _show(self, t: float) -> None:
+        """Publish decision, planned motion and pheromone where they are new, and predictions if anybody looks."""
+        pilot, frame = self.pilot, self.settings.frame
+        decision = pilot.decision()
+        if decision is None or pilot.scan is None or pilot.odometry is None:
+            return
+        tracks = pilot.scan[1]
+        if decision is not self.shown:
+            self.shown = decision
+            self.decisions.publish(decision_message(decision, pilot.odometry[1], tracks, t, make, frame=frame))
+            if decision.path is not None:
+                self.plan.publish(convert.path_message(decision.path.xy, make, t=t, frame=frame))
+            costs = pilot.pheromone()
+            if costs is not None:
+                message = convert.costs_message(costs[0], pilot.grid.resolution, costs[1], make, t=t, frame=frame)
+                self.pheromone.publish(message)
+        if self.predictions.get_subscription_count():
+            lines = pilot.predictions(SEEN_AHEAD)
+            self.predictions.publish(predictions_message(tracks, lines, t, make, frame=frame))
 
     def _say(self, level: int, reason: str) -> None:
         if (level, reason) != self.said:
@@ -291,50 +330,6 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         now = make("std_msgs/msg/Header", stamp=self.get_clock().now().to_msg())
         self.diagnostics.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
 
-    # Services
-
-    def _serve_plan(self, request: Any, response: Any) -> Any:
-        """Serve nav_msgs/srv/GetPlan; the path is empty if there is none, and the log says why."""
-        ends = [
-            self._read(f"get_plan.{name}", lambda end: convert.read_pose(end.pose), getattr(request, name))
-            for name in ("start", "goal")
-        ]
-        response.plan = make("nav_msgs/msg/Path", header=convert.header_message(0.0, self.settings.frame, make))
-        if self.grid is None or ends[0] is None or ends[1] is None:
-            self.get_logger().warning("get_plan: " + ("no map yet" if self.grid is None else "ends refused"))
-            return response
-        try:
-            plan = self._plan(self.grid, ends[0][:2], ends[1][:2], float(request.tolerance))
-        except BadInput as wrong:
-            self.get_logger().warning(f"get_plan: {wrong}")
-            return response
-        self.get_logger().info(f"get_plan: {plan.status.value}")
-        response.plan = convert.path_message(plan.xy(self.grid), make, frame=self.settings.frame)
-        return response
-
-    def _plan(self, grid: Grid, start: XY, goal: XY, tolerance: float) -> Plan:
-        """Plan to `goal`, or to the nearest place within `tolerance` m where the robot can stand."""
-        radius = self.settings.robot.radius
-        room = grid.inflate(radius)
-        free = np.argwhere(~room.blocked)
-        try:
-            target = standing_cell("goal", goal, grid, room, radius)
-        except BadInput:
-            away = np.hypot(*(grid.to_xy(free) - goal).T)
-            if len(free) == 0 or not away.min() <= tolerance:
-                raise
-            target = (int(free[away.argmin()][0]), int(free[away.argmin()][1]))
-        return solve(Problem(room, standing_cell("start", start, grid, room, radius), target), self.settings.planner)
-
-    def _serve_stop(self, request: Any, response: Any) -> Any:
-        response.success, response.message = (
-            self.active and self.goal is not None,
-            "stopped" if self.goal else "there was no goal",
-        )
-        if self.active:
-            self._drop(OK, "stopped on request")
-        return response
-
 
 def main(arguments: list[str]) -> int:
     """Run the node until SIGINT or SIGTERM; the robot is stopped on the way out."""
@@ -355,7 +350,7 @@ def main(arguments: list[str]) -> int:
         while not over:
             executor.spin_once(timeout_sec=0.1)
     finally:
-        node.halt()
+        node.halt("shut down")
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()

@@ -4,59 +4,86 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from importlib.util import find_spec
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from antway import checks
 from antway.avoidance.policy import AntwayPolicy
-from antway.errors import BadParameter
+from antway.errors import BadInput, BadParameter
 from antway.grid import Grid, Moves
 from antway.planning import PLANNERS
 from antway.ros2 import convert
 from antway.world.policy import RobotSpec, Task
 
-_OWN = {
+LASER = "sensor_msgs/msg/LaserScan"
+_OWN: dict[str, tuple[Any, str]] = {
     "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
-    "frame": ("map", "Frame of the map, in which odometry, obstacles and goals must come."),
-    "planner": ("jps", "What serves get_plan: " + ", ".join(PLANNERS) + "."),
-    "timeout": (0.5, "s; robot stops when odometry or obstacles are silent for so long."),
+    "frame": ("map", "Frame of the map; what comes in another needs tf."),
+    "base_frame": ("base_link", "Frame of the robot, in which commands are given."),
+    "planner": ("jps", "What plans for get_plan and compute_path_to_pose."),
+    "planner_id": ("GridBased", "Name by which compute_path_to_pose may ask for that planner; others are names of planners."),
+    "controller_id": ("FollowPath", "Name by which follow_path may ask for this controller."),
+    "plan_time": (5.0, "s; a plan that takes longer is given up."),
+    "timeout": (0.5, "s; the robot stops when odometry, obstacles or tf are silent for so long."),
+    "corridor": (2.0, "m; how far the robot may leave the path of follow_path to avoid obstacles."),
+    "patience": (5.0, "s; follow_path fails when the robot must wait for map, odometry or obstacles for longer."),
+    "progress_radius": (0.5, "m; follow_path fails when the robot does not get so far ..."),
+    "progress_time": (20.0, "s; ... in so long."),
     "stamped": (True, "Whether cmd_vel is a TwistStamped (stamped with the odometry that it answers) or a Twist."),
-    "obstacles_type": ("visualization_msgs/msg/MarkerArray", "Type of the messages on obstacles."),
+    "obstacles_type": ("visualization_msgs/msg/MarkerArray", f"Type of the messages on obstacles; {LASER} comes on scan."),
     "obstacles_converter": (
         "",
         "module:function that turns such a message into (t in s, Tracks); empty for the types built in.",
     ),
     "obstacle_radius": (0.3, "m; of obstacles that come as a PoseArray."),
+    "scan_gap": (0.3, "m; points of a laser scan that are further apart belong to two obstacles."),
+    "scan_clear": (0.15, "m; points of a laser scan that are so near to the map's blocked cells belong to the map."),
+    "scan_radius": (0.8, "m; an obstacle of a laser scan that does not fit into such a disc is cut."),
 }
 
 
-def parameters() -> dict[str, tuple[Any, str]]:
-    """Return name -> (default, description) of every parameter, as `RobotSpec`, `Task` and `AntwayPolicy` define them."""
-    found = {f"robot.{f.name}": (f.default, f"Field {f.name} of RobotSpec.") for f in fields(RobotSpec)}
-    found |= {f"task.{f.name}": (f.default, f"Field {f.name} of Task.") for f in fields(Task) if isinstance(f.default, float)}
-    for name, option in inspect.signature(AntwayPolicy).parameters.items():
-        default = option.default.value if isinstance(option.default, Moves) else option.default
-        found[f"policy.{name}"] = (default, f"Option {name} of AntwayPolicy.")
-    return found | _OWN
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter: its default, what it is, and what its definition accepts, in words and (of numbers) as a range."""
+
+    default: Any
+    text: str
+    allowed: str
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The parameters, checked by the definitions they come from."""
+    """The parameters, checked by the definitions they come from; as in `parameters`, less the prefixes."""
 
     robot: RobotSpec
     task: dict[str, float]
     policy: dict[str, Any]
+    autostart: bool
     frame: str
+    base_frame: str
     planner: str
+    planner_id: str
+    controller_id: str
+    plan_time: float
     timeout: float
+    corridor: float
+    patience: float
+    progress_radius: float
+    progress_time: float
     stamped: bool
     obstacles_type: str
-    reader: Callable[[Any], Any]
+    reader: Callable[[Any], Any] | None  # None for laser scans
+    scan_gap: float
+    scan_clear: float
+    scan_radius: float
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Settings:
@@ -65,32 +92,118 @@ class Settings:
         def part(prefix: str) -> dict[str, Any]:
             return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
 
+        def named(build: Callable[..., Any], prefix: str, options: dict[str, Any]) -> Any:
+            try:
+                return build(**options)
+            except BadInput as wrong:
+                raise wrong.at("", f"{prefix}{wrong.field.removeprefix(prefix)}") from None
+
         policy = part("policy.")
         policy["moves"] = Moves(checks.choice("policy.moves", policy["moves"], [m.value for m in Moves]))
-        AntwayPolicy(**policy)
-        robot = RobotSpec(**part("robot."))
-        Task(Grid(np.zeros((1, 1), bool)), robot, (0.5, 0.5), (0.5, 0.5), **part("task."))
-        radius = checks.number("obstacle_radius", values["obstacle_radius"], low=0.0, open_low=True, unit="m")
-        readers = {
-            "visualization_msgs/msg/MarkerArray": convert.read_markers,
-            "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
+        named(AntwayPolicy, "policy.", policy)
+        robot = named(RobotSpec, "robot.", part("robot."))
+        room = Grid(np.zeros((1, 1), bool))
+        named(lambda **options: Task(room, robot, (0.5, 0.5), (0.5, 0.5), **options), "task.", part("task."))
+        own: dict[str, Any] = {
+            name: checks.number(name, values[name], low=0.0, open_low=True, unit=text.partition(";")[0])
+            for name, (default, text) in _OWN.items()
+            if isinstance(default, float)
         }
-        kind, hook = values["obstacles_type"], values["obstacles_converter"]
-        if hook:
-            module, _, name = hook.partition(":")
-            if not name or find_spec(module) is None:
-                raise BadParameter("obstacles_converter", hook, "module:function of a module that can be imported")
-            reader = getattr(importlib.import_module(module), name)
-        else:
-            reader = readers[checks.choice("obstacles_type (without obstacles_converter)", kind, readers)]
+        radius = own.pop("obstacle_radius")
+        for name in ("autostart", "stamped"):
+            checks.instance(name, values[name], bool)
+        for name in ("frame", "base_frame"):
+            if not checks.instance(name, values[name], str):
+                raise BadParameter(name, values[name], "the name of a frame")
+        for name in ("planner_id", "controller_id"):
+            checks.instance(name, values[name], str)
+        kind = values["obstacles_type"]
         return Settings(
             robot=robot,
             task=part("task."),
             policy=policy,
-            frame=values["frame"],
             planner=checks.choice("planner", values["planner"], PLANNERS),
-            timeout=checks.number("timeout", values["timeout"], low=0.0, open_low=True, unit="s"),
-            stamped=values["stamped"],
+            reader=_reader(kind, values["obstacles_converter"], radius),
+            **{n: values[n] for n in ("autostart", "stamped", "frame", "base_frame", "planner_id", "controller_id")},
             obstacles_type=kind,
-            reader=reader,
+            **own,
         )
+
+
+def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
+    """Return what reads obstacles of type `kind`: the function that `hook` names, or the one built in."""
+    readers: dict[str, Callable[[Any], Any] | None] = {
+        "visualization_msgs/msg/MarkerArray": convert.read_markers,
+        "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
+        LASER: None,
+    }
+    if not hook:
+        return readers[checks.choice("obstacles_type (without obstacles_converter)", kind, readers)]
+    module, _, name = checks.instance("obstacles_converter", hook, str).partition(":")
+    try:
+        reader = getattr(importlib.import_module(module), name)
+    except (ImportError, ValueError, AttributeError) as error:
+        raise BadParameter("obstacles_converter", hook, f"module:function that can be imported ({error})") from None
+    if not callable(reader):
+        raise BadParameter("obstacles_converter", hook, "module:function; this is none")
+    if len(str(kind).split("/")) != 3:
+        raise BadParameter("obstacles_type", kind, "the name of a type, such as geometry_msgs/msg/PoseArray")
+    found: Callable[[Any], Any] = reader
+    return found
+
+
+@lru_cache(maxsize=1)
+def parameters() -> dict[str, Parameter]:
+    """Return every parameter by name, as `RobotSpec`, `Task` and `AntwayPolicy` define them, and the node's own.
+
+    What a definition accepts is found by asking it: its words come from its refusal, its range from what it refuses.
+    """
+    found = {f"robot.{f.name}": (f.default, f"Field {f.name} of RobotSpec.") for f in fields(RobotSpec)}
+    found |= {f"task.{f.name}": (f.default, f"Field {f.name} of Task.") for f in fields(Task) if isinstance(f.default, float)}
+    for name, option in inspect.signature(AntwayPolicy).parameters.items():
+        default = option.default.value if isinstance(option.default, Moves) else option.default
+        found[f"policy.{name}"] = (default, f"Option {name} of AntwayPolicy.")
+    found |= _OWN
+    defaults = {name: default for name, (default, _) in found.items()}
+
+    def refusal(name: str, value: Any) -> str:
+        """Why `value` is refused; empty if it is not."""
+        try:
+            Settings.of(defaults | {name: value})
+        except BadInput as wrong:
+            return wrong.allowed
+        return ""
+
+    result = {}
+    for name, (default, text) in found.items():
+        low = high = 0.0
+        if isinstance(default, (int, float)) and not isinstance(default, bool):
+            most = math.inf if isinstance(default, float) else 2**63 - 1
+            low, high = (_end(lambda value: not refusal(name, value), default, sign * most) for sign in (-1, 1))  # noqa: B023
+        result[name] = Parameter(default, text, refusal(name, None), low, high)
+    return result
+
+
+def _end(accepts: Callable[[Any], bool], inside: Any, outside: Any) -> Any:
+    """Return the last number from `inside` towards `outside` that is accepted, by bisection over the numbers there are."""
+    whole = isinstance(inside, int)
+    for likely in (outside, *((0, 1) if whole else (math.copysign(sys.float_info.max, outside), 0.0, 5e-324))):
+        beyond = likely + (1 if outside > inside else -1) if whole else math.nextafter(likely, outside)
+        if accepts(likely) and (likely == outside or not accepts(beyond)):
+            return likely
+    while True:
+        middle = (inside + outside) // 2 if whole else _between(inside, outside)
+        if middle in (inside, outside):
+            return inside
+        inside, outside = (middle, outside) if accepts(middle) else (inside, middle)
+
+
+def _between(a: float, b: float) -> float:
+    """Return the float halfway from `a` to `b` in the order of floats, which is that of their bits."""
+
+    def rank(value: float) -> int:
+        bits = int(np.float64(value).view(np.int64))
+        return bits if bits >= 0 else -(bits & (2**63 - 1))
+
+    middle = (rank(a) + rank(b)) // 2
+    return math.copysign(float(np.int64(abs(middle)).view(np.float64)), middle)

@@ -1,0 +1,223 @@
+"""What the node serves: nav_msgs/srv/GetPlan, and Nav2's actions compute_path_to_pose and follow_path."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from antway.errors import BadInput
+from antway.planning import PLANNERS
+from antway.ros2 import convert
+from antway.ros2.frames import Pose
+from antway.ros2.messages import load, make
+from antway.ros2.nav2 import (
+    ENDS,
+    FOLLOW_TF_ERROR,
+    INVALID_CONTROLLER,
+    INVALID_PATH,
+    INVALID_PLANNER,
+    NONE,
+    PLAN_TF_ERROR,
+    PLAN_UNKNOWN,
+    Failure,
+    Kind,
+    find_path,
+)
+from antway.ros2.pilot import End, Goal, Pilot
+from antway.ros2.ways import tracking
+
+if TYPE_CHECKING:
+    from antway.ros2.node import AntwayNode
+
+
+class Served:
+    """The service and the actions of a configured node. Plans are made beside the executor, which goes on driving."""
+
+    def __init__(self, node: AntwayNode, kinds: dict[str, Kind]) -> None:
+        self.node, self.kinds, self.open = node, kinds, True
+        self.following: Any = None  # the goal handle of follow_path
+        self.service = node.create_service(load("nav_msgs/srv/GetPlan"), "get_plan", self._get_plan)
+        self.servers = [
+            ActionServer(
+                node,
+                kinds[name].type,
+                name,
+                execute_callback=lambda handle: None,  # each goal is given its own when it ends
+                goal_callback=lambda goal: GoalResponse.ACCEPT if node.active else GoalResponse.REJECT,
+                handle_accepted_callback=accepted,
+                cancel_callback=cancel,
+            )
+            for name, accepted, cancel in (
+                ("compute_path_to_pose", self._compute, lambda handle: CancelResponse.ACCEPT),
+                ("follow_path", self._follow, self._cancel),
+            )
+            if name in kinds
+        ]
+
+    def close(self) -> None:
+        """Close service and actions; what is still being planned is forgotten."""
+        self.open = False
+        self.node.destroy_service(self.service)
+        for server in self.servers:
+            server.destroy()
+
+    # Plans
+
+    def _plan(
+        self, stops: list[Any], planner: str, done: Callable[[Any, Failure | None], None], tolerance: float = 0.0
+    ) -> None:
+        """Plan by way of the PoseStampeds `stops` (None: where the robot is); `done` gets a Path, empty on failure."""
+        node, executor, settings = self.node, self.node.executor, self.node.settings
+        path = make("nav_msgs/msg/Path", header=convert.header_message(0.0, settings.frame, make))
+        try:
+            grid, places = node.pilot.map, [self._place(stop) for stop in stops]
+            if grid is None:
+                raise Failure(PLAN_UNKNOWN, "no map yet")
+        except Failure as failure:
+            return done(path, failure)
+
+        def answer(xy: Any, failure: Failure | None) -> None:
+            if not self.open:
+                return
+            if failure is None:
+                path.poses = convert.path_message(xy, make, frame=settings.frame).poses
+                path.poses[-1].pose.orientation = convert.pose_message(*places[-1], make).orientation
+            done(path, failure)
+
+        def work() -> None:
+            xy, failure, radius = None, None, settings.robot.radius
+            try:
+                room = node.pilot.standing_room(grid)
+                xy = find_path(grid, room, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
+            except Failure as found:
+                failure = found
+            executor.create_task(answer, xy, failure)
+
+        return threading.Thread(target=work, daemon=True).start()
+
+    def _place(self, stop: Any) -> Pose:
+        node = self.node
+        if stop is None:
+            if node.pilot.odometry is None:
+                raise Failure(PLAN_TF_ERROR, "where the robot is, is not known: no odometry yet")
+            _, (x, y), _, heading = node.pilot.odometry
+            return x, y, heading
+        try:
+            return node.place(stop.header, stop.pose)
+        except BadInput as wrong:
+            raise Failure(PLAN_TF_ERROR, str(wrong)) from None
+
+    async def _get_plan(self, request: Any, response: Any) -> Any:
+        """Serve nav_msgs/srv/GetPlan; the path is empty if there is none, and the log says why."""
+        node, ready = self.node, Future()
+        self._plan(
+            [request.start, request.goal],
+            node.settings.planner,
+            lambda *found: ready.set_result(found),
+            float(request.tolerance),
+        )
+        response.plan, failure = await ready
+        node.get_logger().info(f"get_plan: {failure.reason if failure else f'{len(response.plan.poses)} poses'}")
+        return response
+
+    def _compute(self, handle: Any) -> None:
+        """Serve compute_path_to_pose."""
+        settings, kind, begun = self.node.settings, self.kinds["compute_path_to_pose"], time.monotonic()
+        goal = kind.read(handle.request)
+
+        def done(path: Any, failure: Failure | None) -> None:
+            code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
+            seconds = time.monotonic() - begun
+            took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
+            self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
+
+        planner = settings.planner if goal.planner_id in ("", settings.planner_id) else goal.planner_id
+        if planner not in PLANNERS:
+            allowed = ", ".join((settings.planner_id, *PLANNERS))
+            return done(
+                make("nav_msgs/msg/Path"), Failure(INVALID_PLANNER, f"planner_id = {planner!r}: must be one of {allowed}")
+            )
+        start = goal.start if goal.use_start else None
+        return self._plan([start, *getattr(goal, "viapoints", ()), goal.goal], planner, done)
+
+    # Driving
+
+    def _follow(self, handle: Any) -> None:
+        """Serve follow_path."""
+        node, kind = self.node, self.kinds["follow_path"]
+        goal = kind.read(handle.request)
+        error = None
+        if goal.controller_id not in ("", node.settings.controller_id):
+            error = INVALID_CONTROLLER, f"controller_id = {goal.controller_id!r}: must be {node.settings.controller_id}"
+        elif len(goal.path.poses) == 0:
+            error = INVALID_PATH, "path.poses = []: must be at least one pose"
+        else:
+            try:
+                way = np.array([node.place(goal.path.header, one.pose)[:2] for one in goal.path.poses], np.float64)
+            except BadInput as wrong:
+                tf = wrong.field == "header.frame_id" or "tf" in wrong.field
+                error = FOLLOW_TF_ERROR if tf else INVALID_PATH, str(wrong)
+        if error is not None:
+            return self._finish(handle, kind, error[0], error_code=error[0], error_msg=error[1])
+
+        def done(end: End, reason: str) -> None:
+            if self.following is handle:
+                self.following = None
+            self._finish(handle, kind, ENDS[end], end is End.REPLACED, error_code=ENDS[end], error_msg=reason)
+
+        node.go(Goal((float(way[-1, 0]), float(way[-1, 1])), way, hurried=True), done, lambda: self._feed(handle, kind, way))
+        self.following = handle
+        return None
+
+    def _feed(self, handle: Any, kind: Kind, way: NDArray[np.float64]) -> None:
+        """Publish feedback of follow_path."""
+        pilot: Pilot = self.node.pilot
+        if not handle.is_active or pilot.odometry is None:
+            return
+        t, xy, velocity, heading = pilot.odometry
+        found = tracking(way, xy, heading)
+        speed = math.hypot(*velocity)
+        fields = {"distance_to_goal": found.left, "speed": speed}
+        if "tracking_feedback" in getattr(kind.type.Feedback, "get_fields_and_field_types", dict)():
+            header = convert.header_message(t, self.node.settings.frame, make)
+            fields["tracking_feedback"] = make(
+                "nav2_msgs/msg/TrackingFeedback",
+                header=header,
+                position_tracking_error=found.aside,
+                heading_tracking_error=found.turned,
+                current_path_index=found.index,
+                robot_pose=make("geometry_msgs/msg/PoseStamped", header=header, pose=convert.pose_message(*xy, heading, make)),
+                distance_to_goal=math.dist(xy, way[-1]),
+                speed=speed,
+                remaining_path_length=found.left,
+            )
+        handle.publish_feedback(kind.feedback(**fields))
+
+    def _cancel(self, handle: Any) -> CancelResponse:
+        """Stop the robot, if it is this goal that it drives to."""
+        if self.following is None or handle.goal_id != self.following.goal_id:
+            return CancelResponse.REJECT
+        self.node.drop("the goal is cancelled")
+        return CancelResponse.ACCEPT
+
+    def _finish(self, handle: Any, kind: Kind, code: int, aborted: bool = False, **fields: Any) -> None:
+        """End a goal: cancelled if that was asked, aborted with an error code or when replaced, else a success."""
+
+        def end(handle: Any) -> Any:
+            if handle.is_cancel_requested:
+                handle.canceled()
+            elif aborted or code != NONE:
+                handle.abort()
+            else:
+                handle.succeed()
+            return kind.result(**fields)
+
+        handle.execute(end)

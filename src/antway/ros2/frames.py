@@ -1,0 +1,100 @@
+"""Frames on the floor: a pose (x, y, yaw) of one frame in another, what it does to points, tracks and maps; no ROS import."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway.grid import Grid
+from antway.kernels.world import wrap
+from antway.planning import TimedPath
+from antway.world.policy import XY, Decision, Tracks
+
+Pose = tuple[float, float, float]  # m, m, rad
+HERE: Pose = (0.0, 0.0, 0.0)
+
+
+def chain(a: Pose, b: Pose) -> Pose:
+    """Return the pose in the world of what has pose `b` in a frame whose pose in the world is `a`.
+
+    Examples
+    --------
+    >>> chain((1.0, 0.0, math.pi), (1.0, 0.0, 0.0))[0]
+    0.0
+    """
+    x, y = move_point(a, b[:2])
+    return x, y, wrap(a[2] + b[2])
+
+
+def inverse(a: Pose) -> Pose:
+    """Return the pose of the world in a frame whose pose in the world is `a`."""
+    x, y = turn(-a[2], (-a[0], -a[1]))
+    return x, y, -a[2]
+
+
+def turn(yaw: float, vector: XY) -> XY:
+    """Return `vector` turned to the left by `yaw` rad; by 0, the same numbers."""
+    if yaw == 0.0:
+        return vector
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]
+
+
+def move_point(a: Pose, xy: XY) -> XY:
+    """Return in the world the point that is `xy`, m, in a frame whose pose is `a`."""
+    x, y = turn(a[2], xy)
+    return a[0] + x, a[1] + y
+
+
+def move(a: Pose, xy: ArrayLike) -> NDArray[np.float64]:
+    """Return in the world the points `xy`, float[N, 2] in m, of a frame whose pose is `a`."""
+    moved: NDArray[np.float64] = _turned(a[2], np.asarray(xy, np.float64).reshape(-1, 2)) + a[:2]
+    return moved
+
+
+def _turned(yaw: float, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    if yaw == 0.0:
+        return vectors
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y = vectors.T
+    return np.column_stack((cos * x - sin * y, sin * x + cos * y))
+
+
+def move_tracks(a: Pose, tracks: Tracks) -> Tracks:
+    """Return in the world the tracks seen in a frame whose pose is `a`; from HERE, the same object."""
+    if a == HERE:
+        return tracks
+    covariance = tracks.covariance
+    if covariance is not None:
+        cos, sin = math.cos(a[2]), math.sin(a[2])
+        both = np.kron(np.eye(2), np.array([[cos, -sin], [sin, cos]]))
+        covariance = both @ covariance @ both.T
+    return Tracks(tracks.id, move(a, tracks.xy), _turned(a[2], tracks.velocity), tracks.radius, covariance)
+
+
+def move_decision(a: Pose, decision: Decision) -> Decision:
+    """Return in the world what was decided in a frame whose pose is `a`; the pheromone's cells stay cells."""
+    path, target = decision.path, decision.local_target
+    return replace(
+        decision,
+        path=None if path is None else TimedPath(path.t, move(a, path.xy)),
+        local_target=None if target is None else move_point(a, target),
+    )
+
+
+def level(grid: Grid) -> tuple[Grid, Pose]:
+    """Return `grid` in a frame in which its yaw is 0, and the pose of that frame in the map's (a turn about its origin).
+
+    Examples
+    --------
+    >>> grid, frame = level(Grid(np.zeros((2, 3), bool), 1.0, (4.0, 5.0, math.pi / 2)))
+    >>> grid.origin[2], frame[2] == math.pi / 2
+    (0.0, True)
+    """
+    x, y, yaw = grid.origin
+    if yaw == 0.0:
+        return grid, HERE
+    return replace(grid, origin=(*turn(-yaw, (x, y)), 0.0)), (0.0, 0.0, yaw)

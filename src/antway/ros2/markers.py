@@ -1,0 +1,122 @@
+"""Decisions and predictions as MarkerArrays for RViz and Foxglove; no ROS import."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.grid import Grid
+from antway.kernels.predict import predict
+from antway.kernels.spacetime import PIECES
+from antway.ros2.convert import Make, header_message, plain, pose_message
+from antway.world.policy import XY, Decision, Tracks
+
+LINE_STRIP, CYLINDER, TEXT, ADD, DELETE_ALL = 4, 3, 9, 0, 3  # of visualization_msgs/msg/Marker
+_COLOURS = {"follow": (0.1, 0.6, 0.2), "arrived": (0.1, 0.6, 0.2), "avoid": (0.1, 0.4, 0.9)}
+_HALTED = (0.9, 0.2, 0.1)  # of every other action: wait, brake, step-back, step-aside, stuck
+
+
+class _Writer:
+    """The markers of one message."""
+
+    def __init__(self, t: float, make: Make, frame: str) -> None:
+        self.make, self.header = make, header_message(t, frame, make)
+        self.markers: list[Any] = []
+        self.add("", 0, (0.0, 0.0), (0.0, 0.0, 0.0), action=DELETE_ALL)
+
+    def add(
+        self,
+        space: str,
+        kind: int,
+        xy: XY,
+        scale: tuple[float, float, float],
+        *,
+        colour: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        alpha: float = 1.0,
+        points: Sequence[Sequence[float]] = (),
+        text: str = "",
+        action: int = ADD,
+        z: float = 0.0,
+    ) -> None:
+        """Write a marker; its id is its place in the message."""
+        make, (r, g, b) = self.make, colour
+        pose = pose_message(*xy, 0.0, make)
+        pose.position.z = z
+        self.markers.append(
+            make(
+                "visualization_msgs/msg/Marker",
+                header=self.header,
+                ns=space,
+                id=len(self.markers),
+                type=kind,
+                action=action,
+                pose=pose,
+                scale=make("geometry_msgs/msg/Vector3", x=scale[0], y=scale[1], z=scale[2]),
+                color=make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha),
+                points=[make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0) for x, y in points],
+                text=text,
+            )
+        )
+
+    def message(self) -> Any:
+        return self.make("visualization_msgs/msg/MarkerArray", markers=self.markers)
+
+
+def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
+    """Return `decision`, made at `xy` m and `t` s among `tracks`, as a MarkerArray of these namespaces, after a delete-all.
+
+    action: its name and reason in words over the robot; motion: the way planned; target: where the way round leads;
+    obstacle: a line from the robot to the obstacle that matters.
+    """
+    writer, colour = _Writer(t, make, frame), _COLOURS.get(decision.action, _HALTED)
+    writer.add("action", TEXT, xy, (0.0, 0.0, 0.25), colour=colour, text=f"{decision.action}: {decision.reason}", z=1.0)
+    if decision.path is not None and len(decision.path.xy) > 1:
+        writer.add("motion", LINE_STRIP, (0.0, 0.0), (0.05, 0.0, 0.0), colour=colour, points=decision.path.xy.tolist())
+    if decision.local_target is not None:
+        writer.add("target", CYLINDER, decision.local_target, (0.2, 0.2, 0.05), colour=colour)
+    for place in tracks.xy[tracks.id == decision.obstacle].tolist():
+        writer.add("obstacle", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=_HALTED, points=[xy, place])
+    return writer.message()
+
+
+def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.float64]]:
+    """Return where each track will be from now to `horizon` s, as the policy predicts it: straight on, mirrored at walls.
+
+    Returns
+    -------
+    list of float64[M, 3]
+        t in s, x and y in m; one for each track.
+    """
+    frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
+    rows = np.column_stack(
+        (tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius, np.zeros((len(tracks), 2)), tracks.id)
+    ).astype(np.float64)
+    pieces, lines = np.empty((PIECES, 8)), []
+    for k in range(len(rows)):
+        n = predict(
+            rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, grid.blocked, frame, pieces
+        )
+        t, until, x, y, vx, vy = pieces[:n, :6].T
+        ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))
+        lines.append(np.vstack((np.column_stack((t, x, y)), ends[-1:])))
+    return lines
+
+
+def predictions_message(
+    tracks: Tracks, lines: list[NDArray[np.float64]], t: float, make: Make = plain, *, frame: str = "map", step: float = 1.0
+) -> Any:
+    """Return predictions (see `predictions`) as a MarkerArray: a line for each track, and its disc every `step` s, fading."""
+    writer = _Writer(t, make, frame)
+    for line, radius in zip(lines, tracks.radius.tolist()):
+        if len(line) < 2:
+            continue
+        writer.add("ways", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=(0.8, 0.3, 0.1), points=line[:, 1:].tolist())
+        for when in np.arange(step, line[-1, 0] + 1e-9, step):
+            x, y = (float(np.interp(when, line[:, 0], line[:, i])) for i in (1, 2))
+            fade = 0.5 * (1.0 - when / (line[-1, 0] + step))
+            writer.add("places", CYLINDER, (x, y), (2 * radius, 2 * radius, 0.02), colour=(0.8, 0.3, 0.1), alpha=float(fade))
+    return writer.message()

@@ -1,0 +1,113 @@
+"""What Nav2's planner and controller servers say: the types, fields and error codes of their actions; no ROS import."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.errors import BadInput, OutOfBounds
+from antway.grid import Cell, Grid
+from antway.planning import Problem, Status, solve, standing_cell
+from antway.ros2.messages import load
+from antway.ros2.pilot import End
+from antway.world.policy import XY
+
+NONE = 0
+# error codes of nav2_msgs/action/ComputePathToPose and FollowPath, the same from Jazzy on
+PLAN_UNKNOWN, INVALID_PLANNER, PLAN_TF_ERROR, START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP = 200, 201, 202, 203, 204
+START_OCCUPIED, GOAL_OCCUPIED, PLAN_TIMEOUT, NO_VALID_PATH = 205, 206, 207, 208
+FOLLOW_UNKNOWN, INVALID_CONTROLLER, FOLLOW_TF_ERROR, INVALID_PATH, PATIENCE_EXCEEDED = 100, 101, 102, 103, 104
+FAILED_TO_MAKE_PROGRESS = 105
+ENDS = {
+    End.ARRIVED: NONE,
+    End.REPLACED: NONE,
+    End.DROPPED: FOLLOW_UNKNOWN,
+    End.REFUSED: INVALID_PATH,
+    End.WAITED: PATIENCE_EXCEEDED,
+    End.HELD: FAILED_TO_MAKE_PROGRESS,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """An action's type, how its goals are read, and how its results and feedback are made of Nav2's fields."""
+
+    type: Any
+    read: Callable[[Any], Any]
+    result: Callable[..., Any]
+    feedback: Callable[..., Any]
+
+
+def nav2_kinds() -> dict[str, Kind]:
+    """Return Nav2's actions by name; none where nav2_msgs cannot be imported."""
+    if find_spec("nav2_msgs") is None:
+        return {}
+
+    def fitting(kind: Any) -> Callable[..., Any]:
+        names = kind.get_fields_and_field_types()
+        return lambda **fields: kind(**{name: value for name, value in fields.items() if name in names})
+
+    def kind(name: str) -> Kind:
+        action = load(f"nav2_msgs/action/{name}")
+        return Kind(action, lambda goal: goal, fitting(action.Result), fitting(action.Feedback))
+
+    return {"compute_path_to_pose": kind("ComputePathToPose"), "follow_path": kind("FollowPath")}
+
+
+class Failure(Exception):
+    """Why there is no plan: an error code of ComputePathToPose, and words."""
+
+    def __init__(self, code: int, reason: str) -> None:
+        self.code, self.reason = code, reason
+        super().__init__(reason)
+
+
+def find_path(
+    grid: Grid, room: Grid, stops: list[XY], radius: float, planner: str, limit: float, tolerance: float = 0.0
+) -> NDArray[np.float64]:
+    """Return the cell centres, float64[N, 2] in m, of the shortest path by way of `stops`, planned within `limit` s.
+
+    `room` is `grid` inflated by the robot's `radius`. Where the robot cannot stand at the last stop, the path leads to the
+    nearest place within `tolerance` m of it where it can.
+
+    Raises
+    ------
+    Failure
+        With Nav2's code for what stands in the way.
+    """
+    cells = []
+    for i, xy in enumerate(stops):
+        try:
+            cells.append(standing_cell("goal" if i else "start", xy, grid, room, radius))
+        except BadInput as wrong:
+            near = _nearest(room, xy, tolerance) if i == len(stops) - 1 else None
+            if near is None:
+                outside, occupied = (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED) if i else (START_OUTSIDE_MAP, START_OCCUPIED)
+                raise Failure(outside if isinstance(wrong, OutOfBounds) else occupied, str(wrong)) from None
+            cells.append(near)
+    end, legs = time.monotonic() + limit, list[NDArray[np.float64]]()
+    for a, b in pairwise(cells):
+        plan = solve(Problem(room, a, b), planner, time_limit=max(end - time.monotonic(), 0.0))
+        if plan.status is Status.BUDGET:
+            raise Failure(PLAN_TIMEOUT, f"no path within {limit:g} s")
+        if plan.status is Status.NO_PATH:
+            raise Failure(NO_VALID_PATH, "there is no path")
+        legs.append(plan.xy(grid)[1 if legs else 0 :])
+    return np.vstack(legs)
+
+
+def _nearest(room: Grid, xy: XY, tolerance: float) -> Cell | None:
+    """Return the free cell of `room` nearest to `xy` m, if its centre is within `tolerance` m."""
+    free = np.argwhere(~room.blocked)
+    away = np.hypot(*(room.to_xy(free) - xy).T)
+    if len(free) == 0 or not away.min() <= tolerance:
+        return None
+    row, col = free[away.argmin()].tolist()
+    return row, col

@@ -1,0 +1,251 @@
+"""The pilot: drives to goals by the policy among what is sensed, and stands, saying why, whenever it cannot; no ROS import."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.avoidance.policy import AntwayPolicy
+from antway.errors import BadInput
+from antway.grid import Grid
+from antway.kernels.world import wrap
+from antway.planning import standing_cell
+from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
+from antway.ros2.markers import predictions
+from antway.ros2.settings import Settings
+from antway.ros2.ways import corridor, keeps_within
+from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
+
+OK, WARN, ERROR = 0, 1, 2  # of diagnostic_msgs/msg/DiagnosticStatus
+STAND = Command((0.0, 0.0))
+
+
+class End(Enum):
+    """How the drive to a goal ended."""
+
+    ARRIVED = "arrived"
+    REPLACED = "replaced"  # by another goal
+    DROPPED = "dropped"  # on request
+    REFUSED = "refused"  # the robot cannot stand there
+    WAITED = "waited"  # longer than its patience, without map, odometry, obstacles or a place to set out from
+    HELD = "held"  # made no progress
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What to do, in the map's frame, and why; `end` when the goal is done with."""
+
+    command: Command
+    level: int
+    reason: str
+    end: End | None = None
+
+    @property
+    def drives(self) -> bool:
+        """Whether the policy drives."""
+        return self.command is not STAND
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to.
+
+    Attributes
+    ----------
+    xy : (x, y)
+        m.
+    way : float64[N, 2] or None
+        The way there; the robot keeps within `corridor` m of it.
+    hurried : bool
+        Whether it ends when patience or progress do.
+    """
+
+    xy: XY
+    way: NDArray[np.float64] | None = None
+    hurried: bool = False
+
+
+class Pilot:
+    """Takes what comes from the robot, in the map's frame, and answers odometry with a command each control period.
+
+    The policy drives in a frame in which the map's yaw is 0; nothing of that shows outside.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.map: Grid | None = None
+        self.room: tuple[Grid, Grid] | None = None
+        self.goal: Goal | None = None
+        self.scan: tuple[float, Tracks] | None = None
+        self.odometry: tuple[float, XY, XY, float] | None = None
+        self.policy: AntwayPolicy | None = None
+        self.command = STAND
+        self.told: tuple[Decision, Decision] | None = None
+        self.due = self.begun = -math.inf
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget since when the robot waits, and where it last made progress."""
+        self.waiting, self.mark = math.nan, (math.nan, (0.0, 0.0))
+
+    # What comes in
+
+    def chart(self, grid: Grid) -> Answer | None:
+        """Take a map; one that is new is planned on anew, and the robot stands meanwhile."""
+        if self.map is not None and grid == self.map:
+            return None
+        self.map, self.policy = grid, None
+        self.grid, self.frame = level(grid)
+        return None if self.goal is None else Answer(STAND, WARN, "the map has changed")
+
+    def standing_room(self, grid: Grid) -> Grid:
+        """Return `grid`, inflated by the robot's radius; kept for the newest. Any thread may ask."""
+        kept = self.room
+        if kept is None or kept[0] is not grid:
+            kept = self.room = grid, grid.inflate(self.settings.robot.radius)
+        return kept[1]
+
+    def go(self, goal: Goal) -> Answer | None:
+        """Take a goal. The one before is replaced, without a stop where the new one leads the same way."""
+        before, self.goal = self.goal, goal
+        self._begin()
+        if before is None:
+            return None
+        if self.policy is not None and self._same_way(before, goal):
+            self.goal = replace(goal, way=before.way)
+            return Answer(self.command, OK, "the path is refreshed", End.REPLACED)
+        self.policy = None
+        return Answer(STAND, OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
+
+    def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
+        """Stand, and be done with the goal."""
+        done = None if self.goal is None else end
+        self.goal = self.policy = None
+        return Answer(STAND, level, reason, done)
+
+    def silent(self, seconds: float) -> Answer | None:
+        """Answer that there was no odometry for so long."""
+        if self.goal is None or seconds <= self.settings.timeout:
+            return None
+        reason = f"no odometry for {self.settings.timeout:g} s"
+        if self.goal.hurried and seconds > self.settings.patience:
+            return self.drop(reason, End.WAITED, ERROR)
+        return Answer(STAND, ERROR, reason)
+
+    def hear(self, t: float, xy: XY, velocity: XY, heading: float) -> Answer | None:
+        """Take the robot's state at `t` s; answers once each control period, and at once when the clock jumps."""
+        before, self.odometry = self.odometry, (t, xy, velocity, heading)
+        if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout:
+            self.scan = self.policy = None  # what was seen and planned before means nothing any more
+            self.due = -math.inf
+            self._begin()
+            return Answer(STAND, WARN, f"odometry's clock jumped by {t - before[0]:.3f} s")
+        dt = self.settings.robot.dt
+        if self.goal is None or t < self.due - dt / 4:
+            return None
+        self.due = (self.due if t - self.due < dt else t) + dt
+        return self._decide(self.goal, t, xy, velocity, heading)
+
+    # Driving
+
+    def _decide(self, goal: Goal, t: float, xy: XY, velocity: XY, heading: float) -> Answer:
+        settings = self.settings
+        if math.dist(goal.xy, xy) <= settings.task["goal_tolerance"]:
+            return self.drop(f"arrived at {goal.xy}", End.ARRIVED)
+        if self.map is None:
+            return self._wait(t, WARN, "waiting for a map")
+        if self.scan is None:
+            return self._wait(t, WARN, "waiting for obstacles")
+        stamp, tracks = self.scan
+        if abs(t - stamp) > settings.timeout:
+            return self._wait(t, ERROR, f"obstacles are {t - stamp:.2f} s older than odometry: the sensor is silent")
+        if stamp > t:  # seen after the robot's place was measured
+            xy, t = (xy[0] + velocity[0] * (stamp - t), xy[1] + velocity[1] * (stamp - t)), stamp
+        into = inverse(self.frame)
+        here = move_point(into, xy)
+        if self.policy is None:
+            try:
+                standing_cell("goal", goal.xy, self.map, self.standing_room(self.map), settings.robot.radius)
+            except BadInput as wrong:
+                return self.drop(f"the goal {goal.xy} is refused: {wrong}", End.REFUSED, ERROR)
+            try:
+                self.policy = self._set_out(goal, here)
+            except BadInput as wrong:
+                return self._wait(t, ERROR, f"the robot cannot set out from {xy}: {wrong}")
+            self.begun = t
+        self.waiting = math.nan
+        if math.isnan(self.mark[0]) or math.dist(xy, self.mark[1]) >= settings.progress_radius:
+            self.mark = (t, xy)
+        elif goal.hurried and t - self.mark[0] > settings.progress_time:
+            return self.drop(f"no progress in {settings.progress_time:g} s", End.HELD, ERROR)
+        seen = Observation(
+            t - self.begun,
+            here,
+            turn(into[2], velocity),
+            wrap(heading + into[2]),
+            move_tracks(into, tracks),
+            stamp - self.begun,
+        )
+        try:
+            command = self.policy.act(seen)
+        except BadInput as wrong:
+            return self._wait(t, ERROR, str(wrong))
+        decision = self.policy.explain()
+        self.command = Command(turn(self.frame[2], command.velocity))
+        return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
+
+    def _wait(self, t: float, level: int, reason: str) -> Answer:
+        """Stand and keep the goal, while patience lasts."""
+        if math.isnan(self.waiting):
+            self.waiting = t
+        if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.patience:
+            return self.drop(reason, End.WAITED, level)
+        return Answer(STAND, level, reason)
+
+    def _set_out(self, goal: Goal, here: XY) -> AntwayPolicy:
+        """Return the policy at the start of its way; the map is that of the goal's corridor, if it has one."""
+        settings, into = self.settings, inverse(self.frame)
+        grid = self.grid
+        if goal.way is not None:
+            grid = corridor(grid, np.vstack((here, move(into, goal.way))), settings.corridor + settings.robot.radius)
+        policy = AntwayPolicy(**settings.policy)
+        policy.reset(Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task), 0)
+        return policy
+
+    def _same_way(self, before: Goal, goal: Goal) -> bool:
+        """Tell whether `goal` is the one before, reached by a way that keeps to the inner half of the same corridor."""
+        if before.way is None or goal.way is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
+            return False
+        ways = [move(inverse(self.frame), way) for way in (before.way, goal.way)]
+        return keeps_within(corridor(self.grid, ways[0], self.settings.corridor / 2), ways[1])
+
+    # What is shown
+
+    def decision(self) -> Decision | None:
+        """Return why the last command was what it was, in the map's frame; the same object while it stays; None: no policy."""
+        if self.policy is None:
+            return None
+        told = self.policy.explain()
+        if self.told is None or told is not self.told[0]:
+            self.told = told, told if self.frame == HERE else move_decision(self.frame, told)
+        return self.told[1]
+
+    def predictions(self, horizon: float) -> list[NDArray[np.float64]]:
+        """Return where each track will be until `horizon` s from now, (t, x, y) in s and m: float64[M, 3] each."""
+        tracks = Tracks.none() if self.scan is None else move_tracks(inverse(self.frame), self.scan[1])
+        lines = predictions(tracks, self.grid, horizon)
+        return [np.column_stack((line[:, 0], move(self.frame, line[:, 1:]))) for line in lines]
+
+    def pheromone(self) -> tuple[NDArray[np.int8], tuple[float, float, float]] | None:
+        """Return the ants' pheromone as costs from 0 to 100 in the window that holds any, and the pose of its corner."""
+        found = None if self.policy is None else self.policy.explain().pheromone
+        if found is None or self.policy is None:
+            return None
+        row, col, tau = found
+        grid = self.policy.task.grid
+        corner = grid.origin[0] + col * grid.resolution, grid.origin[1] + row * grid.resolution, 0.0
+        return np.rint(100.0 * tau / max(float(tau.max()), 1e-30)).astype(np.int8), chain(self.frame, corner)

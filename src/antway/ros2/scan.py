@@ -1,0 +1,127 @@
+"""Tracks out of laser scans: what is not on the map, cut into discs, each followed by a Kalman filter; no ROS import."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.kernels import track
+from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.ros2.frames import Pose, move
+from antway.world.policy import Tracks
+
+Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
+
+
+def read_points(message: Any) -> NDArray[np.float64]:
+    """Return the points that a sensor_msgs/msg/LaserScan hit, float64[N, 2] in m in the laser's frame, in the beams' order.
+
+    A range of -inf (too near to measure, REP 117) counts as range_min; NaN and what is out of range is no hit.
+
+    Raises
+    ------
+    BadParameter
+        For numbers that are not finite, a step of 0 and an empty scan.
+    """
+    where = "LaserScan"
+    begin, step, near, far = (
+        checks.number(n, getattr(message, n), where=where) for n in ("angle_min", "angle_increment", "range_min", "range_max")
+    )
+    r = np.asarray(message.ranges, np.float64)
+    if step == 0.0:
+        raise BadParameter("angle_increment", step, "not 0", where=where)
+    if r.ndim != 1 or len(r) == 0:
+        raise BadParameter("ranges.shape", r.shape, "(N,) with N > 0", where=where)
+    r = np.where(r == -math.inf, near, r)
+    angle = begin + step * np.arange(len(r))
+    hit = (r >= near) & (r <= far)  # not where NaN
+    return np.column_stack((r * np.cos(angle), r * np.sin(angle)))[hit]
+
+
+def off_the_map(points: NDArray[np.float64], pose: Pose, walls: Grid) -> NDArray[np.float64]:
+    """Return those `points` of a laser at `pose` that lie in free cells of `walls` (the map, inflated by its errors)."""
+    xy = move(pose, points)
+    cells = np.floor(walls.to_points(xy) + 0.5).astype(np.int64)
+    inside: NDArray[np.bool_] = np.asarray(((cells >= 0) & (cells < walls.shape)).all(axis=1))
+    inside[inside] = ~walls.blocked[tuple(cells[inside].T)]
+    return xy[inside]
+
+
+def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
+    """Cut points, float64[N, 2] in m in the order of a laser's beams, where neighbours are more than `gap` m apart.
+
+    A laser sees the near side of things: its ends are as wide apart as the thing is, so that each piece becomes the disc about
+    the middle of its ends that holds it, wider by half the spacing of its points. Pieces that do not fit into a disc of radius
+    `largest` m are halved. Single points are noise.
+    """
+    if len(xy) == 0:
+        return np.empty((0, 2)), np.empty(0)
+    breaks = np.flatnonzero(np.hypot(*np.diff(xy, axis=0).T) > gap) + 1
+    pieces = np.split(xy, breaks)
+    if len(pieces) > 1 and math.dist(xy[0], xy[-1]) <= gap:  # the scan goes all the way round
+        pieces[0] = np.vstack((pieces.pop(), pieces[0]))
+    found = []
+    while pieces:
+        piece = pieces.pop()
+        if len(piece) < 2:
+            continue
+        middle = (piece[0] + piece[-1]) / 2
+        reach = float(np.hypot(*(piece - middle).T).max())
+        if reach > largest and len(piece) > 3:
+            pieces += [piece[: len(piece) // 2 + 1], piece[len(piece) // 2 :]]
+        else:
+            spacing = float(np.median(np.hypot(*np.diff(piece, axis=0).T)))
+            found.append((middle[0], middle[1], reach + spacing / 2))
+    rows = np.array(found[::-1], np.float64).reshape(-1, 3)
+    return rows[:, :2].copy(), rows[:, 2].copy()
+
+
+class Tracker:
+    """Gives discs that have none names and velocities, by a Kalman filter for each (kernels/track.py).
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of the places, m, > 0.
+    agility : float
+        Acceleration that is expected of obstacles, m/s^2, > 0.
+    near : float
+        How far from its prediction a disc may be found, m, > 0.
+    """
+
+    def __init__(self, noise: float = 0.05, agility: float = 1.0, near: float = 0.8) -> None:
+        self.noise, self.agility, self.near = noise, agility, near
+        self.book, self.beliefs = np.zeros((256, track.COLUMNS)), np.zeros((256, 8))
+        self.count, self.named, self.t = 0, 0, -math.inf
+
+    def update(self, t: float, xy: NDArray[np.float64], radius: NDArray[np.float64]) -> Tracks:
+        """Take in the discs seen at `t` s; returns all that must still be about, at `t`. When time goes back, begin anew."""
+        if t < self.t:
+            self.count = 0
+        self.t, n = t, len(xy)
+        unknown = np.full((n, 2), math.nan)
+        variance = np.column_stack((np.full(n, self.noise**2), np.zeros(n)))
+        nameless = np.full(n, -1, np.int64)
+        self.count, known = track.update(
+            self.book, self.count, t, nameless, xy, unknown, radius, variance, self.agility, self.near, self.beliefs
+        )
+        book, belief = self.book[:known], self.beliefs[:known]
+        fresh = np.flatnonzero(book[:, track.ID] < 0.0)
+        book[fresh, track.ID] = np.arange(self.named, self.named + len(fresh))
+        self.named += len(fresh)
+        belief[:, NAME] = book[:, track.ID]
+        covariance = np.zeros((known, 4, 4))
+        age = t - book[:, track.T]
+        for place, speed in ((0, 2), (1, 3)):
+            covariance[:, place, place] = belief[:, SIGMA] ** 2
+            covariance[:, speed, speed] = belief[:, SIGMA_V] ** 2
+            covariance[:, place, speed] = covariance[:, speed, place] = book[:, track.P12] + age * book[:, track.P22]
+        return Tracks(
+            belief[:, NAME].astype(np.int64), belief[:, :2].copy(), belief[:, 2:4].copy(), belief[:, RADIUS].copy(), covariance
+        )

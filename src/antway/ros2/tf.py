@@ -1,0 +1,51 @@
+"""Where frames stand to each other: by tf where tf2_ros can be imported, else nothing but the same frame is known."""
+
+from __future__ import annotations
+
+import importlib
+from importlib.util import find_spec
+from typing import Any
+
+from rclpy.time import Time
+
+from antway.errors import BadParameter
+from antway.ros2 import convert
+from antway.ros2.frames import HERE, Pose
+
+
+class Transforms:
+    """The newest transforms that `node` has heard of."""
+
+    def __init__(self, node: Any) -> None:
+        self.tf2: Any = importlib.import_module("tf2_ros") if find_spec("tf2_ros") else None
+        if self.tf2:
+            self.buffer = self.tf2.Buffer()
+            self.listener = self.tf2.TransformListener(self.buffer, node)
+
+    def close(self) -> None:
+        """Stop listening."""
+        if self.tf2:
+            self.listener.unregister()
+            self.tf2 = None
+
+    def pose(self, frame: str, within: str, t: float, timeout: float) -> Pose:
+        """Return the newest pose of `frame` in the frame `within`.
+
+        Raises
+        ------
+        BadParameter
+            If there is none, or it is more than `timeout` s from `t` s, or is tilted; static ones (time 0) are of any age.
+        """
+        if frame == within:
+            return HERE
+        if not self.tf2:
+            raise BadParameter("header.frame_id", frame, f"{within} (tf2_ros, which would know others, cannot be imported)")
+        try:
+            found = self.buffer.lookup_transform(within, frame, Time())
+        except self.tf2.TransformException as error:
+            raise BadParameter("header.frame_id", frame, f"{within}, or a frame that tf knows ({error})") from None
+        stamp, move = convert.seconds(found.header.stamp), found.transform
+        if stamp != 0.0 and abs(t - stamp) > timeout:
+            raise BadParameter(f"age of tf from {within} to {frame}", t - stamp, f"within {timeout:g} s: tf is silent")
+        place = convert.plain("", position=move.translation, orientation=move.rotation)
+        return convert.read_pose(place, where=f"tf from {within} to {frame}")

@@ -1,0 +1,91 @@
+"""The way that follow_path gives: the corridor about it, and where the robot is along it; no ROS import."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from antway.grid import Grid
+from antway.kernels.world import wrap
+from antway.world.policy import XY
+
+
+def corridor(grid: Grid, way: NDArray[np.float64], width: float) -> Grid:
+    """Return the part of `grid` about `way`, float64[N, 2] in m, all blocked that is further than `width` m from it.
+
+    Distances are those between centres of cells.
+
+    Examples
+    --------
+    >>> part = corridor(Grid(np.zeros((9, 9), bool)), np.array([[0.5, 4.5], [8.5, 4.5]]), 1.0)
+    >>> part.origin, part.shape
+    ((0.0, 3.0, 0.0), (3, 9))
+    """
+    size, (rows, cols) = grid.resolution, grid.shape
+    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(way, axis=0)).max(axis=1) / size).astype(int), 1)
+    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(way, way[1:], steps.tolist())]
+    cells = np.floor(grid.to_points(np.vstack((*dense, way[-1:]))) + 0.5).astype(np.int64)
+    pad = math.ceil(width / size)
+    low = np.clip(cells.min(axis=0) - pad, 0, (rows - 1, cols - 1))
+    high = np.clip(cells.max(axis=0) + pad, 0, (rows - 1, cols - 1))
+    far = np.ones(high - low + 1, bool)
+    inside = ((cells >= low) & (cells <= high)).all(axis=1)
+    far[tuple((cells[inside] - low).T)] = False
+    far = distance_transform_edt(far) * size > width
+    window = slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
+    unknown = None if grid.unknown is None else grid.unknown[window]
+    corner = grid.origin[0] + float(low[1]) * size, grid.origin[1] + float(low[0]) * size, 0.0
+    return Grid(grid.blocked[window] | far, size, corner, unknown)
+
+
+def keeps_within(part: Grid, way: NDArray[np.float64]) -> bool:
+    """Tell whether every vertex of `way`, float64[N, 2] in m, lies in a free cell of `part`."""
+    cells = np.floor(part.to_points(way) + 0.5).astype(np.int64)
+    return all(part.is_free((row, col)) for row, col in cells.tolist())
+
+
+@dataclass(frozen=True, slots=True)
+class Tracking:
+    """Where a robot is along a way.
+
+    Attributes
+    ----------
+    index : int
+        Of the vertex at which the nearest segment begins.
+    aside : float
+        Distance from the way, m; positive to its left.
+    turned : float
+        Direction of the way less the robot's heading, rad; positive where the robot is turned to the right of the way.
+    left : float
+        Length of the way from there to its end, m.
+    """
+
+    index: int
+    aside: float
+    turned: float
+    left: float
+
+
+def tracking(way: NDArray[np.float64], xy: XY, heading: float) -> Tracking:
+    """Return where a robot at `xy` m with that heading is along `way`, float64[N, 2] in m.
+
+    Examples
+    --------
+    >>> tracking(np.array([[0.0, 0.0], [4.0, 0.0]]), (1.0, 0.5), 0.25)
+    Tracking(index=0, aside=0.5, turned=-0.25, left=3.0)
+    """
+    if len(way) == 1:
+        return Tracking(0, 0.0, 0.0, math.dist(xy, way[0]))
+    begin, step = way[:-1], np.diff(way, axis=0)
+    to = np.array(xy) - begin
+    share = np.clip((to * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300), 0.0, 1.0)
+    away = np.hypot(*(to - share[:, None] * step).T)
+    i = int(np.argmin(away))
+    lengths = np.hypot(*step.T)
+    side = math.copysign(float(away[i]), float(step[i, 0] * to[i, 1] - step[i, 1] * to[i, 0]))
+    left = float((1.0 - share[i]) * lengths[i] + lengths[i + 1 :].sum())
+    return Tracking(i, side, wrap(math.atan2(step[i, 1], step[i, 0]) - heading), left)
