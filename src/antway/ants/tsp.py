@@ -150,7 +150,7 @@ def solve_tsp(
     for name, value in (("tours", tours), ("cycles", cycles)):
         if value is not None:
             checks.integer(name, value, low=0)
-    labour, chosen = _plan(n, rule, local_search, focused)
+    labour, chosen = labour_for(n, rule, local_search, focused)
     clock = Budget(seconds=seconds, cancel=cancel).start()
     if n < 4 or (not np.any(instance.cities(1).gap > 0.0) and instance.length(np.arange(n)) == 0.0):
         order = np.arange(n, dtype=np.int32)
@@ -197,7 +197,7 @@ def solve_tsp(
     )
 
 
-def _plan(n: int, rule: str | Rule, local_search: str | None, focused: bool | None) -> tuple[Labour, str | Rule]:
+def labour_for(n: int, rule: str | Rule, local_search: str | None, focused: bool | None) -> tuple[Labour, str | Rule]:
     """Return what ants do besides walking, and the rule they follow."""
     if local_search is None or n < _SEARCHED_FROM:
         if focused and local_search is None:
