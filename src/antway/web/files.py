@@ -45,7 +45,7 @@ def read_upload(files: object) -> Scenario:
     BadInput
         For files that are too many, too large or no scenario or map; the text names them without the folder they stood in.
     """
-    contents = _unpacked(_decoded(files))
+    contents = _unpacked(decoded(files))
     with tempfile.TemporaryDirectory(prefix="antway-") as name:
         folder = Path(name)
         for file, data in contents.items():
@@ -72,7 +72,7 @@ def _read(folder: Path, names: list[str]) -> Scenario:
     raise BadParameter("files", names, f"a scenario .toml or a map {', '.join(_MAPS)}, and what it refers to, or a .zip")
 
 
-def _decoded(files: object) -> dict[str, bytes]:
+def decoded(files: object) -> dict[str, bytes]:
     if not isinstance(files, list) or not 1 <= len(files) <= MAX_FILES:
         raise BadParameter("files", files, f"1 to {MAX_FILES} files")
     contents: dict[str, bytes] = {}
@@ -147,12 +147,12 @@ def scenario_file(scenario: Scenario) -> dict[str, Any]:
         for file in sorted(Path(name).iterdir()):
             archive.write(file, file.name)
     data = base64.b64encode(buffer.getvalue()).decode()
-    return {"kind": "file", "name": f"{_stem(scenario.name)}.zip", "type": "application/zip", "base64": data}
+    return {"kind": "file", "name": f"{stem(scenario.name)}.zip", "type": "application/zip", "base64": data}
 
 
 def trace_file(trace: Trace) -> dict[str, Any]:
     """Return the trace as a file."""
-    name = f"{_stem(trace.scenario)}-{trace.policy}.json"
+    name = f"{stem(trace.scenario)}-{trace.policy}.json"
     return {"kind": "file", "name": name, "type": "application/json", "text": to_json(trace)}
 
 
@@ -161,7 +161,7 @@ def replay_file(trace: Trace) -> dict[str, Any]:
     from antway.view.figures import shortest
     from antway.view.replay import replay_page
 
-    name = f"{_stem(trace.scenario)}-{trace.policy}.html"
+    name = f"{stem(trace.scenario)}-{trace.policy}.html"
     return {"kind": "file", "name": name, "type": "text/html", "text": replay_page(trace, shortest=shortest(trace.task))}
 
 
@@ -172,7 +172,7 @@ def gif_file(trace: Trace) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:
         data = write_animation(trace, Path(folder) / "run.gif", shortest=shortest(trace.task)).read_bytes()
-    name = f"{_stem(trace.scenario)}-{trace.policy}.gif"
+    name = f"{stem(trace.scenario)}-{trace.policy}.gif"
     return {"kind": "file", "name": name, "type": "image/gif", "base64": base64.b64encode(data).decode()}
 
 
@@ -193,5 +193,5 @@ def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
     return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
-def _stem(name: str) -> str:
+def stem(name: str) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name)[:60].strip("-") or "scenario"

@@ -13,8 +13,10 @@ import ipaddress
 import json
 import secrets
 import socket
-from collections.abc import Awaitable, Callable
+import threading
+from collections.abc import Awaitable, Callable, Mapping
 from importlib.resources import files
+from typing import Protocol
 
 import uvicorn
 from starlette.applications import Starlette
@@ -25,8 +27,10 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from antway import checks
+from antway.ants.rules import RULES
 from antway.errors import BadInput, BadParameter
 from antway.scenes import SCENES
+from antway.web import tours
 from antway.web.lane import Message
 from antway.web.session import PARAMETERS, POLICIES, SPEEDS, Session
 
@@ -41,6 +45,8 @@ TICK = 1 / 40  # s between frames at the least
 
 _FILES = {  # path: package, file, type
     "/": ("antway.web", "page.html", "text/html"),
+    "/tsp": ("antway.web", "tsp.html", "text/html"),
+    "/tsp.js": ("antway.web", "tsp.js", "text/javascript"),
     "/page.css": ("antway.web", "page.css", "text/css"),
     "/page.js": ("antway.web", "page.js", "text/javascript"),
     "/lane.js": ("antway.web", "lane.js", "text/javascript"),
@@ -75,6 +81,20 @@ def names_of(host: str, port: int) -> frozenset[str]:
     """Return what a Host header may say to a server at `host` and `port`."""
     hosts = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {f"[{host}]" if ":" in host else host.lower()}
     return frozenset({f"{name}:{port}" for name in hosts} | (hosts if port == 80 else set()))
+
+
+class Tab(Protocol):
+    """What is behind one tab: wishes come in, scenes and frames go out; `period` s of the clock make one step."""
+
+    closed: threading.Event
+    playing: bool
+
+    @property
+    def period(self) -> float: ...
+    def apply(self, message: object) -> list[Message]: ...
+    def advance(self, steps: int) -> None: ...
+    def frame(self) -> Message: ...
+    def describe(self) -> Message: ...
 
 
 class Gate:
@@ -113,43 +133,54 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     open_page : bool
         Whether the page is served, token and all, to whoever asks for it; otherwise it takes ?token=... to get it.
     """
-    choices = {
+    crossing = {
         "policies": POLICIES,
         "scenes": SCENES,
         "speeds": SPEEDS,
         "parameters": [{name: getattr(p, name) for name in p.__slots__} for p in PARAMETERS],
         "token": token,
     }
-    safe = json.dumps(choices).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+    touring = {
+        "instances": list(tours.INSTANCES),
+        "rules": list(RULES),
+        "searches": tours.SEARCHES,
+        "persistences": tours.PERSISTENCES,
+        "speeds": tours.SPEEDS,
+        "token": token,
+    }
+    pages = {"/": _embedded(crossing), "/tsp": _embedded(touring)}
 
     def file(path: str) -> Callable[[Request], Awaitable[Response]]:
         package, name, kind = _FILES[path]
-        text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", safe)
+        text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", pages.get(path, ""))
 
         async def answer(request: Request) -> Response:
-            if path == "/" and not open_page and not _same(request.query_params.get("token", ""), token):
+            if path in pages and not open_page and not _same(request.query_params.get("token", ""), token):
                 return PlainTextResponse("open the address that antway serve printed, with its token\n", 403, _HEADERS)
             return Response(text, 200, _HEADERS, kind)
 
         return answer
 
-    sessions: set[Session] = set()
+    tabs: set[Tab] = set()
 
-    async def live(websocket: WebSocket) -> None:
-        offered = websocket.scope.get("subprotocols", [])
-        if len(offered) != 2 or offered[0] != "antway" or not _same(offered[1], token) or len(sessions) >= MAX_SESSIONS:
-            return await websocket.close(1008)
-        await websocket.accept("antway")
-        session = await asyncio.to_thread(Session)
-        sessions.add(session)
-        try:
-            await _Player(websocket, session).run()
-        finally:
-            session.closed.set()
-            sessions.discard(session)
+    def live(make: Callable[[], Tab]) -> Callable[[WebSocket], Awaitable[None]]:
+        async def play(websocket: WebSocket) -> None:
+            offered = websocket.scope.get("subprotocols", [])
+            if len(offered) != 2 or offered[0] != "antway" or not _same(offered[1], token) or len(tabs) >= MAX_SESSIONS:
+                return await websocket.close(1008)
+            await websocket.accept("antway")
+            tab = await asyncio.to_thread(make)
+            tabs.add(tab)
+            try:
+                await _Player(websocket, tab).run()
+            finally:
+                tab.closed.set()
+                tabs.discard(tab)
+
+        return play
 
     routes = [Route(path, file(path), methods=["GET"]) for path in _FILES]
-    app = Starlette(routes=[*routes, WebSocketRoute("/live", live)])
+    app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
     return Gate(app, names)
 
@@ -157,7 +188,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
 class _Player:
     """Carries wishes to a session and frames back, at the pace of the clock and never ahead of the page."""
 
-    def __init__(self, websocket: WebSocket, session: Session) -> None:
+    def __init__(self, websocket: WebSocket, session: Tab) -> None:
         self.websocket, self.session = websocket, session
         self.turn, self.wake = asyncio.Lock(), asyncio.Event()
         self.owed, self.in_flight = True, 0
@@ -254,6 +285,11 @@ def _parse(text: str) -> object:
     if len(text) > MAX_SMALL and not (isinstance(wish, dict) and wish.get("op") == "open"):
         raise BadParameter("message", f"{len(text)} characters", f"at most {MAX_SMALL} characters")
     return wish
+
+
+def _embedded(choices: Mapping[str, object]) -> str:
+    """Return JSON that is safe within a page."""
+    return json.dumps(choices).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _same(one: str, other: str) -> bool:

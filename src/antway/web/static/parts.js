@@ -6,6 +6,8 @@ const make = (tag, text, properties = {}) => Object.assign(document.createElemen
 const fixed = (value, digits, unit) => (value == null || !Number.isFinite(value) ? "–" : `${value.toFixed(digits)} ${unit}`.trim());
 const MOST = 4 * 2 ** 20; // bytes of files to open
 
+for (const link of document.querySelectorAll("nav a")) link.search = location.search; // the token, where the page needs one
+
 const bits = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 
 // An image whose alpha is the amount, its first row the highest y.

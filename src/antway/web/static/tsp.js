@@ -1,0 +1,275 @@
+// The page of tours: a colony at work on a travelling salesman problem.
+import { bits, busy, byId, choices, connect, fixed, make, notice, save, stemOf, takeFiles } from "/parts.js";
+
+const LAYERS = [
+  { key: "trails", label: "Pheromone on edges", swatch: "line" },
+  { key: "trail", label: "Best tour", swatch: "line" },
+  { key: "cities", label: "Cities", swatch: "dot" },
+];
+const SETTINGS = [
+  { field: "rule", label: "Rule", options: choices.rules, meaning: "Who deposits, and within which limits: Ant System, elitist, rank-based, MAX-MIN, Ant Colony System." },
+  { field: "persistence", label: "Persistence", options: choices.persistences, meaning: "How much pheromone outlives a cycle; adaptive: strong edges persist more." },
+  { field: "search", label: "Local search", options: choices.searches, meaning: "What improves each tour before it deposits." },
+  { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 400 cities on with local search, 4 that change tours." },
+  { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
+];
+const state = {
+  scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])), setting: null, inputs: {},
+};
+
+const wish = connect("/tours", (message) => {
+  if (message.kind === "frame") takeFrame(message);
+  if (message.kind === "scene") takeScene(message);
+  if (message.kind === "refused") refuse(message);
+});
+
+const pairs = (text) => {
+  const flat = new Uint16Array(bits(text).buffer);
+  return Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i], flat[2 * i + 1]]);
+};
+
+function takeScene(scene) {
+  Object.assign(state, { scene, frame: null, cities: pairs(scene.cities), curve: [], setting: null });
+  notice("");
+  const known = choices.instances.includes(scene.name);
+  byId("instance").replaceChildren(...choices.instances.map((name) => make("option", name, { value: name })));
+  if (!known) byId("instance").prepend(make("option", scene.name || "opened", { value: "", disabled: true }));
+  byId("instance").value = known ? scene.name : "";
+  for (const { field } of SETTINGS) {
+    const { input, wrong } = state.inputs[field];
+    input.value = String(scene.settings[field]);
+    input.removeAttribute("aria-invalid");
+    wrong.textContent = "";
+  }
+  byId("optimum-key").hidden = scene.optimum == null;
+  byId("curve-title").textContent = scene.optimum == null ? "Length by cycle" : "Gap to the optimum by cycle";
+  byId("map").setAttribute("aria-label", `${scene.size} cities, the pheromone on their edges, and the best tour.`);
+  document.title = `${scene.name} – tours – antway`;
+  document.body.dataset.ready = "true";
+  redraw();
+}
+
+function takeFrame(frame) {
+  wish({ op: "seen" });
+  busy("");
+  state.frame = { ...frame, tour: frame.tour && new Uint16Array(bits(frame.tour).buffer), ends: pairs(frame.ends), shares: bits(frame.shares) };
+  state.curve.push(...frame.curve);
+  if (state.curve.length > 4000) state.curve = state.curve.filter((_, i) => i % 2 === 0 || i > 3000);
+  byId("play").setAttribute("aria-label", frame.playing ? "Pause" : "Play");
+  byId("play").classList.toggle("playing", frame.playing);
+  byId("play").disabled = byId("step").disabled = frame.ended;
+  byId("speed").value = String(frame.speed);
+  const put = (id, text) => (byId(id).textContent = text);
+  put("best", frame.best == null ? "–" : frame.best.toLocaleString("en", { maximumFractionDigits: 1 }));
+  put("gap", state.scene.optimum == null ? "optimum not known" : frame.gap == null ? "–" : frame.ended ? "none: the shortest tour" : fixed(frame.gap, 2, "%"));
+  put("cycle", frame.cycle.toLocaleString("en"));
+  put("made", frame.tours.toLocaleString("en"));
+  put("time", `cycle ${frame.cycle}`);
+  redraw();
+}
+
+function refuse({ text }) {
+  if (state.setting) {
+    const { input, wrong } = state.inputs[state.setting];
+    input.setAttribute("aria-invalid", "true");
+    wrong.textContent = text;
+    state.setting = null;
+  } else notice(text);
+}
+
+// ---- drawing ----
+const colourOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+function sized(id) {
+  const canvas = byId(id);
+  const unit = window.devicePixelRatio || 1;
+  const { width, height } = canvas.getBoundingClientRect();
+  [canvas.width, canvas.height] = [Math.max(1, Math.round(width * unit)), Math.max(1, Math.round(height * unit))];
+  return { c: canvas.getContext("2d"), width: canvas.width, height: canvas.height, unit };
+}
+
+function drawMap() {
+  const { c, width, height, unit } = sized("map");
+  c.fillStyle = colourOf("floor");
+  c.fillRect(0, 0, width, height);
+  const { cities, frame, show } = state;
+  const [wide, high] = [0, 1].map((k) => Math.max(1, ...cities.map((city) => city[k])));
+  const scale = Math.min((width - 40 * unit) / wide, (height - 40 * unit) / high);
+  const at = ([x, y]) => [width / 2 + (x - wide / 2) * scale, height / 2 - (y - high / 2) * scale];
+  const places = cities.map(at);
+  c.lineCap = c.lineJoin = "round";
+  if (show.trails && frame) {
+    c.strokeStyle = colourOf("trails");
+    for (let k = 0; k < 6; k++) {
+      c.globalAlpha = 0.12 + 0.13 * k;
+      c.lineWidth = (0.8 + 0.9 * k) * unit;
+      c.beginPath();
+      frame.ends.forEach(([a, b], i) => {
+        if (Math.min(5, Math.floor((frame.shares[i] / 256) * 6)) !== k) return;
+        c.moveTo(...places[a]);
+        c.lineTo(...places[b]);
+      });
+      c.stroke();
+    }
+    c.globalAlpha = 1;
+  }
+  if (show.trail && frame?.tour) {
+    c.beginPath();
+    for (const city of frame.tour) c.lineTo(...places[city]);
+    c.closePath();
+    c.strokeStyle = colourOf("robot");
+    c.lineWidth = (cities.length > 1000 ? 1.1 : 2) * unit;
+    c.stroke();
+  }
+  if (show.cities) {
+    const r = Math.max(1, Math.min(4, 60 / Math.sqrt(cities.length))) * unit;
+    c.fillStyle = colourOf("ink");
+    c.beginPath();
+    for (const [x, y] of places) c.moveTo(x + r, y), c.arc(x, y, r, 0, 2 * Math.PI);
+    c.fill();
+  }
+}
+
+// Best so far and mean of each cycle against the cycle, both as gaps to the optimum where that is known.
+function drawCurve() {
+  const { c, width, height, unit } = sized("curve");
+  const { optimum } = state.scene;
+  const value = (length) => (optimum ? 100 * (length / optimum - 1) : length);
+  const rows = state.curve.filter((row) => row[1] != null).map(([cycle, best, mean]) => [cycle, value(best), value(mean)]);
+  c.clearRect(0, 0, width, height);
+  c.font = `${11 * unit}px system-ui, sans-serif`;
+  c.fillStyle = colourOf("quiet");
+  if (!rows.length) return c.fillText("Press play.", 4 * unit, 16 * unit);
+  const label = (v) => (optimum ? `${v.toFixed(v < 10 ? 1 : 0)} %` : v.toLocaleString("en", { maximumFractionDigits: 0 }));
+  const low = optimum ? 0 : rows.at(-1)[1] * 0.98;
+  const means = rows.map((row) => row[2]).sort((a, b) => a - b);
+  const top = Math.max(rows[0][1], means[Math.floor(means.length * 0.9)], low + 1e-9);
+  const last = Math.max(2, rows.at(-1)[0]);
+  const left = 8 * unit + Math.max(...[low, top].map((v) => c.measureText(label(v)).width));
+  const x = (cycle) => left + ((width - left - 6 * unit) * Math.log(cycle)) / Math.log(last);
+  const y = (v) => height - 20 * unit - ((height - 30 * unit) * (Math.min(v, top * 1.02) - low)) / (top - low);
+  c.strokeStyle = colourOf("edge");
+  c.lineWidth = unit;
+  c.textBaseline = "middle";
+  c.textAlign = "right";
+  for (const v of [low, (low + top) / 2, top]) {
+    c.fillText(label(v), left - 5 * unit, y(v));
+    c.beginPath();
+    c.moveTo(left, y(v));
+    c.lineTo(width, y(v));
+    c.stroke();
+  }
+  c.textAlign = "center";
+  for (let cycle = 1, free = -Infinity; cycle <= last; cycle *= 10) if (x(cycle) > free) c.fillText(cycle.toLocaleString("en"), x(cycle) + (cycle === 1 ? 4 * unit : 0), height - 7 * unit), (free = x(cycle) + 40 * unit);
+  for (const [k, colour, thick] of [[2, "prediction", 1], [1, "robot", 2.2]]) {
+    c.beginPath();
+    for (const row of rows) c.lineTo(x(row[0]), y(row[k]));
+    c.strokeStyle = colourOf(colour);
+    c.lineWidth = thick * unit;
+    c.stroke();
+  }
+  if (optimum) {
+    c.setLineDash([5 * unit, 4 * unit]);
+    c.beginPath();
+    c.moveTo(left, y(0));
+    c.lineTo(width, y(0));
+    c.strokeStyle = colourOf("ink");
+    c.lineWidth = 1.4 * unit;
+    c.stroke();
+    c.setLineDash([]);
+  }
+}
+
+let queued = false;
+function redraw() {
+  if (queued) return;
+  queued = true;
+  requestAnimationFrame(() => {
+    queued = false;
+    if (!state.scene) return;
+    drawMap();
+    drawCurve();
+  });
+}
+
+// ---- controls ----
+function toggle(key) {
+  state.show[key] = !state.show[key];
+  byId(`layer-${key}`).checked = state.show[key];
+  redraw();
+}
+
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
+  redraw();
+}
+
+function build() {
+  byId("speed").replaceChildren(...choices.speeds.map((speed) => make("option", speed > 1000 ? "fastest" : `${speed} cycles/s`, { value: String(speed) })));
+  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch }, i) => {
+    const row = make("label", "", { title: `Key ${i + 1}` });
+    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: true });
+    box.addEventListener("change", () => ((state.show[key] = box.checked), redraw()));
+    row.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
+    return row;
+  }));
+  for (const { field, label, options, meaning } of SETTINGS) {
+    const row = make("label", "");
+    const input = make(options ? "select" : "input", "", { id: `set-${field}` });
+    const wrong = make("span", "", { className: "wrong" });
+    wrong.setAttribute("role", "alert");
+    if (options) input.replaceChildren(...options.map((name) => make("option", name, { value: name })));
+    else input.inputMode = "numeric";
+    input.addEventListener("change", () => {
+      state.setting = field;
+      const number = Number(input.value);
+      wish({ op: "set", field, value: options || input.value.trim() === "" || !Number.isFinite(number) ? input.value : number });
+    });
+    row.append(make("span", label), input, wrong, make("small", meaning));
+    byId("settings").append(row);
+    state.inputs[field] = { input, wrong };
+  }
+}
+
+function listen() {
+  const on = (id, kind, action) => byId(id).addEventListener(kind, action);
+  const actions = {
+    play: () => wish({ op: "play", on: !state.frame?.playing }), step: () => wish({ op: "step" }), reset: () => wish({ op: "reset" }),
+    theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
+    "save-tour": () => wish({ op: "export", what: "tour" }),
+    "save-png": () => byId("map").toBlob((blob) => save(blob, `antway-${stemOf(state.scene.name)}.png`)),
+  };
+  for (const [id, action] of Object.entries(actions)) on(id, "click", action);
+  const menu = document.querySelector(".menu");
+  menu.addEventListener("click", (event) => event.target.tagName === "BUTTON" && (menu.open = false));
+  document.addEventListener("pointerdown", (event) => menu.contains(event.target) || (menu.open = false));
+  on("instance", "change", (event) => wish({ op: "instance", name: event.target.value }));
+  on("speed", "change", (event) => wish({ op: "speed", speed: Number(event.target.value) }));
+  on("settings", "submit", (event) => event.preventDefault());
+  takeFiles((files) => wish({ op: "open", files }));
+  for (const id of ["map", "curve"]) new ResizeObserver(redraw).observe(byId(id));
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT" || (event.target.tagName === "INPUT" && event.target.type !== "checkbox")) return;
+    const faster = (by) => {
+      const speed = choices.speeds[choices.speeds.indexOf(state.frame?.speed) + by];
+      if (speed) wish({ op: "speed", speed });
+    };
+    const key = event.key.toLowerCase();
+    const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName);
+    const idle = byId("play").disabled;
+    const keys = {
+      " ": onButton ? null : () => idle || actions.play(), arrowright: () => idle || actions.step(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
+      t: actions.theme, escape: () => ((menu.open = false), notice("")),
+    };
+    const layer = /^\d$/.test(key) && LAYERS[Number(key) - 1];
+    const action = keys[key] ?? (layer ? () => toggle(layer.key) : null);
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
+}
+
+build();
+listen();
+setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");

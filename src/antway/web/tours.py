@@ -1,0 +1,238 @@
+"""What one tab of the page of tours does: a colony at work on a travelling salesman problem, one cycle after another."""
+
+from __future__ import annotations
+
+import base64
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.ants.colony import Colony
+from antway.ants.persistence import Adaptive
+from antway.ants.rules import RULES
+from antway.ants.tsp import labour_for
+from antway.ants.tsplib import Tsp, parse
+from antway.errors import BadParameter, TooLarge
+from antway.web.files import decoded, stem
+from antway.web.lane import Message, short
+
+MAX_CITIES = 5000
+SPEEDS = (1.0, 4.0, 16.0, 64.0, 1024.0)  # cycles a second
+SEARCHES = ("none", "2opt", "oropt", "3opt")
+PERSISTENCES = ("the rule's", "adaptive")
+_EDGES = 2000  # of pheromone in one frame
+_SLICE = 0.1  # s that one call may take
+
+
+def _scattered() -> Tsp:
+    return Tsp(np.random.default_rng(1).uniform(0.0, 1000.0, (120, 2)), name="scattered")
+
+
+def _clusters() -> Tsp:
+    rng = np.random.default_rng(2)
+    centres = rng.uniform(100.0, 900.0, (12, 2))
+    return Tsp(centres[rng.integers(12, size=300)] + rng.normal(0.0, 40.0, (300, 2)), name="clusters")
+
+
+def _ring() -> Tsp:
+    angle = 2.0 * np.pi * np.arange(40) / 40
+    ring = Tsp(500.0 + 450.0 * np.column_stack((np.cos(angle), np.sin(angle))), name="ring")
+    return Tsp(ring.xy, name="ring", optimum=ring.length(np.arange(40)))
+
+
+INSTANCES: dict[str, Callable[[], Tsp]] = {"scattered": _scattered, "clusters": _clusters, "ring": _ring}
+
+
+class Tours:
+    """The state behind one tab; its attributes are those of `antway.web.session.Session`."""
+
+    def __init__(self) -> None:
+        self.closed = threading.Event()
+        self.playing, self.speed = False, 16.0
+        self.settings: dict[str, Any] = {
+            "rule": "mmas",
+            "search": "none",
+            "persistence": PERSISTENCES[0],
+            "ants": 25,
+            "seed": 0,
+        }
+        self._begin(INSTANCES["scattered"](), self.settings)
+        self.operations: dict[str, Callable[[Message], list[Message]]] = {
+            "play": self._play,
+            "step": self._step,
+            "reset": lambda message: self._begin(self.instance, self.settings),
+            "speed": self._speed,
+            "instance": self._instance,
+            "open": self._open,
+            "set": self._set,
+            "export": self._export,
+        }
+
+    @property
+    def period(self) -> float:
+        """Seconds of the clock that a cycle takes."""
+        return 1.0 / self.speed
+
+    @property
+    def ended(self) -> bool:
+        """Whether the best tour is known to be the shortest."""
+        optimum = self.instance.optimum
+        return optimum is not None and self.colony.best_cost <= optimum * (1 + 1e-12)
+
+    def apply(self, message: object) -> list[Message]:
+        """Do what `message` asks and return what to send.
+
+        Raises
+        ------
+        BadInput
+            For wrong messages; nothing has changed then.
+        """
+        if not isinstance(message, dict):
+            raise BadParameter("message", message, "a JSON object")
+        return self.operations[checks.choice("op", message.get("op"), self.operations)](message)
+
+    def advance(self, cycles: int) -> None:
+        """Run so many cycles, or as many as fit into a tenth of a second."""
+        until = time.perf_counter() + _SLICE
+        room = np.empty((1, 2))
+        for _ in range(cycles):
+            if self.closed.is_set() or self.ended or time.perf_counter() > until:
+                break
+            self.colony.run(1, room)
+            self.curve.append((float(self.colony.cycle), self.colony.best_cost, float(self.colony.state.lengths.mean())))
+        if self.ended:
+            self.playing = False
+
+    def frame(self) -> Message:
+        """Return the colony as it is: at most 60 kB as JSON."""
+        curve = self.curve[:]
+        self.curve.clear()
+        if len(curve) > 200:
+            curve = [curve[i] for i in np.linspace(0, len(curve) - 1, 200).astype(int)]
+        best = self.colony.best_cost
+        optimum = self.instance.optimum
+        ends, shares = self._trails()
+        return {
+            "kind": "frame",
+            "playing": self.playing,
+            "speed": self.speed,
+            "cycle": self.colony.cycle,
+            "tours": self.colony.cycle * len(self.colony.state.lengths) * max(self.colony.labour.attempts, 1),
+            "best": short(best),
+            "gap": None if not optimum or not np.isfinite(best) else short(100.0 * (best / optimum - 1.0)),
+            "ended": self.ended,
+            "curve": [[short(value) for value in row] for row in curve],
+            "tour": _packed(self.colony.best, "<u2") if self.colony.cycle else None,
+            "ends": _packed(ends, "<u2"),
+            "shares": _packed(shares, "u1"),
+        }
+
+    def describe(self) -> Message:
+        """Return what stands still: the cities, the settings."""
+        xy, instance = self.instance.xy, self.instance
+        assert xy is not None
+        low, size = xy.min(axis=0), float(np.ptp(xy, axis=0).max()) or 1.0
+        return {
+            "kind": "scene",
+            "name": instance.name,
+            "size": instance.size,
+            "optimum": instance.optimum,
+            "cities": _packed(np.round((xy - low) / size * 65535), "<u2"),
+            "settings": self.settings,
+        }
+
+    def _trails(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return the edges that hold most pheromone above the least, int[m, 2], and how much, in [0, 255]."""
+        tau, near = self.colony.state.tau, self.colony.cities.near.astype(np.int64)
+        low, high = float(tau.min()), float(tau.max())
+        if high <= low * (1 + 1e-9):
+            return np.empty((0, 2), np.int64), np.empty(0)
+        share = ((tau - low) / (high - low)).ravel()
+        order = np.argsort(-share, kind="stable")[:_EDGES]
+        order = order[share[order] > 0.04]
+        ends = np.sort(np.column_stack((order // near.shape[1], near.ravel()[order])), axis=1)
+        first = np.unique(ends, axis=0, return_index=True)[1]
+        return ends[first], np.round(255 * share[order][first])
+
+    def _begin(self, instance: Tsp, settings: dict[str, Any]) -> list[Message]:
+        """Begin again with these; where that is refused, all stays as it was."""
+        if instance.xy is None:
+            raise BadParameter(
+                "EDGE_WEIGHT_TYPE", "a matrix", "one of cities with places: EUC_2D, CEIL_2D or ATT", where=instance.name
+            )
+        if instance.size > MAX_CITIES:
+            raise TooLarge("DIMENSION", instance.size, f"at most {MAX_CITIES} cities on the page", where=instance.name)
+        search = None if settings["search"] == "none" else settings["search"]
+        labour, rule = labour_for(instance.size, settings["rule"], search, None)
+        colony = Colony(
+            instance,
+            rule,
+            ants=4 if labour.attempts else settings["ants"],
+            persistence=Adaptive() if settings["persistence"] == "adaptive" else None,
+            seed=settings["seed"],
+            candidates=20 if search is None else 10,
+            labour=labour,
+        )
+        self.instance, self.settings, self.colony, self.playing = instance, settings, colony, False
+        self.curve: list[tuple[float, float, float]] = []
+        return [self.describe()]
+
+    def _play(self, message: Message) -> list[Message]:
+        self.playing = checks.instance("on", message.get("on"), bool) and not self.ended
+        return []
+
+    def _step(self, message: Message) -> list[Message]:
+        self.playing = False
+        self.advance(1)
+        return []
+
+    def _speed(self, message: Message) -> list[Message]:
+        speed = checks.number("speed", message.get("speed"))
+        if speed not in SPEEDS:
+            raise BadParameter("speed", speed, f"one of {', '.join(f'{s:g}' for s in SPEEDS)}")
+        self.speed = speed
+        return []
+
+    def _instance(self, message: Message) -> list[Message]:
+        return self._begin(INSTANCES[checks.choice("name", message.get("name"), INSTANCES)](), self.settings)
+
+    def _open(self, message: Message) -> list[Message]:
+        contents = decoded(message.get("files"))
+        for name, data in contents.items():
+            if name.lower().endswith((".tsp", ".txt")):
+                return self._begin(parse(data, name), self.settings)
+        raise BadParameter("files", list(contents), "a TSPLIB file .tsp")
+
+    def _set(self, message: Message) -> list[Message]:
+        value = message.get("value")
+        field = checks.choice("field", message.get("field"), self.settings)
+        if field == "ants":
+            value = checks.integer("ants", value, low=1, high=200)
+        elif field == "seed":
+            value = checks.integer("seed", value, low=0, high=2**32 - 1)
+        else:
+            value = checks.choice(field, value, {"rule": RULES, "search": SEARCHES, "persistence": PERSISTENCES}[field])
+        return self._begin(self.instance, {**self.settings, field: value})
+
+    def _export(self, message: Message) -> list[Message]:
+        """Return the best tour as a file of TSPLIB's TOUR type."""
+        checks.choice("what", message.get("what"), ("tour",))
+        name, best = stem(self.instance.name), self.colony.best
+        lines = [
+            f"NAME : {name}",
+            "TYPE : TOUR",
+            f"DIMENSION : {len(best)}",
+            "TOUR_SECTION",
+            *map(str, (best + 1).tolist()),
+            "-1",
+        ]
+        return [{"kind": "file", "name": f"{name}.tour", "type": "text/plain", "text": "\n".join((*lines, "EOF", ""))}]
+
+
+def _packed(values: NDArray[Any], dtype: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values).astype(dtype).tobytes()).decode()

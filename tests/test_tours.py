@@ -1,0 +1,97 @@
+"""The page of tours: what a session of it does with instances, settings and cycles."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from antway.ants.colony import Colony
+from antway.ants.tsplib import Tsp
+from antway.errors import BadInput
+from antway.web.tours import INSTANCES, Tours
+
+FIVE = "NAME : five\nTYPE : TSP\nDIMENSION : 5\nEDGE_WEIGHT_TYPE : EUC_2D\nNODE_COORD_SECTION\n"
+FIVE += "".join(f"{i + 1} {x} {y}\n" for i, (x, y) in enumerate([(0, 0), (0, 20), (20, 20), (20, 0), (10, 0)])) + "EOF\n"
+
+
+def file_of(text: str, name: str = "five.tsp") -> dict[str, str]:
+    return {"name": name, "data": base64.b64encode(text.encode()).decode()}
+
+
+def unpack(text: str, dtype: str) -> Any:
+    return np.frombuffer(base64.b64decode(text), dtype)
+
+
+def test_a_colony_on_the_page_is_the_librarys() -> None:
+    """Played in any portions, the page's colony gives the tours that the library's gives for that seed."""
+    tab, colony = Tours(), Colony(INSTANCES["scattered"](), "mmas", ants=25, seed=0)
+    room = np.empty((1, 2))
+    for _ in range(30):
+        colony.run(1, room)
+    tab.apply({"op": "step"})
+    tab.advance(9)
+    while tab.colony.cycle < 30:
+        tab.advance(30 - tab.colony.cycle)
+    frame = tab.frame()
+    assert frame["cycle"] == 30 and (unpack(frame["tour"], "<u2") == colony.best).all()
+    assert frame["best"] == pytest.approx(colony.best_cost, abs=1e-3) and len(frame["curve"]) == 30
+    assert [row[1] for row in frame["curve"]] == sorted((row[1] for row in frame["curve"]), reverse=True)
+    assert tab.frame()["curve"] == []
+
+
+def test_a_ring_is_solved_and_the_run_ends() -> None:
+    """On the ring the optimum is known; the colony finds it, the gap is 0, and playing stops."""
+    tab = Tours()
+    tab.apply({"op": "instance", "name": "ring"})
+    tab.apply({"op": "set", "field": "search", "value": "3opt"})
+    tab.apply({"op": "play", "on": True})
+    for _ in range(50):
+        tab.advance(10)
+    frame = tab.frame()
+    assert frame["ended"] and not frame["playing"] and frame["gap"] == 0.0
+    order = unpack(frame["tour"], "<u2").astype(int)
+    assert sorted(order) == list(range(40)) and set(np.abs(np.diff(order)) % 38) == {1}
+    said = tab.apply({"op": "export", "what": "tour"})[0]
+    assert said["text"].splitlines()[2:4] == ["DIMENSION : 40", "TOUR_SECTION"] and said["text"].endswith("-1\nEOF\n")
+
+
+def test_frames_of_many_cities_are_small() -> None:
+    """With 5,000 cities a frame stays within 60 kB, and its edges are the strongest."""
+    tab = Tours()
+    rng = np.random.default_rng(0)
+    tab._begin(Tsp(rng.uniform(0, 1e4, (5000, 2)), name="many"), tab.settings)
+    tab.advance(2)
+    tab.colony.state.tau[:] = rng.random(tab.colony.state.tau.shape)
+    frame = tab.frame()
+    assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
+    ends, shares = unpack(frame["ends"], "<u2").reshape(-1, 2), unpack(frame["shares"], "u1")
+    assert len(ends) == len(shares) > 1000 and shares.min() > 200 and (ends[:, 0] < ends[:, 1]).all()
+
+
+def test_files_open_and_wrong_wishes_change_nothing() -> None:
+    """A TSPLIB file opens; wrong files, settings and messages are refused in the library's words and leave the run alone."""
+    tab = Tours()
+    tab.apply({"op": "open", "files": [file_of(FIVE)]})
+    assert tab.instance.name == "five" and tab.describe()["size"] == 5
+    tab.advance(3)
+    colony = tab.colony
+    wrong: list[Any] = [
+        None, {"op": "open", "files": []}, {"op": "open", "files": [file_of("NAME : x\n")]},
+        {"op": "open", "files": [file_of("", "x.png")]},
+        {"op": "open", "files": [file_of(FIVE.replace("EUC_2D", "GEO"))]}, {"op": "set", "field": "ants", "value": 0},
+        {"op": "set", "field": "seed", "value": -1}, {"op": "set", "field": "rule", "value": "best"},
+        {"op": "speed", "speed": 3},
+        {"op": "instance", "name": "../x"}, {"op": "export", "what": "scenario"}, {"op": "play", "on": 1},
+    ]  # fmt: skip
+    for wish in wrong:
+        with pytest.raises(BadInput):
+            tab.apply(wish)
+    assert tab.colony is colony and colony.cycle == 3
+    for field, value in (("rule", "acs"), ("persistence", "adaptive"), ("search", "2opt"), ("ants", 7), ("seed", 5)):
+        tab.apply({"op": "set", "field": field, "value": value})
+        tab.advance(2)
+        assert tab.settings[field] == value and tab.frame()["cycle"] == 2
