@@ -68,9 +68,7 @@ def test_nothing_is_touched_where_the_future_is_known(name):
         scenario = room(*obstacles)
         policy = make_policy(name, **({"horizon": 100.0} if name == "sipp" else {}))
         result = run(scenario, policy, seed=k)
-        if result.outcome.value.startswith("hit-"):
-            # Only a robot that is boxed in, with no way at all, may be run into; it stands.
-            assert result.outcome.value == "hit-standing" and policy.explain().action in ("brake", "stuck"), k
+        assert not result.outcome.value.startswith("hit-"), (k, result.reason)
         solved += result.reached
     assert solved >= 0.95 * cases(40, 1000)
 

@@ -145,7 +145,8 @@ def walkers(path, *, csv):
     for name, (x, y, vx, vy) in {1: (0.0, 2.0, 1.0, 0.0), 2: (6.0, 8.0, 0.0, -0.9)}.items():
         for k in range(30):
             t, px, py = 0.4 * k, x + 0.4 * k * vx, y + 0.4 * k * vy
-            lines.append(f"{t!r},{name},{px!r},{py!r}" if csv else f"{700 + 6 * k} {name} {px!r} 0 {py!r} {vx} 0 {vy}")
+            obsmat = "".join(f"{value:16.7e}" for value in (700 + 6 * k, name, px, 0.0, py, vx, 0.0, vy))  # as published
+            lines.append(f"{t!r},{name},{px!r},{py!r}" if csv else obsmat)
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -156,7 +157,7 @@ def test_tracks(tmp_path, csv):
     spec = f"tracks:{walkers(tmp_path / ('t.csv' if csv else 'obsmat.txt'), csv=csv)}"
     episode = episodes(spec, 1)[0]
     scenario = build(episode)
-    assert len(scenario.world.obstacles) == 2
+    assert len(scenario.world.obstacles) == 2 and scenario.obstacle_speed == pytest.approx(1.0)
     timeline = scenario.world.timeline(0, 5.0)
     begin = (timeline.at(0.0)[0][0, 0] - 0.0) / 1.0  # the first walks along x at 1 m/s from x = 0 at time 0
     for t in (0.0, 0.7, 3.0):

@@ -1,4 +1,7 @@
-"""What is measured: of one episode from its trace, of a policy over many, and which differences between policies are real."""
+"""What is measured: of one episode from its trace, of a policy over many, and which differences between policies are real.
+
+An episode's outcome, time, length, least clearance and cycle times are those of its `EpisodeResult`.
+"""
 
 from __future__ import annotations
 

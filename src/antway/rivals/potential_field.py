@@ -53,9 +53,9 @@ class PotentialField(Follow):
         conic: float = 0.5,
         wall: float = 0.002,
         reach: float = 0.4,
-        moving: float = 0.1,
-        far: float = 1.0,
-        brake: float = 1.0,
+        moving: float = 0.05,
+        far: float = 1.5,
+        brake: float = 2.0,
     ) -> None:
         self.look_ahead = (
             None if look_ahead is None else checks.number("look_ahead", look_ahead, low=0.0, open_low=True, unit="m")

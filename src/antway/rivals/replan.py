@@ -63,7 +63,7 @@ class Stop(Follow):
         m, >= 0.
     """
 
-    def __init__(self, *, lookahead: float = 2.0, margin: float = 0.1) -> None:
+    def __init__(self, *, lookahead: float = 2.0, margin: float = 0.05) -> None:
         self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
 
@@ -147,9 +147,14 @@ class Replan(Sipp):
     """Find the shortest way on the map with every sensed obstacle frozen into it, anew every cycle; wait if there is none.
 
     What navigation stacks do that put moving obstacles into a costmap: Dijkstra's answer, found by A* with an exact heuristic.
+
+    Parameters
+    ----------
+    margin : float
+        Room kept round obstacles, m, >= 0.
     """
 
-    def __init__(self, *, margin: float = 0.1) -> None:
+    def __init__(self, *, margin: float = 0.45) -> None:
         super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
 
 

@@ -1,0 +1,72 @@
+"""Choose the options of the rivals by grid search, on episodes that no table counts.
+
+Run as `python benchmarks/tune.py [RIVAL ...]`. Every combination of a rival's options plays the suite `synthetic`, one episode
+of each of its 18 groups, numbered from 10,000 on; the best quarter plays three more of each. The winner reached the goal most
+often and, among equals, in the least time over the clairvoyant optimum. Prints the best five and writes them to
+benchmarks/out/tune.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from itertools import product
+from pathlib import Path
+
+from antway.arena.engines import Job, play
+from antway.arena.store import Row
+from antway.arena.suites import Episode, load_suite
+from antway.arena.summary import Summary, summarise
+
+FIRST = 10_000  # number of the first episode; tables count from 0
+GRIDS: dict[str, dict[str, tuple[object, ...]]] = {
+    "stop": {"lookahead": (0.5, 1.0, 2.0, 3.0), "margin": (0.05, 0.1, 0.2)},
+    "replan": {"margin": (0.1, 0.2, 0.3, 0.45, 0.6)},
+    "dstarlite": {"margin": (0.1, 0.2, 0.3, 0.45, 0.6)},
+    "sipp": {"margin": (0.05, 0.1, 0.2, 0.3), "horizon": (3.0, 5.0, 8.0)},
+    "sipp/predictions=mirrored": {"margin": (0.05, 0.1, 0.2, 0.3), "horizon": (3.0, 5.0, 8.0)},
+    "potential-field": {"moving": (0.02, 0.05, 0.1, 0.2), "far": (0.7, 1.0, 1.5, 2.0), "brake": (1.0, 2.0, 4.0)},
+    "neural": {"sweeps": (4, 12), "margin": (0.1, 0.2, 0.3, 0.4)},
+    "glasius": {"gain": (0.95, 0.99), "margin": (0.1, 0.2, 0.3, 0.4)},
+    "dwa": {"dist": (0.5, 1.0, 2.0), "horizon": (2.0, 3.0), "margin": (0.1, 0.2)},
+    "orca": {"horizon": (1.0, 2.0, 3.0, 5.0), "margin": (0.01, 0.05, 0.1, 0.2)},
+}
+
+
+def tune(rival: str) -> list[tuple[str, Summary]]:
+    """Return the candidates of the second round, best first."""
+    options = GRIDS[rival]
+    specs = [f"{rival}/" + "/".join(map("{}={}".format, options, values)) for values in product(*options.values())]
+    rows: dict[str, list[Row]] = {spec: [] for spec in specs}
+    for low, high, kept in ((0, 1, len(specs)), (1, 4, max(3, len(specs) // 4))):
+        specs = sorted(specs, key=lambda spec: _score(rows[spec]))[:kept]
+        for number in range(FIRST + low, FIRST + high):
+            for group in load_suite("synthetic").groups:
+                episode = Episode("synthetic", "synthetic", group, number)
+                for spec in specs:
+                    rows[spec].append(play(Job(episode, spec))[0])
+    return [(spec, summarise(rows[spec])[-1]) for spec in sorted(specs, key=lambda spec: _score(rows[spec]))]
+
+
+def _score(rows: list[Row]) -> tuple[int, float]:
+    """Least is best: episodes not reached, and mean time over the optimum of the others."""
+    return (sum(not row.reached for row in rows), summarise(rows)[-1].regret) if rows else (0, 0.0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rivals", nargs="*", metavar="RIVAL", help=f"{', '.join(GRIDS)}; all of them without any")
+    wanted = parser.parse_args().rivals or list(GRIDS)
+    out = Path(__file__).parent / "out" / "tune.json"
+    found = json.loads(out.read_text()) if out.exists() else {}
+    for rival in wanted:
+        best = tune(rival)[:5]
+        for spec, one in best:
+            print(f"{spec}: {100 * one.success:.1f} % of {one.episodes}, {one.regret:.3f} of the optimum", flush=True)
+        found[rival] = {"best": best[0][0], "success": best[0][1].success, "regret": best[0][1].regret}
+        out.parent.mkdir(exist_ok=True)
+        out.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
