@@ -6,7 +6,7 @@ import math
 import numbers
 import operator
 from collections.abc import Iterable
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from antway.errors import BadInput, BadParameter
 
 T = TypeVar("T")
+WORD = 2**63 - 1  # the largest integer that a kernel takes
 
 
 def number(
@@ -57,22 +58,25 @@ def integer(
     error: type[BadInput] = BadParameter,
     where: str = "",
 ) -> int:
-    """Return `value` as an int in [low, high]; booleans, floats and strings are refused.
+    """Return `value` as an int in [low, high], by default of 64 bits; booleans, floats and strings are refused.
 
     Examples
     --------
     >>> integer("ants", 50, low=1)
     50
     """
-    span = _range(-math.inf if low is None else low, math.inf if high is None else high, False)
-    if isinstance(value, (bool, np.bool_)):
-        raise error(field, value, f"an integer{span}", where=where)
     try:
         result = operator.index(value)  # type: ignore[arg-type]
+        if (
+            isinstance(value, (bool, np.bool_))
+            or (low is not None and result < low)
+            or result > (WORD if high is None else high)
+        ):
+            raise TypeError
     except TypeError:
+        huge = high is None and isinstance(value, int) and value > WORD
+        span = _range(-math.inf if low is None else low, WORD if huge else math.inf if high is None else high, False)
         raise error(field, value, f"an integer{span}", where=where) from None
-    if (low is not None and result < low) or (high is not None and result > high):
-        raise error(field, value, f"an integer{span}", where=where)
     return result
 
 
@@ -101,6 +105,13 @@ def instance(field: str, value: object, kind: type[T]) -> T:
     if not isinstance(value, kind):
         raise BadParameter(field, value, f"a {kind.__name__}")
     return value
+
+
+def sequence(field: str, value: object, allowed: str) -> list[Any]:
+    """Return what the iterable `value` holds."""
+    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)) or np.ndim(cast(Any, value)) == 0:
+        raise BadParameter(field, value, allowed)
+    return list(value)
 
 
 def point(

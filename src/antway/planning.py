@@ -92,7 +92,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """When a planner stops: after `seconds` (None: no limit), after `cycles` of a colony, or when `cancel` is set.
+    """When a planner stops: after `seconds` (None or infinite: no limit), after `cycles` of a colony, or when `cancel` is set.
 
     A planner calls `start()` once and then asks the returned clock; the two tests cost about 0.1 microseconds.
 
@@ -108,9 +108,11 @@ class Budget:
 
     def __post_init__(self) -> None:
         if self.seconds is not None:
-            object.__setattr__(self, "seconds", checks.number("time_limit", self.seconds, low=0.0, infinite=True, unit="s"))
+            object.__setattr__(self, "seconds", checks.number("seconds", self.seconds, low=0.0, infinite=True, unit="s"))
         if self.cycles is not None:
             checks.integer("cycles", self.cycles, low=0)
+        if self.cancel is not None:
+            checks.instance("cancel", self.cancel, threading.Event)
 
     def start(self) -> Clock:
         """Start the time."""
@@ -132,6 +134,13 @@ class Clock(NamedTuple):
     def elapsed(self) -> float:
         """Return the seconds since the start."""
         return time.perf_counter() - self.begun
+
+
+def start_clock(problem: Problem, seed: int, budget: Budget) -> Clock:
+    """Check what every planner is handed, and start its clock."""
+    checks.instance("problem", problem, Problem)
+    checks.seed(seed)
+    return checks.instance("budget", budget, Budget).start()
 
 
 _NO_CELLS = np.empty((0, 2), dtype=np.int32)
@@ -252,7 +261,7 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     seed : int
         In [0, 2**64 - 1]; exact planners ignore it.
     time_limit : float or None
-        Seconds, >= 0; None for no limit. 0 is a limit.
+        Seconds, >= 0; None or infinite for no limit. 0 is a limit.
     **options
         The planner's own.
 
@@ -272,6 +281,8 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     2.0
     """
     checks.instance("problem", problem, Problem)
+    if time_limit is not None:
+        time_limit = checks.number("time_limit", time_limit, low=0.0, infinite=True, unit="s")
     seed, budget = checks.seed(seed), Budget(seconds=time_limit)
     run = cast(Planner, find("planner", planner, PLANNERS, "antway.planners"))
     return run(problem, seed=seed, budget=budget, **options)
@@ -291,7 +302,8 @@ def plan(
 ) -> Plan:
     """Plan from `start` to `goal`, both (x, y) in m, for a disc robot of `robot_radius` m; otherwise as `solve`.
 
-    The plan's cells are those of `grid`; the ends are the centres of the cells that hold the points.
+    `time_limit` is in s, None or infinite for no limit. The plan's cells are those of `grid`; the ends are the centres of the
+    cells that hold the points.
 
     Examples
     --------

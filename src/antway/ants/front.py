@@ -20,7 +20,7 @@ from antway import checks
 from antway.ants.walkers import NO_PATH, Ground, Squad, plan_of
 from antway.errors import BadParameter
 from antway.kernels import walk as kernel
-from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 
 OBJECTIVES = ("length", "turns", "clearance", "exposure")
 KEEN = (2.0, 4.0, 8.0)  # beta by cycle, 1 / cells
@@ -92,13 +92,14 @@ def pareto(
     >>> pareto(Problem(Grid(blocked), (0, 0), (4, 7))).values.round(2).tolist()
     [[9.24, 2.0], [11.0, 1.0]]
     """
-    clock = budget.start()
-    names = tuple(checks.choice("objectives", name, OBJECTIVES) for name in objectives)
+    clock = start_clock(problem, seed, budget)
+    listed = checks.sequence("objectives", objectives, f"names out of {', '.join(OBJECTIVES)}")
+    names = tuple(checks.choice("objectives", name, OBJECTIVES) for name in listed)
     if not names or len(set(names)) < len(names):
         raise BadParameter("objectives", names, "one or more different objectives")
     grid = problem.grid
     risk = np.zeros(grid.shape)
-    if "exposure" in names:
+    if "exposure" in names or exposure is not None:
         risk = checks.array("exposure", exposure, grid.shape)
         checks.number("exposure", float(risk.min()), low=0.0)
     mixed = Mixed(problem, seed, ants, threads, clock)
@@ -174,7 +175,7 @@ def alternatives(
     >>> [round(plan.length, 2) for plan in alternatives(Problem(Grid(blocked), (4, 0), (4, 14)))]
     [16.49, 16.49]
     """
-    clock = budget.start()
+    clock = start_clock(problem, seed, budget)
     k = checks.integer("k", k, low=1, high=1000)
     overlap = checks.number("overlap", overlap, low=0.0, high=1.0)
     apart = checks.integer("apart", apart, low=0, high=1000)

@@ -20,7 +20,7 @@ from antway.ants.rules import Rule, make_rule
 from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop, plan_of
 from antway.errors import BadParameter
 from antway.kernels.walk import entropy
-from antway.planning import Budget, Plan, Problem, Status
+from antway.planning import Budget, Plan, Problem, Status, start_clock
 
 BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # the default by heuristic, see `explore`
 Window = tuple[int, int, int, int]  # (row, col, rows, columns)
@@ -183,8 +183,9 @@ def explore(
     >>> found.plan.length, found.history.shape, found.heat.shape
     (7.0, (3, 4), (10, 15))
     """
-    clock = budget.start()
-    seed = checks.seed(seed)
+    clock = start_clock(problem, seed, budget)
+    for name, flag in (("retreat", retreat), ("record", record), ("stop_at_bound", stop_at_bound)):
+        checks.instance(name, flag, bool)
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0)
     checks.choice("heuristic", heuristic, BETA)
     if isinstance(rule, str) and beta is None:

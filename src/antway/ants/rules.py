@@ -132,10 +132,12 @@ class MaxMinAntSystem:
         _check(self)
         object.__setattr__(self, "p_best", checks.number("p_best", self.p_best, low=1e-300, high=1.0 - 1e-9))
         checks.integer("restart", self.restart, low=0)
-        cycles = [cycle for cycle, _ in self.schedule]
-        if cycles[:1] != [0] or cycles != sorted(cycles):
-            raise BadParameter("schedule", self.schedule, "(cycle, every) pairs of rising cycles from 0")
-        for _, every in self.schedule:
+        allowed = "(cycle, every) pairs of rising cycles from 0"
+        pairs = [checks.sequence("schedule", pair, allowed) for pair in checks.sequence("schedule", self.schedule, allowed)]
+        cycles = [checks.integer("schedule", pair[0], low=0) for pair in pairs if len(pair) == 2]
+        if cycles[:1] != [0] or cycles != sorted(cycles) or len(cycles) < len(pairs):
+            raise BadParameter("schedule", self.schedule, allowed)
+        for _, every in pairs:
             checks.integer("schedule", every, low=1)
 
     def numbers(self, ants: int) -> Numbers:

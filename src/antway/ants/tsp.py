@@ -111,7 +111,8 @@ def solve_tsp(
     immune : Immune or None
         The immune operator between construction and deposit.
     seconds, tours, cycles : float, int, int or None
-        When to stop, whichever comes first; with none of them, after 1,000 cycles. The search ends at a known optimum too.
+        When to stop, whichever comes first (infinite seconds: never); with none of them, after 1,000 cycles. The search ends at
+        a known optimum too.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles or tours give the same bytes, with any number of threads.
     threads : int
@@ -150,6 +151,10 @@ def solve_tsp(
     for name, value in (("tours", tours), ("cycles", cycles)):
         if value is not None:
             checks.integer(name, value, low=0)
+    if progress is not None and not callable(progress):
+        raise BadParameter("progress", progress, "a function of tours made, best length and seconds, or None")
+    if focused is not None:
+        checks.instance("focused", focused, bool)
     labour, chosen = labour_for(n, rule, local_search, focused)
     clock = Budget(seconds=seconds, cancel=cancel).start()
     if n < 4 or (not np.any(instance.cities(1).gap > 0.0) and instance.length(np.arange(n)) == 0.0):

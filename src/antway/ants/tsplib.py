@@ -68,6 +68,7 @@ class Tsp:
     optimum: float | None = None
 
     def __post_init__(self) -> None:
+        checks.instance("name", self.name, str)
         if (self.xy is None) == (self.matrix is None):
             raise BadParameter("xy", self.xy, "given, or matrix, and not both")
         if self.matrix is not None:
@@ -164,11 +165,11 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
     OSError
         If it cannot be opened.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        raise BadMap("path", path, "a path")
     where = os.fspath(path)
     if not Path(path).is_file():
-        if Path(path).exists():
-            raise BadMap("path", where, "a file")
-        raise FileNotFoundError(f"no such file: {where}")
+        raise BadMap("path", where, "an existing regular file")
     with open(path, "rb") as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from antway import checks
+from antway.errors import BadParameter
 from antway.world.trace import Outcome, Trace
 
 DISCOMFORT = 0.2  # m between the edges of the robot and an obstacle
@@ -87,6 +89,9 @@ def wilson(count: int, total: int, z: float = Z95) -> Interval:
     >>> [round(end, 3) for end in wilson(0, 100)]
     [0.0, 0.037]
     """
+    total = checks.integer("total", total, low=0)
+    count = checks.integer("count", count, low=0, high=total)
+    z = checks.number("z", z, low=0.0)
     if total == 0:
         return 0.0, 1.0
     p, n = count / total, float(total)
@@ -100,7 +105,10 @@ def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] =
 
     Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes hand in the differences.
     """
-    sample = np.asarray(values, np.float64)
+    sample = checks.array("values", values, (None,), finite=False)
+    if not callable(statistic):
+        raise BadParameter("statistic", statistic, "a function of an array and `axis`, such as numpy.mean")
+    seed = checks.seed(seed)
     if not len(sample):
         return math.nan, math.nan
     drawn = np.random.default_rng(seed).integers(0, len(sample), (RESAMPLES, len(sample)))
@@ -110,17 +118,30 @@ def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] =
 
 def regret(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
     """Return times as multiples of the clairvoyant optimum; below 1 is possible, for the optimum is bound to its grid."""
-    return np.asarray(time, np.float64) / np.asarray(bound, np.float64)
+    return _ratio("time", time, "bound", bound)
 
 
 def stretch(length: ArrayLike, shortest: ArrayLike) -> NDArray[np.float64]:
     """Return lengths as multiples of the shortest way among the walls."""
-    return np.asarray(length, np.float64) / np.asarray(shortest, np.float64)
+    return _ratio("length", length, "shortest", shortest)
+
+
+def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.float64]:
+    """Return value / base, NaN where either is; neither may be below 0."""
+    above, below = (checks.array(n, v, (None,), finite=False) for n, v in ((name, value), (of, base)))
+    for n, v in ((name, above), (of, below)):
+        if (v < 0.0).any():
+            raise BadParameter(n, float(v[v < 0.0][0]), ">= 0, or NaN where there is none")
+    if len(above) != len(below):
+        raise BadParameter(f"{of}.shape", below.shape, f"that of {name}, {above.shape}")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return above / below
 
 
 def real_difference(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> tuple[float, Interval, bool]:
     """Return the mean of a - b over paired episodes, its 95 % interval, and whether that leaves out 0."""
-    difference = np.asarray(a, np.float64) - np.asarray(b, np.float64)
+    one = checks.array("a", a, (None,))
+    difference = one - checks.array("b", b, one.shape)
     if not len(difference):
         return math.nan, (math.nan, math.nan), False
     low, high = bootstrap(difference, seed=seed)

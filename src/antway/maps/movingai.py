@@ -65,6 +65,7 @@ def load_scen(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> list[Sc
         For more rows or bytes than `limits`.
     """
     path = as_path(path)
+    checks.instance("limits", limits, Limits)
     where = str(path)
     with opened(path, min(limits.file_bytes, 256 * limits.rows), error=BadScenario) as (file, _):
         data = text.unify(file.read())

@@ -64,6 +64,7 @@ def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArra
         As `load_map`.
     """
     path = as_path(path)
+    checks.instance("limits", limits, Limits)
     return _costs(_describe(path, limits), path, limits)
 
 

@@ -36,7 +36,7 @@ class Neural:
     sweeps : int
         Updates of the network in a cycle, >= 1.
     span : float
-        s, > 0.
+        s, > 0, may be infinite.
     margin : float
         Room kept round obstacles, m, >= 0.
 

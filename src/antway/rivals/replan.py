@@ -93,7 +93,7 @@ class Sipp(Follow):
     predictions : str
         "constant" (velocity), "mirrored" (constant velocity, mirrored at walls: antway's own prediction) or "frozen".
     horizon : float
-        How far ahead obstacles are predicted, s, > 0.
+        How far ahead obstacles are predicted, s, > 0, may be infinite.
     margin : float or None
         Room kept round predicted obstacles, m; None: how far the robot can be from its plan between two commands, v_max dt / 2.
     """
@@ -154,7 +154,12 @@ class Replan(Sipp):
         Room kept round obstacles, m, >= 0.
     """
 
+<<<<<<< HEAD
     def __init__(self, *, margin: float = 0.45) -> None:
+=======
+    def __init__(self, *, margin: float = 0.1) -> None:
+        margin = checks.number("margin", margin, low=0.0, unit="m")
+>>>>>>> 0118c7d (Refuse what is no number by name at every public parameter, generated from the signatures (C17))
         super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
 
 

@@ -13,7 +13,7 @@ from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, START, build_strips, search, unwind
 from antway.kernels.theta import cells_along, theta
-from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept
 from antway.search.result import not_found
 
@@ -64,7 +64,7 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
     >>> plan.points.tolist(), round(plan.length, 4)
     ([[0.0, 0.0], [0.5, 1.5], [1.0, 2.0]], 2.2882)
     """
-    clock = budget.start()
+    clock = start_clock(problem, seed, budget)
     checks.choice("method", method, METHODS)
     if problem.moves not in _ANGLES:
         raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _ANGLES)} for paths of any angle")

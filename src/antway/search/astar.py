@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from antway.grid import Grid, Moves
 from antway.kernels.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
 from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, EXPANDED, KEYS, LIMIT, STRAIGHT
-from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search import heap
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, kept, lattice, packed
@@ -31,7 +31,7 @@ def astar(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: 
     >>> astar(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2))).cells.tolist()
     [[0, 0], [1, 1], [2, 2]]
     """
-    clock = budget.start()
+    clock = start_clock(problem, seed, budget)
     if costs is not None or problem.moves not in NEIGHBOURS:
         weights = None if costs is None else checked_costs(costs, problem.grid)
         return heap.plan(problem, clock, heuristic=True, costs=weights)

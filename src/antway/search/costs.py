@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.errors import BadParameter
+from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
 
 LEAST = 1e-6  # a cost below this would make A* as slow as Dijkstra, and zero would make lengths meaningless
@@ -41,7 +41,7 @@ def inflation_costs(
     radius : float
         The robot's (inscribed) radius, m, >= 0.
     inflation_radius : float
-        Beyond it nothing is inflated, m, >= radius.
+        Beyond it nothing is inflated, m, >= radius, may be infinite.
     scaling : float
         Decay, 1/m, >= 0; `cost_scaling_factor` in Nav2.
     most : float
@@ -63,7 +63,8 @@ def inflation_costs(
     scaling = checks.number("scaling", scaling, low=0.0, unit="1/m")
     most = checks.number("most", most, low=1.0, high=MOST)
     d = grid.clearance()
-    costs = 1 + (most - 1) * np.exp(-scaling * np.maximum(d - radius, 0.0))
+    with np.errstate(over="ignore"):  # e^-inf is the 0 that is meant
+        costs = 1 + (most - 1) * np.exp(-scaling * np.maximum(d - radius, 0.0))
     costs[d > inflation_radius] = 1.0
     if not math.isfinite(float(costs.max())):
         raise BadParameter("most", most, "finite")
@@ -80,12 +81,20 @@ def path_cost(cells: ArrayLike, costs: ArrayLike, grid: Grid) -> float:
     costs : float[H, W]
     grid : Grid
 
+    Raises
+    ------
+    BadParameter, OutOfBounds
+
     Examples
     --------
     >>> path_cost([(0, 0), (0, 1)], [[1.0, 2.0]], Grid(np.zeros((1, 2), dtype=bool)))
     1.5
     """
-    path, weights = np.asarray(cells), checked_costs(costs, grid)
+    checks.instance("grid", grid, Grid)
+    path, weights = checks.array("cells", cells, (None, 2)).astype(np.int64), checked_costs(costs, grid)
+    outside = ((path < 0) | (path >= grid.shape)).any(axis=1)
+    if outside.any():
+        raise OutOfBounds("cells", tuple(path[outside][0].tolist()), f"on the map of {grid.shape}")
     at = weights[path[:, 0], path[:, 1]]
     lengths = np.hypot(*np.diff(path, axis=0).T)
     return float((lengths * (at[1:] + at[:-1]) / 2).sum()) * grid.resolution

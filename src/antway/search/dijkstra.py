@@ -13,7 +13,7 @@ from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.canonical import START
 from antway.kernels.field import DONE, FULL, RUNNING, STRAIGHT, descend, spread
-from antway.planning import Budget, Clock, Plan, Problem, free_cell
+from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
 from antway.search import heap
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, Lattice, lattice
@@ -150,7 +150,7 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
     >>> dijkstra(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2))).length
     2.8284271247461903
     """
-    clock = budget.start()
+    clock = start_clock(problem, seed, budget)
     if costs is not None or problem.moves not in NEIGHBOURS:
         weights = None if costs is None else checked_costs(costs, problem.grid)
         return heap.plan(problem, clock, heuristic=False, costs=weights)

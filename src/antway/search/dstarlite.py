@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
 from antway.kernels.dstarlite import EXPANDED, GOAL, INF, START, begin, change, compute, descend, move
-from antway.planning import Budget, Plan, Problem
+from antway.planning import Budget, Plan, Problem, start_clock
 from antway.search.result import found, not_found
 
 STEPS = 1 << 14  # expansions between two looks at the clock
@@ -40,6 +41,7 @@ def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> 
     >>> dstarlite(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 1))).length
     2.414213562373095
     """
+    start_clock(problem, seed, budget)
     return DStarLite(problem).plan(budget)
 
 
@@ -72,7 +74,7 @@ class DStarLite:
     """
 
     def __init__(self, problem: Problem) -> None:
-        if problem.moves not in _NEED:
+        if checks.instance("problem", problem, Problem).moves not in _NEED:
             raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _NEED)} for D* Lite")
         free = np.pad(~problem.grid.blocked, 1)
         size, self._width = free.size, free.shape[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from antway.grid import Grid, Moves
-from antway.planning import Budget, Plan, Problem
+from antway.planning import Budget, Plan, Problem, start_clock
 from antway.search.astar import astar, searcher
 from antway.search.derived import kept
 
@@ -31,9 +31,10 @@ def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
     >>> jps(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (1, 2))).cells.tolist()
     [[0, 0], [1, 1], [1, 2]]
     """
+    clock = start_clock(problem, seed, budget)
     if problem.moves is not Moves.EIGHT:
         return astar(problem, seed=seed, budget=budget)
-    return searcher(problem.grid, problem.moves, jumping=jumps_pay(problem.grid)).plan(problem, budget.start())
+    return searcher(problem.grid, problem.moves, jumping=jumps_pay(problem.grid)).plan(problem, clock)
 
 
 def jumps_pay(grid: Grid) -> bool:

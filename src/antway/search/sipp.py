@@ -340,6 +340,8 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
 
 def _pieces(obstacles: Courses, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
     """Check the courses and return their pieces from t to the horizon."""
+    if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
+        raise BadParameter("obstacles", obstacles, "courses such as a Timeline: radius, knot_t, knot_xy, first; or None")
     radius = checks.array("obstacles.radius", obstacles.radius, (None,))
     knot_t = checks.array("obstacles.knot_t", obstacles.knot_t, (None,))
     knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2))

@@ -106,12 +106,16 @@ def smooth(
     casadi = _casadi()
     xy = checks.array("points", points, (None, 2))
     radius, margin = checks.number("radius", radius, low=0.0, unit="m"), checks.number("margin", margin, low=0.0, unit="m")
-    v_max = checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s")
+    v_max = checks.number("v_max", v_max, low=0.0, high=1e6, open_low=True, unit="m/s")
     a_max = checks.number("a_max", a_max, low=0.0, open_low=True, unit="m/s^2")
     turn_rate = checks.number("turn_rate", turn_rate, low=0.0, open_low=True, unit="rad/s")
     turn_acceleration = checks.number("turn_acceleration", turn_acceleration, low=0.0, open_low=True, unit="rad/s^2")
     differential = checks.choice("drive", drive, ("holonomic", "differential")) == "differential"
     n = checks.integer("knots", knots, low=4, high=200)
+    weights = checks.point("weights", weights, size=3)  # type: ignore[assignment]
+    checks.instance("grid", grid, Grid)
+    if pieces is not None:
+        checks.array("pieces", pieces, (None, 8), finite=False)
     guess = speed_profile(xy, v_max, a_max)
     solved, reason = None, ""
     turning = (turn_rate, turn_acceleration) if differential else None

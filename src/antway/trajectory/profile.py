@@ -114,6 +114,11 @@ def is_clear(path: TimedPath, grid: Grid, radius: float, pieces: NDArray[np.floa
 
     `pieces` is float64[P, 8] as in `antway.kernels.pieces`, radii included.
     """
+    checks.instance("path", path, TimedPath)
+    checks.instance("grid", grid, Grid)
+    radius = checks.number("radius", radius, low=0.0, unit="m")
+    if pieces is not None:
+        checks.array("pieces", pieces, (None, 8), finite=False)
     points = grid.to_points(path.xy).tolist()
     for (ar, ac), (br, bc) in pairwise(points):
         if segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from dataclasses import MISSING, dataclass, field, fields, replace
+from os import PathLike
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -75,7 +76,7 @@ class Scenario:
         ends = (self.start, self.goal, self.goal_tolerance)
         task = Task(self.world.grid, self.robot, *ends, self.obstacle_speed, self.obstacle_surge)
         set_(self, "task", task)
-        if math.ceil(self.horizon / self.robot.dt) > MAX_STEPS:
+        if self.horizon / self.robot.dt > MAX_STEPS:
             raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
         grid = self.world.grid
         for end in ("start", "goal"):
@@ -105,6 +106,8 @@ def load_scenario(path: str | Path) -> Scenario:
     BadMap, BadParameter, OutOfBounds, CellBlocked, TooLarge
         What `load_map`, `Scenario` and its parts raise for a value; names the file, the table and the key.
     """
+    if not isinstance(path, (str, PathLike)):
+        raise BadScenario("path", path, "a path")
     path = Path(path)
     where = str(path)
     try:

@@ -54,7 +54,8 @@ class World:
         checks.instance("grid", self.grid, Grid)
         if self.grid.origin[2] != 0.0:
             raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw; turn the map first)")
-        obstacles = tuple(checks.instance(f"obstacles[{k}]", one, Obstacle) for k, one in enumerate(self.obstacles))
+        listed = checks.sequence("obstacles", self.obstacles, "a sequence of Obstacle")
+        obstacles = tuple(checks.instance(f"obstacles[{k}]", one, Obstacle) for k, one in enumerate(listed))
         if len(obstacles) > MAX_OBSTACLES:
             raise TooLarge("obstacles.length", len(obstacles), f"at most {MAX_OBSTACLES}")
         object.__setattr__(self, "obstacles", obstacles)
