@@ -154,12 +154,8 @@ class Replan(Sipp):
         Room kept round obstacles, m, >= 0.
     """
 
-<<<<<<< HEAD
     def __init__(self, *, margin: float = 0.45) -> None:
-=======
-    def __init__(self, *, margin: float = 0.1) -> None:
         margin = checks.number("margin", margin, low=0.0, unit="m")
->>>>>>> 0118c7d (Refuse what is no number by name at every public parameter, generated from the signatures (C17))
         super().__init__(predictions="frozen", horizon=math.inf, margin=margin)
 
 
