@@ -49,13 +49,13 @@ class Dwa(Follow):
         self,
         *,
         heading: float = 1.0,
-        dist: float = 1.0,
+        dist: float = 2.0,
         vel: float = 1.1,
-        horizon: float = 2.0,
+        horizon: float = 3.0,
         look_ahead: float = 2.0,
         directions: int = 36,
         speeds: int = 4,
-        margin: float = 0.1,
+        margin: float = 0.2,
     ) -> None:
         self.heading = checks.number("heading", heading, low=0.0)
         self.dist = checks.number("dist", dist, low=0.0)

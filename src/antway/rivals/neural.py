@@ -54,9 +54,9 @@ class Neural:
         lower: float = 1.0,
         mu: float = 0.7,
         drive: float = 100.0,
-        sweeps: int = 4,
+        sweeps: int = 12,
         span: float = 0.1,
-        margin: float = 0.2,
+        margin: float = 0.1,
     ) -> None:
         self.decay = checks.number("decay", decay, low=0.0, open_low=True)
         self.upper = checks.number("upper", upper, low=0.0, open_low=True)
@@ -149,7 +149,7 @@ class Glasius(Neural):
     Glasius, Komoda, Gielen: Neural network dynamics for path planning and obstacle avoidance, Neural Networks 8(1), 1995.
     """
 
-    def __init__(self, *, gain: float = 0.95, sweeps: int = 8, margin: float = 0.2) -> None:
+    def __init__(self, *, gain: float = 0.95, sweeps: int = 8, margin: float = 0.1) -> None:
         self.gain = checks.number("gain", gain, low=0.0, high=1 - 1e-6, open_low=True)
         self._common(sweeps, margin)
 
