@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -19,7 +20,7 @@ from antway.arena.store import TIMING, Results
 from antway.arena.suites import episodes
 from antway.errors import BadParameter, BadResults
 from antway.rivals.replan import Follow
-from common import cases
+from common import SCALE, cases
 
 POLICIES = ["follow", "sipp/predictions=mirrored"]
 
@@ -40,6 +41,15 @@ class Hangs(Follow):
         time.sleep(3600)
 
 
+class Counts(Follow):
+    """Leaves a line in the file $EPISODES_BEGUN for each episode that it begins."""
+
+    def reset(self, task, seed):
+        super().reset(task, seed)
+        with open(os.environ["EPISODES_BEGUN"], "a") as file:
+            file.write(f"{seed}\n")
+
+
 class Raises(Follow):
     """Fails at the first look."""
 
@@ -55,7 +65,8 @@ def same(file):
 
 @pytest.fixture(scope="module")
 def jobs():
-    return table_jobs(episodes("synthetic", 1)[:9], POLICIES)
+    few = cases(9, 250)
+    return table_jobs(episodes("synthetic", 1 + few // 18)[:few], POLICIES)
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +78,9 @@ def alone(jobs, tmp_path_factory):
     return same(file)
 
 
-@pytest.mark.parametrize("workers", [2, 8])
+@pytest.mark.parametrize("workers", [2, 8] if SCALE == 1 else [2, 8, 16])
 def test_workers_and_order_change_nothing(jobs, alone, tmp_path, workers):
-    """C31: 2 and 8 workers on shuffled jobs give the rows of one worker in order, timing apart."""
+    """C31: 2, 8 and 16 workers on shuffled jobs give the rows of one worker in order, timing apart."""
     shuffled = list(jobs)
     random.Random(workers).shuffle(shuffled)
     with Results(tmp_path / "r.db") as results:
@@ -78,27 +89,34 @@ def test_workers_and_order_change_nothing(jobs, alone, tmp_path, workers):
 
 
 def command(out, *more):
-    start = "from antway.cli import main; main()"
+    start = f"import sys; sys.path.append({str(Path(__file__).parent)!r}); from antway.cli import main; main()"
     line = ["bench", "synthetic", "--episodes", "1", "--policies", "follow", "--workers", "2", "--out", str(out), *more]
     return [sys.executable, "-c", start, *line]
 
 
-def test_kill_and_resume(tmp_path):
-    """C34: killed at random moments and begun again until done, a run has the rows of one that was left alone, each once."""
-    whole, broken = tmp_path / "whole", tmp_path / "broken"
-    subprocess.run(command(whole), check=True, capture_output=True)
+def test_kill_and_resume(tmp_path, monkeypatch):
+    """C34: killed at random moments and begun again until done, a run has the rows of one left alone; little is redone."""
+    whole, broken, kills = tmp_path / "whole", tmp_path / "broken", cases(3, 50)
+    counted = ("--policies", "test_bench:Counts", "--episodes", str(1 + kills // 6))
+    monkeypatch.setenv("EPISODES_BEGUN", str(tmp_path / "whole.txt"))
+    subprocess.run(command(whole, *counted), check=True, capture_output=True)
+    total = count(whole)
+    monkeypatch.setenv("EPISODES_BEGUN", str(tmp_path / "broken.txt"))
     rng, kept = random.Random(5), 0
-    for _ in range(cases(3, 50)):
-        with subprocess.Popen(command(broken), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
-            begun, wanted = time.monotonic(), min(kept + rng.randint(1, 4), 17)
+    for _ in range(kills):
+        with subprocess.Popen(command(broken, *counted), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
+            begun, wanted = time.monotonic(), min(kept + rng.randint(1, 4), total - 1)
             while one.poll() is None and time.monotonic() < begun + 120 and count(broken) < wanted:
                 time.sleep(0.02)
             one.kill()
         assert count(broken) >= kept, "a finished episode was lost"
         kept = count(broken)
     assert kept > 0
-    subprocess.run(command(broken), check=True, capture_output=True)
+    subprocess.run(command(broken, *counted), check=True, capture_output=True)
     assert same(broken / "results.db") == same(whole / "results.db")
+    begun = (tmp_path / "broken.txt").read_text().splitlines()
+    assert len((tmp_path / "whole.txt").read_text().splitlines()) == total == len(set(begun))
+    assert len(begun) <= total + 2 * kills, "more than one episode a worker was redone"
     assert (broken / "report.html").is_file() and (broken / "results.csv").is_file()
 
 
@@ -112,12 +130,13 @@ def count(folder):
 
 def test_two_runs_on_one_file(tmp_path):
     """C36: two runs on one file at once do each other no harm; every episode is there once."""
-    out = tmp_path / "both"
-    runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
-    for one in runs:
-        _, said = one.communicate()
-        assert one.returncode == 0, said
-    assert count(out) == 18
+    for k in range(cases(1, 20)):
+        out = tmp_path / str(k)
+        runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
+        for one in runs:
+            _, said = one.communicate()
+            assert one.returncode == 0, said
+        assert count(out) == 18 and same(out / "results.db") == same(tmp_path / "0" / "results.db")
 
 
 def test_a_bad_policy_costs_its_own_episodes_alone(tmp_path):
