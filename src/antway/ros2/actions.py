@@ -213,6 +213,7 @@ class Served:
 
         def end(handle: Any) -> Any:
             if handle.is_cancel_requested:
+                fields["error_code"] = NONE
                 handle.canceled()
             elif aborted or code != NONE:
                 handle.abort()

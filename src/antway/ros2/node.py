@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from typing import Any, TypeVar
@@ -97,9 +98,11 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.tracker.update(0.0, np.zeros((1, 2)), np.ones(1))
         self.done: Callable[[End, str], None] | None = None  # told how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # told of each command
+        self.laser: Any = None  # a scan that waits for odometry
+        self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.walls: tuple[Grid, Grid] | None = None
         self.shown: Decision | None = None
-        self.heard, self.turning, self.said = time.monotonic(), 0.0, (OK, "")
+        self.heard, self.said = time.monotonic(), (OK, "")
 
         def publisher(kind: str, topic: str, qos: Any = 10) -> Any:
             made = self.create_lifecycle_publisher(load(kind), topic, qos)
@@ -212,25 +215,27 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.pilot.scan = t, tracks if named else self.tracker.update(t, tracks.xy, tracks.radius)
 
     def _on_scan(self, message: Any) -> None:
-        """Take a laser scan, from where the robot was at its time."""
-        if self.pilot.map is None or self.pilot.odometry is None:
-            return
-        settings, grid = self.settings, self.pilot.map
-        t, (x, y), (vx, vy), heading = self.pilot.odometry
+        """Keep a laser scan until odometry says where the robot was then."""
+        self.laser = message
 
-        def read(message: Any) -> tuple[float, Tracks]:
+    def _see(self, t: float) -> None:
+        """Take the scan that is kept, if odometry, now at `t` s, has come to its time."""
+        settings, grid = self.settings, self.pilot.map
+
+        def read(message: Any) -> tuple[float, Tracks] | None:
             stamp = convert.seconds(message.header.stamp)
-            dt = stamp - t if abs(stamp - t) <= settings.timeout else 0.0
-            robot = x + vx * dt, y + vy * dt, heading + self.turning * dt
+            if grid is None or stamp > t:
+                return None
             mount = self.transforms.pose(message.header.frame_id, settings.base_frame, stamp, settings.timeout)
             if self.walls is None or self.walls[0] is not grid:
                 self.walls = grid, grid.inflate(settings.scan_clear)
-            points = off_the_map(read_points(message), frames.chain(robot, mount), self.walls[1])
+            pose = frames.chain(frames.between(self.trail, stamp), mount)
+            points = off_the_map(read_points(message), pose, self.walls[1])
             return stamp, self.tracker.update(stamp, *discs(points, gap=settings.scan_gap, largest=settings.scan_radius))
 
-        found = self._read("scan", read, message)
+        found = self._read("scan", read, self.laser)
         if found is not None:
-            self.pilot.scan = found
+            self.pilot.scan, self.laser = found, None
 
     def _on_odometry(self, message: Any) -> None:
         def read(message: Any) -> tuple[float, Pose, tuple[float, float]]:
@@ -242,7 +247,12 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if found is None:
             return
         t, (x, y, heading), velocity = found
-        self.heard, self.turning = time.monotonic(), message.twist.twist.angular.z
+        self.heard = time.monotonic()
+        if self.trail and t < self.trail[-1][0]:
+            self.trail.clear()
+        self.trail.append((t, (x, y, heading)))
+        if self.laser is not None:
+            self._see(t)
         if self._do(self.pilot.hear(t, (x, y), velocity, heading)):
             self._show(t)
 
@@ -331,8 +341,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.diagnostics.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
 
 
-def main(arguments: list[str]) -> int:
-    """Run the node until SIGINT or SIGTERM; the robot is stopped on the way out."""
+def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
+    """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM; the robot is stopped on the way out."""
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     over = False
 
@@ -341,7 +351,7 @@ def main(arguments: list[str]) -> int:
         over = True
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    executor, node = SingleThreadedExecutor(), AntwayNode()
+    executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
     executor.add_node(node)
     try:
         if node.values["autostart"]:

@@ -16,6 +16,7 @@ from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.ros2.frames import Pose, move
 from antway.world.policy import Tracks
 
+_ROUND = 0.03  # m; how far from a circle points may be that lie on it
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
 
 
@@ -39,9 +40,9 @@ def read_points(message: Any) -> NDArray[np.float64]:
     if r.ndim != 1 or len(r) == 0:
         raise BadParameter("ranges.shape", r.shape, "(N,) with N > 0", where=where)
     r = np.where(r == -math.inf, near, r)
-    angle = begin + step * np.arange(len(r))
     hit = (r >= near) & (r <= far)  # not where NaN
-    return np.column_stack((r * np.cos(angle), r * np.sin(angle)))[hit]
+    r, angle = r[hit], (begin + step * np.arange(len(r)))[hit]
+    return np.column_stack((r * np.cos(angle), r * np.sin(angle)))
 
 
 def off_the_map(points: NDArray[np.float64], pose: Pose, walls: Grid) -> NDArray[np.float64]:
@@ -56,9 +57,9 @@ def off_the_map(points: NDArray[np.float64], pose: Pose, walls: Grid) -> NDArray
 def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
     """Cut points, float64[N, 2] in m in the order of a laser's beams, where neighbours are more than `gap` m apart.
 
-    A laser sees the near side of things: its ends are as wide apart as the thing is, so that each piece becomes the disc about
-    the middle of its ends that holds it, wider by half the spacing of its points. Pieces that do not fit into a disc of radius
-    `largest` m are halved. Single points are noise.
+    A piece that lies on a circle becomes that disc. Any other becomes the disc about the middle of its two ends that holds it
+    (a laser sees the near side of a thing, whose ends are as wide apart as the thing is), wider by half the spacing of its
+    points. Pieces that do not fit into a disc of radius `largest` m are halved. Single points are noise.
     """
     if len(xy) == 0:
         return np.empty((0, 2)), np.empty(0)
@@ -75,11 +76,29 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
         reach = float(np.hypot(*(piece - middle).T).max())
         if reach > largest and len(piece) > 3:
             pieces += [piece[: len(piece) // 2 + 1], piece[len(piece) // 2 :]]
-        else:
-            spacing = float(np.median(np.hypot(*np.diff(piece, axis=0).T)))
-            found.append((middle[0], middle[1], reach + spacing / 2))
+            continue
+        spacing = float(np.median(np.hypot(*np.diff(piece, axis=0).T)))
+        found.append(_circle(piece, largest) or (middle[0], middle[1], reach + spacing / 2))
     rows = np.array(found[::-1], np.float64).reshape(-1, 3)
     return rows[:, :2].copy(), rows[:, 2].copy()
+
+
+def _circle(piece: NDArray[np.float64], largest: float) -> tuple[float, float, float] | None:
+    """Return x, y and radius of the circle on which the points lie, or None if they lie on no arc of a quarter or more.
+
+    The circle is the least squares solution of x^2 + y^2 = 2 a x + 2 b y + c (Kasa: A curve fitting procedure, 1976).
+    """
+    if len(piece) < 5:
+        return None
+    offset = piece.mean(axis=0)
+    p = piece - offset
+    (a, b, c), *_ = np.linalg.lstsq(np.column_stack((2.0 * p, np.ones(len(p)))), (p**2).sum(axis=1), rcond=None)
+    radius = math.sqrt(c + a * a + b * b)
+    error = np.abs(np.hypot(p[:, 0] - a, p[:, 1] - b) - radius).max()
+    chord = math.dist(p[0], p[-1])
+    if radius > largest or error > _ROUND or chord < math.sqrt(2.0) * radius:
+        return None
+    return float(a + offset[0]), float(b + offset[1]), radius
 
 
 class Tracker:
