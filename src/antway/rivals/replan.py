@@ -168,7 +168,7 @@ class DStarLite(Follow):
         Room kept round obstacles, m, >= 0.
     """
 
-    def __init__(self, *, margin: float = 0.1) -> None:
+    def __init__(self, *, margin: float = 0.2) -> None:
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
