@@ -20,6 +20,39 @@ PHONE: dict[str, Any] = {
     "is_mobile": True,
 }
 
+NASTY = [
+    "</script><script>window.hit=1</script>",
+    "<img src=x onerror=window.hit=1>",
+    "<!--<script>",
+    '"><svg/onload=window.hit=1>',
+    "'-window.hit=1-'",
+    "{{script}}",
+    "\u2028window.hit=1",
+    "&lt;b&gt;",
+    "javascript:window.hit=1",
+    "]]><script>window.hit=1</script>",
+    "<script>window.hit=1</script>",
+    "<body onload=window.hit=1>",
+    "<iframe srcdoc='<script>parent.hit=1</script>'>",
+    "<details open ontoggle=window.hit=1>",
+    "<math><mi//xlink:href='javascript:window.hit=1'>",
+    "<a href=javascript:window.hit=1>x</a>",
+    "<style>*{background:url(https://evil.example/x)}</style>",
+    "<link rel=stylesheet href=https://evil.example/x.css>",
+    "<img src=https://evil.example/x.png>",
+    "<object data=https://evil.example/x>",
+    "<embed src=javascript:window.hit=1>",
+    "<input autofocus onfocus=window.hit=1>",
+    "<video><source onerror=window.hit=1></video>",
+    "<svg><animate onbegin=window.hit=1 attributeName=x dur=1s>",
+    "<meta http-equiv=refresh content='0;url=https://evil.example'>",
+    "<base href=https://evil.example/>",
+    "${window.hit=1}",
+    "\\u003cscript\\u003ewindow.hit=1\\u003c/script\\u003e",
+    "%3Cscript%3Ewindow.hit=1%3C/script%3E",
+    "<<scr\0ipt>window.hit=1//<</script>",
+]  # what must never run, by the name of C41
+
 
 @contextmanager
 def chromium() -> Iterator[Any]:
@@ -32,3 +65,60 @@ def chromium() -> Iterator[Any]:
             yield browser
         finally:
             browser.close()
+
+
+def opened(browser: Any, address: str, own: tuple[str, ...], **context: Any) -> tuple[Any, list[str]]:
+    """A page that is ready, and all it says in the console or asks of other addresses than those that begin as `own`."""
+    page = browser.new_context(**context).new_page()
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: None if request.url.startswith(own) else complaints.append(request.url))
+    page.on("dialog", lambda dialog: (complaints.append(f"dialog {dialog.message}"), dialog.dismiss()))
+    page.goto(address)
+    page.wait_for_selector("body[data-ready=true]", timeout=20_000)
+    return page, complaints
+
+
+def drawn(page: Any) -> None:
+    """Wait until the page has drawn what it was told: two frames of its clock."""
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def pixels(page: Any, colour: str, canvas: str = "canvas") -> int:
+    """How many pixels of a canvas have the page's colour of that name, give or take a little, once it is drawn."""
+    drawn(page)
+    return int(
+        page.evaluate(
+            """([name, selector]) => {
+              const css = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+              const [r, g, b] = [1, 3, 5].map((i) => parseInt(css.slice(i, i + 2), 16));
+              const stage = document.querySelector(selector);
+              const copy = document.createElement("canvas");
+              [copy.width, copy.height] = [stage.width, stage.height];
+              const c = copy.getContext("2d", { willReadFrequently: true });
+              c.drawImage(stage, 0, 0);
+              const data = c.getImageData(0, 0, stage.width, stage.height).data;
+              let n = 0;
+              for (let i = 0; i < data.length; i += 4)
+                n += Math.abs(data[i] - r) + Math.abs(data[i + 1] - g) + Math.abs(data[i + 2] - b) < 12;
+              return n;
+            }""",
+            [colour, canvas],
+        )
+    )
+
+
+def fits(page: Any, screen: dict[str, Any]) -> None:
+    """Assert that nothing runs off the side, that controls are large enough to hit, and that each of them has a name."""
+    assert page.evaluate("document.documentElement.scrollWidth") <= screen["viewport"]["width"]
+    least = 44 if screen is PHONE else 32
+    for button in page.locator("button:visible").all():
+        box = button.bounding_box()
+        assert min(box["width"], box["height"]) >= least, button.get_attribute("id")
+    unnamed = page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select, canvas, summary")]
+          .filter((e) => !(e.ariaLabel || e.textContent.trim() || e.labels?.length || e.ariaHidden === "true" ||
+                           e.getAttribute("aria-labelledby"))).map((e) => e.outerHTML)"""
+    )
+    assert unnamed == []

@@ -112,6 +112,7 @@ function showDecision(decision) {
 }
 
 function render() {
+  if (!stage.map) return; // its pictures are still being unpacked
   stage.resize();
   const moment = momentAt(state.time);
   stage.draw(moment, state.show);

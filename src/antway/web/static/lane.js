@@ -15,7 +15,7 @@ class Lane {
     byId("cards").append(this.card);
     this.select = this.figure.querySelector("select");
     this.select.replaceChildren(...choices.policies.map((name) => make("option", name, { value: name })));
-    this.select.addEventListener("change", page.askPolicies);
+    this.select.addEventListener("change", () => page.askPolicies());
     this.stage = new Stage(this.figure.querySelector("canvas"));
     this.stage.unit = window.devicePixelRatio || 1;
     editor.listen(this);

@@ -61,7 +61,7 @@ function takeFrame(frame) {
   byId("speed").value = String(frame.speed);
   const put = (id, text) => (byId(id).textContent = text);
   put("best", frame.best == null ? "–" : frame.best.toLocaleString("en", { maximumFractionDigits: 1 }));
-  put("gap", state.scene.optimum == null ? "optimum not known" : frame.gap == null ? "–" : frame.ended ? "none: the shortest tour" : fixed(frame.gap, 2, "%"));
+  put("gap", state.scene.optimum == null ? "optimum not known" : frame.gap == null ? "–" : frame.ended ? "0 %, the shortest" : fixed(frame.gap, 2, "%"));
   put("cycle", frame.cycle.toLocaleString("en"));
   put("made", frame.tours.toLocaleString("en"));
   put("time", `cycle ${frame.cycle}`);
@@ -143,7 +143,7 @@ function drawCurve() {
   const label = (v) => (optimum ? `${v.toFixed(v < 10 ? 1 : 0)} %` : v.toLocaleString("en", { maximumFractionDigits: 0 }));
   const low = optimum ? 0 : rows.at(-1)[1] * 0.98;
   const means = rows.map((row) => row[2]).sort((a, b) => a - b);
-  const top = Math.max(rows[0][1], means[Math.floor(means.length * 0.9)], low + 1e-9);
+  const top = Math.max(rows[0][1], means[Math.floor(means.length * 0.9)], low + (optimum ? 1 : 1e-3 * low));
   const last = Math.max(2, rows.at(-1)[0]);
   const left = 8 * unit + Math.max(...[low, top].map((v) => c.measureText(label(v)).width));
   const x = (cycle) => left + ((width - left - 6 * unit) * Math.log(cycle)) / Math.log(last);
@@ -168,6 +168,10 @@ function drawCurve() {
     c.lineWidth = thick * unit;
     c.stroke();
   }
+  c.beginPath();
+  c.arc(x(rows.at(-1)[0]), y(rows.at(-1)[1]), 3.5 * unit, 0, 2 * Math.PI);
+  c.fillStyle = colourOf("robot");
+  c.fill();
   if (optimum) {
     c.setLineDash([5 * unit, 4 * unit]);
     c.beginPath();

@@ -1,0 +1,349 @@
+"""The live page in a real browser: drawn on, run, stepped, compared, fed files, saved, attacked, looked at."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from antway import load_scenario
+from antway.scenes import scene
+from antway.world.motions import Bounce, Waypoints
+from antway.world.scenario import Scenario, save_scenario
+from browser import DESKTOP, NASTY, PHONE, chromium, drawn, fits, needs_browser, opened, pixels
+from serving import served
+
+pytestmark = needs_browser
+MAP = "type octile\nheight 8\nwidth 12\nmap\n" + "............\n" * 3 + "......@@....\n" * 2 + "............\n" * 3
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    from antway.web.session import Session
+
+    warm = Session()  # compiles what the pages will run
+    warm.apply({"op": "policies", "names": ["antway", "paper"]})
+    warm.advance(40)
+    warm.frame()
+    with served() as port:
+        yield f"http://127.0.0.1:{port}/"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture
+def page(browser: Any, address: str) -> Iterator[Any]:
+    """The live page on a desktop; at the end it must have said nothing in the console and asked nobody else for anything."""
+    page, complaints = opened(browser, address, (address, "blob:", "data:"), **DESKTOP)
+    yield page
+    page.context.close()
+    assert complaints == []
+
+
+def expect(page: Any, selector: str) -> Any:
+    from playwright.sync_api import expect
+
+    return expect(page.locator(selector))
+
+
+def point(page: Any, x: float, y: float, size: float = 20.0) -> tuple[float, float]:
+    """Where on the screen the place (x, y) m of a square map of that size is."""
+    box = page.locator("canvas.stage").first.bounding_box()
+    scale = 0.96 * min(box["width"], box["height"]) / size
+    return box["x"] + box["width"] / 2 + (x - size / 2) * scale, box["y"] + box["height"] / 2 - (y - size / 2) * scale
+
+
+def drag(page: Any, *places: tuple[float, float]) -> None:
+    page.mouse.move(*point(page, *places[0]))
+    page.mouse.down()
+    for place in places[1:]:
+        page.mouse.move(*point(page, *place), steps=8)
+    page.mouse.up()
+
+
+def drop(page: Any, name: str, text: str) -> None:
+    """Drag a file over the page and drop it there."""
+    page.evaluate(
+        """([name, text]) => {
+          const dataTransfer = new DataTransfer();
+          dataTransfer.items.add(new File([text], name));
+          const main = document.querySelector("main");
+          for (const kind of ["dragover", "drop"])
+            main.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
+        }""",
+        [name, text],
+    )
+
+
+def saved(page: Any, what: str) -> tuple[str, bytes]:
+    """Name and content of what the menu Save gives."""
+    page.click(".menu summary")
+    with page.expect_download(timeout=60_000) as file:
+        page.click(f"#save-{what}")
+    return file.value.suggested_filename, Path(file.value.path()).read_bytes()
+
+
+def scenario(page: Any, folder: Path) -> Scenario:
+    """The scenario as the page saves it."""
+    zipfile.ZipFile(io.BytesIO(saved(page, "scenario")[1])).extractall(folder)
+    return load_scenario(folder / "scenario.toml")
+
+
+def seconds(page: Any) -> float:
+    return float(page.locator("#time").inner_text().split()[0])
+
+
+def test_a_place_is_drawn(page: Any, tmp_path: Path) -> None:
+    """Walls, goal, obstacles and waypoints are drawn by mouse and by keyboard, undone and redone; the saved file has them."""
+    first = scenario(page, tmp_path)
+    page.click("[data-tool=wall]")
+    drag(page, (5.5, 1.5), (9.5, 1.5))
+    expect(page, "#undo").to_be_enabled()
+    page.keyboard.press("v")
+    drag(page, (19.5, 19.5), (17.5, 18.5))
+    page.keyboard.press("o")
+    x, y = point(page, 15.5, 1.5)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - 45, y, steps=5)
+    page.mouse.up()
+    expect(page, "#reset").to_be_enabled()
+    page.keyboard.press("p")
+    page.fill("#pace", "0.6")
+    for place in ((14.5, 2.5), (14.5, 5.5), (18.5, 6.5)):
+        page.mouse.click(*point(page, *place))
+    page.click("#done")
+    expect(page, "#done").to_be_hidden()
+
+    now = scenario(page, tmp_path)
+    assert now.world.grid.blocked[1, 5:10].all() and not first.world.grid.blocked[1, 5:10].any()
+    assert np.abs(np.array(now.goal) - (17.5, 18.5)).max() < 0.2
+    thrown, walker = now.world.obstacles[-2:]
+    assert isinstance(thrown.motion, Bounce) and thrown.motion.speed == pytest.approx(0.5, abs=0.05)
+    assert abs(abs(thrown.motion.heading) - np.pi) < 1e-6  # type: ignore[arg-type, operator]
+    assert isinstance(walker.motion, Waypoints) and walker.motion.speed == 0.6 and len(walker.motion.points) == 3
+
+    for _ in range(4):
+        expect(page, "#undo").to_be_enabled()
+        page.keyboard.press("Control+z")
+    expect(page, "#undo").to_be_disabled()
+    assert scenario(page, tmp_path).world == first.world
+    page.click("#redo")
+    expect(page, "#undo").to_be_enabled()
+    assert scenario(page, tmp_path).world.grid.blocked[1, 7]
+    page.keyboard.press("e")
+    page.mouse.click(*point(page, 7.5, 1.5))
+    page.locator("canvas.stage").focus()
+    page.keyboard.press("w")
+    for key in ("ArrowUp", "ArrowUp", "ArrowRight", "Enter"):
+        page.keyboard.press(key)
+    now = scenario(page, tmp_path)
+    assert now.world.grid.blocked[2, 1] and not now.world.grid.blocked[1, 7] and now.world.grid.blocked[1, 6]
+
+
+def test_a_run_is_played_paused_and_stepped(page: Any) -> None:
+    """Play, pause, one control cycle, one ant cycle, back to the start, and on to the goal."""
+    page.select_option("#speed", "8")
+    page.keyboard.press(" ")
+    expect(page, "#time").to_have_text(re.compile(r"^[3-9]\.\d s$"), timeout=20_000)
+    page.click("#play")
+    expect(page, "#play").to_have_attribute("aria-label", "Play")
+    then = seconds(page)
+    page.click("#step")
+    expect(page, "#time").to_have_text(f"{then + 0.1:.1f} s")
+    page.click("#reset")
+    expect(page, "#time").to_have_text("0.0 s")
+    page.click("#ants")
+    expect(page, ".card .ants").to_contain_text("Ant cycle 1")
+    expect(page, "#time").to_have_text("0.0 s")
+    while page.locator(".card .ants").inner_text():
+        before = page.locator(".card .ants").inner_text()
+        page.keyboard.press("a")
+        expect(page, ".card .ants").not_to_have_text(before)
+    expect(page, "#time").to_have_text("0.1 s")
+    page.click("#play")
+    expect(page, ".outcome").to_have_text("reached", timeout=30_000)
+    expect(page, "#play").to_be_disabled()
+    assert "driven" in page.locator(".numbers").inner_text() and "the goal" in page.locator(".reason").inner_text()
+    page.reload()
+    expect(page, "#time").to_have_text("0.0 s", timeout=20_000)
+    expect(page, "#play").to_be_enabled()
+
+
+def test_every_layer_has_a_switch_that_works(page: Any) -> None:
+    """Each layer's box, legend and key change the picture of a run in the midst of an encounter."""
+    page.select_option("#speed", "8")
+    page.click("#play")
+    expect(page, ".action").to_have_text("avoid", timeout=30_000)
+    page.click("#play")
+    expect(page, "#play").to_have_attribute("aria-label", "Play")
+    if not page.locator("#layer-field").is_checked():
+        page.keyboard.press("0")
+
+    def picture() -> bytes:
+        drawn(page)
+        return base64.b64decode(page.evaluate("document.querySelector('canvas.stage').toDataURL()").split(",")[1])
+
+    boxes = page.locator("#layers input")
+    assert boxes.count() == 10
+    for k in range(10):
+        before = picture()
+        page.keyboard.press(str((k + 1) % 10))
+        assert not boxes.nth(k).is_checked()
+        assert picture() != before, boxes.nth(k).get_attribute("id")
+        boxes.nth(k).click()
+        assert picture() == before
+
+
+def test_files_are_opened_and_bad_ones_said(page: Any, tmp_path: Path) -> None:
+    """Maps open by the chooser and by drag and drop; what is wrong with a file is said, and the run goes on unharmed."""
+    Image.fromarray(np.pad(np.full((10, 10), 255, np.uint8), 1)).save(tmp_path / "room.png")
+    page.set_input_files("#files", tmp_path / "room.png")
+    expect(page, "#scene option:checked").to_have_text("room")
+    (tmp_path / "bad.png").write_bytes(b"\x89PNG no more")
+    page.set_input_files("#files", tmp_path / "bad.png")
+    expect(page, "#notice").to_contain_text("bad.png")
+    page.click("#notice button")
+    expect(page, "#notice").to_be_hidden()
+    drop(page, "dropped.map", MAP)
+    expect(page, "#scene option:checked").to_have_text("dropped")
+    page.click("#step")
+    expect(page, "#time").to_have_text("0.1 s")
+    page.click("details:has(#parameters) > summary")
+    for text in ("99", "wide", ""):
+        page.fill("[id='parameter-robot.radius']", text)
+        page.keyboard.press("Tab")
+        expect(page, "[id='wrong-robot.radius']").to_contain_text("robot.radius")
+        expect(page, "[id='parameter-robot.radius']").to_have_attribute("aria-invalid", "true")
+    expect(page, "#time").to_have_text("0.1 s")
+    page.fill("[id='parameter-robot.radius']", "0.2")
+    page.keyboard.press("Tab")
+    expect(page, "[id='wrong-robot.radius']").to_have_text("")
+    expect(page, "#time").to_have_text("0.0 s")
+
+
+def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: Path) -> None:
+    """Two lanes play in step; PNG, GIF, trace, replay page and link are what they say, and the link opens the same."""
+    page.click("#compare")
+    expect(page, ".lane").to_have_count(2)
+    page.locator(".lane select").nth(1).select_option("stop")
+    expect(page, ".card h2").to_have_text(["Decision of antway", "Decision of stop"])
+    page.select_option("#speed", "8")
+    page.click("#play")
+    expect(page, "#time").to_have_text(re.compile(r"^[2-9]\.\d s$"), timeout=20_000)
+    page.click("#play")
+    expect(page, "#play").to_have_attribute("aria-label", "Play")
+    times = [text.split(" s")[0] for text in page.locator(".numbers").all_inner_texts()]
+    assert times[0] == times[1]
+    name, data = saved(page, "png")
+    assert name == "antway-paper.png" and Image.open(io.BytesIO(data)).width > 800
+    name, data = saved(page, "trace")
+    assert name == "paper-antway.json" and data.startswith(b"{")
+    name, data = saved(page, "gif")
+    assert name == "paper-antway.gif" and Image.open(io.BytesIO(data)).n_frames > 20
+    name, data = saved(page, "replay")
+    assert name == "paper-antway.html" and len(data) < 2_000_000
+
+    page.fill("#seed", "7")
+    page.keyboard.press("Tab")
+    expect(page, "#undo").to_be_enabled()
+    page.click(".menu summary")
+    page.click("#save-link")
+    expect(page, "#link-box").to_be_visible()
+    link = page.locator("#link").input_value()
+    page.click("#close-link")
+    page.goto("about:blank")
+    page.goto(link)
+    expect(page, ".lane").to_have_count(2)
+    expect(page, "#seed").to_have_value("7")
+    assert page.url.endswith("/") and scenario(page, tmp_path).seed == 7
+
+
+def test_nothing_from_a_file_is_markup(page: Any, tmp_path: Path) -> None:
+    """C41: 30 hostile names of scenarios, files and values are shown as text, run nothing and ask the network for nothing."""
+    template = load_scenario(scene("paper"))
+    for text in NASTY:
+        folder = tmp_path / str(NASTY.index(text))
+        folder.mkdir()
+        named = Scenario(**{f: getattr(template, f) for f in ("world", "start", "goal", "robot", "horizon")}, name=text)
+        save_scenario(named, folder / "s.toml")
+        page.set_input_files("#files", sorted(folder.iterdir()))
+        expect(page, "#undo").to_be_enabled()
+        expect(page, "#scene option:checked").to_have_js_property("textContent", text)
+        drop(page, f"{text.replace('/', ':')}.map", "x")
+        expect(page, "#notice").to_be_visible()
+        assert "must be" in page.locator("#notice").inner_text()
+        page.click("#notice button")
+        page.fill("#seed", text.replace("\u2028", " ").replace("\0", ""))
+        page.keyboard.press("Tab")
+        expect(page, "#notice").to_contain_text("seed")
+        page.click("#notice button")
+        assert page.evaluate("window.hit") is None, text
+    assert page.locator("iframe, object, embed, base, img").count() == 0
+
+
+def test_a_server_that_is_gone_is_said(browser: Any) -> None:
+    """When the server ends, the page says so and offers no control that does nothing."""
+    with served() as port:
+        own = f"http://127.0.0.1:{port}/"
+        page, _ = opened(browser, own, (own, "data:"), **DESKTOP)
+    expect(page, "#notice").to_contain_text("connection to antway is gone")
+    assert page.locator("button:enabled:visible").count() == 1, "the theme's alone"
+    page.context.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("path", ["", "tsp"])
+def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen: dict[str, Any], scheme: str) -> None:
+    """On a desktop and on a phone nothing runs off the side, buttons are large enough, and every control has a name."""
+    page, complaints = opened(browser, address + path, (address, "data:"), color_scheme=scheme, **screen)
+    fits(page, screen)
+    assert page.evaluate("document.documentElement.dataset.theme") == scheme
+    if path:
+        (page.tap if screen is PHONE else page.click)("#step")
+        expect(page, "#cycle").to_have_text("1")
+        assert pixels(page, "ink", "#map") > 200
+    else:
+        assert pixels(page, "wall") > 100 and pixels(page, "robot") > 20
+        if screen is PHONE:
+            page.tap("[data-tool=wall]")
+            page.touchscreen.tap(*point(page, 7.5, 9.5))
+            expect(page, "#undo").to_be_enabled()
+    assert complaints == []
+    page.context.close()
+
+
+def test_a_colony_solves_in_the_browser(browser: Any, address: str) -> None:
+    """The ring of 40 cities is solved: the gap falls to 0, the curve is drawn, and the colony's settings are kept."""
+    page, complaints = opened(browser, f"{address}tsp", (address, "data:"), **DESKTOP)
+    page.select_option("#instance", "ring")
+    page.select_option("#set-search", "2opt")
+    page.fill("#set-ants", "0")
+    page.keyboard.press("Tab")
+    expect(page, "#settings .wrong >> nth=3").to_contain_text("ants = 0")
+    page.fill("#set-ants", "10")
+    page.keyboard.press("Tab")
+    page.select_option("#speed", "64")
+    page.click("#play")
+    expect(page, "#gap").to_have_text("0 %, the shortest", timeout=20_000)
+    expect(page, "#play").to_be_disabled()
+    assert pixels(page, "robot", "#map") > 500 and pixels(page, "robot", "#curve") > 10
+    page.keyboard.press("2")
+    assert pixels(page, "robot", "#map") == 0
+    page.click("#reset")
+    expect(page, "#cycle").to_have_text("0")
+    assert complaints == []
+    page.context.close()
