@@ -12,7 +12,7 @@ from antway.errors import BadParameter
 from antway.planning import Planner, find
 from common import cases, free_cells, random_grid
 
-EXACT = ("dijkstra", "astar", "jps", "dstarlite")
+EXACT = ("dijkstra", "astar", "jps", "subgoals", "dstarlite")
 
 
 def planner_of(name: str) -> Planner:

@@ -28,10 +28,11 @@ from antway.search.costs import inflation_costs, path_cost
 from antway.search.dijkstra import dijkstra
 from antway.search.heap import faces
 from antway.search.jps import jps, jumps_pay
+from antway.search.subgoals import subgoals
 from common import SHARED, cases, free_cells, needs_data, random_grid
 from naive import search as naive
 
-EXACT = {"dijkstra": dijkstra, "astar": astar, "jps": jps}
+EXACT = {"dijkstra": dijkstra, "astar": astar, "jps": jps, "subgoals": subgoals}
 NEIGHBOURS = [Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT]
 CORNER_RULES = {"cut": Moves.EIGHT_CUT, "nosqueeze": Moves.EIGHT_NOSQUEEZE, "nocut": Moves.EIGHT}
 
@@ -135,7 +136,7 @@ def test_all_small_grids() -> None:
                     expected = naive.field(grid, [goal], moves)
                     assert np.allclose(distance_field(grid, goal, moves), expected, rtol=1e-12)
                     for start in free:
-                        for planner in (astar, jps):
+                        for planner in (astar, jps, subgoals):
                             assert same(planner(Problem(grid, start, goal, moves)).length, expected[start])
 
 
@@ -144,12 +145,12 @@ def test_all_small_grids() -> None:
 def test_every_movingai_row(path) -> None:
     """C3: every planner finds the lengths of the MovingAI scenarios (rounded there: tolerance 0.006).
 
-    jps on every row, the others on every row in `make nightly` and on each fourth else.
+    jps and subgoals on every row, the others on every row in `make nightly` and on each fourth else.
     """
     grid = load_map(path)
     for i, row in enumerate(load_scen(f"{path}.scen")):
         problem = Problem(grid, row.start, row.goal)
-        for planner in EXACT.values() if i % 4 == 0 or cases(1, 2) > 1 else [jps]:
+        for planner in EXACT.values() if i % 4 == 0 or cases(1, 2) > 1 else [jps, subgoals]:
             plan = planner(problem)
             assert plan.optimal
             assert abs(plan.length - row.length) <= 0.006
@@ -177,7 +178,7 @@ def test_metamorphic() -> None:
         rows, cols = grid.shape
         (a, b), (c, d) = pick(rng, grid, 2)
         moves = NEIGHBOURS[rng.integers(4)]
-        planner = list(EXACT.values())[rng.integers(3)]
+        planner = list(EXACT.values())[rng.integers(len(EXACT))]
         length = planner(Problem(grid, (a, b), (c, d), moves)).length
         assert same(planner(Problem(Grid(grid.blocked[::-1]), (rows - 1 - a, b), (rows - 1 - c, d), moves)).length, length)
         assert same(planner(Problem(Grid(grid.blocked.T), (b, a), (d, c), moves)).length, length)
@@ -201,7 +202,7 @@ def test_queries_do_not_disturb_each_other() -> None:
         return [planner(Problem(grid, a, b)).length for a, b in ends]
 
     expected = [float(distance_field(grid, b)[a]) for a, b in ends]
-    for planner in (astar, jps):
+    for planner in (astar, jps, subgoals):
         assert np.allclose(lengths(planner), expected, rtol=1e-12)
         with ThreadPoolExecutor(4) as pool:
             for result in pool.map(lengths, [planner] * 4):
@@ -337,7 +338,7 @@ def test_paths_too_long_for_small_integers() -> None:
     problem = Problem(grid, (0, 0), (300, 300))
     expected = dijkstra(problem).length
     assert expected > 8119
-    for planner in (astar, jps):
+    for planner in (astar, jps, subgoals):
         plan = planner(problem)
         check_plan(problem, plan)
         assert plan.length == expected

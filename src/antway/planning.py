@@ -223,6 +223,7 @@ PLANNERS: dict[str, str] = {
     "dijkstra": "antway.search.dijkstra:dijkstra",
     "astar": "antway.search.astar:astar",
     "jps": "antway.search.jps:jps",
+    "subgoals": "antway.search.subgoals:subgoals",
     "anyangle": "antway.search.anyangle:anyangle",
     "dstarlite": "antway.search.dstarlite:dstarlite",
     "ants": "antway.ants.gridpath:ants",

@@ -113,3 +113,29 @@ def jump(grid: Grid, cell: Cell, d: int) -> int:
             if grid.is_free((r + side * dc, c + side * dr)) and not grid.is_free((r - dr + side * dc, c - dc + side * dr)):
                 return k
     raise AssertionError("a line has an end")
+
+
+def is_corner(grid: Grid, cell: Cell) -> bool:
+    """Tell whether a cell is free, with a blocked cell diagonally between two free sides."""
+    r, c = cell
+    return grid.is_free(cell) and any(
+        grid.is_free((r + dr, c)) and grid.is_free((r, c + dc)) and not grid.is_free((r + dr, c + dc))
+        for dr in (-1, 1)
+        for dc in (-1, 1)
+    )
+
+
+def sees(grid: Grid, one: Cell, other: Cell) -> bool:
+    """Tell whether the diagonal and straight moves of an empty map are legal in any order, and pass no corner."""
+    dr, dc = other[0] - one[0], other[1] - one[1]
+    row, col = (dr > 0) - (dr < 0), (dc > 0) - (dc < 0)
+    diagonals, straights = min(abs(dr), abs(dc)), abs(abs(dr) - abs(dc))
+    straight = (row, 0) if abs(dr) > abs(dc) else (0, col)
+    cells = {
+        (one[0] + i * row + j * straight[0], one[1] + i * col + j * straight[1])
+        for i in range(diagonals + 1)
+        for j in range(straights + 1)
+    }
+    if any(not grid.is_free(cell) or (cell not in (one, other) and is_corner(grid, cell)) for cell in cells):
+        return False
+    return all(passes(grid, Moves.EIGHT, r, c, row, col) for r, c in cells if diagonals and (r + row, c + col) in cells)

@@ -248,26 +248,23 @@ def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.i
 
 @kernel
 def is_clear(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    width: int,
-    row: int,
-    col: int,
-    goal_row: int,
-    goal_col: int,
-    shorter: int,
+    around: NDArray[np.uint8], table: NDArray[np.uint8], width: int, row: int, col: int, goal_row: int, goal_col: int
 ) -> bool:
-    """Tell whether one jump, diagonal and then straight, leads to a goal elsewhere: no path is shorter."""
-    if shorter == STRAIGHT or (row == goal_row and col == goal_col):
-        return False
+    """Tell whether diagonal and then straight moves lead to the goal: with diagonals no path is shorter."""
+    down, right = np.sign(goal_row - row), np.sign(goal_col - col)
+    diagonal = (4 if right > 0 else 5) if down > 0 else (7 if right > 0 else 6)
+    while row != goal_row and col != goal_col:
+        if not table[9 * np.int64(around[row * width + col]) + START] >> diagonal & 1:
+            return False
+        row += down
+        col += right
+    straight = (0 if right > 0 else 2) if row == goal_row else (1 if down > 0 else 3)
+    down, right = np.sign(goal_row - row), np.sign(goal_col - col)
     while row != goal_row or col != goal_col:
-        dr, dc = np.sign(goal_row - row), np.sign(goal_col - col)
-        moves = table[9 * np.int64(around[row * width + col]) + START]
-        for d in range(8):
-            if _ROW[d] == dr and _COL[d] == dc and not moves >> d & 1:
-                return False
-        row += dr
-        col += dc
+        if not table[9 * np.int64(around[row * width + col]) + START] >> straight & 1:
+            return False
+        row += down
+        col += right
     return True
 
 
@@ -300,8 +297,9 @@ def solve(
         key = octile(row, col, goal_row, goal_col, shorter)
         begin(nodes, first, filled, entries, state, base, row * width + col, row, col, key)
     goal = goal_row * width + goal_col
-    if fresh and is_clear(around, table, width, row, col, goal_row, goal_col, shorter):
-        nodes[goal, 0], nodes[goal, 1] = base, (row * width + col) << 4
+    if fresh and shorter != STRAIGHT and is_clear(around, table, width, row, col, goal_row, goal_col):
+        if row != goal_row or col != goal_col:
+            nodes[goal, 0], nodes[goal, 1] = base, (row * width + col) << 4
         code = DONE
     else:
         code = expand(

@@ -105,8 +105,12 @@ def _around(grid: Grid) -> NDArray[np.uint8]:
 
 def packed(grid: Grid) -> NDArray[np.uint64]:
     """Return the map packed into bits for the four straight directions (see `kernels.jps`)."""
-    b = grid.blocked
-    return kept(grid, "packed", lambda: np.concatenate([_packed(part) for part in (b, b.T, b[:, ::-1], b[::-1].T)]))
+    return kept(grid, "packed", lambda: packed_lines(grid.blocked))
+
+
+def packed_lines(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """Return a map, bool[H, W], packed into bits for the four straight directions; what lies around it is True."""
+    return np.concatenate([_packed(part) for part in (stops, stops.T, stops[:, ::-1], stops[::-1].T)])
 
 
 def _packed(blocked: NDArray[np.bool_]) -> NDArray[np.uint64]:

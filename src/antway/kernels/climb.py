@@ -1,0 +1,201 @@
+"""Shortest paths on a map through the contraction hierarchy of its subgoals (see `subgoals` and `hierarchy`)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.astar import is_clear
+from antway.kernels.hierarchy import NOWHERE, pop, push
+from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.subgoals import DIAGONAL, STRAIGHT, seen
+
+Ints = NDArray[np.int32]
+Longs = NDArray[np.int64]
+
+_INVERSE = pow(DIAGONAL, -1, STRAIGHT)
+
+
+@bare_kernel
+def octile(row: int, col: int, to_row: int, to_col: int) -> int:
+    """Return the cost on an empty map."""
+    a, b = abs(row - to_row), abs(col - to_col)
+    return STRAIGHT * max(a, b) + (DIAGONAL - STRAIGHT) * min(a, b)
+
+
+@bare_kernel
+def diagonals(cost: int) -> int:
+    """Return the number of diagonal moves in a cost, which must be less than STRAIGHT."""
+    return cost % STRAIGHT * _INVERSE % STRAIGHT
+
+
+@bare_kernel
+def meet(
+    begin: Longs,
+    up: Longs,
+    cells: Ints,
+    label: Longs,
+    came: Ints,
+    heaps: Longs,
+    seeds: Longs,
+    size: Longs,
+    ends: Longs,
+    now: int,
+) -> tuple[int, int, int]:
+    """Search up from both ends, each by A* towards the other; return the cost, the node where both meet, and nodes expanded.
+
+    Parameters
+    ----------
+    begin, up
+        The hierarchy.
+    cells : int32[N, 2]
+        Row and column of each node.
+    label, came : int64[2, N, 2], int32[2, N, 2]
+        Of each end and node the cost and the number of the query `now` that it belongs to; the edge it was reached by and the
+        node that this leads up from, -1 for a node that the end sees.
+    heaps : int64[2, M, 2]
+        Room for an entry for each edge and seed.
+    seeds, size : int64[2, K, 2], int64[2]
+        What each end sees (see `subgoals.seen`) and how many that are; `size` is used further.
+    ends : int64[2, 2]
+        Row and column of both ends.
+    """
+    best, top, expanded = NOWHERE, -1, 0
+    for side in range(2):
+        count, size[side] = size[side], 0
+        for i in range(count):
+            x, g = seeds[side, i, 0], seeds[side, i, 1]
+            label[side, x, 0], label[side, x, 1], came[side, x, 0] = g, now, -1
+            key = g + octile(cells[x, 0], cells[x, 1], ends[1 - side, 0], ends[1 - side, 1])
+            size[side] = push(heaps[side], size[side], key, x)
+    while True:
+        least0 = heaps[0, 0, 0] if size[0] > 0 else NOWHERE
+        least1 = heaps[1, 0, 0] if size[1] > 0 else NOWHERE
+        if min(least0, least1) >= best:
+            return best, top, expanded
+        side = 0 if least0 <= least1 else 1
+        row, col = ends[1 - side, 0], ends[1 - side, 1]
+        key, x = heaps[side, 0, 0], heaps[side, 0, 1]
+        size[side] = pop(heaps[side], size[side])
+        g = label[side, x, 0]
+        if key > g + octile(cells[x, 0], cells[x, 1], row, col):
+            continue
+        expanded += 1
+        if label[1 - side, x, 1] == now and g + label[1 - side, x, 0] < best:
+            best, top = g + label[1 - side, x, 0], x
+        stalled = False  # a way from above is shorter: no shortest path leads up through x
+        for e in range(begin[x], begin[x + 1]):
+            to = up[e, 0]
+            stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < g
+        if stalled:
+            continue
+        for e in range(begin[x], begin[x + 1]):
+            to, g_to = up[e, 0], g + up[e, 1]
+            if label[side, to, 1] != now or g_to < label[side, to, 0]:
+                key = g_to + octile(cells[to, 0], cells[to, 1], row, col)
+                if key < best:
+                    label[side, to, 0], label[side, to, 1] = g_to, now
+                    came[side, to, 0], came[side, to, 1] = e, x
+                    size[side] = push(heaps[side], size[side], key, to)
+
+
+@bare_kernel
+def walk(path: Ints, at: int, step: int, row: int, col: int) -> int:
+    """Go on from `path[at]` to a cell in its sight, diagonally first, at each place `step` farther; return the last place."""
+    r, c = path[at, 0], path[at, 1]
+    while r != row or c != col:
+        r += (row > r) - (row < r)
+        c += (col > c) - (col < c)
+        at += step
+        path[at, 0], path[at, 1] = r, c
+    return at
+
+
+@bare_kernel
+def unpack(parts: Ints, cells: Ints, stack: Ints, edge: int, node: int, path: Ints, at: int, step: int) -> int:
+    """Go on from the upper end of `edge`, at `path[at]`, down to its lower end `node`; return the last place.
+
+    `stack`, int32[L, 3], holds edges that are left: edge, node at which it ends, whether to go up it.
+    """
+    stack[0, 0], stack[0, 1], stack[0, 2] = edge, node, 0
+    n = 1
+    while n > 0:
+        n -= 1
+        edge, node, ascends = stack[n, 0], stack[n, 1], stack[n, 2]
+        if parts[edge, 0] < 0:
+            at = walk(path, at, step, cells[node, 0], cells[node, 1])
+            continue
+        # A shortcut up from a to b past x: up it, down from a to x and up to b; down it, down from b to x and up to a.
+        stack[n, 0], stack[n, 1], stack[n, 2] = parts[edge, 1 + ascends], node, 1
+        stack[n + 1, 0], stack[n + 1, 1], stack[n + 1, 2] = parts[edge, 2 - ascends], parts[edge, 0], 0
+        n += 2
+    return at
+
+
+@kernel
+def route(
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    stops: NDArray[np.uint64],
+    number: Ints,
+    width: int,
+    begin: Longs,
+    up: Longs,
+    parts: Ints,
+    cells: Ints,
+    label: Longs,
+    came: Ints,
+    heaps: Longs,
+    seeds: Longs,
+    stack: Ints,
+    state: Longs,
+    row: int,
+    col: int,
+    goal_row: int,
+    goal_col: int,
+) -> tuple[Ints, int, int]:
+    """Return a shortest path, int32[K, 2], empty if there is none, its number of diagonal moves, and the nodes expanded.
+
+    Parameters
+    ----------
+    around, table, stops, number, width
+        The map: see `canonical` for the first two, `subgoals` for the others, with nodes numbered as in the hierarchy.
+    begin, up, parts, cells
+        The hierarchy (see `hierarchy.ladder`), and the row and column of each node.
+    label, came, heaps, seeds, stack, state
+        The workspace: see `meet` and `unpack`; `state` int64[1] is the number of the last query.
+    row, col, goal_row, goal_col
+        Free cells.
+    """
+    if (row == goal_row and col == goal_col) or is_clear(around, table, width, row, col, goal_row, goal_col):
+        a, b = abs(row - goal_row), abs(col - goal_col)
+        path = np.empty((max(a, b) + 1, 2), np.int32)
+        path[0, 0], path[0, 1] = row, col
+        walk(path, 0, 1, goal_row, goal_col)
+        return path, min(a, b), 0
+    state[0] += 1
+    ends, size = np.array([[row, col], [goal_row, goal_col]]), np.empty(2, np.int64)
+    for side in range(2):
+        size[side] = 0
+        x = number[(ends[side, 0] + 1) * (width + 2) + ends[side, 1] + 1]
+        if x >= 0:
+            seeds[side, 0, 0], seeds[side, 0, 1], size[side] = x, 0, 1
+        else:
+            size[side] = seen(around, stops, number, width, ends[side, 0], ends[side, 1], seeds[side])
+    cost, top, expanded = meet(begin, up, cells, label, came, heaps, seeds, size, ends, state[0])
+    if top < 0:
+        return np.empty((0, 2), np.int32), 0, expanded
+    turns = diagonals(cost)
+    path = np.empty(((cost - turns * DIAGONAL) // STRAIGHT + turns + 1, 2), np.int32)
+    # The middle first, then from there to both ends.
+    near = label[0, top, 0]
+    middle = (near - diagonals(near) * DIAGONAL) // STRAIGHT + diagonals(near)
+    for side in range(2):
+        path[middle, 0], path[middle, 1] = cells[top, 0], cells[top, 1]
+        x, at, step = top, middle, 2 * side - 1
+        while came[side, x, 0] >= 0:
+            below = came[side, x, 1]
+            at = unpack(parts, cells, stack, came[side, x, 0], below, path, at, step)
+            x = below
+        walk(path, at, step, ends[side, 0], ends[side, 1])
+    return path, turns, expanded

@@ -1,0 +1,236 @@
+"""A contraction hierarchy: nodes are taken out of a graph one by one, the least important first, and where a shortest path led
+through a node, a shortcut takes its place. A query then climbs from both ends alone, and meets at the top of a shortest path
+(Geisberger, Sanders, Schultes and Delling, Contraction hierarchies, WEA 2008).
+
+Edges are rows of `edges`, int32[M, 5], in a list for each node that begins at `first`: the next of the list, the node it leads
+to, and for a shortcut the node left out and the edges from that to both ends, at which the shortcut leads off and to which it
+leads; -1 else. `weight` int64[M] is what they cost. Of two nodes the one taken out first keeps the edge.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import bare_kernel, kernel
+
+Ints = NDArray[np.int32]
+Longs = NDArray[np.int64]
+
+RUNNING, DONE, FULL = 0, 1, 2
+NEXT, TO, OUT, BEFORE, AFTER = range(5)
+USED, FREE, OPEN, RANKED, ROUND, LINKED = range(6)
+"""Places in `state`: edges ever used, first of the recycled ones, nodes in the heap, nodes taken out, number of the last local
+search, nodes whose edges are made."""
+MOST_SETTLED = 24  # nodes of a local search: a shortcut more does no harm
+NOWHERE = 1 << 62
+
+
+@bare_kernel
+def push(heap: Longs, size: int, key: int, item: int) -> int:
+    """Put `item` on the 4-ary heap, int64[M, 2], of `size` entries; return the new size."""
+    hole = size
+    while hole > 0:
+        above = (hole - 1) >> 2
+        if heap[above, 0] <= key:
+            break
+        heap[hole, 0], heap[hole, 1] = heap[above, 0], heap[above, 1]
+        hole = above
+    heap[hole, 0], heap[hole, 1] = key, item
+    return size + 1
+
+
+@bare_kernel
+def pop(heap: Longs, size: int) -> int:
+    """Take the first entry, the least, off the heap; return the new size."""
+    size -= 1
+    key, item = heap[size, 0], heap[size, 1]
+    hole = 0
+    while True:
+        child = 4 * hole + 1
+        if child >= size:
+            break
+        least = child
+        for other in range(child + 1, min(child + 4, size)):
+            if heap[other, 0] < heap[least, 0]:
+                least = other
+        if heap[least, 0] >= key:
+            break
+        heap[hole, 0], heap[hole, 1] = heap[least, 0], heap[least, 1]
+        hole = least
+    heap[hole, 0], heap[hole, 1] = key, item
+    return size
+
+
+@bare_kernel
+def join(
+    first: Ints, edges: Ints, weight: Longs, state: Longs, a: int, b: int, cost: int, out: int, before: int, after: int
+) -> None:
+    """Have an edge lead from a to b at `cost`, unless one does at no more."""
+    e = first[a]
+    while e >= 0 and edges[e, TO] != b:
+        e = edges[e, NEXT]
+    if e < 0:
+        e = state[FREE]
+        if e >= 0:
+            state[FREE] = edges[e, NEXT]
+        else:
+            e = state[USED]
+            state[USED] += 1
+        edges[e, NEXT], edges[e, TO] = first[a], b
+        first[a] = e
+    elif weight[e] <= cost:
+        return
+    edges[e, OUT], edges[e, BEFORE], edges[e, AFTER] = out, before, after
+    weight[e] = cost
+
+
+@bare_kernel
+def leave(first: Ints, edges: Ints, state: Longs, a: int, b: int) -> None:
+    """Remove the edge from a to b."""
+    e, last = first[a], -1
+    while edges[e, TO] != b:
+        last, e = e, edges[e, NEXT]
+    if last < 0:
+        first[a] = edges[e, NEXT]
+    else:
+        edges[last, NEXT] = edges[e, NEXT]
+    edges[e, NEXT] = state[FREE]
+    state[FREE] = e
+
+
+@bare_kernel
+def measure(
+    first: Ints, edges: Ints, weight: Longs, state: Longs, local: Longs, heap: Longs, source: int, avoid: int, within: int
+) -> int:
+    """Label nodes near `source` with the distance without `avoid` in `local`, int64[N, 2], label and round; return the work."""
+    state[ROUND] += 1
+    now = state[ROUND]
+    local[source, 0], local[source, 1] = 0, now
+    size, settled = push(heap, 0, 0, source), 0
+    work = 0
+    while size > 0 and settled < MOST_SETTLED:
+        g, x = heap[0, 0], heap[0, 1]
+        if g > within:
+            break
+        size = pop(heap, size)
+        if local[x, 0] < g:
+            continue
+        settled += 1
+        e = first[x]
+        while e >= 0:
+            to, g_to = edges[e, TO], g + weight[e]
+            if to != avoid and g_to <= within and (local[to, 1] != now or g_to < local[to, 0]):
+                local[to, 0], local[to, 1] = g_to, now
+                size = push(heap, size, g_to, to)
+            work += 1
+            e = edges[e, NEXT]
+    return work
+
+
+@bare_kernel
+def bypass(
+    first: Ints, edges: Ints, weight: Longs, state: Longs, local: Longs, heap: Longs, ends: Ints, x: int, really: bool
+) -> tuple[int, int, int]:
+    """Count the shortcuts that taking node x out needs, and make them if `really`; return them, its edges, and the work."""
+    n, needed, work = 0, 0, 0
+    e = first[x]
+    while e >= 0:
+        ends[n] = e
+        n += 1
+        e = edges[e, NEXT]
+    for i in range(n - 1):
+        a, to_a = edges[ends[i], TO], weight[ends[i]]
+        farthest = 0
+        for j in range(i + 1, n):
+            farthest = max(farthest, weight[ends[j]])
+        work += measure(first, edges, weight, state, local, heap, a, x, to_a + farthest)
+        for j in range(i + 1, n):
+            b, cost = edges[ends[j], TO], to_a + weight[ends[j]]
+            if local[b, 1] != state[ROUND] or local[b, 0] > cost:
+                needed += 1
+                if really:
+                    join(first, edges, weight, state, a, b, cost, x, ends[i], ends[j])
+                    join(first, edges, weight, state, b, a, cost, x, ends[j], ends[i])
+    return needed, n, work + n
+
+
+@bare_kernel
+def contract(
+    first: Ints,
+    edges: Ints,
+    weight: Longs,
+    state: Longs,
+    local: Longs,
+    heap: Longs,
+    ends: Ints,
+    order: Longs,
+    level: Ints,
+    rank: Ints,
+    steps: int,
+) -> int:
+    """Take nodes out in the order of their importance for about `steps` steps; return RUNNING, DONE or FULL.
+
+    Parameters
+    ----------
+    first, edges, weight, state
+        The graph, as above. FULL says that `edges` and `weight` must be longer.
+    local, heap, ends
+        Room for local searches: int64[N, 2] of zeros at first, int64[M, 2] for M edges, int32[N].
+    order : int64[N, 2]
+        A heap of all nodes that are left: how late their turn comes, and the node. All zero at first, so that each node is
+        weighed when it comes up for the first time, and again each time it comes up.
+    level, rank : int32[N]
+        How many shortcuts at most lie within each other below a node, zeros at first; the order in which nodes were taken out.
+    """
+    while steps > 0:
+        if state[RANKED] == rank.size:
+            return DONE
+        x = order[0, 1]
+        needed, n, work = bypass(first, edges, weight, state, local, heap, ends, x, False)
+        steps -= work + 1
+        turn = 1000 * level[x] + 2000 * needed // max(n, 1) + needed
+        state[OPEN] = pop(order, state[OPEN])
+        if state[OPEN] > 0 and turn > order[0, 0]:
+            state[OPEN] = push(order, state[OPEN], turn, x)
+            continue
+        if state[USED] + 2 * needed > edges.shape[0]:
+            state[OPEN] = push(order, state[OPEN], -1, x)
+            return FULL
+        bypass(first, edges, weight, state, local, heap, ends, x, True)
+        for i in range(n):
+            other = edges[ends[i], TO]
+            leave(first, edges, state, other, x)
+            level[other] = max(level[other], level[x] + 1)
+        rank[x] = state[RANKED]
+        state[RANKED] += 1
+    return RUNNING
+
+
+@kernel
+def ladder(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
+    """Return the edges of the hierarchy, node by node in the order of `rank`, whose numbers they use.
+
+    `begin` int64[N + 1]: the edges up from node x are begin[x] to begin[x + 1]; `up` int64[M, 2]: the node that an edge leads
+    to and its cost; `parts` int32[M, 3]: the node left out and the edges from it, as OUT, BEFORE and AFTER of `edges`.
+    """
+    node = np.argsort(rank)
+    place = np.full(edges.shape[0] + 1, -1, np.int32)  # the last for -1
+    begin = np.zeros(rank.size + 1, np.int64)
+    n = 0
+    for x in range(rank.size):
+        e = first[node[x]]
+        while e >= 0:
+            place[e] = n
+            n += 1
+            e = edges[e, NEXT]
+        begin[x + 1] = n
+    up, parts = np.empty((n, 2), np.int64), np.full((n, 3), -1, np.int32)
+    for e in range(edges.shape[0]):
+        k = place[e]
+        if k >= 0:
+            up[k, 0], up[k, 1] = rank[edges[e, TO]], weight[e]
+            if edges[e, OUT] >= 0:
+                parts[k, 0] = rank[edges[e, OUT]]
+                parts[k, 1], parts[k, 2] = place[edges[e, BEFORE]], place[edges[e, AFTER]]
+    return begin, up, parts

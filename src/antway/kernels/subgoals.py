@@ -1,0 +1,150 @@
+"""The subgoal graph of a map under `Moves.EIGHT`: its corners, and which of them see each other.
+
+A subgoal is a free cell at a convex corner of an obstacle, where shortest paths turn. Two cells see each other where all
+shortest paths between them on an empty map are free and pass no subgoal: i diagonal and j straight moves in any order, a
+parallelogram. Every shortest path can be laid from cell to cell that see each other, with subgoals in between (Uras, Koenig and
+Hernandez, Subgoal graphs for optimal pathfinding in eight-neighbor grids, ICAPS 2013).
+
+`stops` is packed as the map is in `kernels.jps`, with bits for blocked cells and subgoals alike. `number` is the number of each
+subgoal, -1 elsewhere, on a flat map with a margin of 1. Costs are integers, STRAIGHT and DIAGONAL a move (see `kernels.field`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.bits import ctz
+from antway.kernels.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED
+from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.jps import place
+
+STRAIGHT, DIAGONAL = 38613965, 54608393
+
+_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
+_COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
+
+
+@kernel
+def corners(around: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return which cells are subgoals, with a blocked diagonal between two free sides; `around` as in `canonical`."""
+    table = np.zeros(256, np.bool_)
+    for bits in range(256):
+        for d in range(4):
+            table[bits] |= bits >> d & 1 and bits >> ((d + 1) & 3) & 1 and not bits >> (d + 4) & 1
+    found = np.empty(around.size, np.bool_)
+    for i in range(around.size):
+        found[i] = table[around[i]]
+    return found
+
+
+@bare_kernel
+def clear(stops: NDArray[np.uint64], line: int, bit: int) -> int:
+    """Return how many cells up the line are free before the first that stops."""
+    bit += 1
+    i = line + (bit >> 6)
+    word = stops[i] >> np.uint64(bit & 63)
+    if word:
+        return ctz(word)
+    n = 64 - (bit & 63)
+    i += 1
+    while stops[i] == 0:
+        n += 64
+        i += 1
+    return n + ctz(stops[i])
+
+
+@bare_kernel
+def seen(
+    around: NDArray[np.uint8],
+    stops: NDArray[np.uint64],
+    number: NDArray[np.int32],
+    width: int,
+    row: int,
+    col: int,
+    found: NDArray[np.int64],
+) -> int:
+    """Put the number and cost of all subgoals that the cell sees into `found`, int64[M, 2]; return how many."""
+    height, wide, n = around.size // width, width + 2, 0
+    at = (row + 1) * wide + col + 1
+    for d in range(4):
+        line, bit, _ = place(d, row, col, height, width)
+        k = clear(stops, line, bit) + 1
+        other = number[at + k * (_ROW[d] * wide + _COL[d])]
+        if other >= 0:
+            found[n, 0], found[n, 1] = other, k * STRAIGHT
+            n += 1
+    for d in range(4, 8):
+        one, two = d - 4, (d - 3) & 3
+        line1, bit1, length1 = place(one, row, col, height, width)
+        line2, bit2, length2 = place(two, row, col, height, width)
+        # In the part of one side the other side is the step from line to line.
+        side1 = length1 if two < 2 else -length1
+        side2 = length2 if one < 2 else -length2
+        step, step1, step2 = _ROW[d] * wide + _COL[d], _ROW[one] * wide + _COL[one], _ROW[two] * wide + _COL[two]
+        free_around = np.uint8(1 << one | 1 << two | 1 << d)
+        x, y, g = row * width + col, at, 0
+        # The parallelogram is as wide as the narrowest of its rows so far.
+        wide1, wide2 = clear(stops, line1, bit1), clear(stops, line2, bit2)
+        while around[x] & free_around == free_around:
+            x += _ROW[d] * width + _COL[d]
+            y += step
+            g += DIAGONAL
+            line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
+            if number[y] >= 0:
+                found[n, 0], found[n, 1] = number[y], g
+                n += 1
+                break
+            if wide1 > 0:
+                k = clear(stops, line1, bit1)
+                if k < wide1:
+                    wide1 = k
+                    other = number[y + (k + 1) * step1]
+                    if other >= 0:
+                        found[n, 0], found[n, 1] = other, g + (k + 1) * STRAIGHT
+                        n += 1
+            if wide2 > 0:
+                k = clear(stops, line2, bit2)
+                if k < wide2:
+                    wide2 = k
+                    other = number[y + (k + 1) * step2]
+                    if other >= 0:
+                        found[n, 0], found[n, 1] = other, g + (k + 1) * STRAIGHT
+                        n += 1
+    return n
+
+
+@bare_kernel
+def link(
+    around: NDArray[np.uint8],
+    stops: NDArray[np.uint64],
+    number: NDArray[np.int32],
+    width: int,
+    nodes: NDArray[np.int64],
+    first: NDArray[np.int32],
+    edges: NDArray[np.int32],
+    weight: NDArray[np.int64],
+    state: NDArray[np.int64],
+    found: NDArray[np.int64],
+    steps: int,
+) -> int:
+    """Make the edges of about `steps` cells' worth of `nodes`, those of all that they see; return RUNNING, DONE or FULL.
+
+    The graph is laid out as in `hierarchy`; `found`, int64[M, 2], is room for what one node sees.
+    """
+    while steps > 0:
+        x = state[LINKED]
+        if x == nodes.size:
+            return DONE
+        n = seen(around, stops, number, width, nodes[x] // width, nodes[x] % width, found)
+        steps -= 16 + 4 * n
+        if state[USED] + n > edges.shape[0]:
+            return FULL
+        for i in range(n):
+            e = state[USED]
+            edges[e, NEXT], edges[e, TO], weight[e] = first[x], found[i, 0], found[i, 1]
+            edges[e, OUT] = edges[e, BEFORE] = edges[e, AFTER] = -1
+            first[x] = e
+            state[USED] += 1
+        state[LINKED] += 1
+    return RUNNING

@@ -1,0 +1,136 @@
+"""Shortest paths on a map that is asked again and again: a contraction hierarchy over its corners, made beforehand."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from antway import checks
+from antway.grid import Grid, Moves
+from antway.kernels.climb import route
+from antway.kernels.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, ladder
+from antway.kernels.subgoals import corners, link
+from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.search.derived import kept, lattice, packed_lines
+from antway.search.jps import jps
+from antway.search.result import not_found
+
+STEPS = 1 << 18  # steps of the preparation between two looks at the clock, about 10 ms
+MOST_STEPS = 64  # for each cell of the map
+
+
+def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
+    """Return a shortest path: for `Moves.EIGHT` by the hierarchy of the map where it has one, else as `jps` does.
+
+    The hierarchy is made by `prepare`, or else by the first query on a grid, which then takes that much longer, and kept with
+    the grid. Parameters and result are those of `antway.search.jps.jps`.
+
+    Examples
+    --------
+    >>> subgoals(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (1, 2))).cells.tolist()
+    [[0, 0], [1, 1], [1, 2]]
+    """
+    if problem.moves is not Moves.EIGHT:
+        return jps(problem, seed=seed, budget=budget)
+    clock = budget.start()
+    hierarchy = kept(problem.grid, "subgoals", lambda: Hierarchy(problem.grid))
+    if not hierarchy.make(clock) or clock.spent():
+        return not_found(False, 0, clock)
+    return hierarchy.plan(problem, clock) if hierarchy.pays else jps(problem, seed=seed, budget=budget)
+
+
+def prepare(grid: Grid) -> bool:
+    """Make the hierarchy of `grid` for the planner `subgoals`, and tell whether it has one.
+
+    Where so many corners see each other that the hierarchy would be long in the making (a bound on the work, not on the time),
+    there is none: on wide open maps, where jump points do best, and on those strewn with single cells.
+
+    Examples
+    --------
+    >>> prepare(Grid(np.zeros((3, 3), dtype=bool)))
+    True
+    """
+    hierarchy = kept(checks.instance("grid", grid, Grid), "subgoals", lambda: Hierarchy(grid))
+    hierarchy.make(Budget().start())
+    return hierarchy.pays
+
+
+class Hierarchy:
+    """The contraction hierarchy over the corners of a map with `Moves.EIGHT`; any thread may use it.
+
+    Attributes
+    ----------
+    pays : bool
+        Whether there is one, once `make` returned True.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        self.lock, self.making, self.made, self.pays = threading.Lock(), self._pieces(grid), False, True
+        self.arrays: tuple[Any, ...] = ()
+        self.sizes = (0, 0, 0, 0)
+        self.spare: list[tuple[Any, ...]] = []
+
+    def make(self, clock: Clock) -> bool:
+        """Go on making the hierarchy until that is done or the clock runs out; tell which."""
+        while not self.made and not clock.spent():
+            with self.lock:
+                self.made = next(self.making, True)
+        return self.made
+
+    def _pieces(self, grid: Grid) -> Iterator[bool]:
+        """Make the hierarchy, and yield False after every piece of the work."""
+        net = lattice(grid, Moves.EIGHT)
+        is_corner = corners(net.around).reshape(grid.shape)
+        nodes = np.flatnonzero(is_corner)
+        number = np.full((grid.shape[0] + 2, grid.shape[1] + 2), -1, np.int32)
+        number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
+        place = (net.around, packed_lines(grid.blocked | is_corner), number.ravel(), net.width)
+        n, seeds = len(nodes), 8 * max(grid.shape) + 16
+        edges, weight = np.empty((8 * n + seeds, 5), np.int32), np.empty(8 * n + seeds, np.int64)
+        first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
+        order, local = np.column_stack((np.zeros(n, np.int64), np.arange(n))), np.zeros((n, 2), np.int64)
+        heap, state, left = np.empty((len(edges), 2), np.int64), np.zeros(6, np.int64), MOST_STEPS * grid.blocked.size
+        state[FREE], state[OPEN] = -1, n
+        while state[RANKED] < n:
+            if state[LINKED] < n:
+                code = link(*place, nodes, first, edges, weight, state, heap, STEPS)
+            else:
+                code = contract(first, edges, weight, state, local, heap, ends, order, level, rank, STEPS)
+            if code == FULL:
+                edges, weight = np.concatenate((edges, np.empty_like(edges))), np.concatenate((weight, np.empty_like(weight)))
+                heap = np.empty((len(edges), 2), np.int64)
+            elif code == RUNNING:
+                left -= STEPS
+            if left < 0:
+                self.pays = False
+                return
+            yield False
+        number[number >= 0] = rank
+        cells = np.empty((n, 2), np.int32)
+        cells[rank] = np.column_stack(np.divmod(nodes, net.width))
+        begin, up, parts = ladder(first, edges, weight, rank)
+        self.arrays = (net.around, net.table, *place[1:], begin, up, parts, cells)
+        self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
+
+    def plan(self, problem: Problem, clock: Clock) -> Plan:
+        """Solve a problem on this map."""
+        ends: tuple[Any, ...] = (*problem.start, *problem.goal)
+        work = self.spare.pop() if self.spare else self._workspace()
+        try:
+            path, diagonals, expanded = route(*self.arrays, *work, *ends)
+        finally:
+            self.spare.append(work)
+        if not len(path):
+            return not_found(True, expanded, clock)
+        length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
+        return Plan(Status.FOUND, path, length, True, expanded, clock.elapsed(), length)
+
+    def _workspace(self) -> tuple[Any, ...]:
+        nodes, entries, seeds, deep = self.sizes
+        label, came = np.zeros((2, nodes, 2), np.int64), np.empty((2, nodes, 2), np.int32)
+        heaps, seen = np.empty((2, entries, 2), np.int64), np.empty((2, seeds, 2), np.int64)
+        return label, came, heaps, seen, np.empty((deep, 3), np.int32), np.zeros(1, np.int64)

@@ -1,0 +1,121 @@
+"""Subgoals: what sees what, the contraction hierarchy, preparation in pieces, and where it does not pay."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
+
+from antway import Budget, Grid, Problem, Status, check_plan, solve
+from antway.errors import BadParameter
+from antway.grid import Moves
+from antway.kernels import hierarchy
+from antway.kernels.climb import diagonals, meet
+from antway.kernels.subgoals import DIAGONAL, STRAIGHT, corners, seen
+from antway.search import subgoals as module
+from antway.search.derived import kept, lattice, packed_lines
+from antway.search.dijkstra import dijkstra
+from antway.search.subgoals import Hierarchy, prepare, subgoals
+from common import cases, free_cells, random_grid
+from naive import search as naive
+
+
+def test_what_sees_what() -> None:
+    """C7: the corners of a map, and which of them a cell sees, are those of the definition, at the costs of an empty map."""
+    rng = np.random.default_rng(0)
+    for _ in range(cases(60, 600)):
+        grid = random_grid(rng, 1, 14)
+        net = lattice(grid, Moves.EIGHT)
+        is_corner = corners(net.around).reshape(grid.shape)
+        nodes = [(int(r), int(c)) for r, c in np.argwhere(is_corner)]
+        assert nodes == [cell for cell in np.ndindex(grid.shape) if naive.is_corner(grid, cell)]
+        number = np.full((grid.shape[0] + 2, grid.shape[1] + 2), -1, np.int32)
+        number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
+        stops, found = packed_lines(grid.blocked | is_corner), np.empty((200, 2), np.int64)
+        for cell in [(int(r), int(c)) for r, c in free_cells(grid)[:: rng.integers(1, 5)]]:
+            n = seen(net.around, stops, number.ravel(), net.width, *cell, found)
+            assert {nodes[i] for i in found[:n, 0]} == {node for node in nodes if node != cell and naive.sees(grid, cell, node)}
+            for i, cost in found[:n].tolist():
+                a, b = sorted(abs(np.subtract(nodes[i], cell)).tolist())
+                assert (cost, diagonals(cost)) == ((b - a) * STRAIGHT + a * DIAGONAL, a)
+
+
+def test_hierarchies_keep_distances() -> None:
+    """C7: in the hierarchy of a random graph all distances are those of the graph, whatever order nodes are taken out in."""
+    rng = np.random.default_rng(1)
+    for _ in range(cases(30, 300)):
+        n, m = int(rng.integers(2, 40)), int(rng.integers(1, 120))
+        ends = np.array(
+            [pair for pair in {tuple(sorted(rng.integers(n, size=2).tolist())) for _ in range(m)} if pair[0] < pair[1]]
+        )
+        if not len(ends):
+            continue
+        cost = rng.integers(1, 20, len(ends))
+        first, edges, weight = np.full(n, -1, np.int32), np.full((4 * n * n, 5), -1, np.int32), np.zeros(4 * n * n, np.int64)
+        state = np.array([2 * len(ends), -1, n, 0, 0, 0])
+        for e, ((a, b), w) in enumerate(zip(np.vstack((ends, ends[:, ::-1])).tolist(), np.tile(cost, 2).tolist())):
+            edges[e, :2], weight[e], first[a] = (first[a], b), w, e
+        order, rank = np.column_stack((np.zeros(n, np.int64), rng.permutation(n))), np.full(n, -1, np.int32)
+        local, heap, level = np.zeros((n, 2), np.int64), np.empty((len(edges), 2), np.int64), np.zeros(n, np.int32)
+        while hierarchy.contract(first, edges, weight, state, local, heap, np.empty(n, np.int32), order, level, rank, 50) != 1:
+            pass
+        begin, up, parts = hierarchy.ladder(first, edges, weight, rank)
+        assert sorted(rank.tolist()) == list(range(n))
+        graph = coo_array((cost.astype(float), (ends[:, 0], ends[:, 1])), shape=(n, n)).tocsr()
+        expected = scipy_dijkstra(graph, directed=False)
+        node = np.argsort(rank)
+        for x in range(n):
+            for e in range(begin[x], begin[x + 1]):
+                to, (out, before, after) = up[e, 0], parts[e]
+                assert to > x
+                assert up[e, 1] >= expected[node[x], node[to]]
+                if out >= 0:
+                    assert out < x
+                    assert up[e, 1] == up[before, 1] + up[after, 1]
+                    assert (up[before, 0], up[after, 0]) == (x, to)
+        label, came, heaps = (
+            np.zeros((2, n, 2), np.int64),
+            np.empty((2, n, 2), np.int32),
+            np.empty((2, len(up) + 9, 2), np.int64),
+        )
+        cells, at = np.zeros((n, 2), np.int32), np.zeros((2, 2), np.int64)
+        for now, (a, b) in enumerate(np.ndindex(n, n), 1):
+            seeds = np.array([[[rank[a], 0]], [[rank[b], 0]]])
+            best, _, _ = meet(begin, up, cells, label, came, heaps, seeds, np.ones(2, np.int64), at, now)
+            assert best == expected[a, b] or (best == hierarchy.NOWHERE and np.isinf(expected[a, b]))
+
+
+def test_preparation_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A preparation cut into many pieces gives the same paths; time that runs out within it is a matter of the budget."""
+    rng = np.random.default_rng(2)
+    blocked = rng.random((60, 60)) < 0.2
+    blocked[0, 0] = blocked[-1, -1] = False
+    whole = solve(Problem(Grid(blocked), (0, 0), (59, 59)), "subgoals")
+    monkeypatch.setattr(module, "STEPS", 1 << 8)
+    grid = Grid(blocked)
+    problem = Problem(grid, (0, 0), (59, 59))
+    pieces = 0
+    for done in kept(grid, "subgoals", lambda: Hierarchy(grid)).making:
+        assert not done
+        assert subgoals(problem, budget=Budget(seconds=0)).status is Status.BUDGET
+        pieces += 1
+    assert pieces > 10
+    assert np.array_equal(subgoals(problem).cells, whole.cells)
+
+
+def test_where_preparation_does_not_pay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the work reaches its bound there is no hierarchy, and the paths are those of jps; a map without corners has one."""
+    rng = np.random.default_rng(3)
+    assert prepare(Grid(np.zeros((9, 9), dtype=bool)))
+    monkeypatch.setattr(module, "STEPS", 1 << 8)
+    monkeypatch.setattr(module, "MOST_STEPS", 1)
+    grid = Grid(rng.random((60, 60)) < 0.2)
+    assert not prepare(grid)
+    (a, b), (c, d) = free_cells(grid)[[0, -1]].tolist()
+    problem = Problem(grid, (a, b), (c, d))
+    plan = subgoals(problem)
+    check_plan(problem, plan)
+    assert plan.length == dijkstra(problem).length
+    with pytest.raises(BadParameter, match="grid"):
+        prepare("map")  # type: ignore[arg-type]
