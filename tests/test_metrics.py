@@ -109,6 +109,19 @@ def test_ranks_tell_real_differences():
     assert {name: rank for name, _, rank in metrics.ranks(scores, most=False)} == {"a": 3, "b": 1, "c": 1}
 
 
+def test_ranks_compare_where_both_have_a_score():
+    """A score that is missing takes that episode from the policy's own comparisons alone; few pairs decide nothing."""
+    hard = np.random.default_rng(4).uniform(1.0, 2.0, 40)
+    never, seldom = np.full(40, math.nan), np.where(np.arange(40) < 9, hard - 0.5, math.nan)
+    worse = np.where(np.arange(40) % 2, hard + 0.1, math.nan)
+    table = {
+        name: (mean, rank)
+        for name, mean, rank in metrics.ranks({"never": never, "seldom": seldom, "worse": worse, "best": hard}, most=False)
+    }
+    assert table["best"][1] == table["seldom"][1] == 1 and table["worse"][1] == 2
+    assert math.isnan(table["never"][0]) and list(table)[-1] == "never"
+
+
 def test_pairing_sees_what_unpaired_means_do_not():
     """A small difference on episodes of very different length is real only because they are paired."""
     hard = np.random.default_rng(3).uniform(5.0, 50.0, 100)

@@ -17,6 +17,7 @@ from antway.world.trace import Outcome, Trace
 
 DISCOMFORT = 0.2  # m between the edges of the robot and an obstacle
 RESAMPLES = 2000
+PAIRS = 10  # fewer decide nothing
 Z95 = 1.959963984540054  # of the normal distribution
 Interval = tuple[float, float]
 
@@ -139,13 +140,13 @@ def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.
 
 
 def real_difference(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> tuple[float, Interval, bool]:
-    """Return the mean of a - b over paired episodes, its 95 % interval, and whether that leaves out 0."""
+    """Return the mean of a - b over paired episodes, its 95 % interval, and whether ten pairs or more leave out 0."""
     one = checks.array("a", a, (None,))
     difference = one - checks.array("b", b, one.shape)
     if not len(difference):
         return math.nan, (math.nan, math.nan), False
     low, high = bootstrap(difference, seed=seed)
-    return float(difference.mean()), (low, high), not low <= 0.0 <= high
+    return float(difference.mean()), (low, high), len(difference) >= PAIRS and not low <= 0.0 <= high
 
 
 def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[tuple[str, float, int]]:
@@ -154,7 +155,7 @@ def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[
     Parameters
     ----------
     scores : mapping of policy to float64[N]
-        Of the same N episodes in the same order.
+        Of the same N episodes in the same order; NaN where a policy has none. Two are compared where both have one.
     most : bool
         Whether more is better.
 
@@ -173,7 +174,9 @@ def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[
     for name, mine in scores.items():
         better = 0
         for other, theirs in scores.items():
-            mean, _, real = real_difference(theirs, mine)
+            both = np.isfinite(mine) & np.isfinite(theirs)
+            mean, _, real = real_difference(theirs[both], mine[both])
             better += other != name and real and sign * mean > 0.0
-        table.append((name, float(mine.mean()) if len(mine) else math.nan, 1 + better))
-    return sorted(table, key=lambda row: (row[2], -sign * row[1], row[0]))
+        known = mine[np.isfinite(mine)]
+        table.append((name, float(known.mean()) if len(known) else math.nan, 1 + better))
+    return sorted(table, key=lambda row: (math.isnan(row[1]), row[2], -sign * row[1], row[0]))

@@ -21,7 +21,7 @@ from antway.arena.summary import Summary, levels, paired, summarise
 from antway.world.trace import Trace
 
 GALLERY = 8  # failures shown of each policy
-COLOURS = 8  # as many as report.css names
+COLOURS = 8  # as many as report.css names; the next eight policies have the same, dashed
 WIDTH, HEIGHT, LEFT, BOTTOM = 460, 280, 52, 44  # of a plot
 _DATA = re.compile(r'(<script type="application/json" id="episode">)(.*?)(</script>)', re.DOTALL)
 Point = tuple[float, float]
@@ -91,9 +91,9 @@ class _Replays:
 
 def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
     policies = sorted({row.policy for row in rows})
-    tint = {policy: i % COLOURS for i, policy in enumerate(policies)}
+    tint = {policy: f"c{i % COLOURS}" + " dashed" * (i // COLOURS % 2) for i, policy in enumerate(policies)}
     table = summarise(rows, policies)
-    legend = "".join(f'<li><i class="c{tint[p]}"></i>{_text(p)}</li>' for p in policies)
+    legend = "".join(f'<li><i class="{tint[p]}"></i>{_text(p)}</li>' for p in policies)
     return (
         f"<section><h2>Suite {_text(suite)}</h2>{_table(table)}<ul class='legend'>{legend}</ul>"
         f"<div class='plots'>{_success_plot(rows, policies, tint)}{_regret_plot(rows, table, tint)}</div>"
@@ -118,7 +118,7 @@ def _table(table: Sequence[Summary]) -> str:
             f"{100 * one.success_interval[0]:.1f}–{100 * one.success_interval[1]:.1f}",
             *counts,
             _number(one.regret, 4),
-            f"{_number(one.regret_interval[0], 3)}–{_number(one.regret_interval[1], 3)}",
+            "–".join(_number(end, 3) for end in one.regret_interval if math.isfinite(end)) or "–",
             *(_number(v, 2) for v in (one.time, one.stretch, one.clearance, one.discomfort, one.flips, one.jerk)),
             *(_number(v, 2) for v in one.cycle),
         )
@@ -127,24 +127,27 @@ def _table(table: Sequence[Summary]) -> str:
 
 
 def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
-    """Ranks by success, and by time over the optimum where all succeeded; a rank is lost only to what is really better."""
+    """Ranks by success, and by time over the optimum; a rank is lost only to what is really better."""
     wins, times = paired(rows, policies)
-    success, time = metrics.ranks(wins), {name: (mean, rank) for name, mean, rank in metrics.ranks(times, most=False)}
-    n_all, n_solved = (len(next(iter(part.values()), ())) for part in (wins, times))
-    lines = [
-        _cells("td", (name, rank, f"{100 * mean:.1f} %", time[name][1] if n_solved else "–", _number(time[name][0], 4)))
-        for name, mean, rank in success
-    ]
-    heads = ("policy", "rank by success", f"of {n_all} paired", "rank by time / optimum", f"of {n_solved} all reached")
+    time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
+    lines = []
+    for name, mean, rank in metrics.ranks(wins):
+        place, ratio = time[name]
+        cells = (name, rank, f"{100 * mean:.1f} %", place if math.isfinite(ratio) else "–", _number(ratio, 4))
+        lines.append(_cells("td", cells))
+    paired_all = len(next(iter(wins.values()), ()))
+    heads = ("policy", "rank by success", f"of {paired_all} paired", "rank by time / optimum", "mean of those reached")
     return (
-        "<h3>Which differences are real</h3><p>Same rank: the paired difference has a 95 % interval that holds 0.</p>"
+        "<h3>Which differences are real</h3><p>A rank is lost to each policy that is really better: on the same episodes, "
+        "by time on those that both reached, the 95 % interval of the difference leaves out 0.</p>"
         f"<table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table>"
     )
 
 
-def _success_plot(rows: Sequence[Row], policies: Sequence[str], tint: dict[str, int]) -> str:
+def _success_plot(rows: Sequence[Row], policies: Sequence[str], tint: dict[str, str]) -> str:
     """Share of episodes that had reached the goal by a time."""
-    end = max((row.time for row in rows if row.reached), default=1.0)
+    seconds = _round_numbers(0.0, max((row.time for row in rows if row.reached), default=1.0))
+    end = seconds[-1]
     curves = []
     for policy in policies:
         mine = [row for row in rows if row.policy == policy]
@@ -153,18 +156,18 @@ def _success_plot(rows: Sequence[Row], policies: Sequence[str], tint: dict[str, 
         for i, t in enumerate(times):
             points += [(t, i / len(mine)), (t, (i + 1) / len(mine))]
         curves.append((tint[policy], [*points, (end, len(times) / len(mine))]))
-    ticks = [(t, f"{t:g}") for t in np.linspace(0.0, end, 6).round(1).tolist()]
+    ticks = [(t, f"{t:g}") for t in seconds]
     scale = [(s / 5, f"{20 * s} %") for s in range(6)]
     return _plot("Reached by", "time, s", ticks, scale, [_line(curve, tint, (end, 1.0)) for tint, curve in curves], (0.0, 0.0))
 
 
-def _regret_plot(rows: Sequence[Row], table: Sequence[Summary], tint: dict[str, int]) -> str:
+def _regret_plot(rows: Sequence[Row], table: Sequence[Summary], tint: dict[str, str]) -> str:
     """Mean time over the optimum by level, with its interval."""
     steps = levels(rows)
     known = [one for one in table if one.level in steps and math.isfinite(one.regret)]
-    low = min([1.0, *(one.regret_interval[0] for one in known)])
-    high = max([1.05, *(one.regret_interval[1] for one in known)])
-    end = (max(len(steps) - 1, 1), high)
+    ends = [end for one in known for end in one.regret_interval]
+    ratios = _round_numbers(min([1.0, *ends]), max([1.05, *ends]))
+    low, end = ratios[0], (max(len(steps) - 1, 1), ratios[-1])
     marks = []
     for policy, colour in tint.items():
         mine = [one for one in known if one.policy == policy]
@@ -172,13 +175,20 @@ def _regret_plot(rows: Sequence[Row], table: Sequence[Summary], tint: dict[str, 
         for one in mine:
             at = float(steps.index(one.level))
             marks.append(_line([(at, one.regret_interval[0]), (at, one.regret_interval[1])], colour, end, (0.0, low), bar=True))
-    scale = [(v, f"{v:.2f}") for v in np.linspace(low, high, 5).tolist()]
+    scale = [(v, f"{v:g}") for v in ratios]
     return _plot("Time over the optimum", "level", [(float(i), s) for i, s in enumerate(steps)], scale, marks, (0.0, low), end)
 
 
-def _line(points: Iterable[Point], colour: int, end: Point, origin: Point = (0.0, 0.0), *, bar: bool = False) -> str:
+def _round_numbers(low: float, high: float) -> list[float]:
+    """Return about five to ten round numbers at equal distances from one not above `low` to one not below `high`."""
+    step = 10.0 ** math.floor(math.log10((high - low) / 5))
+    step *= next(factor for factor in (1, 2, 5, 10) if (high - low) / (factor * step) <= 10)
+    return [round(k * step, 9) for k in range(math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9) + 1)]
+
+
+def _line(points: Iterable[Point], colour: str, end: Point, origin: Point = (0.0, 0.0), *, bar: bool = False) -> str:
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in (_place(p, origin, end) for p in points))
-    return f'<polyline class="c{colour}{" bar" if bar else ""}" points="{path}"/>'
+    return f'<polyline class="{colour}{" bar" if bar else ""}" points="{path}"/>'
 
 
 def _place(point: Point, origin: Point, end: Point) -> Point:

@@ -115,12 +115,12 @@ def _median(values: Sequence[float]) -> float:
 def paired(
     rows: Sequence[Row], policies: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
-    """Return success (0 or 1) on the episodes that all policies played, and time over the optimum on those that all reached."""
+    """Return success (0 or 1) and time over the optimum (NaN if not reached) on the episodes that all policies played."""
     by: dict[tuple[str, str, int, str], dict[str, Row]] = {}
     for row in rows:
         by.setdefault((row.suite, row.episode, row.seed, row.version), {})[row.policy] = row
     common = [one for one in by.values() if all(policy in one for policy in policies)]
-    solved = [one for one in common if all(one[p].reached and math.isfinite(one[p].bound) for p in policies)]
     wins = {p: np.array([float(one[p].reached) for one in common]) for p in policies}
-    times = {p: metrics.regret([one[p].time for one in solved], [one[p].bound for one in solved]) for p in policies}
+    bounds = [one[policies[0]].bound if math.isfinite(one[policies[0]].bound) else math.nan for one in common]
+    times = {p: metrics.regret([one[p].time if one[p].reached else math.nan for one in common], bounds) for p in policies}
     return wins, times
