@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import pytest
 from antway.arena.engines import Job, bench, load_policy, table_jobs
 from antway.arena.store import TIMING, Results
 from antway.arena.suites import episodes
+from antway.cli import main
 from antway.errors import BadParameter, BadResults
 from antway.rivals.replan import Follow
 from common import SCALE, cases
@@ -176,10 +178,12 @@ def test_interrupt_ends_soon_and_leaves_a_sound_file(tmp_path):
 def test_json_and_the_table(tmp_path):
     """--json prints one object on stdout and nothing else; a second run plays nothing again."""
     for _ in range(2):
-        said = subprocess.run(command(tmp_path / "b", "--json"), check=True, capture_output=True, text=True)
+        line = command(tmp_path / "b", "--json", "--export", "csv,parquet")
+        said = subprocess.run(line, check=True, capture_output=True, text=True)
         record = json.loads(said.stdout)
         assert record["suite"] == "synthetic" and len(record["summaries"]) == 7
     assert count(tmp_path / "b") == 18
+    assert (tmp_path / "b" / "results.parquet").is_file() and not (tmp_path / "b" / "results.json").exists()
 
 
 @pytest.mark.parametrize(
@@ -192,12 +196,18 @@ def test_json_and_the_table(tmp_path):
         (["--engine", "steam"], "local, ray"),
         (["--episodes", "0"], "episodes = 0"),
         (["--workers", "-1"], "workers = -1"),
+        (["--export", "csv,xls"], "export = 'xls': must be one of csv, json, parquet"),
     ],
 )
-def test_wrong_input_is_refused(tmp_path, change, said):
-    """Wrong options exit with status 2 and one line that names field, value and what is allowed."""
-    run = subprocess.run(command(tmp_path / "x", *change), capture_output=True, text=True, check=False)
-    assert run.returncode == 2 and said in run.stderr and "Traceback" not in run.stderr
+def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, said):
+    """Wrong options exit with status 2 and one line that names field, value and what is allowed; nothing is written."""
+    monkeypatch.setattr(sys, "argv", ["antway", *command(tmp_path / "x", *change)[3:]])
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    shown = capsys.readouterr()
+    assert ended.value.code == 2 and said in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
 
 
 def test_a_file_of_others_is_refused(tmp_path):

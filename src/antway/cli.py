@@ -188,22 +188,27 @@ def bench_command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Results, report and tables; an earlier run goes on.")] = Path(
         "bench"
     ),
+    tables: Annotated[str, typer.Option("--export", metavar="A,B", help="Tables to write: csv, json, parquet.")] = "csv,json",
     json: Json = False,
 ) -> int:
     """Measure policies on a suite of worlds against the clairvoyant optimum; resumes where it stopped."""
     from dataclasses import asdict
+    from importlib.util import find_spec
 
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+    from antway import checks
     from antway.arena import engines
     from antway.arena.report import write_report
-    from antway.arena.store import Results, export
+    from antway.arena.store import EXPORTS, Results, export
     from antway.arena.suites import episodes as episodes_of
     from antway.arena.summary import summarise
     from antway.view.replay import replay_page
 
-    names = policies.split(",")
+    names, kinds = policies.split(","), [checks.choice("export", kind, EXPORTS) for kind in tables.split(",")]
+    if "parquet" in kinds and find_spec("pyarrow") is None:
+        raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
     with working("preparing"):
         jobs = engines.table_jobs(episodes_of(suite, episodes), names)
     out.mkdir(parents=True, exist_ok=True)
@@ -222,8 +227,8 @@ def bench_command(
         wanted = {job.key for job in jobs}
         rows = [row for row in results.rows() if row.key in wanted]
         with working("writing the report"):
-            for suffix in ("csv", "json"):
-                export(rows, out / f"results.{suffix}")
+            for kind in kinds:
+                export(rows, out / f"results.{kind}")
             write_report(results, out / "report.html", replay_page)
     table = summarise(rows, names)
     if json:

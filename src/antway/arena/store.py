@@ -17,6 +17,7 @@ from typing import Any
 
 from antway.errors import BadParameter, BadResults
 
+EXPORTS = ("csv", "json", "parquet")
 APPLICATION, SCHEMA = 0x616E7477, 1  # "antw"
 Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
