@@ -288,8 +288,8 @@ def solve(
     goal_col: int,
     fresh: bool,
     steps: int,
-) -> tuple[int, NDArray[np.int32], int]:
-    """Begin a search if it is `fresh`, take about `steps` steps, and return the code, the path and its number of diagonals.
+) -> tuple[int, NDArray[np.int32], int, int]:
+    """Begin a search if it is `fresh`, take about `steps` steps; return the code, path, its diagonals, and cells expanded.
 
     The path is empty unless the search is DONE and found the goal. Other parameters as for `expand`.
     """
@@ -306,9 +306,9 @@ def solve(
             around, table, words, width, shorter, nodes, reached, first, filled, entries, state, base, goal_row, goal_col, steps
         )
     if code != DONE or nodes[goal, 0] >= base + LIMIT:
-        return code, np.empty((0, 2), np.int32), 0
+        return code, np.empty((0, 2), np.int32), 0, state[EXPANDED]
     path, diagonals = trace(nodes, goal, width)
-    return code, path, diagonals
+    return code, path, diagonals, state[EXPANDED]
 
 
 @kernel
@@ -346,7 +346,7 @@ def solve_all(
             if base < LOWEST:
                 nodes[:, 0] = HIGHEST
                 base = HIGHEST - LIMIT
-            code, path, turns = solve(
+            code, path, turns, _ = solve(
                 around,
                 table,
                 words,

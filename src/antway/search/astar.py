@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
 from antway.kernels.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
-from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, EXPANDED, KEYS, LIMIT, STRAIGHT
+from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search import heap
 from antway.search.costs import checked_costs
@@ -54,9 +54,9 @@ class Workspace:
         self.filled = np.zeros(KEYS // 64, np.uint64)
         self.entries = np.empty((16 * longest, 5), np.int32)
         self.state = np.zeros(8, np.int64)
+        self.arrays = self._arrays()
 
-    @property
-    def arrays(self) -> tuple[Any, ...]:
+    def _arrays(self) -> tuple[Any, ...]:
         """The arrays in the order in which the kernels take them."""
         return self.nodes, self.reached, self.first, self.filled, self.entries, self.state
 
@@ -70,6 +70,7 @@ class Workspace:
     def grow(self) -> None:
         """Double the room for entries of the queue."""
         self.entries = np.concatenate((self.entries, np.empty_like(self.entries)))
+        self.arrays = self._arrays()
 
 
 class Searcher:
@@ -80,32 +81,34 @@ class Searcher:
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
         self.net: tuple[Any, ...] = (net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
         self.shorter = shorter
+        self.far = octile(0, 0, *grid.shape, shorter) >= LIMIT  # whether ends may be too far apart for the integers
+        self.large = grid.blocked.size >= MOST_CELLS
         self.spare: list[Workspace] = kept(grid, "workspaces", list)
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve `problem`, which must be one on this map."""
         (row, col), (goal_row, goal_col) = problem.start, problem.goal
-        if octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT or problem.grid.blocked.size >= MOST_CELLS:
+        if self.large or (self.far and octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT):
             return spread_plan(problem, clock)
         work = self.spare.pop() if self.spare else Workspace(problem.grid.shape)
         try:
             work.begin()
-            code, fresh = RUNNING, True
+            code, fresh, expanded = RUNNING, True, 0
             while code != DONE and not clock.spent():
                 query: tuple[Any, ...] = (work.base, row, col, goal_row, goal_col, fresh, STEPS)
-                code, path, diagonals = solve(*self.net, *work.arrays, *query)
+                code, path, diagonals, expanded = solve(*self.net, *work.arrays, *query)
                 fresh = False
                 if code == FULL:
                     work.grow()
-            expanded, cut = int(work.state[EXPANDED]), bool(work.state[CUT])
+            cut = code == DONE and not len(path) and bool(work.state[CUT])
         finally:
             self.spare.append(work)
         if code == DONE and len(path):
             length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
             return Plan(Status.FOUND, path, length, True, expanded, clock.elapsed(), length)
-        if code == DONE and cut:  # the only paths left are too long for integers of 32 bits
+        if cut:  # the only paths left are too long for integers of 32 bits
             return spread_plan(problem, clock)
-        return not_found(code == DONE, expanded if not fresh else 0, clock)
+        return not_found(code == DONE, expanded, clock)
 
 
 def searcher(grid: Grid, moves: Moves, jumping: bool) -> Searcher:

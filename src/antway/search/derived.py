@@ -22,12 +22,14 @@ _KEPT: dict[int, dict[object, Any]] = {}  # by id of the grid's read-only array
 def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
     """Return what `make` returned the first time it was asked for under `name` for this grid."""
     key = id(grid.blocked)
-    if key not in _KEPT:
+    known = _KEPT.get(key)
+    if known is None:
         weakref.finalize(grid.blocked, _KEPT.pop, key, None).atexit = False
-    known = _KEPT.setdefault(key, {})
-    if name not in known:
-        known[name] = make()
-    return cast(T, known[name])
+        known = _KEPT.setdefault(key, {})
+    value = known.get(name)
+    if value is None:
+        value = known[name] = make()
+    return cast(T, value)
 
 
 class Graph(NamedTuple):

@@ -34,7 +34,8 @@ def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
     clock = start_clock(problem, seed, budget)
     if problem.moves is not Moves.EIGHT:
         return astar(problem, seed=seed, budget=budget)
-    return searcher(problem.grid, problem.moves, jumping=jumps_pay(problem.grid)).plan(problem, clock)
+    grid = problem.grid
+    return kept(grid, "jps", lambda: searcher(grid, Moves.EIGHT, jumps_pay(grid))).plan(problem, clock)
 
 
 def jumps_pay(grid: Grid) -> bool:

@@ -14,7 +14,7 @@ from antway.grid import Grid, Moves
 from antway.kernels.climb import route
 from antway.kernels.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, ladder
 from antway.kernels.subgoals import corners, link
-from antway.planning import Budget, Clock, Plan, Problem, Status
+from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept, lattice, packed_lines
 from antway.search.jps import jps
 from antway.search.result import not_found
@@ -34,9 +34,9 @@ def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> P
     >>> subgoals(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (1, 2))).cells.tolist()
     [[0, 0], [1, 1], [1, 2]]
     """
+    clock = start_clock(problem, seed, budget)
     if problem.moves is not Moves.EIGHT:
         return jps(problem, seed=seed, budget=budget)
-    clock = budget.start()
     hierarchy = kept(problem.grid, "subgoals", lambda: Hierarchy(problem.grid))
     if not hierarchy.make(clock) or clock.spent():
         return not_found(False, 0, clock)
