@@ -1,7 +1,8 @@
-"""Instructions that Numba has no name for."""
+"""Instructions that Numba has no name for; where compiling is switched off (NUMBA_DISABLE_JIT), Python that does the same."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -10,8 +11,13 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
 
-def _instruction(name: str, meaning: str) -> Callable[[Any], int]:
+
+def _instruction(name: str, plain: Callable[[Any], int], meaning: str) -> Callable[[Any], int]:
+    if PLAIN:
+        return plain
+
     def typed(typing_context: Any, word: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             return getattr(builder, name)(args[0], ir.Constant(ir.IntType(1), 1))
@@ -22,8 +28,16 @@ def _instruction(name: str, meaning: str) -> Callable[[Any], int]:
     return cast(Callable[[Any], int], intrinsic(typed))
 
 
-ctz = _instruction("cttz", "Return the number of zero bits below the lowest one of a uint64 that is not 0.")
-clz = _instruction("ctlz", "Return the number of zero bits above the highest one of a uint64 that is not 0.")
+ctz = _instruction(
+    "cttz",
+    lambda word: (int(word) & -int(word)).bit_length() - 1,
+    "Return the number of zero bits below the lowest one of a uint64 that is not 0.",
+)
+clz = _instruction(
+    "ctlz",
+    lambda word: 64 - int(word).bit_length(),
+    "Return the number of zero bits above the highest one of a uint64 that is not 0.",
+)
 
 
 def _prefetch(typing_context: Any, array: Any, index: Any) -> Any:
@@ -42,4 +56,4 @@ def _prefetch(typing_context: Any, array: Any, index: Any) -> Any:
 
 
 _PREFETCH = "llvm.prefetch.p0"
-prefetch = cast(Callable[[NDArray[Any], int], None], intrinsic(_prefetch))
+prefetch = cast(Callable[[NDArray[Any], int], None], (lambda array, index: None) if PLAIN else intrinsic(_prefetch))
