@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import uvicorn
 
-from antway.web.server import make_app, names_of
+from antway.web.server import config_of, make_app, names_of
 
 TOKEN = "a-token"
 
@@ -19,9 +19,7 @@ def served(host: str = "127.0.0.1", port: int | None = None, *, open_page: bool 
     """Serve on 127.0.0.1 under the names of `host` and `port` (None: the port that is taken); the port taken is given."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         taken = listener.getsockname()[1]
-        app = make_app(names_of(host, port or taken), TOKEN, open_page=open_page)
-        config = uvicorn.Config(app, log_level="critical", http="h11", ws="websockets-sansio", timeout_graceful_shutdown=2)
-        server = uvicorn.Server(config)
+        server = uvicorn.Server(config_of(make_app(names_of(host, port or taken), TOKEN, open_page=open_page)))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

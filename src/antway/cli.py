@@ -344,7 +344,7 @@ def serve_command(
     import importlib.util
     import webbrowser
 
-    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn", "websockets")):
+    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn", "httptools", "websockets")):
         raise BadParameter("antway[web]", "not installed", "installed: pip install 'antway[web]'")
     from antway.web.server import serve
 

@@ -13,10 +13,8 @@ import ipaddress
 import json
 import secrets
 import socket
-import threading
 from collections.abc import Awaitable, Callable, Mapping
 from importlib.resources import files
-from typing import Protocol
 
 import uvicorn
 from starlette.applications import Starlette
@@ -24,24 +22,22 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from antway import checks
 from antway.ants.rules import RULES
-from antway.errors import BadInput, BadParameter
+from antway.errors import BadParameter
 from antway.scenes import SCENES
 from antway.web import tours
-from antway.web.lane import Message
+from antway.web.player import PATIENCE, Player, Tab
 from antway.web.session import PARAMETERS, POLICIES, SPEEDS, Session
 
 PORT = 8765
 MAX_MESSAGE = 6 * 2**20  # bytes; an upload in base64
-MAX_SMALL = 2**19  # bytes of any other message
 MAX_SESSIONS = 256
-RATE, BURST = 60.0, 240.0  # messages a second, and at once
-IN_FLIGHT = 2  # frames that the page has not confirmed
-PATIENCE = 10.0  # s that a send may take before the client is cut off
-TICK = 1 / 40  # s between frames at the least
+MAX_HEAD = 2**16  # bytes of a request
+MAX_FILES = 8192  # open at once, where the system allows as many
 
 _FILES = {  # path: package, file, type
     "/": ("antway.web", "page.html", "text/html"),
@@ -81,20 +77,6 @@ def names_of(host: str, port: int) -> frozenset[str]:
     """Return what a Host header may say to a server at `host` and `port`."""
     hosts = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {f"[{host}]" if ":" in host else host.lower()}
     return frozenset({f"{name}:{port}" for name in hosts} | (hosts if port == 80 else set()))
-
-
-class Tab(Protocol):
-    """What is behind one tab: wishes come in, scenes and frames go out; `period` s of the clock make one step."""
-
-    closed: threading.Event
-    playing: bool
-
-    @property
-    def period(self) -> float: ...
-    def apply(self, message: object) -> list[Message]: ...
-    def advance(self, steps: int) -> None: ...
-    def frame(self) -> Message: ...
-    def describe(self) -> Message: ...
 
 
 class Gate:
@@ -172,7 +154,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
             tab = await asyncio.to_thread(make)
             tabs.add(tab)
             try:
-                await _Player(websocket, tab).run()
+                await Player(websocket, tab).run()
             finally:
                 tab.closed.set()
                 tabs.discard(tab)
@@ -185,108 +167,6 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     return Gate(app, names)
 
 
-class _Player:
-    """Carries wishes to a session and frames back, at the pace of the clock and never ahead of the page."""
-
-    def __init__(self, websocket: WebSocket, session: Tab) -> None:
-        self.websocket, self.session = websocket, session
-        self.turn, self.wake = asyncio.Lock(), asyncio.Event()
-        self.owed, self.in_flight = True, 0
-
-    async def run(self) -> None:
-        """Serve until the page is gone, asks too much, or does not take what it is sent."""
-        playing = asyncio.create_task(self.play())
-        listening = asyncio.create_task(self.listen())
-        try:
-            await self.send(await asyncio.to_thread(self.session.describe))
-            await self.show()
-            done, _ = await asyncio.wait({playing, listening}, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
-        except (WebSocketDisconnect, TimeoutError):
-            pass
-        finally:
-            self.session.closed.set()
-            for task in (playing, listening):
-                task.cancel()
-            await asyncio.gather(playing, listening, return_exceptions=True)
-
-    async def listen(self) -> None:
-        """Do what the page asks until it is gone or floods."""
-        clock = asyncio.get_running_loop().time
-        allowance, last = BURST, clock()
-        while True:
-            message = await self.websocket.receive()
-            if message["type"] == "websocket.disconnect":
-                return
-            now = clock()
-            allowance, last = min(BURST, allowance + (now - last) * RATE) - 1.0, now
-            text = message.get("text")
-            if text is None or allowance < 0.0:
-                await self.websocket.close(1008)
-                return
-            await self.answer(text)
-
-    async def answer(self, text: str) -> None:
-        """Do one wish and say what came of it."""
-        async with self.turn:
-            try:
-                wish = _parse(text)
-                if wish == {"op": "seen"}:
-                    self.in_flight = max(0, self.in_flight - 1)
-                    replies: list[Message] = []
-                else:
-                    replies = await asyncio.to_thread(self.session.apply, wish)
-                    self.owed = True
-            except BadInput as error:
-                replies = [{"kind": "refused", "error": type(error).__name__, "field": error.field, "text": str(error)}]
-            for reply in replies:
-                await self.send(reply)
-        self.wake.set()
-        await self.show()
-
-    async def play(self) -> None:
-        """Advance the session as fast as the clock says; cycles that come too late are left out, not made up for."""
-        clock = asyncio.get_running_loop().time
-        due = clock()
-        while True:
-            if not self.session.playing:
-                self.wake.clear()
-                await self.wake.wait()
-                due = clock()
-                continue
-            period = self.session.period
-            steps = max(1, round(TICK / period))
-            due = max(due + steps * period, clock())
-            await asyncio.sleep(due - clock())
-            async with self.turn:
-                if self.session.playing:
-                    await asyncio.to_thread(self.session.advance, steps)
-            self.owed = True
-            await self.show()
-
-    async def show(self) -> None:
-        """Send the present moment if the page has taken what it was sent before; otherwise it is skipped."""
-        async with self.turn:
-            if self.owed and self.in_flight < IN_FLIGHT:
-                self.owed, self.in_flight = False, self.in_flight + 1
-                await self.send(self.session.frame())
-
-    async def send(self, message: Message) -> None:
-        text = json.dumps(message, allow_nan=False, separators=(",", ":"))
-        await asyncio.wait_for(self.websocket.send_text(text), PATIENCE)
-
-
-def _parse(text: str) -> object:
-    try:
-        wish = json.loads(text)
-    except (ValueError, RecursionError):
-        raise BadParameter("message", text[:80], "JSON") from None
-    if len(text) > MAX_SMALL and not (isinstance(wish, dict) and wish.get("op") == "open"):
-        raise BadParameter("message", f"{len(text)} characters", f"at most {MAX_SMALL} characters")
-    return wish
-
-
 def _embedded(choices: Mapping[str, object]) -> str:
     """Return JSON that is safe within a page."""
     return json.dumps(choices).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
@@ -294,6 +174,54 @@ def _embedded(choices: Mapping[str, object]) -> str:
 
 def _same(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(), other.encode())
+
+
+class Prompt(HttpToolsProtocol):
+    """HTTP that hangs up on who has not asked within `PATIENCE` s, or asks with more than `MAX_HEAD` bytes."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self.head = 0
+        self.loop.call_later(PATIENCE, self.give_up)
+
+    def data_received(self, data: bytes) -> None:
+        asking = self.cycle is None or self.cycle.response_complete
+        self.head = self.head + len(data) if asking else 0
+        if self.head > MAX_HEAD:
+            self.transport.close()
+        else:
+            super().data_received(data)
+
+    def give_up(self) -> None:
+        if self.cycle is None and self.transport.get_protocol() is self:
+            self.transport.close()
+
+
+def config_of(app: ASGIApp) -> uvicorn.Config:
+    """Return how the server runs: small requests, bounded messages, nothing kept for long."""
+    return uvicorn.Config(
+        app,
+        log_level="error",
+        http=Prompt,
+        ws="websockets-sansio",
+        ws_max_size=MAX_MESSAGE,
+        ws_per_message_deflate=False,
+        timeout_keep_alive=5,
+        timeout_graceful_shutdown=2,
+        server_header=False,
+    )
+
+
+def _allow_files() -> None:
+    """Let the process open as many sockets as it may."""
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], None] = lambda url: None) -> None:
@@ -326,19 +254,8 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         port = listener.getsockname()[1]
         token, alone = secrets.token_urlsafe(24), is_loopback(host)
         app = make_app(names_of(host, port), token, open_page=alone)
-        config = uvicorn.Config(
-            app,
-            log_level="warning",
-            ws="websockets-sansio",
-            ws_max_size=MAX_MESSAGE,
-            ws_per_message_deflate=False,
-            h11_max_incomplete_event_size=16384,
-            http="h11",
-            timeout_keep_alive=5,
-            timeout_graceful_shutdown=2,
-            server_header=False,
-        )
+        _allow_files()
         url = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
-        server = uvicorn.Server(config)
+        server = uvicorn.Server(config_of(app))
         ready(url if alone else f"{url}?token={token}")
         server.run(sockets=[listener])

@@ -1,0 +1,216 @@
+"""C40: many pages, requests and clients that misbehave at once; the server stays small, quick and right."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
+
+from antway.scenes import scene
+from antway.world.episode import Episode
+from antway.world.scenario import load_scenario
+from common import cases
+
+PAGES, REQUESTS, SLOW, LORIS, JUNK = cases(12, 200), cases(60, 1000), cases(2, 20), cases(10, 200), cases(100, 10_000)
+STEPS = 30
+pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the size of a process from /proc")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[tuple[int, int]]:
+    """Port and process of `antway serve`."""
+    command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        said = re.search(r":(\d+)/", process.stdout.readline())
+        assert said is not None
+        yield int(said[1]), process.pid
+        process.terminate()
+
+
+def size(pid: int) -> float:
+    """Resident memory, MiB."""
+    text = Path(f"/proc/{pid}/status").read_text()
+    return int(re.search(r"VmRSS:\s+(\d+)", text)[1]) / 1024  # type: ignore[index]
+
+
+async def close(writer: asyncio.StreamWriter) -> None:
+    writer.close()
+    with contextlib.suppress(ConnectionError):
+        await writer.wait_closed()
+
+
+async def ask(port: int, times: list[float]) -> bytes:
+    """Get the page's script over a connection of its own."""
+    begun = time.perf_counter()
+    reader, writer = await asyncio.open_connection("127.0.0.1", port)
+    writer.write(f"GET /page.js HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
+    answer = await reader.read()
+    while not reader.at_eof():
+        answer += await reader.read()
+    await close(writer)
+    times.append(time.perf_counter() - begun)
+    return answer[9:12]
+
+
+def live(port: int, token: str, **options: Any) -> Any:
+    own = f"127.0.0.1:{port}"
+    return connect(f"ws://{own}/live", origin=f"http://{own}", subprotocols=["antway", token], **options)  # type: ignore[arg-type, list-item]
+
+
+async def frame(wire: ClientConnection) -> dict[str, Any]:
+    """The next frame, confirmed."""
+    while True:
+        message = json.loads(await asyncio.wait_for(wire.recv(), 60))
+        if message["kind"] == "frame":
+            await wire.send('{"op":"seen"}')
+            return message
+
+
+async def page(port: int, token: str, ready: asyncio.Event, stop: asyncio.Event) -> list[Any]:
+    """Play a run as a page does; return its last frame's time and place."""
+    async with live(port, token) as wire:
+        await frame(wire)
+        ready.set()
+        await wire.send('{"op":"play","on":true}')
+        now = await frame(wire)
+        while not stop.is_set():
+            now = await frame(wire)
+        await wire.send('{"op":"play","on":false}')
+        while now["playing"]:
+            now = await frame(wire)
+        return [now["lanes"][0]["t"], now["lanes"][0]["robot"][:2]]
+
+
+async def slow(port: int, token: str, stop: asyncio.Event) -> float:
+    """Play and read, but never confirm a frame; return after how many seconds the server hangs up, if it does."""
+    async with live(port, token) as wire:
+        await wire.send('{"op":"speed","speed":8}')
+        await wire.send('{"op":"play","on":true}')
+        begun = time.perf_counter()
+        with contextlib.suppress(ConnectionClosed):
+            while not stop.is_set():
+                await wire.recv()
+        return time.perf_counter() - begun
+
+
+async def junk(port: int, token: str, messages: list[str | bytes], patience: float) -> int | None:
+    """Send junk; return the code with which the server hung up, None if it did not."""
+    async with live(port, token) as wire:
+        with contextlib.suppress(ConnectionClosed, ConnectionError):
+            for message in messages:
+                await wire.send(message)
+        with contextlib.suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(wire.wait_closed(), patience)
+        return wire.close_code
+
+
+def wishes(rng: np.random.Generator, n: int) -> list[str | bytes]:
+    """Messages that ask for nothing sensible."""
+    texts: list[str | bytes] = ["{", "[]", "null", '{"op":"step","x":' + "[" * 3000, "1e999", '{"op":"drop"}', "\u0000"]
+    texts += [
+        '{"op":"open","files":[{"name":"a.zip","data":"UEsDBA=="}]}',
+        '{"op":"set","field":"seed","value":1e400}',
+        "NaN",
+        '{"op":"play","on":1}',
+    ]
+    return [texts[int(k)] for k in rng.integers(len(texts), size=n)]
+
+
+def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
+    """Pages and requests are answered without error while others dawdle, drip, flood and upload; memory stays bounded."""
+    port, pid = server
+
+    async def crowd() -> None:
+        times: list[float] = []
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
+        token = re.search(rb'"token": "([^"]+)"', await reader.read())[1].decode()  # type: ignore[index]
+        await close(writer)
+        async with live(port, token) as wire:  # compiles what the pages will run
+            await frame(wire)
+            for _ in range(3):
+                await wire.send('{"op":"step"}')
+                await frame(wire)
+        before = size(pid)
+
+        drips = [await asyncio.open_connection("127.0.0.1", port) for _ in range(LORIS)]
+        for _, drip in drips:
+            drip.write(b"GET / HTTP/1.1\r\nHost: 127")
+        stop, ready = asyncio.Event(), [asyncio.Event() for _ in range(PAGES - SLOW)]
+        pages = [asyncio.create_task(page(port, token, event, stop)) for event in ready]
+        await asyncio.gather(*(asyncio.wait_for(event.wait(), 120) for event in ready))
+        dawdlers = [asyncio.create_task(slow(port, token, stop)) for _ in range(SLOW)]
+
+        statuses = await asyncio.gather(*(ask(port, times) for _ in range(REQUESTS)))
+        assert set(statuses) == {b"200"}, f"{len(statuses)} answers"
+        rng = np.random.default_rng(0)
+        floods = await asyncio.gather(*(junk(port, token, wishes(rng, JUNK), 30.0 if JUNK > 1000 else 0.1) for _ in range(2)))
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        head, said = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 10000000\r\n\r\n", b""
+        with contextlib.suppress(ConnectionError):  # the server may hang up before all is sent
+            writer.write(head.encode() + bytes(10_000_000))
+            await writer.drain()
+            said = await reader.read(12)
+        assert said[9:] in (b"405", b"")
+        await close(writer)
+        assert await junk(port, token, ["x" * 7_000_000], 30.0) == 1009
+        grown = size(pid) - before
+
+        cut = await asyncio.gather(*dawdlers) if PAGES >= 200 else [0.0]
+        stop.set()
+        ends = await asyncio.gather(*pages)
+        for _, drip in drips:
+            await close(drip)
+        p99 = float(np.percentile(times, 99))
+        print(f"C40: {PAGES} pages, {REQUESTS} requests: p99 {1e3 * p99:.0f} ms, RSS {before:.0f} + {grown:.0f} MiB; "
+              f"slow clients cut after {max(cut):.1f} s; floods of {JUNK} messages ended with {floods}")  # fmt: skip
+        assert grown <= 100.0
+        assert set(floods) == {1008 if JUNK > 1000 else None}
+        if PAGES >= 200:
+            assert max(cut) <= 12.0, "a page that takes nothing is cut"
+        plain = Episode(load_scenario(scene("paper")), "antway")
+        while plain.outcome is None:
+            plain.step()
+        for t, xy in ends:
+            step = round(t / 0.1)
+            assert np.abs(plain.stage.xy[step] - xy).max() <= 1e-3, "a run under load is the run alone"
+
+    asyncio.run(crowd())
+    with socket.create_connection(("127.0.0.1", port)) as wire:  # and it still answers
+        wire.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
+        assert wire.recv(12)[9:] == b"200"
+
+
+def test_who_says_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A connection that does not finish its request, and a page that confirms nothing, are closed within their time."""
+    from antway.web import player, server
+    from serving import TOKEN, served
+
+    monkeypatch.setattr(player, "PATIENCE", 1.5)
+    monkeypatch.setattr(server, "PATIENCE", 0.5)
+    with served() as port:
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
+            wire.sendall(b"GET / HTTP/1.1\r\nHost:")
+            assert wire.recv(100) == b""
+
+        async def dawdle() -> None:
+            async with live(port, TOKEN) as wire:
+                with pytest.raises(ConnectionClosed):
+                    for _ in range(20):
+                        await asyncio.wait_for(wire.recv(), 10)
+
+        asyncio.run(dawdle())
