@@ -30,12 +30,14 @@ browser:
 	|| echo "no chromium, and no root with apt-get and a network to install it: the tests of pages will be skipped"
 
 # Real ROS 2 comes as wheels, which re-exec Python: they have an environment of their own.
+ROS := ros-rclpy[fastrtps]==9.1.2 ros-nav-msgs ros-sensor-msgs ros-geometry-msgs ros-std-srvs ros-visualization-msgs \
+       ros-diagnostic-msgs ros-rosgraph-msgs ros-test-msgs
+
 ros:
-	@test -f .venv-ros/bin/.ready \
+	@test "$$(cat .venv-ros/bin/.ready 2>/dev/null)" = "$(ROS)" \
 	|| { echo "installing ROS 2 into .venv-ros for its tests ..." && $(PYTHON) -m venv .venv-ros \
-	     && .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check 'ros-rclpy[fastrtps]==9.1.2' ros-nav-msgs \
-	        ros-sensor-msgs ros-geometry-msgs ros-std-srvs ros-visualization-msgs ros-diagnostic-msgs --editable . 2>/dev/null \
-	     && touch .venv-ros/bin/.ready; } \
+	     && .venv-ros/bin/python -m pip install --quiet --disable-pip-version-check $(patsubst %,'%',$(ROS)) --editable . 2>/dev/null \
+	     && echo "$(ROS)" > .venv-ros/bin/.ready; } \
 	|| echo "no ROS 2 wheels for this machine, or no network: the tests of the ROS 2 node will be skipped"
 
 check: $(READY)

@@ -13,20 +13,27 @@ from common import cases
 
 HERE = Path(__file__).resolve().parent
 BIN = HERE.parent / ".venv-ros" / "bin"
+NODE = ["antway", "ros2"]
+PAPER = {"autostart": True, "robot.sensor_range": 5.0, "task.obstacle_speed": 1.0}  # as scene "paper" has it
 pytestmark = pytest.mark.skipif(not (BIN / ".ready").exists(), reason="no ROS 2 environment at .venv-ros (make ros)")
 
 
-@pytest.fixture
-def environment():
-    """A domain of this process's own, on this machine alone."""
-    return os.environ | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+def environment(*paths: Path) -> dict[str, str]:
+    """A domain of this process's own, on this machine alone; with `paths` to import from."""
+    own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    return os.environ | own | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
 
 
-def script(name: str, argument: int, environment: dict[str, str], timeout: float) -> dict:
+def arguments(settings: dict) -> list[str]:
+    """`settings` as ROS takes parameters."""
+    return ["--ros-args", *(part for name, value in settings.items() for part in ("-p", f"{name}:={json.dumps(value)}"))]
+
+
+def script(name: str, *options: object, timeout: float = 300) -> dict:
     """Run a script of tests/ros; returns the JSON object that it prints last."""
     done = subprocess.run(
-        [BIN / "python", HERE / "ros" / name, str(argument)],
-        env=environment,
+        [BIN / "python", HERE / "ros" / name, *map(str, options)],
+        env=environment(),
         capture_output=True,
         text=True,
         timeout=timeout,
@@ -35,42 +42,134 @@ def script(name: str, argument: int, environment: dict[str, str], timeout: float
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.timeout(3000)
-def test_a_robot_reaches_its_goal(environment, tmp_path):
-    """A simulated robot behind topics reaches its goal without contact, one command for each 0.1 s; each failure stops it.
-
-    The map comes late and once malformed; sensors fall silent, the clock jumps, a goal is pre-empted: each time the node stops
-    the robot and says why. GetPlan's path is as long as that of the verified planner.
-    """
-    episodes = cases(1, 20)
-    settings = ["autostart:=true", "robot.sensor_range:=5.0", "task.obstacle_speed:=1.0"]
-    arguments = [part for one in settings for part in ("-p", one)]
-    log = tmp_path / "node.log"
+def beside(
+    command: list[str], settings: dict, path: Path, name: str, *options: object, stubs: bool = False, timeout: float = 300
+) -> dict:
+    """Run a script of tests/ros beside a node, which ends well when it is told to."""
+    log = path / "node.log"
     with log.open("w") as out:
         node = subprocess.Popen(
-            [BIN / "antway", "ros2", "--ros-args", *arguments], env=environment, stdout=out, stderr=subprocess.STDOUT
+            [BIN / command[0], *command[1:], *arguments(settings)],
+            env=environment(HERE / "ros" / "stubs" if stubs else HERE / "ros"),
+            stdout=out,
+            stderr=subprocess.STDOUT,
         )
         try:
-            result = script("robot.py", episodes, environment, timeout=300 + 120 * episodes)
+            result = script(name, *options, timeout=timeout)
         except AssertionError as error:
             raise AssertionError(f"{error}\nthe node's log:\n{log.read_text()[-3000:]}") from None
         finally:
             node.terminate()
             status = node.wait(timeout=60)
-    print(result)
     assert status == 0, log.read_text()
+    print(result)
+    return result
+
+
+@pytest.mark.timeout(3000)
+def test_a_robot_reaches_its_goal(tmp_path):
+    """A simulated robot behind topics reaches its goal without contact, one command for each 0.1 s; each failure stops it.
+
+    The map comes late and once malformed; sensors fall silent, the clock jumps, a goal is pre-empted and dropped: each time the
+    node stops the robot and says why. GetPlan's path is as long as that of the verified planner.
+    """
+    episodes = cases(3, 20)
+    result = beside(NODE, PAPER, tmp_path, "robot.py", episodes, timeout=300 + 120 * episodes)
     assert len(result["episodes"]) == episodes and result["paths"] > 0
     for one in result["episodes"]:
         assert one["outcome"] == "reached" and one["clearance"] > 0.0, one
         assert one["answers"] >= one["steps"], one
 
 
+def test_every_end_of_the_actions(tmp_path):
+    """compute_path_to_pose and follow_path end as Nav2's do, with its error codes: done, refused, cancelled, replaced, late.
+
+    Under Nav2's own types where nav2_msgs can be imported, else under an action of test_msgs in their place.
+    """
+    settings = {"autostart": True, "patience": 1.0, "progress_time": 3.0}
+    found = beside(["python", str(HERE / "ros" / "stand_in.py")], settings, tmp_path, "actions.py")["ends"]
+    drove, inactive = found.pop("drove"), found.pop("inactive")
+    assert {name: tuple(end[:2]) for name, end in found.items()} == {
+        "no map": ("aborted", 200),
+        "no odometry": ("aborted", 202),
+        "free": ("succeeded", 0),
+        "from here": ("succeeded", 0),
+        "no such planner": ("aborted", 201),
+        "on the moon": ("aborted", 202),
+        "start outside": ("aborted", 203),
+        "goal outside": ("aborted", 204),
+        "start occupied": ("aborted", 205),
+        "goal occupied": ("aborted", 206),
+        "closed": ("aborted", 208),
+        "no such controller": ("aborted", 101),
+        "way on the moon": ("aborted", 102),
+        "no way": ("aborted", 103),
+        "into the wall": ("aborted", 103),
+        "way": ("succeeded", 0),
+        "cancelled": ("cancelled", 0),
+        "refreshed": ("aborted", 0),
+        "replaced by goal_pose": ("aborted", 0),
+        "silent": ("aborted", 104),
+        "stuck": ("aborted", 105),
+        "deactivated": ("aborted", 100),
+        "active": ("succeeded", 0),
+    }
+    assert found["free"][2] > 20 and found["goal occupied"][2] == 0, "poses"
+    assert drove == [True, True, True], "drove before the cancel, was answered, and went on when the path was refreshed"
+    assert inactive == [False, False]
+
+
+def test_frames_that_are_turned_and_a_laser(tmp_path):
+    """On a turned map, with odometry placed by tf and a laser mounted askew, the goal is reached without contact.
+
+    Odometry is refused while tf does not know its frame, and the robot stops when tf falls silent. For tf2_ros, which has no
+    wheels, there is a stand-in.
+    """
+    settings = PAPER | {"obstacles_type": "sensor_msgs/msg/LaserScan"}
+    result = beside(NODE, settings, tmp_path, "turned.py", stubs=True)
+    assert result["outcome"] == "reached" and result["clearance"] > 0.0
+    assert result["motion_to_goal"] < 1e-9 and result["predicted"] > 0
+
+
+def test_obstacles_by_a_hook(tmp_path):
+    """Obstacles of a type of one's own come through a converter; commands go out unstamped; what is in no frame is refused."""
+    settings = {
+        "autostart": True,
+        "stamped": False,
+        "obstacles_type": "geometry_msgs/msg/PolygonStamped",
+        "obstacles_converter": "inputs:hook",
+    }
+    result = beside(NODE, settings, tmp_path, "inputs.py", "points", "unstamped")
+    assert set(result["kind"]) == {"linear", "angular"}
+
+
+def test_killed_and_started_again():
+    """A node on simulated time that is killed on the way and started again takes the robot on without contact.
+
+    Its map comes from the latched topic; it says that it has no goal, and drives when it is given one. The clock may go back.
+    """
+    settings = PAPER | {
+        "use_sim_time": True,
+        "obstacles_type": "geometry_msgs/msg/PoseArray",
+        "obstacle_radius": 0.4,
+    }
+    result = script("restart.py", BIN / NODE[0], *NODE[1:], *arguments(settings))
+    assert result["outcome"] == "reached" and result["clearance"] > 0.0 and len(result["killed"]) == 1
+
+
 @pytest.mark.timeout(1200)
-def test_up_and_down(environment):
-    """Going up and down again and again neither fails nor leaks; a parameter out of its definition's range is refused."""
-    cycles = cases(5, 100)
-    result = script("cycles.py", cycles, environment, timeout=300 + 5 * cycles)
-    early, late = result["memory"]
-    assert late - early < 200 * cycles, f"{late - early} kB more after {cycles} cycles"
+def test_up_and_down():
+    """Up and down 100 times neither fails nor leaks memory or files; parameters have the ranges that their definitions have."""
+    cycles = cases(100, 1000)
+    result = script("cycles.py", cycles, timeout=300 + 2 * cycles)
+    (early, files), (late, files_late) = result["resources"]
+    assert late - early < 20_000 + 20 * cycles, f"{late - early} kB more after {cycles} cycles"
+    assert files_late <= files + 2
     assert result["refused"]["successful"] is False and "chance" in result["refused"]["reason"]
-    assert result["lowest"] == 5e-324, "the least number above 0"
+    assert result["ranges"] == {
+        "robot.radius": [5e-324, 1.7976931348623157e308],
+        "policy.chance": [1e-9, 0.999999999],
+        "policy.tests": [1, 2**63 - 1],
+        "task.obstacle_surge": [0.0, float("inf")],
+    }
+    assert "one of dijkstra" in result["planner"]

@@ -1,4 +1,4 @@
-"""Run in the ROS environment: take the node up and down; prints resident memory in kB, early and late.
+"""Run in the ROS environment: take the node up and down; prints resident memory in kB and open files, early and late.
 
 Arguments: how many cycles.
 """
@@ -10,35 +10,46 @@ import sys
 from pathlib import Path
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
+from stand_in import kinds
 
 from antway.ros2.node import AntwayNode
 
 
-def resident() -> int:
-    return int(next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmRSS")).split()[1])
+def resources() -> tuple[int, int]:
+    """Resident memory in kB, and open files."""
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmRSS"))
+    return int(line.split()[1]), len(list(Path("/proc/self/fd").iterdir()))
 
 
 def main(cycles: int) -> None:
     rclpy.init()
-    node, memory = AntwayNode(), []
+    executor, node, found = SingleThreadedExecutor(), AntwayNode(kinds()), []
+    executor.add_node(node)
     for i in range(cycles):
         for step in (node.trigger_configure, node.trigger_activate, node.trigger_deactivate, node.trigger_cleanup):
             assert step() == TransitionCallbackReturn.SUCCESS, step
+            executor.spin_once(timeout_sec=0)
         assert not node.parts
         if i in (cycles // 5, cycles - 1):
-            memory.append(resident())
+            found.append(resources())
     wrong = node.set_parameters([rclpy.parameter.Parameter("policy.chance", value=1.5)])[0]
-    about = node.describe_parameter("robot.radius")
-    lowest = about.floating_point_range[0].from_value
+    ranges = {}
+    for name in ("robot.radius", "policy.chance", "policy.tests", "task.obstacle_surge"):
+        about = node.describe_parameter(name)
+        (one,) = about.floating_point_range or about.integer_range
+        ranges[name] = one.from_value, one.to_value
+    planner = node.describe_parameter("planner").additional_constraints
     node.destroy_node()
     for _ in range(max(cycles // 10, 1)):  # whole nodes as well
-        node = AntwayNode()
+        node = AntwayNode(kinds())
         node.trigger_configure()
         node.destroy_node()
+    executor.shutdown()
     rclpy.shutdown()
     refused = {"successful": wrong.successful, "reason": wrong.reason}
-    print(json.dumps({"memory": memory, "refused": refused, "lowest": lowest}))
+    print(json.dumps({"resources": found, "refused": refused, "ranges": ranges, "planner": planner}))
 
 
 if __name__ == "__main__":

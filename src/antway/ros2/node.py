@@ -29,7 +29,7 @@ from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pilot import ERROR, OK, WARN, Answer, End, Goal, Pilot
-from antway.ros2.scan import Tracker, discs, off_the_map, read_points
+from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
 from antway.ros2.settings import LASER, Settings, parameters
 from antway.ros2.tf import Transforms
 from antway.world.episode import run
@@ -95,7 +95,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         run(Scenario(room, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
         solve(Problem(room.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
         self.pilot, self.tracker = Pilot(settings), Tracker()
-        self.tracker.update(0.0, np.zeros((1, 2)), np.ones(1))
+        self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; by the first scan that is forgotten
         self.done: Callable[[End, str], None] | None = None  # told how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # told of each command
         self.laser: Any = None  # a scan that waits for odometry
@@ -206,13 +206,12 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             names = {header.frame_id for header in headers}
             if len(names) > 1:
                 raise BadParameter("header.frame_id", sorted(names), "the same throughout a message")
-            return t, frames.move_tracks(self._frame(names.pop()) if names else frames.HERE, tracks)
+            frame = self._frame(names.pop()) if names else frames.HERE
+            return t, self.tracker.update(t, frames.move_tracks(frame, tracks))
 
         found = self._read("obstacles", read, message)
         if found is not None:
-            t, tracks = found
-            named = bool((tracks.id >= 0).any())
-            self.pilot.scan = t, tracks if named else self.tracker.update(t, tracks.xy, tracks.radius)
+            self.pilot.scan = found
 
     def _on_scan(self, message: Any) -> None:
         """Keep a laser scan until odometry says where the robot was then."""
@@ -231,7 +230,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
                 self.walls = grid, grid.inflate(settings.scan_clear)
             pose = frames.chain(frames.between(self.trail, stamp), mount)
             points = off_the_map(read_points(message), pose, self.walls[1])
-            return stamp, self.tracker.update(stamp, *discs(points, gap=settings.scan_gap, largest=settings.scan_radius))
+            places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
+            return stamp, self.tracker.update(stamp, nameless(places))
 
         found = self._read("scan", read, self.laser)
         if found is not None:

@@ -114,11 +114,12 @@ class Pilot:
         before, self.goal = self.goal, goal
         self._begin()
         if before is None:
+            self.due = -math.inf
             return None
         if self.policy is not None and self._same_way(before, goal):
             self.goal = replace(goal, way=before.way)
             return Answer(self.command, OK, "the path is refreshed", End.REPLACED)
-        self.policy = None
+        self.policy, self.due = None, -math.inf
         return Answer(STAND, OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:

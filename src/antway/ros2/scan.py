@@ -102,7 +102,7 @@ def _circle(piece: NDArray[np.float64], largest: float) -> tuple[float, float, f
 
 
 class Tracker:
-    """Gives discs that have none names and velocities, by a Kalman filter for each (kernels/track.py).
+    """Gives tracks what they lack of names and velocities, by a Kalman filter for each (kernels/track.py).
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class Tracker:
     agility : float
         Acceleration that is expected of obstacles, m/s^2, > 0.
     near : float
-        How far from its prediction a disc may be found, m, > 0.
+        How far from its prediction a nameless track may be found, m, > 0.
     """
 
     def __init__(self, noise: float = 0.05, agility: float = 1.0, near: float = 0.8) -> None:
@@ -119,16 +119,37 @@ class Tracker:
         self.book, self.beliefs = np.zeros((256, track.COLUMNS)), np.zeros((256, 8))
         self.count, self.named, self.t = 0, 0, -math.inf
 
-    def update(self, t: float, xy: NDArray[np.float64], radius: NDArray[np.float64]) -> Tracks:
-        """Take in the discs seen at `t` s; returns all that must still be about, at `t`. When time goes back, begin anew."""
+    def update(self, t: float, seen: Tracks) -> Tracks:
+        """Take in what was seen at `t` s; returns all that must still be about, at `t`. When time goes back, begin anew.
+
+        Tracks that lack nothing are returned as they are.
+
+        Raises
+        ------
+        BadParameter
+            For tracks of which some have names and some (of id -1) have none.
+        """
+        nameless = seen.id < 0
+        if nameless.any() and not nameless.all():
+            raise BadParameter("tracks.id", seen.id.tolist(), "names >= 0 throughout, or -1 throughout")
+        if len(seen) and not nameless.any() and not np.isnan(seen.velocity).any():
+            return seen
         if t < self.t:
             self.count = 0
-        self.t, n = t, len(xy)
-        unknown = np.full((n, 2), math.nan)
-        variance = np.column_stack((np.full(n, self.noise**2), np.zeros(n)))
-        nameless = np.full(n, -1, np.int64)
+        self.t = t
+        variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
         self.count, known = track.update(
-            self.book, self.count, t, nameless, xy, unknown, radius, variance, self.agility, self.near, self.beliefs
+            self.book,
+            self.count,
+            t,
+            seen.id,
+            seen.xy,
+            seen.velocity,
+            seen.radius,
+            variance,
+            self.agility,
+            self.near,
+            self.beliefs,
         )
         book, belief = self.book[:known], self.beliefs[:known]
         fresh = np.flatnonzero(book[:, track.ID] < 0.0)
@@ -144,3 +165,9 @@ class Tracker:
         return Tracks(
             belief[:, NAME].astype(np.int64), belief[:, :2].copy(), belief[:, 2:4].copy(), belief[:, RADIUS].copy(), covariance
         )
+
+
+def nameless(places: Discs) -> Tracks:
+    """Return discs as tracks without names and velocities."""
+    xy, radius = places
+    return Tracks(np.full(len(xy), -1, np.int64), xy, np.full((len(xy), 2), math.nan), radius)
