@@ -13,7 +13,7 @@ from antway.arena.engines import Job, play
 from antway.arena.report import report_page, write_report
 from antway.arena.store import Results
 from antway.arena.suites import episodes, stage
-from antway.arena.summary import level_of, levels, paired, summarise
+from antway.arena.summary import level_of, levels, markdown, paired, summarise
 from antway.view.replay import replay_page
 from browser import chromium, needs_browser
 
@@ -62,6 +62,16 @@ def test_summaries(rows):
     wins, times = paired(rows, POLICIES)
     assert all(len(part) == 6 for part in wins.values())
     assert len({len(part) for part in times.values()}) == 1
+
+
+def test_markdown_has_every_summary_and_rank(rows):
+    """One line for each summary and each policy's rank, as many cells as heads; numbers that there are none of are dashes."""
+    rows = [row for row in rows if row.policy in POLICIES]
+    levels_table, ranks_table = (part.splitlines() for part in markdown(rows, POLICIES).split("\n\n"))
+    assert len(levels_table) == 2 + len(summarise(rows)) and len(ranks_table) == 2 + len(POLICIES)
+    for table in (levels_table, ranks_table):
+        assert {line.count("|") for line in table} == {table[0].count("|")} and "nan" not in "".join(table)
+    assert "| oracle | 1 | 100.0 |" in ranks_table[2]
 
 
 def test_failures_keep_their_trace(file, rows):

@@ -203,7 +203,7 @@ def bench_command(
     from antway.arena.report import write_report
     from antway.arena.store import EXPORTS, Results, export
     from antway.arena.suites import episodes as episodes_of
-    from antway.arena.summary import summarise
+    from antway.arena.summary import markdown, summarise
     from antway.view.replay import replay_page
 
     names, kinds = policies.split(","), [checks.choice("export", kind, EXPORTS) for kind in tables.split(",")]
@@ -229,6 +229,7 @@ def bench_command(
         with working("writing the report"):
             for kind in kinds:
                 export(rows, out / f"results.{kind}")
+            (out / "summary.md").write_text(markdown(rows, names), encoding="utf-8")
             write_report(results, out / "report.html", replay_page)
     table = summarise(rows, names)
     if json:

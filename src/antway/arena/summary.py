@@ -124,3 +124,46 @@ def paired(
     bounds = [one[policies[0]].bound if math.isfinite(one[policies[0]].bound) else math.nan for one in common]
     times = {p: metrics.regret([one[p].time if one[p].reached else math.nan for one in common], bounds) for p in policies}
     return wins, times
+
+
+def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
+    """Return the summaries of the rows of one suite, and the ranks of its policies, as tables in Markdown.
+
+    Ranks are by success and by time over the optimum on the episodes that all policies played.
+    """
+    names = list(policies or sorted({row.policy for row in rows}))
+    heads = "level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"
+    lines = [
+        _line((*heads, "time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "flips"))
+    ]
+    lines.append(_line(["---"] * 2 + ["--:"] * 10))
+    for one in summarise(rows, names):
+        low, high = (100 * end for end in one.success_interval)
+        cells = (
+            one.level or "all",
+            one.policy,
+            str(one.episodes),
+            f"{100 * one.success:.1f} ({low:.1f}–{high:.1f})",
+            " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
+            " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
+            _shown(one.regret, f"{one.regret:.4f} ({one.regret_interval[0]:.3f}–{one.regret_interval[1]:.3f})"),
+            *(_shown(value, f"{value:.2f}") for value in (one.time, one.stretch, one.clearance, one.discomfort, one.flips)),
+        )
+        lines.append(_line(cells))
+    wins, times = paired(rows, names)
+    by_time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
+    count = len(next(iter(wins.values()), ()))
+    heads = "policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum", "time / optimum"
+    lines += ["", _line(heads), _line(["---"] + ["--:"] * 4)]
+    for name, mean, rank in metrics.ranks(wins):
+        place, ratio = by_time[name]
+        lines.append(_line((name, str(rank), f"{100 * mean:.1f}", _shown(ratio, str(place)), _shown(ratio, f"{ratio:.4f}"))))
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _shown(value: float, text: str) -> str:
+    return text if math.isfinite(value) else "–"
