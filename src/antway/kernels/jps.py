@@ -55,3 +55,15 @@ def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
     found = ctz(stop)
     distance = bit - 62 + found - start
     return -distance if wall >> np.uint64(found) & _ONE else distance
+
+
+@kernel
+def pack_columns(blocked: NDArray[np.uint8], words: NDArray[np.uint64]) -> None:
+    """Write the columns of a map of 0 and 1 into `words`, uint64[W + 2, H // 64 + 3] full of 1, as lines laid out as above."""
+    height, width = blocked.shape
+    for top in range(0, height, 64):
+        part = np.zeros(width, np.uint64)
+        for k in range(64):
+            for col in range(width):
+                part[col] |= np.uint64(blocked[top + k, col] if top + k < height else 1) << np.uint64(k)
+        words[1:-1, 1 + top // 64] = part

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.bestfirst import legal_moves
 from antway.kernels.canonical import NEED, successor_table, surroundings
+from antway.kernels.jps import pack_columns
 
 T = TypeVar("T")
 NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` has
@@ -112,11 +113,20 @@ def packed(grid: Grid) -> NDArray[np.uint64]:
 
 def packed_lines(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
     """Return a map, bool[H, W], packed into bits for the four straight directions; what lies around it is True."""
-    return np.concatenate([_packed(part) for part in (stops, stops.T, stops[:, ::-1], stops[::-1].T)])
+    return np.concatenate(
+        [_packed_rows(stops), _packed_columns(stops), _packed_rows(stops[:, ::-1]), _packed_columns(stops[::-1])]
+    )
 
 
-def _packed(blocked: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    lines, length = blocked.shape
+def _packed_rows(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    lines, length = stops.shape
     bits = np.ones((lines + 2, 64 * (length // 64 + 3)), dtype=bool)
-    bits[1:-1, 64 : 64 + length] = blocked
+    bits[1:-1, 64 : 64 + length] = stops
     return np.packbits(bits, bitorder="little").view("<u8").astype(np.uint64)
+
+
+def _packed_columns(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    length, lines = stops.shape
+    words = np.full((lines + 2, length // 64 + 3), ~np.uint64(0))
+    pack_columns(np.ascontiguousarray(stops).view(np.uint8), words)
+    return words.ravel()

@@ -48,7 +48,9 @@ def jumps_pay(grid: Grid) -> bool:
 
 
 def _strewn(grid: Grid) -> float:
-    """Return which share of the blocked cells has no blocked neighbour to its side."""
-    blocked = np.pad(grid.blocked, 1)
-    beside = blocked[:-2, 1:-1] | blocked[2:, 1:-1] | blocked[1:-1, :-2] | blocked[1:-1, 2:]
-    return float((grid.blocked & ~beside).sum()) / max(1.0, float(grid.blocked.sum()))
+    """Return which share of the blocked cells, of those in every eighth row, has no blocked neighbour to its side."""
+    above, here, below = (grid.blocked[i : i - 2 or None : 8] for i in range(3))
+    beside = above | below
+    beside[:, 1:] |= here[:, :-1]
+    beside[:, :-1] |= here[:, 1:]
+    return float((here & ~beside).sum()) / max(1.0, float(here.sum()))
