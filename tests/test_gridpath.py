@@ -9,6 +9,7 @@ import threading
 import numpy as np
 import pytest
 
+from antway.ants import walkers
 from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Printed
@@ -274,3 +275,32 @@ def test_a_rule_object_is_taken_as_it_is():
     a = explore(problem, rule=rule, cycles=2, step_limit=1)
     b = explore(problem, rule="mmas", ants=7, beta=3.0, persistence=Constant(0.8), cycles=2, step_limit=1)
     assert a.plan.expanded == 14 and a.pheromone.tobytes() == b.pheromone.tobytes()
+
+
+class _Looks(threading.Event):
+    """An event that counts the looks at it, and is set from the n-th on."""
+
+    def __init__(self, n: int) -> None:
+        super().__init__()
+        self.count, self.n = 0, n
+
+    def is_set(self) -> bool:
+        self.count += 1
+        return self.count > self.n
+
+
+def test_the_clock_is_looked_at_in_every_pass_over_the_map():
+    """C10: cancelled at whichever look, the search ends after few more, with a legal plan; passes over the map look often."""
+    blocked = np.random.default_rng(3).random((400, 400)) < 0.2
+    blocked[0, 0] = blocked[399, 399] = False
+    problem = Problem(Grid(blocked), (0, 0), (399, 399))
+    whole = _Looks(10**9)
+    done = ants(problem, budget=Budget(cancel=whole), cycles=1, ants=4)
+    check_plan(problem, done)
+    passes = 4 * math.ceil(402 * 402 / walkers.PART)  # what is seen, counted, laid and weighed
+    assert whole.count >= passes
+    for n in range(whole.count):
+        looks = _Looks(n)
+        plan = ants(problem, budget=Budget(cancel=looks), cycles=1, ants=4)
+        check_plan(problem, plan)
+        assert plan.status is not Status.NO_PATH and looks.count <= n + 8

@@ -83,7 +83,8 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
         Its moves must be to the 4 or 8 neighbours.
     seed : int
     budget : Budget
-        Out of time, the best path so far is kept, with `Status.BUDGET`.
+        Out of time, the best path so far is kept, with `Status.BUDGET`; the clock is looked at every 2^15 cells and every 2^18
+        ant steps.
     **options
         Those of `explore`.
 
@@ -200,7 +201,7 @@ def explore(
     local, window = _local(problem, window, forbidden)
 
     def result(status: Status, path: NDArray[np.uint8] | None = None, bound: float = 0.0, steps: int = 0) -> Exploration:
-        tau = np.zeros((*window[2:], 8)) if trail is None else trail.tau.reshape(window[2] + 2, -1, 8)[1:-1, 1:-1].copy()
+        tau = np.zeros((*window[2:], 8)) if trail is None else trail.tau.reshape(window[2] + 2, -1, 8)[1:-1, 1:-1]
         plan = plan_of(problem, status, path, bound, steps, clock)
         return Exploration(plan, np.array(history).reshape(-1, 4), tau, window)
 
@@ -209,7 +210,7 @@ def explore(
     if local is None:
         return result(Status.NO_PATH)
     ground = Ground(local)
-    if clock.spent():
+    if clock.spent() or not ground.known(clock):
         return result(Status.BUDGET)
     if ground.bound == math.inf:
         return result(Status.NO_PATH)
@@ -217,12 +218,15 @@ def explore(
         return result(Status.FOUND, NO_PATH)
     if clock.spent():
         return result(Status.BUDGET, bound=ground.bound)
-    trail = Trail(ground, colony, number, heuristic)
+    trail = Trail(ground, colony, number, heuristic, clock)
     _lay_first(trail, pheromone)
     steps, proved, spent = 0, False, False
     with Squad(ground, number, _limit(step_limit, ground), retreat=retreat, threads=threads) as squad:
-        for t in range(0 if clock.spent() else cycles):
-            steps += squad.walk(trail.weights(), seed, t * number, clock, greedy=trail.numbers.q0)
+        for t in range(cycles):
+            weights, spent = trail.weights(), clock.spent()
+            if spent:
+                break
+            steps += squad.walk(weights, seed, t * number, clock, greedy=trail.numbers.q0)
             trail.learn(squad, t, immunity)
             if record:
                 history.append(_row(squad, trail, local.grid.resolution))
@@ -264,15 +268,16 @@ def _limit(step_limit: int | None, ground: Ground) -> int:
 
 
 def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
-    """Lay the pheromone that a colony begins with."""
+    """Lay the pheromone that a colony begins with, where it is other than uniform."""
+    if isinstance(pheromone, str) and checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "uniform":
+        return
     ground = trail.ground
     legal = trail.tau > 0
     if isinstance(pheromone, str):
-        if checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "corridor":
-            begin = ground.distance_from(ground.problem.start)
-            cell, move = np.nonzero(legal)
-            over = begin[cell] + ground.lengths[move] + ground.distance[cell + ground.offsets[move]]
-            trail.tau[cell, move] *= np.exp(ground.bound - over)
+        begin = ground.distance_from(ground.problem.start)
+        cell, move = np.nonzero(legal)
+        over = begin[cell] + ground.lengths[move] + ground.distance[cell + ground.offsets[move]]
+        trail.tau[cell, move] *= np.exp(ground.bound - over)
     else:
         left = checks.array("pheromone", pheromone, (*ground.problem.grid.shape, 8))
         trail.tau = np.where(legal, ground.flat(left), 0.0)

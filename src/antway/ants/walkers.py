@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,14 +20,25 @@ from antway.grid import Cell, Grid, Moves
 from antway.kernels import walk as kernel
 from antway.kernels.colony import Numbers, limits
 from antway.kernels.colony import persistence as rho
+from antway.kernels.field import STRAIGHT
 from antway.planning import Clock, Plan, Problem, Status
-from antway.search.derived import Graph, graph
-from antway.search.dijkstra import distance_field
+from antway.search.derived import Graph, graph, lattice
+from antway.search.dijkstra import Wave, distance_field
 
 STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms
+PART = 1 << 15  # cells passed over between two looks at the clock, about 5 ms
 MAX_CELLS = 1 << 22  # a colony keeps about 200 bytes a cell
 NO_TURN = np.ones((9, 8), dtype=np.float32)
 NO_PATH = np.empty(0, dtype=np.uint8)
+ENDLESS = Clock(0.0, math.inf, None)
+
+
+def parts(cells: int, clock: Clock) -> Iterator[slice]:
+    """Cut a pass over all cells into parts; it ends early where the clock is spent."""
+    for begin in range(0, cells, PART):
+        if clock.spent():
+            return
+        yield slice(begin, min(begin + PART, cells))
 
 
 @dataclass(frozen=True)
@@ -60,9 +72,16 @@ class Ground:
     @cached_property
     def distance(self) -> NDArray[np.float64]:
         """Exact distance to the goal in cells, float64[N]; infinite where it cannot be reached."""
-        return self.flat(
-            distance_field(self.problem.grid, self.problem.goal, self.problem.moves) / self.problem.grid.resolution
-        )
+        return self.distance_from(self.problem.goal)
+
+    def known(self, clock: Clock) -> bool:
+        """Compute `distance` unless the clock runs out before; tell whether it is known."""
+        grid = self.problem.grid
+        wave = Wave(lattice(grid, self.problem.moves), [self.problem.goal], [])
+        if wave.run(clock):
+            field = wave.label.reshape(grid.shape) * (grid.resolution / STRAIGHT)
+            self.__dict__["distance"] = self.flat(field / grid.resolution)
+        return "distance" in self.__dict__
 
     @property
     def start(self) -> int:
@@ -98,14 +117,20 @@ class Ground:
         found: NDArray[np.uint8] = np.argmax(np.diff(cells)[:, None] == self.offsets, axis=1).astype(np.uint8)
         return found
 
-    def visibility(self, heuristic: str, beta: float) -> NDArray[np.float64]:
+    def visibility(self, heuristic: str, beta: float, clock: Clock = ENDLESS) -> NDArray[np.float64]:
         """Return eta^beta of each legal move, float64[N, 8]; see `gridpath.explore` for the heuristics."""
         distance = self.distance
         if heuristic == "goal":
             rows, cols = np.divmod(np.arange(distance.size), self.net.width)
             distance = np.hypot(rows - self.goal // self.net.width, cols - self.goal % self.net.width)
         reach = np.isfinite(self.distance)
-        return kernel.visibility(self.net.legal, self.offsets, self.lengths, distance, reach, beta, heuristic == "field")
+        seen = np.zeros((distance.size, 8))
+        detour = heuristic == "field"
+        for part in parts(distance.size, clock):
+            kernel.visibility(
+                self.net.legal, self.offsets, self.lengths, distance, reach, beta, detour, part.start, part.stop, seen
+            )
+        return seen
 
 
 class Squad:
@@ -167,6 +192,8 @@ class Squad:
 class Trail:
     """Pheromone on the moves of a ground, and the best path so far, both as one rule keeps them.
 
+    Once the clock is spent nothing here is of use but `best` and `path`: passes over the map are left unfinished.
+
     Attributes
     ----------
     tau : float64[N, 8]
@@ -175,22 +202,28 @@ class Trail:
         Length of `path` in cells; infinite while there is none.
     """
 
-    def __init__(self, ground: Ground, rule: Rule, ants: int, heuristic: str) -> None:
-        self.ground, self.numbers = ground, rule.numbers(ants)
-        self.visibility = visibility = ground.visibility(heuristic, self.numbers.beta)
+    def __init__(self, ground: Ground, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
+        self.ground, self.numbers, self.clock = ground, rule.numbers(ants), clock
+        self.visibility = visibility = ground.visibility(heuristic, self.numbers.beta, clock)
         self.best, self.path = math.inf, NO_PATH
         self._improved = self._restarted = -1  # cycles
         self._weights = np.zeros(visibility.shape, np.float32)
-        legal = visibility > 0
-        self._choices = float(legal.sum() / max(legal.any(axis=1).sum(), 1))
+        moves = cells = 0
+        for part in parts(len(visibility), clock):
+            moves += int(np.count_nonzero(visibility[part]))
+            cells += int(np.count_nonzero(visibility[part].any(axis=1)))
+        self._choices = moves / max(cells, 1)
         self.low, self.high = self._limits()
         limited = self.numbers.p_best > 0
         self.first = self.high if limited else rule.initial(ants, max(round(ground.bound), 1), ground.bound)
-        self.tau = np.where(legal, self.first, 0.0)
+        self.tau = np.zeros(visibility.shape)
+        for part in parts(len(visibility), clock):
+            self.tau[part] = np.where(visibility[part] > 0, min(max(self.first, self.low), self.high), 0.0)
 
     def weights(self) -> NDArray[np.float32]:
         """Return tau^alpha eta^beta, Eq. (1), float32[N, 8]; the array is overwritten at the next call."""
-        kernel.weigh(self.tau, self.visibility, self.numbers.alpha, self._weights)
+        for part in parts(len(self.tau), self.clock):
+            kernel.weigh(self.tau[part], self.visibility[part], self.numbers.alpha, self._weights[part])
         return self._weights
 
     def learn(self, squad: Squad, t: int, immunity: Immunity | None = None) -> None:
@@ -200,6 +233,8 @@ class Trail:
         if squad.length[order[0]] < self.best:
             self.best, self.path, self._improved = float(squad.length[order[0]]), squad.path(int(order[0])), t
             self.low, self.high = self._limits()
+        if self.clock.spent():
+            return
         kernel.update(
             numbers, self.tau, self.visibility, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
             squad.moves, squad.depth, squad.length, order, self.path, self.best, t, t - self._restarted - 1,

@@ -30,13 +30,16 @@ def visibility(
     reach: NDArray[np.bool_],
     beta: float,
     detour: bool,
-) -> NDArray[np.float64]:
-    """Return eta^beta of every legal move i -> j between cells of `reach`, float64[N, 8], up to a factor of each cell i.
+    begin: int,
+    end: int,
+    seen: NDArray[np.float64],
+) -> None:
+    """Write eta^beta of every legal move i -> j between cells of `reach` to float64[N, 8], up to a factor of each cell i.
 
+    Rows `begin` to `end` of `seen` are written, all of them 0 before.
     eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the way lost, in cells.
     """
-    seen = np.zeros((legal.size, 8))
-    for i in range(legal.size):
+    for i in range(begin, end):
         if not reach[i] or legal[i] == 0:
             continue
         best = math.inf
@@ -47,7 +50,6 @@ def visibility(
             if (legal[i] >> k) & 1:
                 d = (lengths[k] if detour else 0.0) + max(distance[i + offsets[k]], NEAR)
                 seen[i, k] = max(math.exp(beta * (best - d)) if detour else (best / d) ** beta, FLOOR)
-    return seen
 
 
 @kernel
