@@ -132,11 +132,9 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     Ranks are by success and by time over the optimum on the episodes that all policies played.
     """
     names = list(policies or sorted({row.policy for row in rows}))
-    heads = "level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"
-    lines = [
-        _line((*heads, "time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "flips"))
-    ]
-    lines.append(_line(["---"] * 2 + ["--:"] * 10))
+    heads = ["level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"]
+    heads += ["time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "flips"]
+    lines = [_line(heads), _line(["---"] * 2 + ["--:"] * 10)]
     for one in summarise(rows, names):
         low, high = (100 * end for end in one.success_interval)
         cells = (
@@ -153,7 +151,7 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     wins, times = paired(rows, names)
     by_time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
     count = len(next(iter(wins.values()), ()))
-    heads = "policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum", "time / optimum"
+    heads = ["policy", "rank by success", f"success in {count} paired, %", "rank by time / optimum", "time / optimum"]
     lines += ["", _line(heads), _line(["---"] + ["--:"] * 4)]
     for name, mean, rank in metrics.ranks(wins):
         place, ratio = by_time[name]
