@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from antway.grid import Grid, Moves
 from antway.planning import Budget, Plan, Problem, start_clock
 from antway.search.astar import astar, searcher
@@ -28,7 +26,7 @@ def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
 
     Examples
     --------
-    >>> jps(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (1, 2))).cells.tolist()
+    >>> jps(Problem(Grid([[0] * 3] * 3), (0, 0), (1, 2))).cells.tolist()
     [[0, 0], [1, 1], [1, 2]]
     """
     clock = start_clock(problem, seed, budget)
