@@ -14,7 +14,7 @@ from antway.kernels.guard import gap_to_reach, time_to_contact
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.pieces import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.predict import predict
-from antway.kernels.trails import TRAILS, edge, evaporate, lay, scent
+from antway.kernels.trails import TRAILS, edge, evaporate, lay, slot
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
 from antway.world.world import Obstacle, World
@@ -252,6 +252,7 @@ def test_trails_keep_within_their_limits() -> None:
             assert np.isfinite(trails.tau).all() and (trails.tau[used] > 0).all() and used.sum() < TRAILS // 2
             assert ((trails.key[used] // 6400 + 1) * trails.bin >= now).all()
     key = edge(trails, 5, 3, now + 1.0)
-    before = scent(trails, key)
+    at = slot(trails, key)
+    before = trails.tau[at] if trails.key[at] == key else 0.0
     lay(trails, key, 2.0)
-    assert scent(trails, key) == pytest.approx(before + 2.0, abs=1e-6)
+    assert trails.tau[slot(trails, key)] == pytest.approx(before + 2.0, abs=1e-6)

@@ -16,10 +16,10 @@ from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels import track
 from antway.kernels.cycle import KEPT, Plan, Settings, cycle
+from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
 from antway.kernels.place import Place
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
-from antway.kernels.spacetime import HEAP, LEGS, PIECES, STATES, Memory
 from antway.kernels.trails import TRAILS, Trails
 from antway.planning import TimedPath, standing_cell
 from antway.search.sipp import timed_field, timed_moves
@@ -40,6 +40,11 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         stamp=ints(cells),
         first=ints(cells),
         intervals=ints(cells),
+        latest=np.zeros(cells),
+        near=np.zeros((cells + 1, 2), np.int32),
+        near_piece=ints(NEAR),
+        near_time=np.zeros((NEAR, 2)),
+        box=np.zeros((PIECES, 4)),
         cell=ints(states),
         low=np.zeros(states),
         high=np.zeros(states),
@@ -50,10 +55,10 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         key=np.zeros(states),
         heap_key=np.zeros(heap),
         heap_state=ints(heap),
-        leg_cell=ints(LEGS),
+        leg_cell=np.zeros(LEGS, np.int64),
         leg_time=np.zeros(LEGS),
         span=np.zeros((2, PIECES)),
-        counter=np.zeros(5, np.int64),
+        counter=np.zeros(6, np.int64),
     )
 
 

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.jit import kernel
+from antway.kernels.memory import Memory
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.place import Place, clear
 from antway.kernels.predict import predict
 from antway.kernels.rng import State
-from antway.kernels.spacetime import Memory, search
+from antway.kernels.spacetime import search
 from antway.kernels.trails import Trails, evaporate
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.jit import kernel
+from antway.kernels.memory import Memory
 from antway.kernels.pieces import TOUCH, earliest_departure
 from antway.kernels.place import Place, can_stay, centre, clear
-from antway.kernels.spacetime import Memory
 
 LOOK = 10  # vertices ahead that a shortcut may reach
 

@@ -22,10 +22,15 @@ Pieces = NDArray[np.float64]  # [P, 8]
 @bare_kernel
 def unsafe_stay(x: float, y: float, pieces: Pieces, p: int) -> tuple[float, float]:
     """Return the open interval of times in s at which a robot at (x, y) is in contact with piece p; (inf, -inf) if none."""
+    return within(x, y, pieces[p, 6] - TOUCH, pieces, p)
+
+
+@bare_kernel
+def within(x: float, y: float, distance: float, pieces: Pieces, p: int) -> tuple[float, float]:
+    """Return the open interval of times in s at which piece p is less than `distance` m from (x, y); (inf, -inf) if none."""
     ax, ay = pieces[p, 2] - x, pieces[p, 3] - y
     vx, vy = pieces[p, 4], pieces[p, 5]
-    reach = pieces[p, 6] - TOUCH
-    room = ax * ax + ay * ay - reach * reach
+    room = ax * ax + ay * ay - distance * distance
     vv = vx * vx + vy * vy
     if vv == 0.0:
         return (pieces[p, 0], pieces[p, 1]) if room < 0.0 else (math.inf, -math.inf)
@@ -99,6 +104,36 @@ def unsafe_departures(
 
 
 @bare_kernel
+def delayed(
+    x: float,
+    y: float,
+    vx: float,
+    vy: float,
+    duration: float,
+    s: float,
+    pieces: Pieces,
+    p: int,
+    lag: float,
+    work: NDArray[np.float64],
+) -> float:
+    """Return s, or where piece p forbids to leave (x, y) then with (vx, vy) for `duration` s, when it no longer does."""
+    t0, t1 = max(s - lag, pieces[p, 0]), min(s - lag + duration, pieces[p, 1])
+    if t0 > t1:
+        return s
+    # culling: the boxes of both sweeps
+    reach = pieces[p, 7]
+    ex, ey = x + vx * duration, y + vy * duration
+    ox, px = pieces[p, 2] + pieces[p, 4] * (t0 - pieces[p, 0]), pieces[p, 2] + pieces[p, 4] * (t1 - pieces[p, 0])
+    if min(ox, px) - reach > max(x, ex) or max(ox, px) + reach < min(x, ex):
+        return s
+    oy, py = pieces[p, 3] + pieces[p, 5] * (t0 - pieces[p, 0]), pieces[p, 3] + pieces[p, 5] * (t1 - pieces[p, 0])
+    if min(oy, py) - reach > max(y, ey) or max(oy, py) + reach < min(y, ey):
+        return s
+    low, high = unsafe_departures(x, y, vx, vy, duration, pieces, p, work)
+    return high + lag if low + TOUCH < s - lag < high - TOUCH else s
+
+
+@bare_kernel
 def earliest_departure(
     x: float,
     y: float,
@@ -112,27 +147,9 @@ def earliest_departure(
     work: NDArray[np.float64],
 ) -> float:
     """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
-    ex, ey = x + vx * duration, y + vy * duration
-    x0, x1, y0, y1 = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
-    clear = False
-    while not clear:
-        clear = True
-        for p in range(len(pieces)):
-            t0, t1 = max(s - lag, pieces[p, 0]), min(s - lag + duration, pieces[p, 1])
-            if t0 > t1:
-                continue
-            # culling: the boxes of both sweeps
-            reach = pieces[p, 7]
-            ox, px = pieces[p, 2] + pieces[p, 4] * (t0 - pieces[p, 0]), pieces[p, 2] + pieces[p, 4] * (t1 - pieces[p, 0])
-            if min(ox, px) - reach > x1 or max(ox, px) + reach < x0:
-                continue
-            oy, py = pieces[p, 3] + pieces[p, 5] * (t0 - pieces[p, 0]), pieces[p, 3] + pieces[p, 5] * (t1 - pieces[p, 0])
-            if min(oy, py) - reach > y1 or max(oy, py) + reach < y0:
-                continue
-            low, high = unsafe_departures(x, y, vx, vy, duration, pieces, p, work)
-            if low + TOUCH < s - lag < high - TOUCH:
-                s = high + lag
-                clear = False
-                if s > limit:
-                    return math.inf
+    p = clear = 0  # pieces in turn, until all in a row allow the same time
+    while clear < len(pieces) and s <= limit:
+        later = delayed(x, y, vx, vy, duration, s, pieces, p, lag, work)
+        clear = clear + 1 if later == s else 1
+        s, p = later, p + 1 if p + 1 < len(pieces) else 0
     return s if s <= limit else math.inf

@@ -9,110 +9,19 @@ recruited to where untried moves promise most; when no promise beats the best wa
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.bits import ctz
 from antway.kernels.jit import bare_kernel, kernel
-from antway.kernels.pieces import TOUCH, earliest_departure, unsafe_stay
+from antway.kernels.memory import LEGS, Memory, leave, note_box, open_cell, pop, push
+from antway.kernels.pieces import TOUCH
 from antway.kernels.place import Place, centre, clear
 from antway.kernels.rng import uniform
-from antway.kernels.trails import Trails, edge, lay, scent
+from antway.kernels.trails import Trails, edge, lay, slot
 
-PIECES = 2048  # of all predictions at most
-STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
-HEAP = 1 << 15
-LEGS = 64  # first moves at most: from wherever the robot is to cells around
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough
-
-
-class Memory(NamedTuple):
-    """What the colony knows within one search; stamps in place of clearing."""
-
-    stamp: NDArray[np.int32]  # [cells] search in which a cell's intervals were made
-    first: NDArray[np.int32]  # [cells] its first state
-    intervals: NDArray[np.int32]  # [cells] how many
-    cell: NDArray[np.int32]  # [STATES] -1: the start
-    low: NDArray[np.float64]  # [STATES] the safe interval, s
-    high: NDArray[np.float64]
-    arrival: NDArray[np.float64]  # [STATES] earliest so far, s
-    depart: NDArray[np.float64]  # [STATES] when the parent was left for it, s
-    parent: NDArray[np.int32]  # [STATES]
-    tried: NDArray[np.uint64]  # [STATES] moves tried at the present arrival
-    key: NDArray[np.float64]  # [STATES] least cost that its untried moves promise, s; infinite if there are none
-    heap_key: NDArray[np.float64]  # [HEAP] the open states, least key first; entries may be stale
-    heap_state: NDArray[np.int32]  # [HEAP]
-    leg_cell: NDArray[np.int32]  # [LEGS] cells of the first moves
-    leg_time: NDArray[np.float64]  # [LEGS] s
-    span: NDArray[np.float64]  # [2, PIECES] scratch
-    counter: NDArray[np.int64]  # [5] searches, states, moves tested, ant steps, heap entries
-
-
-@bare_kernel
-def _open(memory: Memory, cell: int, x: float, y: float, t0: float, horizon: float, pieces: NDArray[np.float64]) -> None:
-    """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y)."""
-    lows, highs = memory.span[0], memory.span[1]
-    n = 0
-    for p in range(len(pieces)):
-        low, high = unsafe_stay(x, y, pieces, p)
-        if high <= t0 or low >= high:
-            continue
-        i = n  # insert in order of `low`
-        while i > 0 and lows[i - 1] > low:
-            lows[i], highs[i] = lows[i - 1], highs[i - 1]
-            i -= 1
-        lows[i], highs[i] = low, high
-        n += 1
-    begin = memory.counter[1]
-    if cell >= 0:
-        memory.stamp[cell] = memory.counter[0]
-        memory.first[cell] = begin
-    since = t0
-    for i in range(n + 1):
-        until = lows[i] if i < n else math.inf
-        if until > since + TOUCH and memory.counter[1] < len(memory.cell) and since < horizon:
-            s = memory.counter[1]
-            memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
-            memory.arrival[s] = memory.key[s] = math.inf
-            memory.tried[s] = np.uint64(0)
-            memory.counter[1] += 1
-        if i < n:
-            since = max(since, highs[i])
-    if cell >= 0:
-        memory.intervals[cell] = memory.counter[1] - begin
-
-
-@bare_kernel
-def _push(memory: Memory, key: float, s: int) -> None:
-    """Put state s on the heap of open states under `key`, its least cost over untried moves; older entries become stale."""
-    memory.key[s] = key
-    i = memory.counter[4]
-    if i == len(memory.heap_key):
-        return
-    memory.counter[4] += 1
-    while i > 0 and memory.heap_key[(i - 1) // 2] > key:
-        memory.heap_key[i], memory.heap_state[i] = memory.heap_key[(i - 1) // 2], memory.heap_state[(i - 1) // 2]
-        i = (i - 1) // 2
-    memory.heap_key[i], memory.heap_state[i] = key, s
-
-
-@bare_kernel
-def _pop(memory: Memory) -> None:
-    """Take the least entry off the heap."""
-    memory.counter[4] -= 1
-    n = memory.counter[4]
-    key, s = memory.heap_key[n], memory.heap_state[n]
-    i = 0
-    while 2 * i + 1 < n:
-        child = 2 * i + 1
-        if child + 1 < n and memory.heap_key[child + 1] < memory.heap_key[child]:
-            child += 1
-        if memory.heap_key[child] >= key:
-            break
-        memory.heap_key[i], memory.heap_state[i] = memory.heap_key[child], memory.heap_state[child]
-        i = child
-    memory.heap_key[i], memory.heap_state[i] = key, s
 
 
 @bare_kernel
@@ -124,6 +33,7 @@ def _expand(
     duration: float,
     x: float,
     y: float,
+    stretch: float,
     t0: float,
     horizon: float,
     pieces: NDArray[np.float64],
@@ -137,7 +47,7 @@ def _expand(
     soonest = -1
     gx, gy = centre(place, cell)
     if memory.stamp[cell] != memory.counter[0]:
-        _open(memory, cell, gx, gy, t0, horizon, pieces)
+        open_cell(memory, cell, gx, gy, stretch, t0, horizon, pieces)
     memory.counter[2] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
@@ -145,18 +55,23 @@ def _expand(
     for c in range(memory.first[cell], memory.first[cell] + memory.intervals[cell]):
         if memory.high[c] <= since + duration:
             continue
-        if memory.low[c] - duration > limit:
+        soon = max(since, memory.low[c] - duration)
+        if soon > limit:
             break
-        depart = earliest_departure(x, y, vx, vy, duration, max(since, memory.low[c] - duration), limit, pieces, lag, work)
+        if soon + duration >= memory.arrival[c] - TOUCH:
+            continue
+        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, pieces, lag, work)
         if depart == math.inf:
             break
         arrival = depart + duration
         if arrival < memory.high[c] and arrival < memory.arrival[c] - TOUCH:
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
             memory.tried[c] = np.uint64(0)
-            _push(memory, arrival + place.field[cell], c)
+            push(memory, arrival + place.field[cell], c)
             if soonest < 0:
                 soonest = c
+    if soonest >= 0:
+        memory.latest[cell] = memory.arrival[memory.first[cell] : memory.first[cell] + memory.intervals[cell]].max()
     return soonest
 
 
@@ -188,6 +103,47 @@ def _legs(memory: Memory, place: Place, x: float, y: float, reach: int) -> int:
                 memory.leg_time[n] = math.hypot(gx - x, gy - y) / place.speed
                 n += 1
     return n
+
+
+@bare_kernel
+def _weigh(
+    memory: Memory,
+    trails: Trails,
+    place: Place,
+    base: int,
+    offset: NDArray[np.int64],
+    time: NDArray[np.float64],
+    moves: np.uint64,
+    now: float,
+    promised: float,
+    beta: float,
+    limit: float,
+    scented: bool,
+    move: NDArray[np.int64],
+    cost: NDArray[np.float64],
+    weight: NDArray[np.float64],
+) -> tuple[int, float]:
+    """Write those of `moves`, bits, that promise to arrive before `limit`, their promises and weights by Eq. (1).
+
+    Move k goes to the cell `base` + offset[k] in time[k] s; who comes there no earlier than others came has nothing to gain.
+    Returns how many they are and the sum of the weights.
+    """
+    n, total = 0, 0.0
+    trail = edge(trails, base, 0, now)
+    while moves:
+        k = ctz(moves)
+        moves &= moves - np.uint64(1)
+        target, then = base + offset[k], now + time[k]
+        promise = then + place.field[target]
+        likely = float(_EXP[min(int(max(beta * (promise - promised), 0.0) * 64.0), 1023)])
+        if scented:
+            i = slot(trails, trail + k)
+            likely *= 1.0 + trails.tau[i] if i >= 0 and trails.key[i] >= 0 else 1.0
+        move[n], cost[n], weight[n] = k, promise, likely
+        if (promise < limit) & ((memory.stamp[target] != memory.counter[0]) | (then < memory.latest[target])):
+            n += 1
+            total += likely
+    return n, total
 
 
 @kernel
@@ -239,31 +195,36 @@ def search(
     Eq. (1) with the heuristic exp(-beta * extra), extra = step + field(next) - field(here) >= 0: a move is drawn first and
     tested after. The promise of the best open state bounds every way not yet tried, so the gap of the best is certified.
     """
-    memory.counter[:] = np.array([memory.counter[0] + 1, 0, 0, 0, 0])
-    work = np.empty(2)
-    weight = np.empty(LEGS)
-    cost = np.empty(LEGS)
+    memory.counter[0] += 1
+    memory.counter[1:] = 0
     legs = _legs(memory, place, x, y, reach)
-    _open(memory, -1, x, y, t0, horizon, pieces)
     here = math.inf  # static bound at the start
     for k in range(legs):
         here = min(here, memory.leg_time[k] + place.field[memory.leg_cell[k]])
-    if here == math.inf or memory.counter[1] == 0 or memory.low[0] > t0:
+    if here == math.inf or t0 + here >= limit - gain:
+        return -1, limit, t0 + here
+    for p in range(len(pieces)):
+        note_box(memory, pieces, p)
+    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * place.speed, t0, horizon, pieces)
+    if memory.counter[1] == 0 or memory.low[0] > t0:
         return -1, math.inf, t0 + here
+    work, weight, cost, move = np.empty(2), np.empty(LEGS), np.empty(LEGS), np.empty(LEGS, np.int64)
+    time, all_legs = place.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
+    stretch = time.max() * place.speed
     memory.counter[1] = 1  # the start's later intervals cannot be reached without leaving it
     memory.arrival[0], memory.parent[0] = t0, -1
-    _push(memory, t0 + here, 0)
+    push(memory, t0 + here, 0)
     best, best_cost, bound = -1, limit, t0 + here
     one = np.uint64(1)
     ant = 0
     while memory.counter[2] < max_tests and memory.counter[1] < len(memory.cell) - 64:
         while memory.counter[4] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
-            _pop(memory)  # stale
+            pop(memory)  # stale
         bound = memory.heap_key[0] if memory.counter[4] > 0 else math.inf
         if bound >= best_cost - gain:
             break
         s = memory.heap_state[0]
-        _pop(memory)
+        pop(memory)
         beta = betas[ant % len(betas)]
         most = bound + slack[ant % len(slack)]
         ant += 1
@@ -278,51 +239,63 @@ def search(
                 memory.key[s] = math.inf
                 break
             memory.counter[3] += 1
-            moves = legs if s == 0 else len(place.offset)
-            at = here if s == 0 else place.field[cell]
+            if s == 0:
+                n, total = _weigh(
+                    memory,
+                    trails,
+                    place,
+                    0,
+                    memory.leg_cell,
+                    memory.leg_time,
+                    all_legs & ~memory.tried[0],
+                    now,
+                    now + here,
+                    beta,
+                    best_cost - gain,
+                    False,
+                    move,
+                    cost,
+                    weight,
+                )
+            else:
+                n, total = _weigh(
+                    memory,
+                    trails,
+                    place,
+                    cell,
+                    place.offset,
+                    time,
+                    place.legal[cell] & ~memory.tried[s],
+                    now,
+                    now + place.field[cell],
+                    beta,
+                    best_cost - gain,
+                    trails.mark[cell],
+                    move,
+                    cost,
+                    weight,
+                )
             sx, sy = (x, y) if s == 0 else centre(place, cell)
-            scented = s != 0 and trails.mark[cell]
-            total, least = 0.0, math.inf
-            for k in range(moves):
-                weight[k], cost[k] = 0.0, math.inf
-                if memory.tried[s] >> np.uint64(k) & one:
-                    continue
-                if s == 0:
-                    extra = memory.leg_time[k] + place.field[memory.leg_cell[k]] - at
-                elif (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
-                    extra = place.step[k, 2] + place.field[cell + place.offset[k]] - at
-                else:
-                    continue
-                cost[k] = now + at + extra
-                if cost[k] >= best_cost - gain:
-                    continue
-                weight[k] = float(_EXP[min(int(max(beta * extra, 0.0) * 64.0), 1023)])
-                if scented:
-                    weight[k] *= scent(trails, edge(trails, cell, k, now))
-                total += weight[k]
             then = -1
             while then < 0 and total > 1e-9:
-                spin, k = uniform(state) * total, -1
-                for i in range(moves):
-                    if weight[i] > 0.0:
-                        k = i
-                        spin -= weight[i]
+                spin, i = uniform(state) * total, -1
+                for m in range(n):
+                    if weight[m] > 0.0:
+                        i = m
+                        spin -= weight[m]
                         if spin < 0.0:
                             break
+                k = move[i]
                 memory.tried[s] |= one << np.uint64(k)
-                total -= weight[k]
-                weight[k], cost[k] = 0.0, math.inf
-                target = memory.leg_cell[k] if s == 0 else cell + place.offset[k]
+                total -= weight[i]
+                weight[i], cost[i] = 0.0, math.inf
+                target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + place.offset[k], time[k])
                 if s == 0 and not clear(place, x, y, *centre(place, target)):
                     continue
-                duration = memory.leg_time[k] if s == 0 else place.step[k, 2]
-                then = _expand(memory, place, s, target, duration, sx, sy, t0, horizon, pieces, lag, work)
-            for k in range(moves):
-                if cost[k] < best_cost - gain:
-                    least = min(least, cost[k])
-            memory.key[s] = math.inf
+                then = _expand(memory, place, s, target, duration, sx, sy, stretch, t0, horizon, pieces, lag, work)
+            memory.key[s], least = math.inf, cost[:n].min() if n else math.inf
             if least < math.inf:
-                _push(memory, least, s)
+                push(memory, least, s)
             if then < 0 or memory.key[then] > most:
                 break
             s = then

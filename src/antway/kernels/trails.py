@@ -40,13 +40,6 @@ def slot(trails: Trails, key: int) -> int:
 
 
 @bare_kernel
-def scent(trails: Trails, key: int) -> float:
-    """Return the pheromone on an edge."""
-    j = slot(trails, key)
-    return 1.0 + trails.tau[j] if j >= 0 and trails.key[j] >= 0 else 1.0
-
-
-@bare_kernel
 def lay(trails: Trails, key: int, amount: float) -> None:
     """Add `amount` to an edge; an edge that finds no slot among so many goes without."""
     j = slot(trails, key)

@@ -1,0 +1,170 @@
+"""What a colony in space and time remembers within one search: cells opened, their safe intervals, and the open states."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import bare_kernel
+from antway.kernels.pieces import TOUCH, delayed, unsafe_stay, within
+
+PIECES = 2048  # of all predictions at most
+NEAR = 1 << 16  # pieces that come near a cell, over all cells of a search
+STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
+HEAP = 1 << 15
+LEGS = 64  # first moves at most: from wherever the robot is to cells around
+
+
+class Memory(NamedTuple):
+    """What the colony knows within one search; stamps in place of clearing."""
+
+    stamp: NDArray[np.int32]  # [cells] search in which a cell's intervals were made
+    first: NDArray[np.int32]  # [cells] its first state
+    intervals: NDArray[np.int32]  # [cells] how many
+    latest: NDArray[np.float64]  # [cells] greatest arrival among its states, s: who comes later has nothing to gain there
+    near: NDArray[np.int32]  # [cells + 1, 2] pieces near a cell: rows [first, last) below; those of the start come last
+    near_piece: NDArray[np.int32]  # [NEAR]
+    near_time: NDArray[np.float64]  # [NEAR, 2] from when to when, s
+    box: NDArray[np.float64]  # [PIECES, 4] least and greatest x and y in m that a piece reaches
+    cell: NDArray[np.int32]  # [STATES] -1: the start
+    low: NDArray[np.float64]  # [STATES] the safe interval, s
+    high: NDArray[np.float64]
+    arrival: NDArray[np.float64]  # [STATES] earliest so far, s
+    depart: NDArray[np.float64]  # [STATES] when the parent was left for it, s
+    parent: NDArray[np.int32]  # [STATES]
+    tried: NDArray[np.uint64]  # [STATES] moves tried at the present arrival
+    key: NDArray[np.float64]  # [STATES] least cost that its untried moves promise, s; infinite if there are none
+    heap_key: NDArray[np.float64]  # [HEAP] the open states, least key first; entries may be stale
+    heap_state: NDArray[np.int32]  # [HEAP]
+    leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
+    leg_time: NDArray[np.float64]  # [LEGS] s
+    span: NDArray[np.float64]  # [2, PIECES] scratch
+    counter: NDArray[np.int64]  # [6] searches, states, moves tested, ant steps, heap entries, rows of `near_piece`
+
+
+@bare_kernel
+def note_box(memory: Memory, pieces: NDArray[np.float64], p: int) -> None:
+    """Note the box that piece p sweeps."""
+    x, y, span, reach = pieces[p, 2], pieces[p, 3], pieces[p, 1] - pieces[p, 0], pieces[p, 7]
+    ex, ey = x + pieces[p, 4] * span, y + pieces[p, 5] * span
+    memory.box[p, 0], memory.box[p, 1] = min(x, ex) - reach, max(x, ex) + reach
+    memory.box[p, 2], memory.box[p, 3] = min(y, ey) - reach, max(y, ey) + reach
+
+
+@bare_kernel
+def open_cell(
+    memory: Memory, cell: int, x: float, y: float, stretch: float, t0: float, horizon: float, pieces: NDArray[np.float64]
+) -> None:
+    """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
+
+    Of all pieces those are kept that come near enough to matter to a move out of it, which is at most `stretch` m long.
+    """
+    lows, highs = memory.span[0], memory.span[1]
+    n, near = 0, memory.counter[5]
+    if near + len(pieces) > len(memory.near_piece):  # full: the cell stays closed
+        memory.stamp[cell], memory.intervals[cell] = memory.counter[0], 0
+        return
+    for p in range(len(pieces)):
+        if (
+            x + stretch < memory.box[p, 0]
+            or x - stretch > memory.box[p, 1]
+            or y + stretch < memory.box[p, 2]
+            or y - stretch > memory.box[p, 3]
+        ):
+            continue
+        since, until = within(x, y, pieces[p, 7] + stretch, pieces, p)
+        if since >= until:
+            continue
+        memory.near_piece[near], memory.near_time[near, 0], memory.near_time[near, 1] = p, since, until
+        near += 1
+        low, high = unsafe_stay(x, y, pieces, p)
+        if high <= t0 or low >= high:
+            continue
+        i = n  # insert in order of `low`
+        while i > 0 and lows[i - 1] > low:
+            lows[i], highs[i] = lows[i - 1], highs[i - 1]
+            i -= 1
+        lows[i], highs[i] = low, high
+        n += 1
+    memory.near[cell, 0], memory.near[cell, 1] = memory.counter[5], near  # of the start, cell -1, in the last row
+    memory.counter[5] = near
+    begin = memory.counter[1]
+    if cell >= 0:
+        memory.stamp[cell] = memory.counter[0]
+        memory.first[cell] = begin
+    since = t0
+    for i in range(n + 1):
+        until = lows[i] if i < n else math.inf
+        if until > since + TOUCH and memory.counter[1] < len(memory.cell) and since < horizon:
+            s = memory.counter[1]
+            memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
+            memory.arrival[s] = memory.key[s] = math.inf
+            memory.tried[s] = np.uint64(0)
+            memory.counter[1] += 1
+        if i < n:
+            since = max(since, highs[i])
+    if cell >= 0:
+        memory.intervals[cell] = memory.counter[1] - begin
+        memory.latest[cell] = math.inf if memory.counter[1] > begin else -math.inf
+
+
+@bare_kernel
+def leave(
+    memory: Memory,
+    cell: int,
+    x: float,
+    y: float,
+    vx: float,
+    vy: float,
+    duration: float,
+    s: float,
+    limit: float,
+    pieces: NDArray[np.float64],
+    lag: float,
+    work: NDArray[np.float64],
+) -> float:
+    """Do as `earliest_departure` does, for a cell that is open: from among the pieces near it."""
+    first, last = memory.near[cell, 0], memory.near[cell, 1]
+    i, clear = first, 0
+    while clear < last - first and s <= limit:
+        later = s
+        if memory.near_time[i, 0] <= s - lag + duration and memory.near_time[i, 1] >= s - lag:
+            later = delayed(x, y, vx, vy, duration, s, pieces, memory.near_piece[i], lag, work)
+        clear = clear + 1 if later == s else 1
+        s, i = later, i + 1 if i + 1 < last else first
+    return s if s <= limit else math.inf
+
+
+@bare_kernel
+def push(memory: Memory, key: float, s: int) -> None:
+    """Put state s on the heap of open states under `key`, its least cost over untried moves; older entries become stale."""
+    memory.key[s] = key
+    i = memory.counter[4]
+    if i == len(memory.heap_key):
+        return
+    memory.counter[4] += 1
+    while i > 0 and memory.heap_key[(i - 1) // 2] > key:
+        memory.heap_key[i], memory.heap_state[i] = memory.heap_key[(i - 1) // 2], memory.heap_state[(i - 1) // 2]
+        i = (i - 1) // 2
+    memory.heap_key[i], memory.heap_state[i] = key, s
+
+
+@bare_kernel
+def pop(memory: Memory) -> None:
+    """Take the least entry off the heap."""
+    memory.counter[4] -= 1
+    n = memory.counter[4]
+    key, s = memory.heap_key[n], memory.heap_state[n]
+    i = 0
+    while 2 * i + 1 < n:
+        child = 2 * i + 1
+        if child + 1 < n and memory.heap_key[child + 1] < memory.heap_key[child]:
+            child += 1
+        if memory.heap_key[child] >= key:
+            break
+        memory.heap_key[i], memory.heap_state[i] = memory.heap_key[child], memory.heap_state[child]
+        i = child
+    memory.heap_key[i], memory.heap_state[i] = key, s
