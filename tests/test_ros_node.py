@@ -33,7 +33,7 @@ def script(name: str, *options: object, timeout: float = 300) -> dict:
     """Run a script of tests/ros; returns the JSON object that it prints last."""
     done = subprocess.run(
         [BIN / "python", HERE / "ros" / name, *map(str, options)],
-        env=environment(),
+        env=environment(HERE),
         capture_output=True,
         text=True,
         timeout=timeout,

@@ -17,7 +17,8 @@ from antway.ros2 import convert, frames
 from antway.ros2.frames import HERE, Pose
 from antway.ros2.messages import load, make
 from antway.ros2.node import LATCHED
-from antway.world.policy import Command, Decision, Observation, RobotSpec, Tracks
+from antway.world.policy import Command, Decision, Observation, RobotSpec
+from naive.laser import measured
 
 PATIENCE = 60.0  # s; on a machine under load
 FEW = QoSProfile(depth=5)
@@ -27,22 +28,6 @@ KINDS = {
     "points": ("obstacles", "geometry_msgs/msg/PolygonStamped"),
     "scan": ("scan", "sensor_msgs/msg/LaserScan"),
 }
-
-
-def laser(grid: Grid, tracks: Tracks, pose: Pose, beams: int = 270, reach: float = 5.5) -> np.ndarray:
-    """Ranges that a laser at `pose` measures, by steps of 2 cm: slow and obvious."""
-    angle = pose[2] - math.pi + 2 * math.pi * np.arange(beams) / beams
-    r = np.arange(0.06, reach, 0.02)
-    x = pose[0] + r * np.cos(angle)[:, None]
-    y = pose[1] + r * np.sin(angle)[:, None]
-    cells = np.floor(grid.to_points(np.column_stack((x.ravel(), y.ravel()))) + 0.5).astype(int)
-    inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
-    hit = np.zeros(len(cells), bool)
-    hit[inside] = grid.blocked[tuple(cells[inside].T)]
-    hit = hit.reshape(x.shape)
-    for (ox, oy), radius in zip(tracks.xy, tracks.radius):
-        hit |= (x - ox) ** 2 + (y - oy) ** 2 <= radius**2
-    return np.where(hit.any(axis=1), r[hit.argmax(axis=1)], math.inf)
 
 
 class Robot(Node):
@@ -156,7 +141,8 @@ class Robot(Node):
             return make(
                 "geometry_msgs/msg/PolygonStamped", header=header, polygon=make("geometry_msgs/msg/Polygon", points=points)
             )
-        ranges = laser(self.grid, o.tracks, frames.chain((*o.xy, o.heading), self.mount))
+        pose = frames.chain((*o.xy, o.heading), self.mount)
+        ranges = measured(self.grid, o.tracks.xy, o.tracks.radius, pose, 240, 5.5)
         return make(
             "sensor_msgs/msg/LaserScan",
             header=convert.header_message(t, "base_link" if self.odom is None else "laser", make),

@@ -100,7 +100,6 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.feed: Callable[[], None] | None = None  # told of each command
         self.laser: Any = None  # a scan that waits for odometry
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
-        self.walls: tuple[Grid, Grid] | None = None
         self.shown: Decision | None = None
         self.heard, self.said = time.monotonic(), (OK, "")
 
@@ -226,10 +225,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             if grid is None or stamp > t:
                 return None
             mount = self.transforms.pose(message.header.frame_id, settings.base_frame, stamp, settings.timeout)
-            if self.walls is None or self.walls[0] is not grid:
-                self.walls = grid, grid.inflate(settings.scan_clear)
             pose = frames.chain(frames.between(self.trail, stamp), mount)
-            points = off_the_map(read_points(message), pose, self.walls[1])
+            points = off_the_map(read_points(message), pose, grid, settings.scan_clear)
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return stamp, self.tracker.update(stamp, nameless(places))
 

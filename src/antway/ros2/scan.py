@@ -45,13 +45,20 @@ def read_points(message: Any) -> NDArray[np.float64]:
     return np.column_stack((r * np.cos(angle), r * np.sin(angle)))
 
 
-def off_the_map(points: NDArray[np.float64], pose: Pose, walls: Grid) -> NDArray[np.float64]:
-    """Return those `points` of a laser at `pose` that lie in free cells of `walls` (the map, inflated by its errors)."""
+def off_the_map(points: NDArray[np.float64], pose: Pose, grid: Grid, clear: float) -> NDArray[np.float64]:
+    """Return in the world those `points`, seen by a laser at `pose`, that are no part of the map.
+
+    Part of the map is what has a blocked cell, or the map's edge, within `clear` m to either side along either axis.
+    """
     xy = move(pose, points)
-    cells = np.floor(walls.to_points(xy) + 0.5).astype(np.int64)
-    inside: NDArray[np.bool_] = np.asarray(((cells >= 0) & (cells < walls.shape)).all(axis=1))
-    inside[inside] = ~walls.blocked[tuple(cells[inside].T)]
-    return xy[inside]
+    near = clear / grid.resolution
+    steps = np.linspace(-near, near, 2 * math.ceil(near) + 1)  # at most a cell apart, so that none is passed over
+    around = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)
+    cells = np.floor(grid.to_points(xy) + 0.5 + around).astype(np.int64)
+    inside: NDArray[np.bool_] = np.asarray(((cells >= 0) & (cells < grid.shape)).all(axis=2))
+    row, col = np.where(inside[..., None], cells, 0).transpose(2, 0, 1)
+    free: NDArray[np.bool_] = (inside & ~grid.blocked[row, col]).all(axis=0)
+    return xy[free]
 
 
 def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
