@@ -103,11 +103,16 @@ def test_probabilities_by_hand():
 
 
 @compiled
-def roulette(weight, near, place, t, q0, state, draws):
+def roulette(weight, near, left, q0, state, draws):
     counts = np.zeros(near.shape[1], dtype=np.int64)
     sums = np.empty(near.shape[1], dtype=np.float32)
     for _ in range(draws):
-        counts[kernel.choose(weight, near, place, t, 0, q0, state, sums)] += 1
+        greedy = rng.uniform(state) < q0
+        counts[
+            kernel.choose(
+                weight, near, left, 0, greedy, np.float32(rng.next_bits(state) >> np.uint64(41)) / np.float32(2**23), sums
+            )
+        ] += 1
     return counts
 
 
@@ -117,11 +122,10 @@ def test_roulette_frequencies(q0):
     k = 12
     weight = np.random.default_rng(1).random((1, k)).astype(np.float32)
     near = np.arange(1, k + 1, dtype=np.uint32).reshape(1, k)
-    place = np.arange(k + 1, dtype=np.uint32)
-    t = 5  # cities 1 to 4 are visited
+    left = (np.arange(k + 1) >= 5).astype(np.float32)  # cities 1 to 4 are visited
     state = np.array([rng.stream(np.uint64(7), np.uint64(0))])
-    counts = roulette(weight, near, place, t, q0, state, 1_000_000)
-    odds = np.where(near[0] >= t, weight[0].astype(float), 0.0)
+    counts = roulette(weight, near, left, q0, state, 1_000_000)
+    odds = np.where(near[0] >= 5, weight[0].astype(float), 0.0)
     odds = (1 - q0) * odds / odds.sum() + q0 * (np.arange(k) == np.argmax(odds))
     assert (counts[odds == 0] == 0).all()
     assert chisquare(counts[odds > 0], 1_000_000 * odds[odds > 0]).pvalue > 1e-4

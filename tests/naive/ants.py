@@ -39,8 +39,9 @@ def walk(matrix, near, weight, seed, index):
             if j not in order:
                 total = np.float32(total + weight[i][c])
             sums.append(total)
+        share = np.float32(np.float32(stream.bits() >> 41) * np.float32(2.0**-23))
         if total > 0:
-            draw = np.float32(np.float32(stream.bits() >> 41) * np.float32(2.0**-23)) * total
+            draw = share * total
             order.append(int(near[i][next(c for c, s in enumerate(sums) if s > draw)]))
         else:
             order.append(min((j for j in range(n) if j not in order), key=lambda j: (matrix[i][j], j)))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from antway.kernels.jit import kernel
 
 State = NDArray[np.uint64]
+GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step
 
 
 @kernel
@@ -25,13 +26,13 @@ def mix(z: np.uint64) -> np.uint64:
 @kernel
 def stream(seed: np.uint64, index: np.uint64) -> np.uint64:
     """Return the start state of stream `index` of `seed`."""
-    return mix(np.uint64(seed) + mix(np.uint64(index) + np.uint64(0x9E3779B97F4A7C15)))
+    return mix(np.uint64(seed) + mix(np.uint64(index) + GAMMA))
 
 
 @kernel
 def next_bits(state: State) -> np.uint64:
     """Step `state` and return 64 random bits."""
-    state[0] += np.uint64(0x9E3779B97F4A7C15)
+    state[0] += GAMMA
     return mix(state[0])
 
 

@@ -15,6 +15,7 @@ from antway.kernels.local_search import LOGGED, Search, flip, improve, push, set
 from antway.kernels.tour import Cities, Floats, Ids, Index, column, distance
 
 BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
+Weights = NDArray[np.float32]
 TINY, HUGE = np.float32(1e-30), np.float32(1e30)  # between them float32 multiplies without underflow or overflow
 
 
@@ -58,74 +59,72 @@ def combine(tau: Floats, eta: Floats, alpha: float, weight: NDArray[np.float32])
 
 
 @bare_kernel
-def choose(
-    weight: NDArray[np.float32], near: Ids, place: Ids, t: int, i: Index, q0: float, state: rng.State, sums: NDArray[np.float32]
-) -> int:
-    """Draw the column of the next city among i's candidates that stand at place t or later; -1 if none has weight.
+def choose(weight: Weights, near: Ids, left: Weights, i: Index, greedy: bool, share: np.float32, sums: Weights) -> int:
+    """Return the column of the next city among i's candidates not yet visited; -1 if none has weight.
 
-    Eq. (1) by roulette, or, with probability q0, the candidate of most weight. sums: scratch of k.
+    Eq. (1) by roulette, stopped at `share` in [0, 1) of its whole, or, if `greedy`, the candidate of most weight.
+    left[j] is 1 for a city not yet visited, else 0. sums: scratch of k.
     """
     k = near.shape[1]
-    if q0 > 0.0 and rng.uniform(state) < q0:
+    if greedy:
         best, top = -1, np.float32(0.0)
         for c in range(k):
-            if weight[i, c] > top and place[near[i, c]] >= t:
+            if weight[i, c] * left[near[i, c]] > top:
                 best, top = c, weight[i, c]
         return best
-    row, to, total = weight[i], near[i], np.float32(0.0)
+    total = np.float32(0.0)
     for c in range(k):
         # A product in place of a branch: which candidates are left is hard to predict.
-        total += row[c] * np.float32(place[to[c]] >= t)
+        total += weight[i, c] * left[near[i, c]]
         sums[c] = total
     if not TINY < total < HUGE:
         return -1
-    # 23 random bits: their largest product with the total is still below it.
-    draw = np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * total
+    draw = share * total
     c = 0
-    while sums[c] <= draw:
+    while sums[c] <= draw:  # faster than counting without branches: the processor guesses the next city and goes on
         c += 1
     return c
 
 
 @bare_kernel
-def walk(
-    cities: Cities, colony: Colony, numbers: Numbers, state: rng.State, order: Ids, place: Ids, sums: NDArray[np.float32]
-) -> float:
+def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, order: Ids, left: Weights, sums: Weights) -> float:
     """Build one ant's tour in `order` and return its length.
 
-    order[:t] is the tour so far and order[t:] the cities left, in no order; place[order[i]] = i throughout. Where no candidate
-    is left the ant goes to the nearest city left.
+    Each step draws among the candidates left by the roulette of Eq. (1), or with probability q0 takes the one of most weight;
+    where none is left the ant goes to the nearest city left. The state of its random numbers starts at `state`.
     """
-    near, gap = cities.near, cities.gap
+    near, gap, weight, q0, xi = cities.near, cities.gap, colony.weight, numbers.q0, numbers.xi
     n = len(order)
+    left[:] = 1.0
     total = 0.0
-    i = np.uint32(rng.below(state, n))
-    swap(order, place, 0, i)
+    state += rng.GAMMA
+    i = np.uint32(((rng.mix(state) >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32))
+    order[0], left[i] = i, 0.0
     for t in range(1, n):
-        c = choose(colony.weight, near, place, t, i, numbers.q0, state, sums)
+        greedy = False
+        if q0 > 0.0:
+            state += rng.GAMMA
+            greedy = float(rng.mix(state) >> np.uint64(11)) * 2.0**-53 < q0
+        state += rng.GAMMA
+        # 23 random bits: their largest product with a sum is still below it.
+        share = np.float32(rng.mix(state) >> np.uint64(41)) * np.float32(2.0**-23)
+        c = choose(weight, near, left, i, greedy, share, sums)
         if c >= 0:
             j = near[i, c]
             total += gap[i, c]
-            if numbers.xi > 0.0:
+            if xi > 0.0:
                 local_update(cities, colony, numbers, i, c)
         else:
             j, least = np.uint32(0), math.inf
-            for other in order[t:]:
-                d = distance(cities.kind, cities.xy, cities.matrix, i, other)
-                if d < least or (d == least and other < j):
-                    j, least = other, d
+            for other in range(n):
+                if left[other] > 0.0:
+                    d = distance(cities.kind, cities.xy, cities.matrix, i, other)
+                    if d < least:
+                        j, least = np.uint32(other), d
             total += least
-        swap(order, place, t, j)
+        order[t], left[j] = j, 0.0
         i = j
     return total + distance(cities.kind, cities.xy, cities.matrix, i, order[0])
-
-
-@bare_kernel
-def swap(order: Ids, place: Ids, t: Index, city: Index) -> None:
-    """Bring `city` to place t, in exchange for the one that stands there."""
-    other, p = order[t], place[city]
-    order[t], order[p] = city, other
-    place[city], place[other] = t, p
 
 
 @bare_kernel
@@ -161,16 +160,16 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
     """End a cycle: keep the best, fade and deposit by the rule; tell whether the best ever improved."""
     near, tau, record, lengths = cities.near, colony.tau, colony.record, colony.lengths
     t = int(record[CYCLE])
-    ranking = np.argsort(lengths, kind="mergesort")
-    shortest = lengths[ranking[0]]
+    first = np.argmin(lengths)
+    shortest = lengths[first]
     better: bool = shortest < record[BEST]
     if better:
         record[BEST] = shortest
-        colony.bests[0] = colony.orders[ranking[0]]
+        colony.bests[0] = colony.orders[first]
     if shortest < record[BEST_SINCE]:
         record[BEST_SINCE] = shortest
         record[IMPROVED] = t
-        colony.bests[1] = colony.orders[ranking[0]]
+        colony.bests[1] = colony.orders[first]
     best = max(record[BEST_SINCE], 1e-300)
     excess = max(shortest, 1e-300) / best - 1.0
     since = t - int(record[RESTARTED])
@@ -181,7 +180,8 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
         evaporate(tau, numbers.fade, since, excess)
         alone = best_deposits(numbers.schedule, since)
         if not alone:
-            for r in range(len(lengths)):
+            ranking = np.argsort(lengths, kind="mergesort") if np.any(numbers.share[1:] > 0.0) else np.array([first])
+            for r in range(len(ranking)):
                 if numbers.share[r] > 0.0:
                     amount = numbers.share[r] * numbers.q / max(lengths[ranking[r]], 1e-300)
                     deposit(near, tau, colony.orders[ranking[r]], 1.0, amount)
@@ -204,7 +204,7 @@ def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: 
     """Let ants `first` to `last` - 1 make their tours; each draws from its own stream, whoever runs it."""
     m, n = colony.orders.shape
     search = workspace(n, 0 if plan.attempts == 0 else 500)
-    sums = np.empty(cities.near.shape[1], dtype=np.float32)
+    sums, left = np.empty(cities.near.shape[1], dtype=np.float32), np.empty(n, dtype=np.float32)
     state = np.empty(1, dtype=np.uint64)
     for ant in range(first, last):
         order = colony.orders[ant]
@@ -214,9 +214,7 @@ def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: 
             colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
             order[:] = search.order
             continue
-        for p in range(n):
-            search.place[order[p]] = p
-        colony.lengths[ant] = walk(cities, colony, numbers, state, order, search.place, sums)
+        colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
         if plan.breadth >= 0:
             colony.lengths[ant] -= improve(cities, search, order, plan.breadth, plan.longest)
 
@@ -310,12 +308,9 @@ def cycles(
 @kernel
 def walk_once(cities: Cities, colony: Colony, numbers: Numbers, seed: np.uint64) -> float:
     """Build one tour in orders[0] outside of any cycle; return its length."""
-    order = colony.orders[0]
-    place = np.empty(len(order), dtype=np.uint32)
-    for p in range(len(order)):
-        place[order[p]] = p
-    state = np.array([rng.mix(seed)], dtype=np.uint64)
-    return walk(cities, colony, numbers, state, order, place, np.empty(cities.near.shape[1], dtype=np.float32))
+    n, k = cities.near.shape
+    left, sums = np.empty(n, dtype=np.float32), np.empty(k, dtype=np.float32)
+    return walk(cities, colony, numbers, rng.mix(seed), colony.orders[0], left, sums)
 
 
 @kernel
