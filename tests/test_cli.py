@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import warnings
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import pytest
 
 from antway import Grid, save_map
 from antway.cli import main
+from antway.world.trace import Trace
 from common import SHARED, needs_data
 
 ROOM = np.zeros((20, 30), dtype=bool)
@@ -214,6 +216,23 @@ def test_an_episode_and_its_views(antway: Any, tmp_path: Path) -> None:
         assert file.read_bytes().startswith(start)
     assert antway("view", tmp_path / "trace.json", "--out", tmp_path / "at.png", "--at", "3.05")[0] == 0
     assert antway("view", tmp_path / "trace.json", "--out", tmp_path / "at.png", "--at", "1e9")[0] == 2
+
+
+def test_a_run_explains_itself(antway: Any, tmp_path: Path) -> None:
+    """`run --explain` says the decisions that the trace holds: what was met, weighed, certified, guarded; anew each second."""
+    status, out, _ = antway("run", "paper", "--seed", 1, "--explain", "--json", "--out", tmp_path)
+    record = json.loads(out)
+    trace = Trace.load(tmp_path / "trace.json")
+    told = record["decisions"]
+    assert status == 0 and [one["reason"] for one in told] == [one.reason for _, one in trace.decisions]
+    assert all(one["guard"] in ("free", "slowed", "braked", "stepped-aside") for one in told)
+    assert all(one["gap"] >= 0.0 and one["alternatives"]["the plan"] > 0.0 for one in told if one["action"] != "wait")
+    met = [one for one in told if one["obstacle"] is not None]
+    assert met and all(one["encounter"] and one["time_to_closest"] > 0.0 for one in met)
+    assert max(b["t"] - a["t"] for a, b in pairwise(told)) < 1.2
+    assert record["replans"] < len(told), "the same plan explained anew is no other plan"
+    status, out, _ = antway("run", "paper", "--seed", 1, "--explain")
+    assert status == 0 and met[0]["encounter"] in out and "no way is" in out
 
 
 def test_a_contact_is_status_five(antway: Any, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from antway.console import exit_with, number_option, print_json, print_summaries, print_table, working
+from antway.console import exit_with, number_option, print_decisions, print_json, print_summaries, print_table, working
 from antway.errors import BadParameter
 
 if TYPE_CHECKING:
@@ -120,11 +120,12 @@ def run_command(
     policy: PolicyName = "antway",
     seed: RunSeed = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, replay page, trace and more.")] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Say why: every decision, what it met and weighed.")] = False,
     json: Json = False,
 ) -> int:
     """Take a robot through a scenario; exit status 5 on a contact."""
     from antway import check_episode, run
-    from antway.demo import scene, summary, write_episode
+    from antway.demo import explained, scene, summary, write_episode
 
     with working("running"):
         place = scene(scenario)
@@ -134,9 +135,12 @@ def run_command(
         else:
             check_episode(result)
             numbers = {"scenario": place.name, "policy": policy, **summary(result, place.task)}
+    decisions = explained(result.trace) if explain and result.trace is not None else None
     if json:
-        print_json(numbers)
+        print_json(numbers if decisions is None else {**numbers, "decisions": decisions})
     else:
+        if decisions is not None:
+            print_decisions(decisions)
         print_table([(place.name, numbers)])
         print(f"{numbers['outcome']}: {numbers['reason']}")
         if out is not None:

@@ -107,6 +107,33 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
     Console(width=None if sys.stdout.isatty() else 120).print(table)
 
 
+def print_decisions(decisions: list[dict[str, Any]]) -> None:
+    """Print an episode's decisions as a table, one row for each that differs from the one before."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="Decisions, each until the next", title_justify="left")
+    for head in ("time", "action", "obstacle", "encounter", "closest", "weighed", "gap", "guard", "reason"):
+        table.add_column(head, justify="right" if head in ("time", "gap") else "left", overflow="fold")
+    for one in decisions:
+        closest = "-"
+        if one["time_to_closest"] is not None:
+            closest = f"{_shown(one['distance_at_closest'], '.2f', ' m')} in {one['time_to_closest']:.1f} s"
+        table.add_row(
+            f"{one['t']:.1f} s",
+            one["action"],
+            "-" if one["obstacle"] is None else str(one["obstacle"]),
+            one["encounter"] or "-",
+            closest,
+            ", ".join(f"{name}: {_shown(cost, '.2f', ' s')}" for name, cost in one["alternatives"].items()) or "-",
+            _shown(one["gap"] and 100 * one["gap"], ".1f", " %"),
+            one["guard"] or "-",
+            escape(one["reason"]),
+        )
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
 def print_summaries(table: Sequence[Summary]) -> None:
     """Print what policies did on a suite as a table."""
     from rich.console import Console

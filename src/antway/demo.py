@@ -18,6 +18,7 @@ from antway.verify import check_episode
 from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task
 from antway.world.scenario import Scenario, load_scenario
+from antway.world.trace import Trace
 
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
 
@@ -57,6 +58,28 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
         "cycle_ms_p99": _finite(result.cycle(99)),
         "seed": result.seed,
     }
+
+
+def explained(trace: Trace) -> list[dict[str, Any]]:
+    """Return every decision of an episode as JSON values, each of which stands until the next; None where there is none.
+
+    Times in s, `distance_at_closest` in m between the discs' edges, `gap` 0.01 for 1 %, costs of the alternatives in s.
+    """
+    return [
+        {
+            "t": round(float(trace.t[step]), 6),
+            "action": one.action,
+            "obstacle": one.obstacle,
+            "encounter": one.encounter or None,
+            "time_to_closest": _finite(one.time_to_closest),
+            "distance_at_closest": _finite(one.distance_at_closest),
+            "alternatives": {name: _finite(cost) for name, cost in one.alternatives},
+            "gap": _finite(one.gap),
+            "guard": one.guard or None,
+            "reason": one.reason,
+        }
+        for step, one in trace.decisions
+    ]
 
 
 def static_shortest(task: Task) -> float:

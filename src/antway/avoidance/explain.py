@@ -41,7 +41,7 @@ def explain(
     course = _course(path, o.t)
     bound = min(cost, bound)  # which holds over the grid's moves: a way at any angle may be faster
     other, t, gap = _nearest(o, course, float(path.t[-1]) - o.t)
-    waiting = _wait(path, o.t)
+    waiting = wait_of(path, o.t)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
     reason, kind = "the way is free", ""
     if other is not None:
@@ -82,7 +82,7 @@ def _course(path: TimedPath, now: float) -> XY:
     return float(way[0]), float(way[1])
 
 
-def _wait(path: TimedPath, now: float) -> float:
+def wait_of(path: TimedPath, now: float) -> float:
     """For how long from now on the plan stands, s."""
     i = int(np.searchsorted(path.t, now, side="right"))
     if 0 < i < len(path.t) and (path.xy[i] == path.xy[i - 1]).all():

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.avoidance.explain import explain
+from antway.avoidance.explain import explain, wait_of
 from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
@@ -27,6 +27,7 @@ from antway.world.policy import Command, Decision, Observation, RobotSpec, Task,
 
 _KNOTS = 2048  # of a plan
 _AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
+_STANDS = 1.0  # s; for how long an explanation stands while the plan does
 _NEAR = 0.8  # m; how far from its prediction a track without a name may be found
 
 
@@ -198,7 +199,8 @@ class AntwayPolicy:
         if self.guard:
             self.guard.reset(task)
         self.decision: Decision | None = None
-        self.did = ""
+        self.path: TimedPath | None = None
+        self.did, self.until = "", math.inf
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -233,7 +235,7 @@ class AntwayPolicy:
             _NEAR,
             self.beliefs,
         )
-        vx, vy, what, arrival, bound, _ = cycle(
+        vx, vy, what, arrival, bound = cycle(
             self.memory,
             self.trails,
             self.place,
@@ -252,9 +254,12 @@ class AntwayPolicy:
         if self.guard:
             command = self.guard.limit(o if t.covariance is None else self._believed(o, known), command)
         did = self.guard.did if self.guard else ""
-        if what != KEPT or did != self.did:
-            self.decision = None
+        if what != KEPT or did != self.did or o.t >= self.until:
+            self.decision, self.until = None, math.inf
             self.now, self.did, self.arrival, self.bound = o, did, arrival, bound
+            if what != KEPT:
+                n = int(self.plan.state[0])
+                self.path = TimedPath(self.plan.knots[:n, 0].copy(), self.plan.knots[:n, 1:].copy()) if n else None
         return command
 
     def _believed(self, o: Observation, known: int) -> Observation:
@@ -266,12 +271,14 @@ class AntwayPolicy:
         return replace(o, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], b[:, 2:4], b[:, RADIUS], covariance))
 
     def explain(self) -> Decision:
-        """Return why the last command was what it was; the same object for as long as the plan and the guard's part stay."""
+        """Return why the last command was what it was.
+
+        The same object while the plan, what it waits for and the guard's part stay, for 1 s at most.
+        """
         if self.decision is None:
-            n = int(self.plan.state[0])
-            path = TimedPath(self.plan.knots[:n, 0].copy(), self.plan.knots[:n, 1:].copy()) if n else None
-            o = self.now
-            self.decision = explain(o, path, self.arrival - o.t, self.bound - o.t, self.did, self.pheromone())
+            o, wait = self.now, 0.0 if self.path is None else wait_of(self.path, self.now.t)
+            self.until = o.t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
+            self.decision = explain(o, self.path, self.arrival - o.t, self.bound - o.t, self.did, self.pheromone())
         return self.decision
 
     def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:

@@ -69,11 +69,10 @@ def cycle(
     frame: NDArray[np.float64],
     pieces: NDArray[np.float64],
     state: State,
-) -> tuple[float, float, int, float, float, int]:
-    """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival, number of pieces).
+) -> tuple[float, float, int, float, float]:
+    """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival).
 
-    Arrivals are absolute, s; `beliefs` are as kernels/track.py leaves them, `age` s old; `pieces` is filled for who
-    wants to look.
+    Arrivals are absolute, s; `beliefs` are as kernels/track.py leaves them, `age` s old; `pieces` is room for the prediction.
     """
     s = settings
     count = predict(
@@ -133,7 +132,7 @@ def cycle(
         evaporate(trails, now, s.low, s.high, plan.state[2])
     elif not valid:
         plan.state[0], plan.state[1] = 0, math.inf
-        return 0.0, 0.0, NONE, math.inf, bound, count
+        return 0.0, 0.0, NONE, math.inf, bound
     tx, ty, knot = place_at(plan.knots, n, now + s.dt)
     if plan.knots[n - 1, 0] <= now + s.dt:  # the plan ends at the goal's cell; the goal itself is a little way off
         tx, ty = s.goal_x, s.goal_y
@@ -144,4 +143,4 @@ def cycle(
     speed = math.hypot(vx, vy)
     if speed > place.speed:
         vx, vy = vx * place.speed / speed, vy * place.speed / speed
-    return vx, vy, what, plan.state[1], bound, count
+    return vx, vy, what, plan.state[1], bound
