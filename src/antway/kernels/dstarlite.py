@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel
+from antway.kernels.jit import bare_kernel, kernel
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -49,11 +49,13 @@ def compute(free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints
             cost = _cost(free, state, u, k)
             if cost == INF or s == state[GOAL]:
                 continue
+            before = rhs[s]
             if g[u] != INF:
-                rhs[s] = min(rhs[s], cost + g[u])
-            elif rhs[s] == cost + old:
+                rhs[s] = min(before, cost + g[u])
+            elif before == cost + old:
                 rhs[s] = _look_ahead(free, g, state, s)
-            _update(g, rhs, key, queue, place, state, s)
+            if rhs[s] != before:
+                _update(g, rhs, key, queue, place, state, s)
         _update(g, rhs, key, queue, place, state, u)
     return False
 
@@ -92,28 +94,36 @@ def move(state: Ints, start: int) -> None:
     state[START] = start
 
 
-@bare_kernel
-def descend(free: Bools, g: Ints, state: Ints, path: Ints) -> int:
-    """Write a shortest path from the start, which has a distance, to the goal to `path`; return its number of cells."""
-    s, n = state[START], 1
-    path[0] = s
+@kernel
+def descend(free: Bools, g: Ints, rhs: Ints, state: Ints) -> tuple[NDArray[np.int32], int]:
+    """Return a shortest path from the start, which has a distance, as (row, col), and the number of its diagonal moves."""
+    s, n, diagonals = state[START], 1, 0
+    path = np.empty((rhs[s] // STEP + 1, 2), np.int32)  # no move is shorter than a step
+    path[0, 0], path[0, 1] = s // state[WIDTH] - 1, s % state[WIDTH] - 1
     while s != state[GOAL]:
-        best, to = INF, s
-        for k in range(state[MOVES]):
-            t, cost = s + _offset(state, k), _cost(free, state, s, k)
-            if cost != INF and cost + g[t] < best:
-                best, to = cost + g[t], t
-        s = to
-        path[n] = s
+        k = 0  # some move leads to the neighbour that `rhs` looks ahead to
+        while g[s + _offset(state, k)] + (STEP if k < 4 else DIAGONAL) != rhs[s] or _cost(free, state, s, k) == INF:
+            k += 1
+        down, right = _step(k)
+        path[n, 0], path[n, 1] = path[n - 1, 0] + down, path[n - 1, 1] + right
+        s += _offset(state, k)
         n += 1
-    return n
+        diagonals += k >= 4
+    return path[:n], diagonals
+
+
+@bare_kernel
+def _step(k: int) -> tuple[int, int]:
+    """Return the rows and columns of move `k`: right, down, left, up, and the diagonals from down-right on clockwise."""
+    if k < 4:
+        return (k == 1) - (k == 3), (k == 0) - (k == 2)
+    return 1 if k < 6 else -1, -1 if 4 < k < 7 else 1
 
 
 @bare_kernel
 def _offset(state: Ints, k: int) -> int:
-    """Return the flat offset of move `k`: right, down, left, up, and the diagonals from down-right on clockwise."""
-    down = (1 if k == 1 else -1 if k == 3 else 0) if k < 4 else (1 if k < 6 else -1)
-    right = (1 if k == 0 else -1 if k == 2 else 0) if k < 4 else (-1 if 4 < k < 7 else 1)
+    """Return the flat offset of move `k`."""
+    down, right = _step(k)
     return int(down * state[WIDTH] + right)
 
 
@@ -144,8 +154,8 @@ def _look_ahead(free: Bools, g: Ints, state: Ints, s: int) -> int:
 @bare_kernel
 def _heuristic(state: Ints, s: int, t: int) -> int:
     """Return the cost between two cells on an empty map."""
-    dr = abs(s // state[WIDTH] - t // state[WIDTH])
-    dc = abs(s % state[WIDTH] - t % state[WIDTH])
+    row, to_row = s // state[WIDTH], t // state[WIDTH]
+    dr, dc = abs(row - to_row), abs(s - t - (row - to_row) * state[WIDTH])
     if state[MOVES] == 4:
         return int(STEP * (dr + dc))
     return int(STEP * max(dr, dc) + (DIAGONAL - STEP) * min(dr, dc))

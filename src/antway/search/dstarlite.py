@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,8 @@ from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
 from antway.kernels.dstarlite import EXPANDED, GOAL, INF, START, begin, change, compute, descend, move
-from antway.planning import Budget, Plan, Problem, start_clock
-from antway.search.result import found, not_found
+from antway.planning import Budget, Plan, Problem, Status, start_clock
+from antway.search.result import not_found
 
 STEPS = 1 << 14  # expansions between two looks at the clock
 _NEED = {Moves.FOUR: 0, Moves.EIGHT: 2, Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 0}  # free side cells of a diagonal
@@ -119,8 +120,9 @@ class DStarLite:
         state = np.asarray(blocked)
         if state.dtype != np.bool_ or state.shape not in ((), flat.shape):
             raise BadParameter("blocked", f"{state.dtype}{list(state.shape)}", f"one bool, or {len(flat)}")
-        now_free = np.array(np.broadcast_to(~state, flat.shape))
-        for name, end in zip(("start", "goal"), self._arrays[-1][[START, GOAL]]):
+        now_free = np.full(flat.shape, ~state)
+        for name, place in (("start", START), ("goal", GOAL)):
+            end = self._arrays[-1][place]
             if not now_free[flat == end][-1:].all():
                 raise CellBlocked("cells", self._cell(end), f"other than the {name} if they become blocked")
         change(self._free, *self._arrays, flat, now_free)
@@ -149,10 +151,11 @@ class DStarLite:
         if at.ndim != 2 or at.shape[1] != 2 or not np.issubdtype(at.dtype, np.integer):
             raise BadParameter(name, cells, "cells (row, col)")
         rows, cols = self._problem.grid.shape
-        outside = ((at < 0) | (at >= (rows, cols))).any(axis=1)
-        if outside.any():
+        row, col = at.T.astype(np.int64)
+        if at.size and (at.min() < 0 or row.max() >= rows or col.max() >= cols):
+            outside = (row < 0) | (row >= rows) | (col < 0) | (col >= cols)
             raise OutOfBounds(name, tuple(at[outside][0].tolist()), f"on the map of {rows} rows and {cols} columns")
-        flat: NDArray[np.int64] = (at.astype(np.int64) + 1) @ np.array([self._width, 1])
+        flat: NDArray[np.int64] = (row + 1) * self._width + col + 1
         return flat
 
     def _cell(self, flat: int) -> Cell:
@@ -171,7 +174,6 @@ class DStarLite:
             done = compute(self._free, *self._arrays, STEPS)
         if not done or rhs[state[START]] == INF:
             return not_found(done, int(state[EXPANDED]), clock)
-        path = np.empty(len(self._free), np.int64)
-        n = descend(self._free, self._arrays[0], state, path)
-        cells = np.column_stack(np.divmod(path[:n], self._width)) - 1
-        return found(self._problem, cells.astype(np.int32), int(state[EXPANDED]), clock)
+        path, diagonals = descend(self._free, self._arrays[0], rhs, state)
+        length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * self._problem.grid.resolution
+        return Plan(Status.FOUND, path, length, True, int(state[EXPANDED]), clock.elapsed(), length)
