@@ -137,7 +137,7 @@ def test_obstacles_by_a_hook(tmp_path):
         "autostart": True,
         "stamped": False,
         "obstacles_type": "geometry_msgs/msg/PolygonStamped",
-        "obstacles_converter": "inputs:hook",
+        "obstacles_converter": "hook:read",
     }
     result = beside(NODE, settings, tmp_path, "inputs.py", "points", "unstamped")
     assert set(result["kind"]) == {"linear", "angular"}

@@ -165,11 +165,11 @@ class Robot(Node):
         header = convert.header_message(t, parent, make)
         self.out["tf"].publish(make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child, transform=move))
 
-    def charts(self, grid: Grid) -> None:
+    def charts(self, grid: Grid, t: float = 0.0) -> None:
         """Send the map."""
         self.grid = grid
         turned = replace(grid, origin=frames.chain(self.world, grid.origin))
-        self.out["map"].publish(convert.grid_message(turned, make))
+        self.out["map"].publish(convert.grid_message(turned, make, t=t))
 
     def pose(self, xy, frame: str = "map"):
         """A PoseStamped at a place of this robot's world."""

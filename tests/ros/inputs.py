@@ -14,14 +14,6 @@ from antway import Grid
 from antway.world.policy import Observation, Tracks
 
 
-def hook(message) -> tuple[float, Tracks]:
-    """Read a PolygonStamped whose points are discs with their radius in z: what obstacles_converter names."""
-    stamp = message.header.stamp
-    points = np.array([[p.x, p.y, p.z] for p in message.polygon.points], np.float64).reshape(-1, 3)
-    n = len(points)
-    return stamp.sec + stamp.nanosec * 1e-9, Tracks(np.arange(n), points[:, :2], np.full((n, 2), np.nan), points[:, 2])
-
-
 def main(kind: str, stamped: bool) -> None:
     robot = begin(kind=kind, stamped=stamped)
     robot.charts(Grid(np.zeros((40, 40), bool), 0.2))

@@ -12,7 +12,7 @@ import time
 import numpy as np
 from harness import Remote, begin, end, onwards
 
-from antway import check_episode, load_scenario, plan, run
+from antway import Grid, check_episode, load_scenario, plan, run
 from antway.ros2 import convert
 from antway.ros2.messages import load, make
 from antway.scenes import scene
@@ -34,7 +34,9 @@ def main(episodes: int) -> None:
     short = convert.grid_message(grid, make)
     short.data = short.data[:-1]
     robot.hears("map refused: OccupancyGrid: data.length", lambda: robot.out["map"].publish(short))
-    robot.charts(grid)
+    robot.charts(grid, 10.0)
+    robot.hears("map refused: header.stamp = 9.0", lambda: robot.charts(Grid(~grid.blocked), 9.0))
+    robot.charts(grid, 10.0)
 
     # GetPlan is as long as what the verified planner finds; to a goal in a wall, it leads as near as is tolerated
     def ask(goal, tolerance: float = 0.0) -> np.ndarray:

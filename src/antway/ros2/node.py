@@ -19,7 +19,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from antway import checks
 from antway.avoidance.policy import AntwayPolicy
-from antway.errors import BadInput, BadParameter
+from antway.errors import BadInput, BadMap, BadParameter
 from antway.grid import Grid
 from antway.planning import Problem, solve
 from antway.ros2 import convert, frames
@@ -98,6 +98,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; by the first scan that is forgotten
         self.done: Callable[[End, str], None] | None = None  # told how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # told of each command
+        self.charted = 0.0  # s, stamp of the map
         self.laser: Any = None  # a scan that waits for odometry
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
@@ -184,12 +185,16 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return None
 
     def _on_map(self, message: Any) -> None:
-        def read(message: Any) -> Grid:
+        def read(message: Any) -> tuple[float, Grid]:
             checks.choice("header.frame_id", message.header.frame_id, [self.settings.frame])
-            return convert.read_grid(message)
+            stamp = convert.seconds(message.header.stamp)
+            if stamp < self.charted:
+                raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.charted} s")
+            return stamp, convert.read_grid(message)
 
-        grid = self._read("map", read, message)
-        if grid is not None:
+        found = self._read("map", read, message)
+        if found is not None:
+            self.charted, grid = found
             self._do(self.pilot.chart(grid))
 
     def _on_goal(self, message: Any) -> None:
@@ -245,8 +250,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return
         t, (x, y, heading), velocity = found
         self.heard = time.monotonic()
-        if self.trail and t < self.trail[-1][0]:
+        if self.trail and t < self.trail[-1][0]:  # time went back: what is older may be newer
             self.trail.clear()
+            self.charted = 0.0
         self.trail.append((t, (x, y, heading)))
         if self.laser is not None:
             self._see(t)
@@ -351,8 +357,7 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
     executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
     executor.add_node(node)
     try:
-        if node.values["autostart"]:
-            node.trigger_configure()
+        if node.values["autostart"] and node.trigger_configure() is TransitionCallbackReturn.SUCCESS:
             node.trigger_activate()
         while not over:
             executor.spin_once(timeout_sec=0.1)
