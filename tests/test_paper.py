@@ -120,7 +120,9 @@ def test_crowded_rooms_are_crossed_by_every_robot(robot: RobotSpec) -> None:
         check_episode(result)
         outcomes.append(result.outcome)
     assert not {Outcome.HIT_WALL, Outcome.ERROR} & set(outcomes)
-    assert outcomes.count(Outcome.HIT_MOVING) <= 0.05 * len(outcomes), outcomes  # the promise of none is the guard's
+    # The promise of no contact is the guard's, which the paper's own robot, that stops at once, drives without.
+    guarded = robot.drive == "differential" or math.isfinite(robot.a_max)
+    assert outcomes.count(Outcome.HIT_MOVING) <= (0 if guarded else 0.05 * len(outcomes)), outcomes
     assert outcomes.count(Outcome.REACHED) >= 0.75 * len(outcomes), outcomes
 
 

@@ -7,7 +7,7 @@ takes the velocity that puts contact off longest.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from antway import checks
 from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.avoidance.encounter import closest_approach, encounter
+from antway.avoidance.guard import Guard
 from antway.avoidance.local_target import local_target
 from antway.avoidance.routes import STOP, Nodes, Routes, Ways
 from antway.avoidance.tubes import Tubes
@@ -81,6 +82,9 @@ class PaperPolicy:
     def reset(self, task: Task, seed: int) -> None:
         """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
         self.seed, self.spec, self.routes = checks.seed(seed), task.robot, Routes(task)
+        self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once, and needs none
+        if self.guard is not None:
+            self.guard.reset(task)
         self.nodes = self.routes.to_goal(task.start)
         self.held = -math.inf  # s; the robot stands until then
         self.retreating = False  # whether the nodes lead to a refuge, not to the goal
@@ -95,6 +99,15 @@ class PaperPolicy:
             self.decision = Decision("stuck", "the map has no way to the goal for this robot")
 
     def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period; that of a robot with inertia or wheels has passed the guard."""
+        command = self._steer(observation)
+        if self.guard is not None:
+            command = self.guard.limit(observation, command)
+            if self.guard.did != self.decision.guard:
+                self.decision = replace(self.decision, guard=self.guard.did)
+        return command
+
+    def _steer(self, observation: Observation) -> Command:
         """Step 3: look ahead along the path; where an obstacle will be met, go round, wait or step back; else go on."""
         if not len(self.nodes):
             return STOP

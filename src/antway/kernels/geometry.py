@@ -220,9 +220,3 @@ def segment_hits_cells(
             if blocked[row, col] and segment_hits_square(ar, ac, br, bc, row, col, radius):
                 return True
     return False
-
-
-@kernel
-def line_of_sight(blocked: NDArray[np.bool_], ar: float, ac: float, br: float, bc: float) -> bool:
-    """Tell whether the segment keeps on the map and out of the inside of blocked cells; it may touch edges and corners."""
-    return not segment_hits_cells(blocked, ar, ac, br, bc, 0.0, True)

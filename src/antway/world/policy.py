@@ -59,11 +59,6 @@ class RobotSpec:
         """Time to stand from full speed, s."""
         return self.v_max / self.a_max
 
-    @property
-    def stop_distance(self) -> float:
-        """Way to stand from full speed, m: v_max^2 / 2 a_max."""
-        return self.v_max**2 / (2 * self.a_max)
-
 
 @dataclass(frozen=True, slots=True)
 class Task:
