@@ -66,8 +66,10 @@ class Book:
         for k, who in enumerate(name.tolist()):
             known = not np.isnan(velocity[k]).any()
             v = velocity[k] if known else np.zeros(2)
-            bound = min(fastest, math.hypot(*v) + surge * (stopping + now - stamp)) if known else fastest
-            self.seen[who] = (stamp, *xy[k], *v, radius[k] + spread[k], bound)
+            self.seen[who] = (stamp, *xy[k], *v, radius[k] + spread[k], math.hypot(*v) if known else fastest)
         self.seen = {who: row for who, row in self.seen.items() if row[0] >= stamp or now - row[0] <= hold}
-        rows = [(x, y, vx, vy, r + bound * (now - at), bound) for at, x, y, vx, vy, r, bound in self.seen.values()]
+        rows = []
+        for at, x, y, vx, vy, r, speed in self.seen.values():
+            bound = min(fastest, speed + surge * (now - at + stopping))
+            rows.append((x, y, vx, vy, r + bound * (now - at), bound))
         return np.array(rows).reshape(-1, 6)

@@ -67,7 +67,6 @@ class Guard:
         robot, (x, y, _) = task.robot, task.grid.origin
         self.task, self.corner = task, (x, y)
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
-        self.stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         self.book, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
         self.last_stamp = -math.inf
@@ -113,7 +112,9 @@ class Guard:
 
     def _within_reach(self, o: Observation, stamp: float) -> NDArray[np.float64]:
         """Rows x, y, vx, vy, radius, bound of all tracks that count, wider by what they could have moved since seen."""
-        t, task = o.tracks, self.task
+        t, task, robot = o.tracks, self.task, self.task.robot
+        # What the robot may drive after this command, it can brake from.
+        stopping = robot.dt + min(math.hypot(*o.velocity) / robot.a_max + robot.dt, robot.stop_time)
         most = self.count + len(t)
         if most > len(self.book):
             self.book = np.resize(self.book, (2 * most, 8))
@@ -133,7 +134,7 @@ class Guard:
             self.spread,
             task.obstacle_speed,
             task.obstacle_surge,
-            self.stopping,
+            stopping,
             self.tracks,
         )
         return self.tracks[:n]

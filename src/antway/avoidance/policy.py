@@ -27,6 +27,7 @@ from antway.world.policy import Command, Decision, Observation, RobotSpec, Task,
 
 _KNOTS = 2048  # of a plan
 _AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
+_BRAKES = 0.5  # s; with tracks in sight no robot cruises at a speed from which it needs longer to stand
 _STANDS = 1.0  # s; for how long an explanation stands while the plan does
 _NEAR = 0.8  # m; how far from its prediction a track without a name may be found
 
@@ -163,7 +164,7 @@ class AntwayPolicy:
         room = grid.inflate(robot.radius)
         standing_cell("start", task.start, grid, room, robot.radius)
         goal = standing_cell("goal", task.goal, grid, room, robot.radius)
-        self.place = make_place(grid, robot, goal, self.moves)
+        place = make_place(grid, robot, goal, self.moves)
         cells = grid.blocked.size
         self.memory, self.trails = make_memory(cells), make_trails(cells)
         self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
@@ -193,6 +194,12 @@ class AntwayPolicy:
             betas=np.array([100.0, 30.0, 10.0, 100.0]),
             slack=np.array([9.0, 0.0, 0.05, 0.2]),
         )
+        # The room that a braking path needs grows with the square of the speed: slower, a robot gets through where it waited.
+        slow = min(robot.v_max, _BRAKES * robot.a_max)
+        share = robot.v_max / slow
+        careful = place._replace(field=place.field * share, step=place.step * [1.0, 1.0, share], speed=slow)
+        lag = robot.dt + slow / robot.a_max if self.guard else 0.0
+        self.paces = (place, self.settings.lag), (careful, lag)
         self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
         self.book, self.count = np.zeros((256, track.COLUMNS)), 0
         self.beliefs, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
@@ -235,6 +242,9 @@ class AntwayPolicy:
             _NEAR,
             self.beliefs,
         )
+        self.place, lag = self.paces[known > 0]
+        if lag != self.settings.lag:
+            self.settings = self.settings._replace(lag=lag)
         vx, vy, what, arrival, bound = cycle(
             self.memory,
             self.trails,

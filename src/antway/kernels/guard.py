@@ -38,7 +38,7 @@ def within_reach(
     Parameters
     ----------
     book : float64[M, 8]
-        The tracks of late, rows below `count`: id, when seen, and the row; M is at least `count` + K.
+        The tracks of late, rows below `count`: id, when seen, and the row, its speed then last; M is at least `count` + K.
     now, stamp, hold : float
         Time now and of the scan; how long a lost track counts; s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
@@ -55,18 +55,17 @@ def within_reach(
     """
     n = 0
     for k in range(len(name)):
-        vx, vy, bound = velocity[k, 0], velocity[k, 1], fastest
-        if math.isnan(vx) or math.isnan(vy):
-            vx, vy = 0.0, 0.0
-        else:
-            bound = min(fastest, math.hypot(vx, vy) + surge * (stopping + now - stamp))
+        vx, vy = velocity[k, 0], velocity[k, 1]
+        speed = math.hypot(vx, vy)
+        if math.isnan(speed):
+            vx, vy, speed = 0.0, 0.0, fastest
         i = 0
         while i < count and (book[i, 0] != name[k] or name[k] < 0):
             i += 1
         if i == count:
             count += 1
         book[i, 0], book[i, 1], book[i, 2], book[i, 3] = name[k], stamp, xy[k, 0], xy[k, 1]
-        book[i, 4], book[i, 5], book[i, 6], book[i, 7] = vx, vy, radius[k] + spread[k], bound
+        book[i, 4], book[i, 5], book[i, 6], book[i, 7] = vx, vy, radius[k] + spread[k], speed
     kept = 0
     for i in range(count):
         age = now - book[i, 1]
@@ -74,7 +73,8 @@ def within_reach(
             continue
         book[kept] = book[i]
         out[n] = book[i, 2:]
-        out[n, 4] += book[i, 7] * age
+        out[n, 5] = min(fastest, book[i, 7] + surge * (age + stopping))
+        out[n, 4] += out[n, 5] * age
         kept, n = kept + 1, n + 1
     return kept, n
 
