@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from antway import Grid, save_map
-from antway.cli import main
+from antway.cli import app, main
+from antway.errors import BadInput, BadMap, BadParameter, BadResults, BadScenario, CellBlocked, OutOfBounds, TooLarge
 from antway.world.trace import Trace
 from common import SHARED, needs_data
 
@@ -144,6 +145,34 @@ def test_wrong_input_is_one_line_and_status_two(
     said = [line for line in err.splitlines() if not line.endswith("...")]
     assert status == 2 and out == ""
     assert len(said) == 1 and said[0].startswith("error: ") and named in said[0], err
+
+
+RAISED: dict[type[BadInput], tuple[str, ...]] = {
+    BadMap: ("plan", "nowhere.yaml", "--start", "1,1", "--goal", "9,9"),
+    BadScenario: ("run", "nowhere.toml"),
+    BadParameter: (*PLAN, "--seed", "-1"),
+    OutOfBounds: (*PLAN, "--start", "-5,1"),
+    CellBlocked: (*PLAN, "--goal", "6.2,5"),
+    TooLarge: ("plan", "huge.map", "--start", "1,1", "--goal", "9,9"),
+    BadResults: ("bench", "paper", "--episodes", "1", "--policies", "stop", "--out", "spoilt"),
+}
+
+
+@pytest.mark.parametrize("kind", BadInput.__subclasses__())
+def test_every_class_of_wrong_input_ends_with_status_two(
+    antway: Any, room: Path, monkeypatch: pytest.MonkeyPatch, kind: type[BadInput]
+) -> None:
+    """C22: each class of the tree has a command that raises it; that is one line, naming what is wrong, and status 2."""
+    monkeypatch.chdir(room.parent)
+    Path("huge.map").write_text("type octile\nheight 65536\nwidth 65536\nmap\n")
+    Path("spoilt").mkdir()
+    Path("spoilt/results.db").write_text("no database")
+    status, out, err = antway(*RAISED[kind])
+    said = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (status, out, len(said)) == (2, "", 1) and "must be" in said[0] and "Traceback" not in err
+    with pytest.raises(kind) as caught:
+        app(list(RAISED[kind]), standalone_mode=False)
+    assert type(caught.value) is kind and said[0] == f"error: {caught.value}"
 
 
 def test_help_and_version(antway: Any) -> None:

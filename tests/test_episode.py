@@ -230,7 +230,7 @@ def digests() -> list[str]:
 
 
 def test_two_processes_give_the_same_bytes(tmp_path: Path) -> None:
-    """Another process with another hash seed, time zone, locale and directory gets identical traces."""
+    """C30: another process with another hash seed, time zone, locale and directory gets identical traces."""
     here = digests()
     assert sum(len(d) == 64 for d in here) >= 10
     env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C"}
@@ -240,7 +240,7 @@ def test_two_processes_give_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_global_randomness_is_untouched() -> None:
-    """No public call moves the states of `random` and `numpy.random`."""
+    """C33: an episode moves the states of `random` and `numpy.random` not; test_numbers.py asks every public function."""
     random.seed(1)
     np.random.seed(1)  # noqa: NPY002
     before = random.getstate(), np.random.get_state()[1].tobytes()  # noqa: NPY002
@@ -250,7 +250,7 @@ def test_global_randomness_is_untouched() -> None:
 
 
 def test_importing_antway_is_light() -> None:
-    """`import antway` brings neither numba nor matplotlib nor scipy, sets up no logging and writes no file."""
+    """C33: `import antway` brings neither numba nor matplotlib nor scipy, sets up no logging and writes no file."""
     code = "import sys, antway, logging; assert not logging.root.handlers; " + (
         "print([m for m in ('numba', 'matplotlib', 'scipy', 'PIL', 'yaml', 'typer') if m in sys.modules])"
     )

@@ -6,6 +6,7 @@ import enum
 import importlib
 import inspect
 import math
+import random
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -168,6 +169,15 @@ def test_zero_has_no_sign(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     for key in inspect.signature(function).parameters.keys() - {"options"}:
         errors = [outcome(function, arguments | {key: zero}) for zero in (0.0, -0.0)]
         assert type(errors[0]) is type(errors[1]), key
+
+
+def test_global_randomness_is_untouched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """C33: no public function moves the states of `random` and of `numpy.random`."""
+    monkeypatch.chdir(tmp_path)
+    for name, function in CALLABLES.items():
+        before = random.getstate(), np.random.get_state()[1].tobytes()  # noqa: NPY002
+        outcome(function, sound(name, function))
+        assert (random.getstate(), np.random.get_state()[1].tobytes()) == before, name  # noqa: NPY002
 
 
 def test_everything_public_is_asked() -> None:
