@@ -34,7 +34,13 @@ class Robot(Node):
     """A robot whose world stands at `world` in the map's frame, as that of odometry does at `odom` (None: it is the map's)."""
 
     def __init__(
-        self, kind: str = "markers", world: Pose = HERE, odom: Pose | None = None, mount: Pose = HERE, stamped: bool = True
+        self,
+        kind: str = "markers",
+        world: Pose = HERE,
+        odom: Pose | None = None,
+        mount: Pose = HERE,
+        stamped: bool = True,
+        pictures: bool = True,
     ) -> None:
         super().__init__("robot")
         self.kind, self.world, self.odom, self.mount, self.grid = kind, world, odom, mount, None
@@ -56,7 +62,7 @@ class Robot(Node):
             ("decisions", "visualization_msgs/msg/MarkerArray"),
             ("predictions", "visualization_msgs/msg/MarkerArray"),
             ("pheromone", "nav_msgs/msg/OccupancyGrid"),
-        ):
+        ) * pictures:
             qos = 10 if topic == "predictions" else LATCHED
             self.create_subscription(load(name), topic, lambda message, topic=topic: self.on_picture(topic, message), qos)
 
