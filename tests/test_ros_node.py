@@ -132,7 +132,10 @@ def test_frames_that_are_turned_and_a_laser(tmp_path):
 
 
 def test_obstacles_by_a_hook(tmp_path):
-    """Obstacles of a type of one's own come through a converter; commands go out unstamped; what is in no frame is refused."""
+    """Obstacles of a type of one's own come through a converter; commands go out unstamped; what is in no frame is refused.
+
+    The map changes on the way: a stop, and on.
+    """
     settings = {
         "autostart": True,
         "stamped": False,

@@ -276,6 +276,26 @@ def test_paths_and_their_failures():
     assert len(codes) == len(set(codes)) and set(nav2.ENDS) == set(End)
 
 
+def test_results_have_the_fields_that_a_version_has(monkeypatch):
+    """Without nav2_msgs there are no actions; with it, results and feedback get those of the fields that its version has."""
+    monkeypatch.setattr(nav2, "find_spec", lambda name: None)
+    assert nav2.nav2_kinds() == {}
+
+    def message(*names: str):
+        kind = type("Message", (SimpleNamespace,), {})
+        kind.get_fields_and_field_types = classmethod(lambda cls: dict.fromkeys(names, "any"))
+        return kind
+
+    for feedback in (("distance_to_goal", "speed"), ("tracking_feedback",)):
+        action = SimpleNamespace(Result=message("error_code", "error_msg"), Feedback=message(*feedback))
+        monkeypatch.setattr(nav2, "find_spec", lambda name: name)
+        monkeypatch.setattr(nav2, "load", lambda name, action=action: action)
+        kind = nav2.nav2_kinds()["follow_path"]
+        told = kind.feedback(distance_to_goal=1.0, speed=2.0, tracking_feedback=3.0)
+        assert set(vars(told)) == set(feedback)
+        assert vars(kind.result(error_code=7, error_msg="so", path=None)) == {"error_code": 7, "error_msg": "so"}
+
+
 # Parameters
 
 
@@ -421,6 +441,25 @@ def test_goals_are_replaced_and_dropped():
     answer = drive.pilot.go(Goal((10.0, 2.0), np.array([[2.0, 2.0], [6.0, 7.0], [10.0, 2.0]]), hurried=True))
     assert answer.command is STAND and drive.pilot.policy is None
     assert drive.pilot.drop("on request").end is End.DROPPED and drive.pilot.drop("again").end is None
+
+
+def test_replanning_does_not_hide_that_it_waits():
+    """Paths that are refreshed each 0.5 s neither move a robot whose sensor is silent, nor put off the end of its patience."""
+    way = np.array([[2.0, 2.0], [10.0, 2.0]])
+    for refreshed in (way, np.array([[2.0, 2.0], [6.0, 6.0], [10.0, 2.0]])):
+        drive = ready(Goal((10.0, 2.0), way, hurried=True), patience=2.0)
+        ends = []
+        for i in range(40):
+            answer = drive.step(None)
+            if answer is None or answer.end is not None:
+                break
+            if drive.t > 0.75:
+                assert answer.command is STAND
+                if i % 5 == 0:
+                    answer = drive.pilot.go(Goal((10.0, 2.0), refreshed, hurried=True))
+                    assert answer.command is STAND and answer.end is End.REPLACED
+                    ends.append(answer.end)
+        assert answer.end is End.WAITED and len(ends) >= 3
 
 
 def test_a_path_is_kept_to():

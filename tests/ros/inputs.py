@@ -21,10 +21,13 @@ def main(kind: str, stamped: bool) -> None:
     wall = Tracks(np.arange(9), np.column_stack((np.full(9, 4.0), np.arange(9.0))), np.zeros((9, 2)), np.full(9, 0.6))
     here = Observation(0.0, (2.0, 2.0), (0.0, 0.0), 0.0, side)
 
-    # it drives when something stands aside; it tells of what stands ahead; what comes in no frame is refused, which is silence
+    # it drives when something stands aside, and on when the map changes; it tells of what stands ahead;
+    # what comes in no frame is refused, which is silence
     free = onwards(robot, here, 1000.0)
     robot.go((6.0, 2.0))
     robot.until("driving", lambda: not robot.stands(), free)
+    robot.hears("the map has changed", lambda: robot.charts(Grid(np.zeros((41, 40), bool), 0.2), 1.0))
+    robot.until("driving on", lambda: not robot.stands(), free)
     ahead = onwards(robot, Observation(0.0, (2.0, 2.0), (0.0, 0.0), 0.0, wall), 2000.0)
     robot.said.clear()
     robot.until("the obstacles", lambda: any("with obstacle" in text for _, text in robot.said), ahead)

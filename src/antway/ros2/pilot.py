@@ -110,9 +110,13 @@ class Pilot:
         return kept[1]
 
     def go(self, goal: Goal) -> Answer | None:
-        """Take a goal. The one before is replaced, without a stop where the new one leads the same way."""
+        """Take a goal. The one before is replaced, without a stop where the new one leads the same way.
+
+        Patience and progress are counted on where the new goal is at the place of the one before.
+        """
         before, self.goal = self.goal, goal
-        self._begin()
+        if before is None or math.dist(before.xy, goal.xy) > self.settings.task["goal_tolerance"]:
+            self._begin()
         if before is None:
             self.due = -math.inf
             return None
@@ -132,6 +136,7 @@ class Pilot:
         """Answer that there was no odometry for so long."""
         if self.goal is None or seconds <= self.settings.timeout:
             return None
+        self.command = STAND
         reason = f"no odometry for {self.settings.timeout:g} s"
         if self.goal.hurried and seconds > self.settings.patience:
             return self.drop(reason, End.WAITED, ERROR)
@@ -201,6 +206,7 @@ class Pilot:
 
     def _wait(self, t: float, level: int, reason: str) -> Answer:
         """Stand and keep the goal, while patience lasts."""
+        self.command = STAND
         if math.isnan(self.waiting):
             self.waiting = t
         if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.patience:
