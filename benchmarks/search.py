@@ -2,9 +2,11 @@
 
 Run as `python benchmarks/search.py [--queries N] [--seconds S] [--out FILE]`, on generated maps, and on the MovingAI maps where
 they are found at ../shared/data/movingai. Peers that are not installed are left out (`pip install antway[peers]` gets them).
-Each query is timed best of three in CPU time of its thread; a peer's ratio is its time over that of antway's `jps` on the same
+Each query is timed best of three in CPU time of its thread; a ratio is an engine's time over that of antway's `jps` on the same
 queries (its field over antway's field), and a peer that has used up `--seconds` on a map is judged by what it did till then.
-Every length is compared with the exact one, no corner cutting; a share of wrong answers is shown.
+`subgoals` is antway's planner for maps that are asked often: how long it prepares a map is shown beside, and not in its ratio.
+Every length is compared with the exact one, no corner cutting; a share of wrong answers is shown. A second table says how many
+times as fast as nano-astar antway's planners are.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from antway import Grid, Problem, distance_field, load_map
 from antway.maps.movingai import load_scen
 from antway.search.astar import astar
 from antway.search.jps import jps
+from antway.search.subgoals import prepare, subgoals
 
 MOVINGAI = Path(__file__).resolve().parents[2] / "shared" / "data" / "movingai"
 Cell = tuple[int, int]
@@ -219,7 +222,11 @@ def measure(name: str, grid: Grid, count: int, seconds: float) -> dict[str, obje
     exact = [plan.length for _, plan in own]
     times = np.array([t for t, _ in own])
     result: dict[str, object] = {"queries": len(ends), "jps us": times.mean() * 1e6, "first query us": first * 1e6}
-    engines = {"antway astar": lambda a, b: astar(Problem(fresh, a, b)).length, **available(PEERS, grid)}
+    begun = time.thread_time()
+    result["prepared"] = prepare(fresh)
+    result["prepare ms"] = (time.thread_time() - begun) * 1e3
+    antway = {"subgoals": subgoals, "astar": astar}
+    engines = {name: lambda a, b, p=p: p(Problem(fresh, a, b)).length for name, p in antway.items()} | available(PEERS, grid)
     result["paths"] = {engine: _beside(times, exact, query, ends, seconds) for engine, query in engines.items()}
     goal = ends[len(ends) // 2][1]
     base, field = timed(lambda: distance_field(fresh, goal), 5)
@@ -254,7 +261,7 @@ def main() -> None:
     for name, grid in maps.items():
         print(name, flush=True)
         results[name] = measure(name, grid, args.queries, args.seconds)
-    summary = show(results)
+    summary = show(results) | show_nano(results)
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps({"maps": results, "geometric means": summary}, indent=1))
 
@@ -280,6 +287,28 @@ def show(results: dict[str, dict]) -> dict[str, float]:
                 means[f"{title}: {f} field"] = _mean([results[n]["fields"][f] for n in names])
             cells = [f"{means[f'{title}: {e}']:.1f}" for e in engines], [f"{means[f'{title}: {f} field']:.1f}" for f in fields]
             table.add_row(f"geometric mean, {title}", "", *cells[0], "", *cells[1])
+    Console(width=200).print(table)
+    return means
+
+
+def show_nano(results: dict[str, dict]) -> dict[str, float]:
+    """Print how many times as fast as nano-astar antway's planners are; return the geometric means over the MovingAI maps."""
+    known = {name: r for name, r in results.items() if "nano_astar" in r["paths"] and (MOVINGAI / f"{name}.map").exists()}
+    if not known:
+        return {}
+    table = Table(title="Times as fast as nano-astar, path included, one call of Python a query")
+    for head in ("map", "nano-astar us", "astar", "jps", "subgoals", "prepare ms"):
+        table.add_column(head, justify="left" if head == "map" else "right")
+    ratios: dict[str, list[float]] = {"astar": [], "jps": [], "subgoals": []}
+    for name, r in known.items():
+        nano = r["paths"]["nano_astar"]["ratio"]
+        for planner, all_ratios in ratios.items():
+            all_ratios.append(nano / r["paths"][planner]["ratio"] if planner != "jps" else nano)
+        cells = [f"{all_ratios[-1]:.1f}" for all_ratios in ratios.values()]
+        prepare_ms = f"{r['prepare ms']:.0f}" + ("" if r["prepared"] else " (does not pay)")
+        table.add_row(name, f"{nano * r['jps us']:.0f}", *cells, prepare_ms)
+    means = {f"nano-astar / {planner}": _mean(all_ratios) for planner, all_ratios in ratios.items()}
+    table.add_row("geometric mean", "", *(f"{mean:.1f}" for mean in means.values()), "")
     Console(width=200).print(table)
     return means
 

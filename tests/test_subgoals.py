@@ -109,7 +109,7 @@ def test_where_preparation_does_not_pay(monkeypatch: pytest.MonkeyPatch) -> None
     rng = np.random.default_rng(3)
     assert prepare(Grid(np.zeros((9, 9), dtype=bool)))
     monkeypatch.setattr(module, "STEPS", 1 << 8)
-    monkeypatch.setattr(module, "MOST_STEPS", 1)
+    monkeypatch.setattr(module, "MOST_STEPS", (1, 1, 1))
     grid = Grid(rng.random((60, 60)) < 0.2)
     assert not prepare(grid)
     (a, b), (c, d) = free_cells(grid)[[0, -1]].tolist()

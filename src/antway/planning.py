@@ -62,8 +62,9 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
         if len(parts) != 2:
             raise BadParameter(name, value, "a cell (row, col)")
         cell = (checks.integer(f"{name}[0]", parts[0]), checks.integer(f"{name}[1]", parts[1]))
-    if not grid.contains(cell):
-        raise OutOfBounds(name, cell, f"on the map of {grid.shape[0]} rows and {grid.shape[1]} columns")
+    rows, cols = grid.blocked.shape
+    if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
+        raise OutOfBounds(name, cell, f"on the map of {rows} rows and {cols} columns")
     if grid.blocked[cell]:
         raise CellBlocked(name, cell, "a free cell; this one is blocked")
     return cell

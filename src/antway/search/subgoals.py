@@ -20,7 +20,7 @@ from antway.search.jps import jps
 from antway.search.result import not_found
 
 STEPS = 1 << 18  # steps of the preparation between two looks at the clock, about 10 ms
-MOST_STEPS = 64  # for each cell of the map
+MOST_STEPS = 64, 32, 1 << 25  # at most for each cell; for each corner, and as many besides: some seconds on any map
 
 
 def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
@@ -59,6 +59,11 @@ def prepare(grid: Grid) -> bool:
     return hierarchy.pays
 
 
+def _most_steps(cells: int, corners: int) -> int:
+    by_cell, by_corner, besides = MOST_STEPS
+    return min(by_cell * cells, by_corner * corners + besides)
+
+
 class Hierarchy:
     """The contraction hierarchy over the corners of a map with `Moves.EIGHT`; any thread may use it.
 
@@ -93,7 +98,7 @@ class Hierarchy:
         edges, weight = np.empty((8 * n + seeds, 5), np.int32), np.empty(8 * n + seeds, np.int64)
         first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
         order, local = np.column_stack((np.zeros(n, np.int64), np.arange(n))), np.zeros((n, 2), np.int64)
-        heap, state, left = np.empty((len(edges), 2), np.int64), np.zeros(6, np.int64), MOST_STEPS * grid.blocked.size
+        heap, state, left = np.empty((len(edges), 2), np.int64), np.zeros(6, np.int64), _most_steps(grid.blocked.size, n)
         state[FREE], state[OPEN] = -1, n
         while state[RANKED] < n:
             if state[LINKED] < n:
