@@ -14,9 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from antway import BadParameter, Grid, Plan, Status, plan
+from antway import BadParameter, Grid, Plan, Problem, Status, plan
+from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
-from antway.view import diagrams, figures
+from antway.arena.store import Row
+from antway.arena.summary import summarise
+from antway.view import charts, diagrams, figures
 from antway.view.animation import write_animation
 from antway.view.style import BLUE, RED, TEAL
 from sample import sample_trace
@@ -25,10 +28,16 @@ TRACE = sample_trace(150, 3)
 PATH = figures.shortest(TRACE.task)
 HISTORY = np.column_stack((50 - np.arange(20), 70 - np.arange(20), np.linspace(0, 1, 20), np.zeros(20)))
 HISTORY[0, :2] = np.inf, np.nan
+RATIOS = {"antway": 1.02, "paper": 1.1, "follow": 1.4, "stop": 1.6, "replan": 1.2, "sipp": 1.05, "dwa": 1.3, "orca": 1.25}
+ROWS = [
+    Row("s", f"{level}-{e}", policy, 0, "1", f"x/{level}", "reached" if e % 4 else "timeout", "", 10 * ratio + e, bound=10.0)
+    for policy, ratio in RATIOS.items() for level in ("sparse", "dense") for e in range(8)
+]  # fmt: skip
 
 
 def every_figure() -> dict[str, Figure]:
     square = Tsp([(0, 0), (0, 2), (2, 2), (2, 0), (1, 0)], name="five")
+    square_room = TRACE.task.grid
     turned = Grid(np.eye(6, dtype=bool), 0.3, (-2.0, 1.0, 0.7))
     return {
         "plan": figures.plan_figure(TRACE.task.grid, PATH),
@@ -43,6 +52,10 @@ def every_figure() -> dict[str, Figure]:
         "strip": figures.strip_figure(TRACE, [10, 50, 80, 120], path=PATH),
         "convergence": figures.convergence_figure({"constant": HISTORY, "adaptive": HISTORY - 3}, optimum=27.0),
         "tour": figures.tour_figure(square, solve_tsp(square, cycles=20)),
+        "space and time": charts.space_time_figure(TRACE, path=PATH),
+        "pheromone": charts.pheromone_figure(square_room, explore(Problem(square_room, (0, 0), (18, 18)), cycles=3, ants=9)),
+        "success": charts.success_figure(summarise(ROWS)),
+        "regret": charts.regret_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),
         "chart 2": diagrams.improved_chart(),
         "chart 3": diagrams.avoidance_chart(),
@@ -68,7 +81,10 @@ def test_no_text_lies_over_another_or_off_the_page(name: str, monkeypatch: pytes
         assert across <= 1 or along <= 1, f"{a!r} lies over {b!r}"
 
 
-@pytest.mark.parametrize("name", ["plan", "meet", "avoid", "final", "strip", "convergence"])
+TITLED = ["plan", "meet", "avoid", "final", "strip", "convergence", "space and time", "pheromone", "success", "regret"]
+
+
+@pytest.mark.parametrize("name", TITLED)
 def test_figures_are_titled_and_name_their_units(name: str) -> None:
     """Each figure has a title, and axes that carry numbers say of what and in which unit."""
     axes = FIGURES[name].axes[0]

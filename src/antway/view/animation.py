@@ -21,24 +21,35 @@ from antway.world.trace import Trace
 
 SUPER = 2  # frames are drawn this many times larger and reduced, which smooths every edge
 CAPTION = 44  # px under the map
+GAP = 4  # px between episodes side by side
 
 XY = Sequence[float] | NDArray[np.float64]
 
 
 def write_animation(
-    trace: Trace, path: str | Path, *, shortest: Plan | None = None, width: int = 480, frames: int = 100, seconds: float = 12.0
+    trace: Trace,
+    path: str | Path,
+    *,
+    beside: Sequence[Trace] = (),
+    shortest: Plan | None = None,
+    width: int = 480,
+    frames: int = 100,
+    seconds: float = 12.0,
 ) -> Path:
     """Write `trace` as an animation of at most `frames` frames that plays for at most `seconds` s; return where it is.
+
+    Episodes of the same place `beside` it are shown to its right at the same times, each `width` pixels wide.
 
     Raises
     ------
     BadParameter
         For a suffix other than .gif and .mp4, and for .mp4 where ffmpeg is not installed.
     """
-    path = Path(path)
-    steps = np.unique(np.linspace(0, len(trace), frames).round().astype(int))
-    pause = min(seconds, float(trace.t[-1])) / len(steps)
-    pictures = _frames(trace, steps, shortest, width)
+    path, traces = Path(path), (trace, *beside)
+    longest = max(traces, key=lambda one: float(one.t[-1]))
+    times = longest.t[np.unique(np.linspace(0, len(longest), frames).round().astype(int))]
+    pause = min(seconds, float(times[-1])) / len(times)
+    pictures = _frames(traces, times, shortest, width)
     if path.suffix.lower() == ".gif":
         _write_gif(list(pictures), path, max(20, round(1000 * pause)))
     elif path.suffix.lower() == ".mp4" and shutil.which("ffmpeg"):
@@ -111,11 +122,20 @@ class _Painter:
             draw.line([self.at(p) for p in (a, *inner, b)], fill=colour, width=round(1.3 * SUPER))
 
 
-def _frames(trace: Trace, steps: NDArray[np.int64], shortest: Plan | None, width: int) -> Iterator[Image.Image]:
-    painter = _Painter(trace, width)
-    ground = _ground(trace, painter, shortest)
-    for step in steps:
-        yield _frame(trace, int(step), painter, ground)
+def _frames(traces: Sequence[Trace], times: NDArray[np.float64], shortest: Plan | None, width: int) -> Iterator[Image.Image]:
+    lanes = [(trace, painter := _Painter(trace, width), _ground(trace, painter, shortest)) for trace in traces]
+    for time in times:
+        parts = [
+            _frame(trace, int(np.searchsorted(trace.t, time + 1e-9, side="right")) - 1, painter, ground, len(lanes) > 1)
+            for trace, painter, ground in lanes
+        ]
+        if len(parts) == 1:
+            yield parts[0]
+            continue
+        whole = Image.new("RGB", (sum(part.width + GAP for part in parts) - GAP, parts[0].height), style.WALL)
+        for k, part in enumerate(parts):
+            whole.paste(part, (k * (part.width + GAP), 0))
+        yield whole
 
 
 def _ground(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
@@ -136,7 +156,7 @@ def _ground(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Ima
     return picture
 
 
-def _frame(trace: Trace, step: int, painter: _Painter, ground: Image.Image) -> Image.Image:
+def _frame(trace: Trace, step: int, painter: _Painter, ground: Image.Image, named: bool) -> Image.Image:
     picture = ground.copy()
     decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
     if decision is not None and decision.pheromone is not None:
@@ -156,6 +176,9 @@ def _frame(trace: Trace, step: int, painter: _Painter, ground: Image.Image) -> I
     draw.rectangle((0, top, picture.width, picture.height), fill="white")
     draw.line((0, top, picture.width, top), fill=style.WALL, width=SUPER)
     words = f"t = {trace.t[step]:4.1f} s   {decision.action.replace('-', ' ') if decision is not None else ''}"
+    if named:
+        ended = step == len(trace)
+        words = f"{trace.policy}   {words}" if not ended else f"{trace.policy}   {trace.outcome.value} in {trace.t[step]:.1f} s"
     draw.text((10 * SUPER, top + 12 * SUPER), words, fill=style.INK, font=painter.font)
     return picture.reduce(SUPER)
 

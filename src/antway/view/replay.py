@@ -9,6 +9,7 @@ import io
 import json
 import math
 import re
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -26,15 +27,15 @@ _IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export \{.*?\};\n", re.MULTILINE)
 
 
-def write_replay(trace: Trace, path: str | Path, *, shortest: Plan | None = None) -> Path:
+def write_replay(trace: Trace, path: str | Path, *, beside: Sequence[Trace] = (), shortest: Plan | None = None) -> Path:
     """Write the page that plays `trace`, with the global path `shortest` as a layer; return where it is."""
     path = Path(path)
-    path.write_text(replay_page(trace, shortest=shortest), encoding="utf-8")
+    path.write_text(replay_page(trace, beside=beside, shortest=shortest), encoding="utf-8")
     return path
 
 
-def replay_page(trace: Trace, *, shortest: Plan | None = None) -> str:
-    """Return the page as text.
+def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | None = None) -> str:
+    """Return the page as text; episodes of the same place `beside` it play at its right at the same times.
 
     Names and reasons from the trace reach the page as JSON data alone, and its script shows them as text; the page's security
     policy allows its own script and style, by their hashes, and nothing else.
@@ -45,7 +46,10 @@ def replay_page(trace: Trace, *, shortest: Plan | None = None) -> str:
         f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
-    data = json.dumps(_record(trace, shortest), allow_nan=False, separators=(",", ":"))
+    record = _record(trace, shortest)
+    if beside:
+        record["beside"] = [_record(other, shortest) for other in beside]
+    data = json.dumps(record, allow_nan=False, separators=(",", ":"))
     parts = {
         "policy": policy,
         "title": html.escape(f"{trace.scenario} - {trace.policy} - antway"),

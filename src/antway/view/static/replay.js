@@ -1,40 +1,102 @@
 import { HORIZON, LAYERS, Stage, navigate } from "./canvas.js";
 
-const data = JSON.parse(document.getElementById("episode").textContent);
 const byId = (id) => document.getElementById(id);
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const SHOWN = LAYERS.filter(({ live }) => !live);
 
-// ---- the episode, unpacked ----
+// ---- episodes, unpacked ----
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-const points = (text) => {
-  const raw = new Uint16Array(bytes(text));
-  const { x, y, width, height } = data.box;
-  return Array.from({ length: raw.length / 2 }, (_, i) => [
-    x + (raw[2 * i] / 65535) * width,
-    y + (raw[2 * i + 1] / 65535) * height,
-  ]);
-};
-const t = new Float32Array(bytes(data.t));
-const last = t.length - 1;
-const robotXY = points(data.robot.xy);
-const heading = new Float32Array(bytes(data.robot.heading));
-const cycleMs = new Float32Array(bytes(data.cycle_ms));
-const count = data.obstacles.id.length;
-const obstacleXY = points(data.obstacles.xy); // [step * count + k]
-const sensed = new Uint8Array(bytes(data.obstacles.sensed)); // one bit each, in the same order
-const isSensed = (step, k) => ((sensed[(step * count + k) >> 3] >> ((step * count + k) & 7)) & 1) === 1;
-const globalPath = data.global ? points(data.global) : [];
-for (const decision of data.decisions) if (decision.path) decision.path = points(decision.path);
-const driven = [0];
-for (let i = 1; i <= last; i++) {
-  driven.push(driven[i - 1] + Math.hypot(robotXY[i][0] - robotXY[i - 1][0], robotXY[i][1] - robotXY[i - 1][1]));
+
+class Lane {
+  constructor(data, canvas) {
+    this.data = data;
+    this.stage = new Stage(canvas);
+    this.t = new Float32Array(bytes(data.t));
+    this.last = this.t.length - 1;
+    this.robotXY = this.points(data.robot.xy);
+    this.heading = new Float32Array(bytes(data.robot.heading));
+    this.cycleMs = new Float32Array(bytes(data.cycle_ms));
+    this.count = data.obstacles.id.length;
+    this.obstacleXY = this.points(data.obstacles.xy); // [step * count + k]
+    this.sensed = new Uint8Array(bytes(data.obstacles.sensed)); // one bit each, in the same order
+    this.global = data.global ? this.points(data.global) : [];
+    for (const decision of data.decisions) if (decision.path) decision.path = this.points(decision.path);
+    this.driven = [0];
+    for (let i = 1; i <= this.last; i++) {
+      const [a, b] = [this.robotXY[i - 1], this.robotXY[i]];
+      this.driven.push(this.driven[i - 1] + Math.hypot(b[0] - a[0], b[1] - a[1]));
+    }
+    this.decisionOf = new Int32Array(this.last + 1).fill(-1);
+    for (let i = 0, d = -1; i <= this.last; i++) {
+      while (d + 1 < data.decisions.length && data.decisions[d + 1].step <= i) d++;
+      this.decisionOf[i] = d;
+    }
+  }
+
+  points(text) {
+    const raw = new Uint16Array(bytes(text));
+    const { x, y, width, height } = this.data.box;
+    return Array.from({ length: raw.length / 2 }, (_, i) => [
+      x + (raw[2 * i] / 65535) * width,
+      y + (raw[2 * i + 1] / 65535) * height,
+    ]);
+  }
+
+  decision(step) {
+    return this.data.decisions[this.decisionOf[Math.min(step, Math.max(this.last - 1, 0))]];
+  }
+
+  isSensed(step, k) {
+    const bit = step * this.count + k;
+    return ((this.sensed[bit >> 3] >> (bit & 7)) & 1) === 1;
+  }
+
+  stepAt(time) {
+    let [low, high] = [0, this.last];
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.t[middle] <= time + 1e-6) low = middle;
+      else high = middle - 1;
+    }
+    return low;
+  }
+
+  // Everything that the stage draws at a time between two steps; motion within a step is straight.
+  momentAt(time) {
+    const { data, t, count, obstacleXY, robotXY } = this;
+    const i = this.stepAt(time);
+    const j = Math.min(i + 1, this.last);
+    const dt = t[j] - t[i];
+    const share = dt > 0 ? Math.min(1, Math.max(0, (time - t[i]) / dt)) : 0;
+    const mix = (a, b) => [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share];
+    const [x, y] = mix(robotXY[i], robotXY[j]);
+    const decision = this.decision(i);
+    const obstacles = data.obstacles.id.map((id, k) => {
+      const [a, b] = [obstacleXY[i * count + k], obstacleXY[j * count + k]];
+      const [ox, oy] = mix(a, b);
+      const velocity = dt > 0 ? [(b[0] - a[0]) / dt, (b[1] - a[1]) / dt] : [0, 0];
+      const focus = decision?.obstacle === id;
+      return { id, x: ox, y: oy, vx: velocity[0], vy: velocity[1], radius: data.obstacles.radius[k], sensed: this.isSensed(i, k), focus };
+    });
+    const range = data.robot.range ?? Infinity;
+    const seen = obstacles.filter((o) => o.sensed);
+    const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, way: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
+    return {
+      step: i, decision, obstacles, start: data.start, goal: data.goal, tolerance: data.tolerance,
+      robot: { x, y, heading: this.heading[i], radius: data.robot.radius, range, occlusion: data.robot.occlusion }, tubes,
+      trail: [...robotXY.slice(0, i + 1), [x, y]], global: this.global, planned: decision?.path, target: decision?.target,
+      pheromone: decision?.pheromone != null ? data.pheromone[decision.pheromone] : null,
+    };
+  }
+
+  async unpack() {
+    const { map, pheromone } = this.data;
+    const [blocked, unknown, ...masks] = await Promise.all([image(map.blocked), image(map.unknown), ...pheromone.map(({ mask }) => image(mask))]);
+    masks.forEach((mask, i) => (pheromone[i].mask = mask));
+    this.stage.setMap({ ...map, blocked, unknown });
+  }
 }
-const decisionOf = new Int32Array(last + 1).fill(-1);
-for (let i = 0, d = -1; i <= last; i++) {
-  while (d + 1 < data.decisions.length && data.decisions[d + 1].step <= i) d++;
-  decisionOf[i] = d;
-}
+
 const image = async (source) => {
   if (!source) return null;
   const picture = new Image();
@@ -45,43 +107,37 @@ const image = async (source) => {
 
 // ---- state ----
 const state = { time: 0, playing: false, speed: 1, show: Object.fromEntries(SHOWN.map(({ key }) => [key, true])) };
-const stage = new Stage(byId("stage"));
+const records = JSON.parse(byId("episode").textContent);
+const lanes = [records, ...(records.beside ?? [])].map((data, i) => new Lane(data, canvasOf(data, i)));
+const longest = lanes.reduce((a, b) => (b.t[b.last] > a.t[a.last] ? b : a)); // whose steps the slider counts
+const { t, last } = longest;
+let told = lanes[0]; // whose decisions the panel tells
 
-const stepAt = (time) => {
-  let [low, high] = [0, last];
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (t[middle] <= time + 1e-6) low = middle;
-    else high = middle - 1;
-  }
-  return low;
-};
+// The canvas of an episode; several stand side by side under their names, and a click on a name has the panel tell of it.
+function canvasOf(data, i) {
+  const first = byId("stage");
+  if (!records.beside) return first;
+  const [lane, name] = [document.createElement("div"), document.createElement("button")];
+  const canvas = i ? first.cloneNode() : first;
+  if (i) canvas.id = `stage-${i}`;
+  lane.className = "episode";
+  Object.assign(name, { type: "button", className: "told", textContent: `${data.policy}: ${data.outcome.replaceAll("-", " ")}` });
+  name.title = "Tell this one's decisions";
+  name.addEventListener("click", () => tell(lanes[i]));
+  byId("lanes").append(lane);
+  lane.append(name, canvas);
+  return canvas;
+}
 
-// Everything that the stage draws at a time between two steps; motion within a step is straight.
-function momentAt(time) {
-  const i = stepAt(time);
-  const j = Math.min(i + 1, last);
-  const dt = t[j] - t[i];
-  const share = dt > 0 ? Math.min(1, Math.max(0, (time - t[i]) / dt)) : 0;
-  const mix = (a, b) => [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share];
-  const [x, y] = mix(robotXY[i], robotXY[j]);
-  const decision = data.decisions[decisionOf[Math.min(i, Math.max(last - 1, 0))]];
-  const obstacles = data.obstacles.id.map((id, k) => {
-    const [a, b] = [obstacleXY[i * count + k], obstacleXY[j * count + k]];
-    const [ox, oy] = mix(a, b);
-    const velocity = dt > 0 ? [(b[0] - a[0]) / dt, (b[1] - a[1]) / dt] : [0, 0];
-    const focus = decision?.obstacle === id;
-    return { id, x: ox, y: oy, vx: velocity[0], vy: velocity[1], radius: data.obstacles.radius[k], sensed: isSensed(i, k), focus };
-  });
-  const range = data.robot.range ?? Infinity;
-  const seen = obstacles.filter((o) => o.sensed);
-  const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, way: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
-  return {
-    step: i, decision, obstacles, start: data.start, goal: data.goal, tolerance: data.tolerance,
-    robot: { x, y, heading: heading[i], radius: data.robot.radius, range, occlusion: data.robot.occlusion }, tubes,
-    trail: [...robotXY.slice(0, i + 1), [x, y]], global: globalPath, planned: decision?.path, target: decision?.target,
-    pheromone: decision?.pheromone != null ? data.pheromone[decision.pheromone] : null,
-  };
+function tell(lane) {
+  told = lane;
+  document.querySelectorAll(".told").forEach((name, i) => name.setAttribute("aria-pressed", String(lanes[i] === lane)));
+  put("subtitle", `policy ${lane.data.policy}, seed ${lane.data.seed}`);
+  put("outcome", lane.data.outcome.replaceAll("-", " "));
+  byId("outcome").dataset.good = String(lane.data.outcome === "reached");
+  byId("outcome").title = lane.data.reason;
+  drawRibbon();
+  redraw();
 }
 
 // ---- the page ----
@@ -112,22 +168,23 @@ function showDecision(decision) {
 }
 
 function render() {
-  if (!stage.map) return; // its pictures are still being unpacked
-  stage.resize();
-  const moment = momentAt(state.time);
-  stage.draw(moment, state.show);
+  if (lanes.some(({ stage }) => !stage.map)) return; // pictures are still being unpacked
+  for (const { stage } of lanes) stage.resize();
+  const moments = lanes.map((lane) => lane.momentAt(state.time));
+  lanes.forEach(({ stage }, i) => stage.draw(moments[i], state.show));
+  const moment = moments[lanes.indexOf(told)];
   const { step, robot, obstacles } = moment;
-  const dt = step < last ? t[step + 1] - t[step] : 0;
-  const speed = dt > 0 ? (driven[step + 1] - driven[step]) / dt : 0;
+  const dt = step < told.last ? told.t[step + 1] - told.t[step] : 0;
+  const speed = dt > 0 ? (told.driven[step + 1] - told.driven[step]) / dt : 0;
   const clearance = Math.min(...obstacles.map((o) => Math.hypot(o.x - robot.x, o.y - robot.y) - o.radius - robot.radius));
   showDecision(moment.decision);
   put("time", `${state.time.toFixed(1)} / ${t[last].toFixed(1)} s`);
   put("speed-now", fixed(speed, 2, "m/s"));
-  put("driven", fixed(driven[step], 2, "m"));
+  put("driven", fixed(told.driven[step], 2, "m"));
   put("clearance", fixed(clearance, 2, "m"));
-  put("cycle", fixed(cycleMs[Math.min(step, last - 1)], 2, "ms"));
+  put("cycle", fixed(told.cycleMs[Math.min(step, told.last - 1)], 2, "ms"));
   const scrub = byId("scrub");
-  if (Number(scrub.value) !== step) scrub.value = String(step);
+  if (Number(scrub.value) !== longest.stepAt(state.time)) scrub.value = String(longest.stepAt(state.time));
   scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);
 }
 
@@ -174,7 +231,7 @@ function setSpeed(speed) {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
-  stage.refresh();
+  for (const { stage } of lanes) stage.refresh();
   drawRibbon();
   redraw();
 }
@@ -193,7 +250,7 @@ function drawRibbon() {
   canvas.width = 1000;
   canvas.height = 1;
   for (let x = 0; x < 1000; x++) {
-    const action = data.decisions[decisionOf[Math.min(last, Math.floor((x / 1000) * last))]]?.action ?? "follow";
+    const action = told.decision(told.stepAt((x / 1000) * t[last]))?.action ?? "follow";
     const kind = { follow: "calm", arrived: "calm", avoid: "planned", "step-aside": "planned", "step-back": "planned" }[action] ?? "prediction";
     c.fillStyle = css.getPropertyValue(`--${kind}`);
     c.fillRect(x, 0, 1, 1);
@@ -201,7 +258,7 @@ function drawRibbon() {
 }
 
 function build() {
-  const available = { global: globalPath.length > 0, pheromone: data.pheromone.length > 0 };
+  const available = { global: lanes[0].global.length > 0, pheromone: lanes.some(({ data }) => data.pheromone.length > 0) };
   byId("layers").replaceChildren(...SHOWN.map(({ key, label, swatch }, i) => {
     const row = document.createElement("label");
     const box = document.createElement("input");
@@ -218,31 +275,27 @@ function build() {
     return row;
   }));
   byId("speed").replaceChildren(...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed), speed === 1, speed === 1)));
-  put("title", data.scenario);
-  put("subtitle", `policy ${data.policy}, seed ${data.seed}`);
-  put("outcome", data.outcome.replaceAll("-", " "));
-  byId("outcome").dataset.good = String(data.outcome === "reached");
-  byId("outcome").title = data.reason;
+  put("title", lanes[0].data.scenario);
   Object.assign(byId("scrub"), { min: "0", max: String(last), step: "1", value: "0" });
 }
 
 function listen() {
   byId("play").addEventListener("click", () => setPlaying(!state.playing));
-  byId("back").addEventListener("click", () => seek(stepAt(state.time) - 1));
-  byId("forward").addEventListener("click", () => seek(stepAt(state.time) + 1));
+  byId("back").addEventListener("click", () => seek(longest.stepAt(state.time) - 1));
+  byId("forward").addEventListener("click", () => seek(longest.stepAt(state.time) + 1));
   byId("first").addEventListener("click", () => seek(0));
   byId("next").addEventListener("click", () => seek(nextEncounter()));
   byId("scrub").addEventListener("input", (event) => seek(Number(event.target.value)));
   byId("speed").addEventListener("change", (event) => setSpeed(Number(event.target.value)));
   byId("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
-  byId("fit").addEventListener("click", () => (stage.fit(), redraw()));
+  byId("fit").addEventListener("click", () => (lanes.forEach(({ stage }) => stage.fit()), redraw()));
   byId("save").addEventListener("click", save);
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
     const faster = (by) => setSpeed(SPEEDS[Math.min(SPEEDS.length - 1, Math.max(0, SPEEDS.indexOf(state.speed) + by))]);
     const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName) && event.target.type !== "range";
     const keys = {
-      " ": () => onButton || setPlaying(!state.playing), ArrowLeft: () => seek(stepAt(state.time) - 1), ArrowRight: () => seek(stepAt(state.time) + 1),
+      " ": () => onButton || setPlaying(!state.playing), ArrowLeft: () => seek(longest.stepAt(state.time) - 1), ArrowRight: () => seek(longest.stepAt(state.time) + 1),
       Home: () => seek(0), End: () => seek(last), n: () => seek(nextEncounter()), "+": () => faster(1), "-": () => faster(-1),
       t: () => byId("theme").click(), f: () => byId("fit").click(), s: save,
     };
@@ -252,20 +305,25 @@ function listen() {
     if (!(event.key === " " && onButton)) event.preventDefault();
     action();
   });
-  new ResizeObserver(redraw).observe(byId("stage"));
-  navigate(stage, redraw);
+  new ResizeObserver(redraw).observe(byId("lanes"));
+  for (const { stage } of lanes) {
+    navigate(stage, () => {
+      for (const { stage: other } of lanes) [other.zoom, other.centre] = [stage.zoom, [...stage.centre]]; // all show the same part
+      redraw();
+    });
+  }
 }
 
 // The next step at which a decision of another kind begins; after the last one, the first step.
 function nextEncounter() {
-  const now = stepAt(state.time);
-  const kind = (i) => data.decisions[decisionOf[i]]?.action;
-  for (let i = now + 1; i < last; i++) if (kind(i) !== kind(i - 1) && !["follow", "arrived"].includes(kind(i))) return i;
+  const kind = (i) => told.decision(i)?.action;
+  for (let i = told.stepAt(state.time) + 1; i < told.last; i++)
+    if (kind(i) !== kind(i - 1) && !["follow", "arrived"].includes(kind(i))) return longest.stepAt(told.t[i]);
   return 0;
 }
 
 function save() {
-  byId("stage").toBlob((blob) => {
+  told.stage.canvas.toBlob((blob) => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(blob);
     link.download = `antway-${state.time.toFixed(1)}s.png`;
@@ -277,12 +335,10 @@ function save() {
 async function open() {
   build();
   listen();
-  const [blocked, unknown, ...masks] = await Promise.all([
-    image(data.map.blocked), image(data.map.unknown), ...data.pheromone.map(({ mask }) => image(mask)),
-  ]);
-  masks.forEach((mask, i) => (data.pheromone[i].mask = mask));
-  document.documentElement.style.setProperty("--ratio", String(data.map.rows / data.map.cols));
-  stage.setMap({ ...data.map, blocked, unknown });
+  await Promise.all(lanes.map((lane) => lane.unpack()));
+  const { rows, cols } = lanes[0].data.map;
+  document.documentElement.style.setProperty("--ratio", String(rows / cols));
+  tell(lanes[0]);
   setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   setPlaying(false);
   document.body.dataset.ready = "true";
