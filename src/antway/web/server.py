@@ -151,13 +151,17 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
             if len(offered) != 2 or offered[0] != "antway" or not _same(offered[1], token) or len(tabs) >= MAX_SESSIONS:
                 return await websocket.close(1008)
             await websocket.accept("antway")
-            tab = await asyncio.to_thread(make)
-            tabs.add(tab)
+            tab: Tab | None = None
             try:
+                tab = await asyncio.to_thread(make)
+                tabs.add(tab)
                 await Player(websocket, tab).run()
+            except asyncio.CancelledError:
+                pass  # the server ends
             finally:
-                tab.closed.set()
-                tabs.discard(tab)
+                if tab is not None:
+                    tab.closed.set()
+                    tabs.discard(tab)
 
         return play
 
