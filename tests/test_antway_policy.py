@@ -71,6 +71,7 @@ def test_crowds_are_crossed_and_decisions_make_sense() -> None:
         ("noise", {"sensor": Sensor(noise=0.05, velocity_noise=0.05, occlusion=False)}),
         ("losses", {"sensor": Sensor(dropout=0.1, period=0.2, latency=0.1, occlusion=False)}),
         ("inertia", {"robot": RobotSpec(a_max=2.0)}),
+        ("more inertia", {"robot": RobotSpec(a_max=1.0)}),
         ("differential", {"robot": RobotSpec(drive="differential")}),
         ("differential with inertia", {"robot": RobotSpec(drive="differential", a_max=2.0)}),
     ],
@@ -84,6 +85,16 @@ def test_no_contact_in_motion_with_poor_sensors_and_drives(name: str, changes: d
         assert result.outcome in (Outcome.REACHED, Outcome.HIT_STANDING), (name, seed, result.reason)
         outcomes.append(result.reached)
     assert np.mean(outcomes) >= 0.6, name
+
+
+def test_a_robot_with_inertia_is_slower_among_obstacles() -> None:
+    """With tracks in sight it drives no faster than it can brake from in half a second; alone it uses its full speed."""
+    robot = RobotSpec(a_max=1.0)
+    far, alone = run(room(Obstacle(0.3, Line((5.0, 4.5), (6.0, 4.5), 0.1)), robot=robot)), run(room(robot=robot))
+    assert far.reached and alone.reached
+    assert np.hypot(*alone.trace.velocity.T).max() > 0.95
+    seen = np.flatnonzero(far.trace.sensed[:, 0])[10:]  # it has braked by then
+    assert len(seen) > 10 and np.hypot(*far.trace.velocity[seen].T).max() <= 0.5 + 1e-9
 
 
 def ambush(rng: np.random.Generator) -> Scenario:
