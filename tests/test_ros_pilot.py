@@ -173,7 +173,7 @@ class Seeing:
         points = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
         seen = discs(off_the_map(points, pose, self.grid, 0.15), gap=0.3, largest=0.8)
         self.pilot.scan = o.t, self.tracker.update(o.t, nameless(seen))
-        answer = self.pilot.hear(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2])
+        answer = self.pilot.hear(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2], o.t)
         assert answer is not None, "one command each control period"
         told = self.pilot.decision()
         if told is not None:
@@ -337,13 +337,13 @@ class Drive:
     """A pilot in an empty room, stepped by hand."""
 
     def __init__(self, **changes) -> None:
-        self.pilot, self.t, self.xy = Pilot(settings(**changes)), 0.0, (2.0, 2.0)
+        self.pilot, self.t, self.now, self.xy = Pilot(settings(**changes)), 0.0, 0.0, (2.0, 2.0)
 
-    def step(self, seen: Tracks | None = NOBODY, dt: float = 0.1):
-        self.t += dt
+    def step(self, seen: Tracks | None = NOBODY, dt: float = 0.1, passed: float = 0.1):
+        self.t, self.now = self.t + dt, self.now + passed
         if seen is not None:
             self.pilot.scan = self.t, seen
-        return self.pilot.hear(self.t, self.xy, (0.0, 0.0), 0.0)
+        return self.pilot.hear(self.t, self.xy, (0.0, 0.0), 0.0, self.now)
 
 
 def ready(goal: Goal | None = None, **changes) -> Drive:
@@ -402,6 +402,11 @@ def test_jumps_of_the_clock_stop_it_once():
         answer = drive.step(None, dt=jump)
         assert "jumped" in answer.reason and answer.command is STAND
         assert drive.step(None).reason == "waiting for obstacles" and drive.step().drives
+    drive = ready()
+    policy = drive.pilot.policy
+    assert drive.step(dt=3.0, passed=3.0).drives and drive.pilot.policy is policy, (
+        "odometry that was away, or a node that was busy"
+    )
 
 
 def test_maps_may_change_on_the_way():

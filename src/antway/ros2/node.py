@@ -249,15 +249,16 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         if found is None:
             return
         t, (x, y, heading), velocity = found
-        self.heard = time.monotonic()
+        now = time.monotonic()
         if self.trail and t < self.trail[-1][0]:  # time went back: what is older may be newer
             self.trail.clear()
             self.charted = 0.0
         self.trail.append((t, (x, y, heading)))
         if self.laser is not None:
             self._see(t)
-        if self._do(self.pilot.hear(t, (x, y), velocity, heading)):
+        if self._do(self.pilot.hear(t, (x, y), velocity, heading, now)):
             self._show(t)
+        self.heard = time.monotonic()  # the time that setting out took is no silence
 
     def _watch(self) -> None:
         self._do(self.pilot.silent(time.monotonic() - self.heard))

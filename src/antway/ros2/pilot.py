@@ -85,7 +85,7 @@ class Pilot:
         self.policy: AntwayPolicy | None = None
         self.command = STAND
         self.told: tuple[Decision, Decision] | None = None
-        self.due = self.begun = -math.inf
+        self.due = self.begun = self.now = -math.inf
         self._begin()
 
     def _begin(self) -> None:
@@ -142,10 +142,14 @@ class Pilot:
             return self.drop(reason, End.WAITED, ERROR)
         return Answer(STAND, ERROR, reason)
 
-    def hear(self, t: float, xy: XY, velocity: XY, heading: float) -> Answer | None:
-        """Take the robot's state at `t` s; answers once each control period, and at once when the clock jumps."""
+    def hear(self, t: float, xy: XY, velocity: XY, heading: float, now: float) -> Answer | None:
+        """Take the robot's state at `t` s, come at `now` s of a steady clock; answers once each control period.
+
+        The clock has jumped, which is answered at once, if it went back, or on by `timeout` more than the steady one.
+        """
         before, self.odometry = self.odometry, (t, xy, velocity, heading)
-        if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout:
+        passed, self.now = now - self.now, now
+        if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout + passed:
             self.scan = self.policy = None  # what was seen and planned before means nothing any more
             self.due = -math.inf
             self._begin()
