@@ -57,8 +57,9 @@ NASTY = [
 @contextmanager
 def chromium() -> Iterator[Any]:
     """A browser for the length of the block."""
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
+    expect.set_options(timeout=30_000)  # as long as a busy machine may take
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         try:

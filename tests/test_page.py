@@ -32,6 +32,7 @@ def address() -> Iterator[str]:
     warm = Session()  # compiles what the pages will run
     warm.apply({"op": "policies", "names": ["antway", "paper"]})
     warm.advance(40)
+    warm.apply({"op": "ants"})
     warm.frame()
     with served() as port:
         yield f"http://127.0.0.1:{port}/"
@@ -157,7 +158,7 @@ def test_a_run_is_played_paused_and_stepped(page: Any) -> None:
     """Play, pause, one control cycle, one ant cycle, back to the start, and on to the goal."""
     page.select_option("#speed", "8")
     page.keyboard.press(" ")
-    expect(page, "#time").to_have_text(re.compile(r"^[3-9]\.\d s$"), timeout=20_000)
+    expect(page, "#time").to_have_text(re.compile(r"^[3-9]\.\d s$"))
     page.click("#play")
     expect(page, "#play").to_have_attribute("aria-label", "Play")
     then = seconds(page)
@@ -174,11 +175,11 @@ def test_a_run_is_played_paused_and_stepped(page: Any) -> None:
         expect(page, ".card .ants").not_to_have_text(before)
     expect(page, "#time").to_have_text("0.1 s")
     page.click("#play")
-    expect(page, ".outcome").to_have_text("reached", timeout=30_000)
+    expect(page, ".outcome").to_have_text("reached")
     expect(page, "#play").to_be_disabled()
     assert "driven" in page.locator(".numbers").inner_text() and "the goal" in page.locator(".reason").inner_text()
     page.reload()
-    expect(page, "#time").to_have_text("0.0 s", timeout=20_000)
+    expect(page, "#time").to_have_text("0.0 s")
     expect(page, "#play").to_be_enabled()
 
 
@@ -186,7 +187,7 @@ def test_every_layer_has_a_switch_that_works(page: Any) -> None:
     """Each layer's box, legend and key change the picture of a run in the midst of an encounter."""
     page.select_option("#speed", "8")
     page.click("#play")
-    expect(page, ".action").to_have_text("avoid", timeout=30_000)
+    expect(page, ".action").to_have_text("avoid")
     page.click("#play")
     expect(page, "#play").to_have_attribute("aria-label", "Play")
     if not page.locator("#layer-field").is_checked():
@@ -242,7 +243,7 @@ def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: 
     expect(page, ".card h2").to_have_text(["Decision of antway", "Decision of stop"])
     page.select_option("#speed", "8")
     page.click("#play")
-    expect(page, "#time").to_have_text(re.compile(r"^[2-9]\.\d s$"), timeout=20_000)
+    expect(page, "#time").to_have_text(re.compile(r"^[2-9]\.\d s$"))
     page.click("#play")
     expect(page, "#play").to_have_attribute("aria-label", "Play")
     times = [text.split(" s")[0] for text in page.locator(".numbers").all_inner_texts()]
@@ -338,7 +339,7 @@ def test_a_colony_solves_in_the_browser(browser: Any, address: str) -> None:
     page.keyboard.press("Tab")
     page.select_option("#speed", "64")
     page.click("#play")
-    expect(page, "#gap").to_have_text("0 %, the shortest", timeout=20_000)
+    expect(page, "#gap").to_have_text("0 %, the shortest")
     expect(page, "#play").to_be_disabled()
     assert pixels(page, "robot", "#map") > 500 and pixels(page, "robot", "#curve") > 10
     page.keyboard.press("2")

@@ -125,7 +125,7 @@ def test_a_person_can_play_step_scrub_and_switch(browser: Any, tmp_path: Path) -
     page.locator("#scrub").focus()
     page.keyboard.press("Home")
     page.click("#play")
-    at("150", timeout=20_000)
+    at("150")
     assert page.locator("#play").get_attribute("aria-label") == "Play", "it stops at the end"
     page.keyboard.press("1")
     assert not page.locator("#layer-global").is_checked()
