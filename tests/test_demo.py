@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import product
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from antway import BadScenario, Outcome, check_episode, run
+from antway import BadParameter, BadScenario, check_episode, run
 from antway.demo import FLOW_CHARTS, run_demo, scene, static_shortest, summary
 from antway.scenes import SCENES
 from antway.world.trace import Trace
@@ -19,23 +20,35 @@ FILES = (*PICTURES, "demo.gif", "replay.html", "trace.json", "summary.json")
 
 
 def test_the_demo_writes_what_it_promises(tmp_path: Path) -> None:
-    """Three scenes, each reached; all figures, animation, page, trace and summary are there, open, and agree."""
+    """Both policies on three scenes, all reached; figures, animation, page, traces and summaries are there, open, and agree."""
     said: list[tuple[str, str]] = []
-    rows = dict(run_demo(tmp_path, policy="paper", said=lambda *what: said.append(what)))
-    assert tuple(rows) == SCENES and all(numbers["reached"] for numbers in rows.values())
-    assert ("office", "animation") in said
+    rows = list(run_demo(tmp_path, said=lambda *what: said.append(what)))
+    assert sorted((name, numbers["policy"]) for name, numbers in rows) == sorted(product(SCENES, ("paper", "antway")))
+    assert all(numbers["reached"] for _, numbers in rows) and ("office", "episodes") in said
     for folder in (tmp_path, *(tmp_path / name for name in SCENES)):
         assert all((folder / name).stat().st_size > 200 for name in FILES), folder
+        page = (folder / "replay.html").read_text()
+        assert page.count('"policy":"paper"') == page.count('"policy":"antway"') == 1
     for picture in (*PICTURES, *FLOW_CHARTS, "convergence.png"):
         with Image.open(tmp_path / picture) as image:
             assert min(image.size) > 400
             image.load()
-    for name, numbers in rows.items():
-        assert json.loads((tmp_path / name / "summary.json").read_text()) == numbers
-        trace = Trace.load(tmp_path / name / "trace.json")
+    with Image.open(tmp_path / "demo.gif") as gif:
+        assert gif.size[0] > 1.7 * gif.size[1] and gif.n_frames == 100, "two square maps side by side"
+    for name, numbers in rows:
+        folder = tmp_path / name / ("paper" if numbers["policy"] == "paper" else "")
+        assert json.loads((folder / "summary.json").read_text()) == numbers
+        trace = Trace.load(folder / "trace.json")
         check_episode(trace)
-        assert trace.outcome is Outcome.REACHED and numbers["length"] == pytest.approx(trace.length)
+        assert trace.policy == numbers["policy"] and numbers["length"] == pytest.approx(trace.length)
         assert numbers["length_ratio"] >= 1 - trace.task.grid.resolution / numbers["shortest"]
+
+
+def test_a_demo_of_no_policy_is_refused(tmp_path: Path) -> None:
+    """Unknown names and an empty list are wrong input, before anything is written."""
+    for policies in ([], ["nobody"], ["nobody", "antway"]):
+        with pytest.raises(BadParameter, match="polic"):
+            list(run_demo(tmp_path / "out", policies=policies))
 
 
 def test_a_summary_of_an_episode_without_obstacles_has_no_clearance() -> None:

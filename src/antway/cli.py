@@ -151,7 +151,9 @@ def run_command(
 @app.command("demo")
 def demo_command(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("demo"),
-    policy: PolicyName = "antway",
+    policies: Annotated[
+        str, typer.Option("--policies", "--policy", metavar="A,B", help="Shown side by side; figures are the last one's.")
+    ] = "paper,antway",
     seed: RunSeed = None,
     json: Json = False,
 ) -> int:
@@ -159,17 +161,19 @@ def demo_command(
     from rich.console import Console
 
     from antway.demo import run_demo
+    from antway.scenes import SCENES
 
     console = Console(stderr=True)
-    rows = []
     with console.status("starting") as status, working("playing the scenes"):
-        for name, numbers in run_demo(out, policy=policy, seed=seed, said=lambda name, what: status.update(f"{name}: {what}")):
-            rows.append((name, numbers))
+        rows = list(
+            run_demo(out, policies=policies.split(","), seed=seed, said=lambda name, what: status.update(f"{name}: {what}"))
+        )
+    rows.sort(key=lambda row: SCENES.index(row[0]))
     if json:
-        print_json({"scenes": dict(rows), "out": str(out)})
+        print_json({"episodes": [numbers for _, numbers in rows], "out": str(out)})
     else:
         print_table(rows)
-        print(f"pictures in {out}; open {out / 'replay.html'} in a browser to play the episode")
+        print(f"pictures in {out}; open {out / 'replay.html'} in a browser to play the episodes")
     return CONTACT if any(numbers["outcome"].startswith("hit-") for _, numbers in rows) else 0
 
 

@@ -5,18 +5,21 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from antway import checks
 from antway.avoidance.routes import Routes
+from antway.errors import BadParameter
 from antway.planning import Problem, solve
 from antway.scenes import SCENES
 from antway.scenes import scene as shipped_scene
 from antway.verify import check_episode
 from antway.world.episode import EpisodeResult, run
-from antway.world.policy import Task
+from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Trace
 
@@ -91,20 +94,25 @@ def static_shortest(task: Task) -> float:
     return solve(Problem(task.grid.inflate(task.robot.radius), start, goal), "anyangle").length
 
 
-def write_episode(result: EpisodeResult, folder: Path, said: Callable[[str], None] = lambda what: None) -> dict[str, Any]:
-    """Write figures 4 to 7, the animation, the replay page, the trace and the summary of an episode; return the summary."""
+def write_episode(
+    result: EpisodeResult,
+    folder: Path,
+    said: Callable[[str], None] = lambda what: None,
+    *,
+    beside: Sequence[EpisodeResult] = (),
+) -> dict[str, Any]:
+    """Write figures 4 to 7, the animation, the replay page, the trace and the summary of an episode; return the summary.
+
+    Episodes of the same place `beside` it are shown at its left in the animation and on the page.
+    """
     from antway.view import figures
     from antway.view.animation import write_animation
     from antway.view.replay import write_replay
 
-    trace = result.trace
-    assert trace is not None, "the episode was run without a record"
-    check_episode(result)
     folder.mkdir(parents=True, exist_ok=True)
+    numbers = write_record(result, folder)
+    trace, others = _trace(result), [_trace(other) for other in beside]
     path = figures.shortest(trace.task)
-    numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, trace.task)}
-    trace.save(folder / "trace.json")
-    (folder / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     said("figures")
     meet, avoid = figures.moments(trace)
     ends = (trace.task.start, trace.task.goal)
@@ -114,32 +122,78 @@ def write_episode(result: EpisodeResult, folder: Path, said: Callable[[str], Non
     round_it = figures.moment_figure(trace, avoid, title=figures.title_of(trace.decision_at(avoid)), path=path, pheromone=True)
     figures.save(round_it, folder / "figure6_avoidance.png")
     figures.save(figures.final_figure(trace, path=path), folder / "figure7_final_path.png")
+    first, *rest = (*others, trace)
     said("animation")
-    write_animation(trace, folder / "demo.gif", shortest=path)
+    write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
     said("replay page")
-    write_replay(trace, folder / "replay.html", shortest=path)
+    write_replay(first, folder / "replay.html", beside=rest, shortest=path)
+    return numbers
+
+
+def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
+    """Check an episode, write its trace and its summary into `folder`, and return the summary."""
+    trace = _trace(result)
+    check_episode(result)
+    folder.mkdir(parents=True, exist_ok=True)
+    numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, trace.task)}
+    trace.save(folder / "trace.json")
+    (folder / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     return numbers
 
 
 def run_demo(
-    out: Path, *, policy: str = "antway", seed: int | None = None, said: Callable[[str, str], None] = lambda scene, what: None
+    out: Path,
+    *,
+    policies: Sequence[str] = ("paper", "antway"),
+    seed: int | None = None,
+    said: Callable[[str, str], None] = lambda scene, what: None,
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Play every scene and write what came of it under `out`; yield each scene's name and summary.
+    """Play every scene with each policy and write what came of it under `out`; yield each episode's scene and summary.
 
-    The pictures of the paper's scene, and those that belong to no scene, lie in `out` itself; the rest in a folder a scene.
-    `said(scene, what)` is called before each part.
+    A scene's folder holds the figures, trace and summary of the last policy, an animation and a page with all of them side by
+    side, and a folder for each other policy with its trace and summary. The pictures of the paper's scene, and those of no
+    scene, lie in `out` itself. `said(scene, what)` is called before each part. Other processes play the other policies and
+    draw; they start anew, so a script that calls this guards its own work by `if __name__ == "__main__"`.
+
+    Raises
+    ------
+    BadParameter
+        For an unknown policy, or none.
     """
+    for name in policies:
+        make_policy(name)
+    if not policies:
+        raise BadParameter("policies", policies, "at least one name")
+    *others, shown = policies
     out.mkdir(parents=True, exist_ok=True)
-    for name in SCENES:
-        said(name, "episode")
-        result = run(scene(name), policy, seed=seed)
-        yield name, write_episode(result, out / name, lambda what, name=name: said(name, what))  # type: ignore[misc]
-    for picture in sorted((out / SCENES[0]).iterdir()):
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        aside = {(name, other): pool.submit(_play, name, other, seed) for other in others for name in SCENES}
+        drawn = {}
+        for name in SCENES:
+            said(name, "episodes")
+            played = _play(name, shown, seed)
+            beside = [aside[name, other].result() for other in others]
+            drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)
+            for other, result in zip(others, beside):
+                yield name, write_record(result, out / name / other)
+        charts = pool.submit(write_flow_charts, out)
+        said(SCENES[0], "convergence")
+        write_convergence(scene(SCENES[0]), out / "convergence.png")
+        for name in SCENES:
+            said(name, "figures, animation, replay page")
+            yield name, drawn[name].result()
+        charts.result()
+    for picture in sorted(path for path in (out / SCENES[0]).iterdir() if path.is_file()):
         shutil.copyfile(picture, out / picture.name)
-    said("paper", "flow charts")
-    write_flow_charts(out)
-    said("paper", "convergence")
-    write_convergence(scene(SCENES[0]), out / "convergence.png")
+
+
+def _play(name: str, policy: str, seed: int | None) -> EpisodeResult:
+    return run(scene(name), policy, seed=seed)
+
+
+def _trace(result: EpisodeResult) -> Trace:
+    assert result.trace is not None, "the episode was run without a record"
+    return result.trace
 
 
 def write_flow_charts(out: Path) -> None:
