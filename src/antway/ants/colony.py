@@ -122,6 +122,11 @@ class Colony:
         return int(self.state.record[kernel.CYCLE])
 
     @property
+    def tours(self) -> int:
+        """Tours made in a cycle; a change of an ant's last tour counts as one in focused construction."""
+        return len(self.state.lengths) * (1 if self.labour.anew else max(self.labour.attempts, 1))
+
+    @property
     def pheromone(self) -> NDArray[np.float64]:
         """Pheromone on the candidate edges, float64[n, k]: a copy; `candidates` names their other ends."""
         return self.state.tau.copy()

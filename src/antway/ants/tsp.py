@@ -28,7 +28,7 @@ _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3),
 # With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
 _MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
 _HEAT = 0.05  # mean edges of the best tour
-_FOCUSED_FROM = 400  # cities from which changing a tour beats building one anew
+_FOCUSED_FROM = 2000  # cities from which changing a tour beats building one anew
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
 
@@ -120,8 +120,9 @@ def solve_tsp(
     candidates : int or None
         Edges per city that hold pheromone, those to its nearest others; None: 20, or 10 with a local search.
     focused : bool or None
-        Whether ants change a few edges of their last tour and repair it, instead of building tours anew (in the manner of
-        Skinderowicz 2022); needs a local search. None: from 400 cities on.
+        Whether ants change a few edges of their last tour at a time and repair it, instead of building tours anew (in the
+        manner of Skinderowicz 2022); needs a local search. None: they build tours anew and then change them so, 2 n times;
+        from 2,000 cities on as with True.
     pheromone : array_like[n, k] or None
         Where to start from, such as the pheromone of an earlier `Tour` with as many candidates.
     progress : callable or None
@@ -164,7 +165,7 @@ def solve_tsp(
     colony = Colony(
         instance,
         chosen,
-        ants=ants if ants is not None or labour.attempts == 0 else 4,
+        ants=ants if ants is not None or labour.attempts == 0 else 10 if labour.anew else 4,
         persistence=persistence,
         seed=seed,
         candidates=(20 if local_search is None else 10) if candidates is None else candidates,
@@ -172,7 +173,7 @@ def solve_tsp(
         labour=labour,
         immune=immune,
     )
-    per_cycle = len(colony.state.lengths) * max(labour.attempts, 1)
+    per_cycle = colony.tours
     limit = _cycles(cycles, tours, seconds, per_cycle)
     target = -np.inf if instance.optimum is None else instance.optimum
     history: list[tuple[float, float, float]] = []
@@ -209,8 +210,9 @@ def labour_for(n: int, rule: str | Rule, local_search: str | None, focused: bool
             raise BadParameter("focused", focused, "False without a local_search")
         return Labour(-1, 0, 0, 0), rule
     breadth, longest = _SEARCHES[local_search]
-    attempts = min(10 * n, 5000) if (n >= _FOCUSED_FROM if focused is None else focused) else 0
-    labour = Labour(breadth, n if longest is None else longest, attempts, 30, _HEAT)
+    anew = focused is None and n < _FOCUSED_FROM
+    attempts = 2 * n if anew else 0 if focused is False else min(10 * n, 5000)
+    labour = Labour(breadth, n if longest is None else longest, attempts, 30, _HEAT, anew)
     return labour, _MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 

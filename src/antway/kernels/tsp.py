@@ -39,6 +39,7 @@ class Labour(NamedTuple):
     attempts: int  # > 0: focused construction, so many changes a cycle
     window: int  # how many cities a part of a change spans at most
     heat: float = 0.0  # temperature at which a cycle's changes begin, in mean edges of the best tour
+    anew: bool = False  # whether an ant builds its tour anew before it changes it, instead of taking its last one
 
 
 @bare_kernel
@@ -204,24 +205,28 @@ def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: 
     """Let ants `first` to `last` - 1 make their tours; each draws from its own stream, whoever runs it."""
     m, n = colony.orders.shape
     search = workspace(n, 0 if plan.attempts == 0 else 500)
+    whole = Search(search.order, search.place, search.queue, search.queued, search.log[:0], search.counts)  # without a log
     sums, left = np.empty(cities.near.shape[1], dtype=np.float32), np.empty(n, dtype=np.float32)
     state = np.empty(1, dtype=np.uint64)
     for ant in range(first, last):
         order = colony.orders[ant]
         state[0] = rng.stream(seed, np.uint64(int(colony.record[CYCLE]) * m + ant))
-        if plan.attempts > 0 and colony.record[CYCLE] > 0:
+        if plan.attempts > 0 and not plan.anew and colony.record[CYCLE] > 0:
             set_tour(search, order)
             colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
             order[:] = search.order
             continue
         colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
         if plan.breadth >= 0:
-            colony.lengths[ant] -= improve(cities, search, order, plan.breadth, plan.longest)
+            colony.lengths[ant] -= improve(cities, whole, order, plan.breadth, plan.longest)
+            if plan.anew:
+                colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
+                order[:] = search.order
 
 
 @bare_kernel
 def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, search: Search, sums: NDArray[np.float32]) -> float:
-    """Focused construction: copy the ant's last tour, change four edges, repair around them, keep what is no longer.
+    """Focused construction: copy a tour, change four edges, repair around them, keep what is no longer.
 
     A longer tour is kept by Metropolis' rule at a temperature that falls to 0 within the cycle (simulated annealing).
 

@@ -122,7 +122,7 @@ class Tours:
             "playing": self.playing,
             "speed": self.speed,
             "cycle": self.colony.cycle,
-            "tours": self.colony.cycle * len(self.colony.state.lengths) * max(self.colony.labour.attempts, 1),
+            "tours": self.colony.cycle * self.colony.tours,
             "best": short(best),
             "gap": None if not optimum or not np.isfinite(best) else short(100.0 * (best / optimum - 1.0)),
             "ended": self.ended,
@@ -172,7 +172,7 @@ class Tours:
         colony = Colony(
             instance,
             rule,
-            ants=4 if labour.attempts else settings["ants"],
+            ants=4 if labour.attempts and not labour.anew else settings["ants"],
             persistence=Adaptive() if settings["persistence"] == "adaptive" else None,
             seed=settings["seed"],
             candidates=20 if search is None else 10,
