@@ -165,6 +165,7 @@ def test_up_and_down():
     """Up and down 100 times neither fails nor leaks memory or files; parameters have the ranges that their definitions have."""
     cycles = cases(100, 1000)
     result = script("cycles.py", cycles, timeout=300 + 2 * cycles)
+    assert result["poses"] > 20, "a plan that was asked for is answered before the service closes"
     (early, files), (late, files_late) = result["resources"]
     assert late - early < 20_000 + 20 * cycles, f"{late - early} kB more after {cycles} cycles"
     assert files_late <= files + 2

@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 from pathlib import Path
 
 import rclpy
+from harness import PATIENCE
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
-from stand_in import kinds
+from stand_in import GOAL, START, kinds, room, stamped
 
+from antway.ros2 import actions
+from antway.ros2.messages import load, make
 from antway.ros2.node import AntwayNode
 
 
@@ -23,10 +27,37 @@ def resources() -> tuple[int, int]:
     return int(line.split()[1]), len(list(Path("/proc/self/fd").iterdir()))
 
 
+def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> int:
+    """Take the node down while a plan is being made for GetPlan; returns the poses in the answer, which comes all the same."""
+    client, gate, find_path = rclpy.create_node("client"), threading.Event(), actions.find_path
+    executor.add_node(client)
+    node.trigger_configure()
+    node.trigger_activate()
+    node.pilot.chart(room())
+    get_plan = client.create_client(load("nav_msgs/srv/GetPlan"), "get_plan")
+    while not get_plan.service_is_ready():
+        executor.spin_once(timeout_sec=0.1)
+    actions.find_path = lambda *details: gate.wait(PATIENCE) and find_path(*details)
+    answer = get_plan.call_async(make("nav_msgs/srv/GetPlan_Request", start=stamped(START), goal=stamped(GOAL)))
+    served = next(part for _, part in node.parts if isinstance(part, actions.Served))
+    while not served.asked:
+        executor.spin_once(timeout_sec=0.1)
+    node.trigger_deactivate()
+    node.trigger_cleanup()
+    gate.set()
+    while not answer.done() or served.service in list(node.services):
+        executor.spin_once(timeout_sec=0.1)
+    actions.find_path = find_path
+    executor.remove_node(client)
+    client.destroy_node()
+    return len(answer.result().plan.poses)
+
+
 def main(cycles: int) -> None:
     rclpy.init()
     executor, node, found = SingleThreadedExecutor(), AntwayNode(kinds()), []
     executor.add_node(node)
+    poses = asked_while_closing(node, executor)
     for i in range(cycles):
         for step in (node.trigger_configure, node.trigger_activate, node.trigger_deactivate, node.trigger_cleanup):
             assert step() == TransitionCallbackReturn.SUCCESS, step
@@ -49,7 +80,7 @@ def main(cycles: int) -> None:
     executor.shutdown()
     rclpy.shutdown()
     refused = {"successful": wrong.successful, "reason": wrong.reason}
-    print(json.dumps({"resources": found, "refused": refused, "ranges": ranges, "planner": planner}))
+    print(json.dumps({"poses": poses, "resources": found, "refused": refused, "ranges": ranges, "planner": planner}))
 
 
 if __name__ == "__main__":

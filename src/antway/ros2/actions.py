@@ -43,6 +43,7 @@ class Served:
 
     def __init__(self, node: AntwayNode, kinds: dict[str, Kind]) -> None:
         self.node, self.kinds, self.open = node, kinds, True
+        self.asked = 0  # plans that the service has yet to answer
         self.following: Any = None  # the goal handle of follow_path
         self.service = node.create_service(load("nav_msgs/srv/GetPlan"), "get_plan", self._get_plan)
         self.servers = [
@@ -63,9 +64,10 @@ class Served:
         ]
 
     def close(self) -> None:
-        """Close service and actions; what is still being planned is forgotten."""
+        """Close service and actions; what actions still plan is forgotten, what the service still plans it answers first."""
         self.open = False
-        self.node.destroy_service(self.service)
+        if not self.asked:
+            self.node.destroy_service(self.service)
         for server in self.servers:
             server.destroy()
 
@@ -85,8 +87,6 @@ class Served:
             return done(path, failure)
 
         def answer(xy: Any, failure: Failure | None) -> None:
-            if not self.open:
-                return
             if failure is None:
                 path.poses = convert.path_message(xy, make, frame=settings.frame).poses
                 path.poses[-1].pose.orientation = convert.pose_message(*places[-1], make).orientation
@@ -118,6 +118,7 @@ class Served:
     async def _get_plan(self, request: Any, response: Any) -> Any:
         """Serve nav_msgs/srv/GetPlan; the path is empty if there is none, and the log says why."""
         node, ready = self.node, Future()
+        self.asked += 1
         self._plan(
             [request.start, request.goal],
             node.settings.planner,
@@ -125,6 +126,9 @@ class Served:
             float(request.tolerance),
         )
         response.plan, failure = await ready
+        self.asked -= 1
+        if not self.open and not self.asked:
+            node.executor.create_task(node.destroy_service, self.service)
         node.get_logger().info(f"get_plan: {failure.reason if failure else f'{len(response.plan.poses)} poses'}")
         return response
 
@@ -134,6 +138,8 @@ class Served:
         goal = kind.read(handle.request)
 
         def done(path: Any, failure: Failure | None) -> None:
+            if not self.open:
+                return
             code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
             seconds = time.monotonic() - begun
             took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
@@ -186,7 +192,7 @@ class Served:
         found = tracking(way, xy, heading)
         speed = math.hypot(*velocity)
         fields = {"distance_to_goal": found.left, "speed": speed}
-        if "tracking_feedback" in getattr(kind.type.Feedback, "get_fields_and_field_types", dict)():
+        if "tracking_feedback" in kind.type.Feedback.get_fields_and_field_types():
             header = convert.header_message(t, self.node.settings.frame, make)
             fields["tracking_feedback"] = make(
                 "nav2_msgs/msg/TrackingFeedback",
