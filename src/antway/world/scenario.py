@@ -14,6 +14,7 @@ import numpy as np
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
 from antway.kernels.geometry import segment_hits_cells
+from antway.trajectory.footprint import circumscribed_radius
 from antway.world.motions import MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.sensor import Sensor
@@ -99,6 +100,10 @@ def load_scenario(path: str | Path) -> Scenario:
     motion's fields (`antway.world.motions`). `map` is a file in the scenario's folder or below it; so is the `file` of a
     replay, CSV lines t,x,y.
 
+    In place of its `radius` a robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about.
+    Planning, guard and contacts then take the disc round it: safe whatever its heading, and blind to ways that fit it in some
+    headings alone.
+
     Raises
     ------
     BadScenario
@@ -129,7 +134,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     _keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
     grid = load_map(_inside(values["map"], "map", folder, where))
-    robot = _build("robot", RobotSpec, values.pop("robot", {}), where)
+    robot = _build("robot", RobotSpec, _round(values.pop("robot", {}), where), where)
     sensor = _build("sensor", Sensor, values.pop("sensor", {}), where)
     listed = values.pop("obstacles", [])
     if not isinstance(listed, list):
@@ -141,6 +146,19 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
         return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, **values)
     except BadInput as error:
         raise error.at(where) from None
+
+
+def _round(robot: object, where: str) -> object:
+    """Return the table of a robot with the disc round its `footprint`, where it has one, as its radius."""
+    if not isinstance(robot, dict) or "footprint" not in robot:
+        return robot
+    if "radius" in robot:
+        raise BadScenario("robot.footprint", robot["footprint"], "left out where robot.radius is given", where=where)
+    try:
+        radius = circumscribed_radius(robot["footprint"])
+    except BadInput as error:
+        raise error.at(where, "robot.footprint") from None
+    return {**{key: value for key, value in robot.items() if key != "footprint"}, "radius": radius}
 
 
 def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
