@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from common import cases
+from serving import TOKEN, asked, served
 
 PAGES, REQUESTS, SLOW, LORIS, JUNK = cases(12, 200), cases(60, 1000), cases(2, 20), cases(10, 200), cases(100, 10_000)
 STEPS = 20
@@ -202,7 +204,6 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
 def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests that do not end or grow too long, a page that confirms nothing, and a flood are ended within their time."""
     from antway.web import player, server
-    from serving import TOKEN, served
 
     monkeypatch.setattr(player, "PATIENCE", 1.5)
     monkeypatch.setattr(server, "PATIENCE", 0.5)
@@ -223,3 +224,31 @@ def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPa
 
         asyncio.run(dawdle())
         assert asyncio.run(junk(port, TOKEN, ['{"op":"seen"}'] * 1000, 20.0)) == 1008
+
+
+def test_an_interrupt_ends_the_server_quietly() -> None:
+    """Ctrl-C ends `antway serve` while a page plays, without a word on the error stream."""
+    command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        said = re.search(r":(\d+)/", process.stdout.readline())
+        assert said is not None
+        port = int(said[1])
+
+        async def leave() -> None:
+            page = await asyncio.to_thread(
+                asked, port, f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n"
+            )
+            token = re.search(rb'"token": "([^"]+)"', page)[1].decode()  # type: ignore[index]
+            async with live(port, token) as wire:
+                await frame(wire)
+                await wire.send('{"op":"play","on":true}')
+                await frame(wire)
+                process.send_signal(signal.SIGINT)
+                with contextlib.suppress(ConnectionClosed):
+                    while True:
+                        await frame(wire)
+
+        asyncio.run(leave())
+        _, errors = process.communicate(timeout=60)
+    assert process.returncode in (0, 130) and errors == ""
