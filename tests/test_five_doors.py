@@ -215,7 +215,7 @@ def uploaded(folder: Path) -> list[dict[str, str]]:
 def ros(row: Row, folder: Path) -> Attempts:
     """The node's parameters, and the messages on its topics as the node takes them."""
     owner, name = row.parts
-    values = {key: default for key, (default, _) in parameters().items()}
+    values = {key: parameter.default for key, parameter in parameters().items()}
     named = {"obstacle.radius": "obstacle_radius", "planner": "planner"}.get(row.field)
     named = named or (f"task.{name}" if f"task.{name}" in values else row.field)
     if named in values:
