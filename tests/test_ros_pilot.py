@@ -1,4 +1,4 @@
-"""What the node does without ROS: frames, scans, ways, parameters, and the pilot that stands whenever it must."""
+"""What the node does without ROS: ways, parameters, and the pilot that stands whenever it must."""
 
 from __future__ import annotations
 
@@ -10,19 +10,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from antway import Grid, Moves, check_episode, load_scenario, run
+from antway import Grid, Moves
 from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
-from antway.ros2 import frames, nav2
+from antway.ros2 import nav2
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.pilot import STAND, End, Goal, Pilot
-from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
 from antway.ros2.settings import Settings, parameters
 from antway.ros2.ways import corridor, keeps_within, tracking
-from antway.scenes import scene
-from antway.world.policy import Command, Decision, Observation, Tracks
+from antway.world.policy import Tracks
 from common import cases, random_grid
-from naive.laser import measured
 
 ROOM = Grid(np.zeros((40, 60), bool), 0.2)
 NOBODY = Tracks.none()
@@ -30,169 +27,6 @@ NOBODY = Tracks.none()
 
 def settings(**changes) -> Settings:
     return Settings.of({name: one.default for name, one in parameters().items()} | changes)
-
-
-# Frames
-
-
-def test_a_frame_undone_is_none():
-    """Chained with its inverse a pose is none; points, vectors and tracks moved into a frame and back are the same."""
-    rng = np.random.default_rng(1)
-    for _ in range(cases(100, 2000)):
-        a, b = ((*rng.uniform(-9, 9, 2), rng.uniform(-3, 3)) for _ in range(2))
-        np.testing.assert_allclose(frames.chain(a, frames.inverse(a)), frames.HERE, atol=1e-14)
-        xy = rng.uniform(-9, 9, (5, 2))
-        np.testing.assert_allclose(frames.move(frames.chain(a, b), xy), frames.move(a, frames.move(b, xy)), atol=1e-13)
-        spread = np.array([np.cov(rng.normal(size=(4, 9))) for _ in range(5)])
-        tracks = Tracks(np.arange(5), xy, rng.uniform(-1, 1, (5, 2)), np.ones(5), spread)
-        back = frames.move_tracks(frames.inverse(a), frames.move_tracks(a, tracks))
-        np.testing.assert_allclose(back.xy, tracks.xy, atol=1e-13)
-        np.testing.assert_allclose(back.velocity, tracks.velocity, atol=1e-13)
-        np.testing.assert_allclose(back.covariance, spread, atol=1e-13)
-
-
-def test_a_levelled_map_has_its_cells_where_they_were():
-    """Every cell of a levelled map, seen from the map's frame, is where it was; yaw 0 stays the same object."""
-    rng = np.random.default_rng(2)
-    for _ in range(cases(50, 500)):
-        grid = replace(random_grid(rng), origin=(*rng.uniform(-9, 9, 2), rng.uniform(-3, 3)))
-        flat, frame = frames.level(grid)
-        cells = np.argwhere(np.ones(grid.shape, bool))
-        assert flat.origin[2] == 0.0
-        np.testing.assert_allclose(frames.move(frame, flat.to_xy(cells)), grid.to_xy(cells), atol=1e-12)
-    assert frames.level(ROOM)[0] is ROOM
-
-
-# Laser scans
-
-
-def scan_of(ranges, **changes):
-    fields = {"angle_min": -math.pi, "angle_increment": 2 * math.pi / len(ranges), "range_min": 0.05, "range_max": 6.0}
-    return SimpleNamespace(**fields | changes, ranges=ranges)
-
-
-def test_discs_in_a_scan_are_found():
-    """Discs in a room, measured by an exact laser from anywhere, are found with their centres and radii; walls are not."""
-    rng, found = np.random.default_rng(3), 0
-    for _ in range(cases(12, 2000)):
-        blocked = np.zeros((40, 40), bool)
-        blocked[[0, -1]] = blocked[:, [0, -1]] = True
-        r, c = rng.integers(4, 32, 2)
-        blocked[r : r + 4, c : c + 4] = True
-        grid = Grid(blocked, 0.25, (-3.0, 2.0, rng.uniform(-3, 3)))
-        pose = (*grid.to_xy(rng.uniform(3, 36, (1, 2)))[0], rng.uniform(-3, 3))
-        places, radii = grid.to_xy(rng.uniform(3, 36, (3, 2))), rng.uniform(0.2, 0.5, 3)
-        ranges = measured(grid, places, radii, pose, 480, 6.0)
-        xy, radius = discs(off_the_map(read_points(scan_of(ranges)), pose, grid, 0.05), gap=0.3, largest=0.8)
-        for place, size in zip(xy, radius):  # whatever is found belongs to a disc, never to a wall
-            assert (np.hypot(*(places - place).T) < radii + size + 0.05).any()
-        empty = measured(grid, np.empty((0, 2)), np.empty(0), pose, 480, 6.0)
-        for i, (place, size) in enumerate(zip(places, radii)):
-            away, wide = math.dist(place, pose[:2]), grid.inflate(size + 0.3)
-            alone = measured(grid, places[i : i + 1], radii[i : i + 1], pose, 480, 6.0)
-            hit = alone < empty
-            apart = all(math.dist(place, q) > size + s + 0.4 for j, (q, s) in enumerate(zip(places, radii)) if j != i)
-            if not apart or not 0.3 + size < away < 4.0 or not wide.is_free(wide.cell_at(place)):
-                continue
-            whole = hit.sum() >= 480 / math.pi * math.asin(size / away) - 2 and (ranges[hit] == alone[hit]).all()
-            if whole:  # no part of it is hidden
-                found += 1
-                near = np.hypot(*(xy - place).T)
-                assert near.min() < 0.03 and abs(radius[near.argmin()] - size) < 0.03, (place, size, xy, radius)
-    assert found > 5, found
-
-
-def test_what_is_no_arc_is_held_by_its_discs():
-    """Boards and corners become discs that hold every point of them, none larger than allowed; lone points are noise."""
-    rng = np.random.default_rng(4)
-    for _ in range(cases(100, 2000)):
-        a, b, c = rng.uniform(-3, 3, (3, 2))
-        share = np.linspace(0, 1, int(rng.integers(10, 60)))[:, None]
-        corner = np.vstack((a + (b - a) * share, b + (c - b) * share[1:]))
-        xy, radius = discs(np.vstack((corner, [[50.0, 50.0]])), gap=1.0, largest=0.8)
-        assert (radius <= 0.8 + 0.5).all() and len(xy)
-        holds = np.hypot(*(corner[:, None] - xy).transpose(2, 0, 1)) <= radius + 0.03
-        assert holds.any(axis=1).all()
-        assert np.hypot(*(xy - 50.0).T).min() > 10.0
-    assert len(discs(np.empty((0, 2)), gap=0.3, largest=0.8)[0]) == 0
-
-
-def test_malformed_scans_are_refused():
-    """Ranges that say nothing are left out, -inf is as near as can be, and numbers that cannot be are refused by name."""
-    points = read_points(scan_of([math.nan, math.inf, -math.inf, 1.0, 9.0, 0.01]))
-    assert len(points) == 2
-    np.testing.assert_allclose(np.hypot(*points.T), [0.05, 1.0])
-    for name, value in (("angle_increment", 0.0), ("angle_min", math.nan), ("range_max", math.inf)):
-        with pytest.raises(BadParameter, match=name):
-            read_points(scan_of([1.0], **{name: value}))
-    with pytest.raises(BadParameter, match="ranges"):
-        read_points(SimpleNamespace(angle_min=0.0, angle_increment=0.1, range_min=0.0, range_max=1.0, ranges=[]))
-
-
-def test_the_tracker_names_and_measures():
-    """Nameless discs that move keep one name each, and their velocities are found; what is lost is kept for a second."""
-    rng = np.random.default_rng(5)
-    for _ in range(cases(20, 300)):
-        n = int(rng.integers(1, 6))
-        start = np.column_stack((3.0 * np.arange(n), rng.uniform(0, 1, n)))
-        velocity, tracker = rng.uniform(-1.0, 1.0, (n, 2)), Tracker()
-        for i in range(30):
-            t = 0.1 * i
-            order = rng.permutation(n)
-            xy = start + velocity * np.array([0.0, 1.0]) * t + rng.normal(0, 0.01, (n, 2))
-            tracks = tracker.update(t, nameless((xy[order], np.full(n, 0.3))))
-        assert sorted(tracks.id) == list(range(n)) and len({*tracks.id.tolist()}) == n
-        column = np.rint(tracks.xy[:, 0] / 3.0).astype(int)
-        np.testing.assert_allclose(tracks.velocity[:, 1], velocity[column, 1], atol=0.12)
-        assert (tracks.covariance.diagonal(axis1=1, axis2=2) > 0.0).all()
-        assert len(tracker.update(t + 0.5, NOBODY)) == n and len(tracker.update(t + 1.5, NOBODY)) == 0
-        assert len(tracker.update(0.0, nameless((xy, np.full(n, 0.3))))) == n, "time that goes back begins anew"
-    named = Tracks(np.array([7]), np.zeros((1, 2)), np.zeros((1, 2)), np.ones(1))
-    assert Tracker().update(0.0, named) is named
-    unknown = replace(named, velocity=np.full((1, 2), math.nan))
-    assert Tracker().update(0.0, unknown).id.tolist() == [7]
-    with pytest.raises(BadParameter, match=r"tracks\.id"):
-        Tracker().update(0.0, Tracks(np.array([1, -1]), np.zeros((2, 2)), np.zeros((2, 2)), np.ones(2)))
-
-
-class Seeing:
-    """A policy of antway.world that sees by a laser alone, and drives by a pilot in a frame that is turned and shifted."""
-
-    def __init__(self, world: frames.Pose, **changes) -> None:
-        self.world, self.pilot, self.tracker = world, Pilot(settings(**changes)), Tracker()
-        self.drove: list[Decision] = []
-
-    def reset(self, task, seed) -> None:
-        self.grid = replace(task.grid, origin=frames.chain(self.world, task.grid.origin))
-        self.pilot.chart(self.grid)
-        self.pilot.go(Goal(frames.move_point(self.world, task.goal)))
-
-    def act(self, o: Observation) -> Command:
-        pose = frames.chain(self.world, (*o.xy, o.heading))
-        truth = frames.move_tracks(self.world, o.tracks)
-        points = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
-        seen = discs(off_the_map(points, pose, self.grid, 0.15), gap=0.3, largest=0.8)
-        self.pilot.scan = o.t, self.tracker.update(o.t, nameless(seen))
-        answer = self.pilot.hear(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2], o.t)
-        assert answer is not None, "one command each control period"
-        told = self.pilot.decision()
-        if told is not None:
-            self.drove.append(told)
-        return Command(frames.turn(-self.world[2], answer.command.velocity))
-
-    def explain(self) -> Decision:
-        return Decision("follow", "as the pilot says")
-
-
-def test_a_robot_that_sees_by_laser_alone_reaches_its_goal():
-    """In scene paper, on a map that is turned, among obstacles seen by laser alone: no contact, and the goal is reached."""
-    place = load_scenario(scene("paper"))
-    for seed in range(cases(1, 40)):
-        robot = Seeing((3.0, -2.0, 0.7), **{"task.obstacle_speed": 1.0})
-        result = run(place, robot, seed=seed)
-        check_episode(result)
-        assert result.outcome.value == "reached", (seed, result.outcome, result.reason)
-        assert any(one.action == "avoid" for one in robot.drove)
 
 
 # Ways
