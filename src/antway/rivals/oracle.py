@@ -15,7 +15,7 @@ from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.timeline import Timeline
 
 MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # shares of how far the robot can be from its plan between two commands
-GRAZE = 1e-6  # m; the same touch may round to either side of 0 when it is driven
+GRAZE = 1e-6  # m; the same touch, or arrival, may round to either side when it is driven
 
 
 class Oracle:
@@ -58,7 +58,7 @@ class Oracle:
         """Tell whether driving the path touches no obstacle and no wall."""
         task, line, dt = self.task, self.timeline, self.task.robot.dt
         t, xy, at = [0.0], [task.start], task.start
-        while math.dist(at, task.goal) > task.goal_tolerance and t[-1] < path.t[-1] + 1.0:
+        while math.dist(at, task.goal) > task.goal_tolerance - GRAZE and t[-1] < path.t[-1] + 1.0:
             velocity = drive(task, Observation(t[-1], at, (0.0, 0.0), 0.0, Tracks.none()), path).velocity
             at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
             t.append(len(t) * dt)
