@@ -12,6 +12,35 @@ from antway.kernels.jit import bare_kernel
 
 
 @bare_kernel
+def first_met(
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    begin: float,
+    end: float,
+    body: float,
+    wider: float,
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    first: NDArray[np.int64],
+    radius: NDArray[np.float64],
+) -> tuple[float, int]:
+    """First instant at which a body that goes from (ax, ay) at `begin` to (bx, by) at `end` s meets a tube, and which.
+
+    Tubes are `wider` m wider than their discs; the other parameters are those of `first_conflict`. Infinite and -1 if it meets
+    none.
+    """
+    when, who = math.inf, -1
+    for k in range(len(radius)):
+        reach = body + radius[k] + wider
+        hit, _, _ = swept_timeline(ax, ay, bx, by, begin, end, reach, knot_t, knot_xy, first[k], first[k + 1])
+        if hit < when:
+            when, who = hit, k
+    return when, who
+
+
+@bare_kernel
 def first_conflict(
     t: NDArray[np.float64],
     xy: NDArray[np.float64],
@@ -55,11 +84,10 @@ def first_conflict(
         if not last and t[i + 1] > t[i]:
             share = (end - t[i]) / (t[i + 1] - t[i])
             bx, by = ax + share * (xy[i + 1, 0] - ax), ay + share * (xy[i + 1, 1] - ay)
-        for k in range(len(radius)):
-            reach = body + radius[k] + growth * (begin - t[0])
-            hit, _, _ = swept_timeline(ax, ay, bx, by, begin, end, reach, knot_t, knot_xy, first[k], first[k + 1])
-            if hit < when:
-                when, who = hit, k
+        wider = growth * (begin - t[0])
+        hit, other = first_met(ax, ay, bx, by, begin, end, body, wider, knot_t, knot_xy, first, radius)
+        if hit < when:
+            when, who = hit, other
     return when, who
 
 
@@ -89,14 +117,9 @@ def stand_free(
         As in `first_conflict`.
     """
     for i in range(len(t)):
-        free[i] = True
-        for k in range(len(radius)):
-            reach = body + radius[k] + growth * (t[i] - now)
-            x, y, end = xy[i, 0], xy[i, 1], max(until, t[i])
-            hit, _, _ = swept_timeline(x, y, x, y, t[i], end, reach, knot_t, knot_xy, first[k], first[k + 1])
-            if hit < math.inf:
-                free[i] = False
-                break
+        x, y, wider = xy[i, 0], xy[i, 1], growth * (t[i] - now)
+        hit, _ = first_met(x, y, x, y, t[i], max(until, t[i]), body, wider, knot_t, knot_xy, first, radius)
+        free[i] = hit == math.inf
 
 
 @bare_kernel
@@ -133,11 +156,5 @@ def close_cells(
             cx, cy = frame[0] + (col0 + j + 0.5) * frame[2], frame[1] + (row0 + i + 0.5) * frame[2]
             d = math.hypot(cx - x, cy - y) / v_max
             begin, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
-            closed[i, j] = False
-            for k in range(len(radius)):
-                hit, _, _ = swept_timeline(
-                    cx, cy, cx, cy, begin, end, body + radius[k], knot_t, knot_xy, first[k], first[k + 1]
-                )
-                if hit < math.inf:
-                    closed[i, j] = True
-                    break
+            hit, _ = first_met(cx, cy, cx, cy, begin, end, body, 0.0, knot_t, knot_xy, first, radius)
+            closed[i, j] = hit < math.inf
