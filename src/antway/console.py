@@ -86,7 +86,17 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
     from rich.table import Table
 
     table = Table(title="Robot among moving obstacles", title_justify="left")
-    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic way", "more", "waits", "re-plans"]
+    heads = [
+        "scene",
+        "policy",
+        "outcome",
+        "time",
+        "driven",
+        "shortest\nstatic way",
+        "more, rest\nto goal added",
+        "waits",
+        "re-plans",
+    ]
     for head in (*heads, "smallest\nclearance", "cycle ms\np50 / p99"):
         table.add_column(head, justify="left" if head in heads[:3] else "right")
     for name, n in rows:

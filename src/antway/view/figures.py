@@ -350,7 +350,7 @@ def _draw_obstacle_labels(axes: Axes, trace: Trace, step: int) -> None:
 
 def _draw_global(axes: Axes, grid: Grid, path: Plan) -> None:
     if len(path.cells):
-        label = f"shortest path, {path.length:.2f} m"
+        label = f"shortest path on the grid, {path.length:.2f} m"
         axes.plot(*path.xy(grid).T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
 
 
