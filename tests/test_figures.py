@@ -19,7 +19,7 @@ from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
-from antway.view import charts, diagrams, figures
+from antway.view import charts, colonies, diagrams, figures
 from antway.view.animation import write_animation
 from antway.view.style import BLUE, RED, TEAL
 from sample import sample_trace
@@ -54,6 +54,14 @@ def every_figure() -> dict[str, Figure]:
         "tour": figures.tour_figure(square, solve_tsp(square, cycles=20)),
         "space and time": charts.space_time_figure(TRACE, path=PATH),
         "pheromone": charts.pheromone_figure(square_room, explore(Problem(square_room, (0, 0), (18, 18)), cycles=3, ants=9)),
+        "pheromone over time": colonies.pheromone_over_time_figure(
+            square_room, {t: explore(Problem(square_room, (0, 0), (18, 18)), cycles=t, ants=9) for t in (1, 3)}
+        ),
+        "seeds": colonies.seeds_figure(
+            {rule: [solve_tsp(square, rule, cycles=20, seed=s).history for s in range(3)] for rule in ("mmas", "as")},
+            optimum=8.0,
+        ),
+        "sensitivity": colonies.sensitivity_figure("beta", [1, 2, 5], [[9, 8.5], [8, 8], [8, 9]], optimum=8.0),
         "success": charts.success_figure(summarise(ROWS)),
         "regret": charts.regret_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),

@@ -297,7 +297,8 @@ def tsp_command(
     def show(tours: int, best: float, elapsed: float) -> None:
         if elapsed > 1.0:
             bar.start()
-            bar.update(search, completed=elapsed, description=f"best {best:,.6g} after {tours:,} tours")
+            gap = f", {100 * (best / instance.optimum - 1):.2f} % over the optimum" if instance.optimum else ""
+            bar.update(search, completed=elapsed, description=f"best {best:,.6g}{gap}, {tours:,} tours")
 
     try:
         with working("searching"):

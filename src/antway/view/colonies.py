@@ -1,0 +1,127 @@
+"""Charts of colonies: pheromone over time, convergence over many seeds, how much a parameter matters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.ants.gridpath import Exploration
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.view import style
+from antway.view.charts import draw_pheromone
+
+_COLOURS = (style.BLUE, style.ORANGE, style.TEAL, style.RED, style.CYAN, style.INK)
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 3)))
+
+
+@style.styled
+def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration], *, title: str = "Pheromone over time") -> Figure:
+    """Draw pheromone and best path after several numbers of cycles, side by side.
+
+    Parameters
+    ----------
+    grid : Grid
+    found : mapping of int to Exploration
+        By cycles: `explore` of the same problem and seed, stopped after so many, is the same colony at several times.
+
+    Examples
+    --------
+    >>> from antway import Problem
+    >>> from antway.ants.gridpath import explore
+    >>> grid = Grid(np.zeros((9, 9), dtype=bool))
+    >>> problem = Problem(grid, (0, 0), (8, 8))
+    >>> figure = pheromone_over_time_figure(grid, {t: explore(problem, cycles=t, ants=10, seed=1) for t in (1, 4)})
+    """
+    if not found:
+        raise BadParameter("found", found, "at least one exploration")
+    width, height = style.map_size(grid, width=3.6)
+    fig = style.figure(width * len(found), height)
+    row = fig.subplots(1, len(found), squeeze=False)[0]
+    for axes, (cycles, exploration) in zip(row, found.items()):
+        draw_pheromone(axes, grid, exploration)
+        axes.set_title(f"after {cycles} cycle" + "s" * (cycles != 1))
+        if axes is not row[0]:
+            axes.set_ylabel("")
+        style.legend_below(axes, columns=1)
+    fig.suptitle(title)
+    return fig
+
+
+@style.styled
+def seeds_figure(
+    histories: Mapping[str, Sequence[NDArray[np.float64]]],
+    *,
+    optimum: float | None = None,
+    title: str = "Convergence over seeds",
+) -> Figure:
+    """Draw the best length so far by tours made: the median over seeds, and a band from the 10th to the 90th percentile.
+
+    Parameters
+    ----------
+    histories : mapping of name to sequence of float64[h, 3]
+        For each colony (at most six) the `Tour.history` of each seed.
+    optimum : float or None
+        Where it is known, the gap to it is drawn, %.
+    """
+    if not 0 < len(histories) <= len(_COLOURS) or not all(histories.values()):
+        raise BadParameter("histories", list(histories), f"one to {len(_COLOURS)} colonies of one or more seeds each")
+    runs = {
+        name: [checks.array(f"history of {name}", history, (None, 3)) for history in group] for name, group in histories.items()
+    }
+    last = max(run[-1, 0] for group in runs.values() for run in group)
+    first = max(run[0, 0] for group in runs.values() for run in group)
+    made = np.geomspace(first, max(last, 2 * first), 200)
+    fig = style.figure(6.4, 4.4)
+    axes = fig.subplots()
+    for (name, group), colour, dash in zip(runs.items(), _COLOURS, _DASHES):
+        best = np.array([run[np.searchsorted(run[:, 0], made * (1 + 1e-12), side="right") - 1, 1] for run in group])
+        low, middle, high = np.quantile(best if optimum is None else 100 * (best / optimum - 1), (0.1, 0.5, 0.9), axis=0)
+        axes.fill_between(made, low, high, color=colour, alpha=0.18, linewidth=0)
+        axes.plot(made, middle, color=colour, linestyle=dash, linewidth=1.8, label=f"{name} ({len(group)} seeds)")
+    axes.set(
+        xscale="log", xlabel="tours made", ylabel="best length" if optimum is None else "over the optimum (%)", title=title
+    )
+    _plain(axes)
+    style.legend_below(axes, columns=3)
+    return fig
+
+
+@style.styled
+def sensitivity_figure(
+    parameter: str, values: Sequence[float], lengths: ArrayLike, *, optimum: float | None = None, title: str = ""
+) -> Figure:
+    """Draw how good answers are by the value of one parameter: every seed a dot, the mean over seeds a line.
+
+    Parameters
+    ----------
+    parameter : str
+        Its name.
+    values : sequence of float[V]
+    lengths : array_like[V, S]
+        Best length by value and seed.
+    optimum : float or None
+        Where it is known, the gap to it is drawn, %.
+    """
+    at = checks.array("values", values, (None,))
+    table = checks.array("lengths", lengths, (len(at), None))
+    shown = table if optimum is None else 100 * (table / optimum - 1)
+    fig = style.figure(5.6, 4.0)
+    axes = fig.subplots()
+    axes.plot(np.repeat(at, table.shape[1]), shown.ravel(), "o", color=style.CYAN, markersize=4, alpha=0.6, label="one seed")
+    axes.plot(at, shown.mean(axis=1), color=style.BLUE, linewidth=1.8, marker="D", markersize=5, label="mean")
+    axes.set(xlabel=parameter, ylabel="best length" if optimum is None else "over the optimum (%)")
+    axes.set_title(title or f"Sensitivity to {parameter}")
+    _plain(axes)
+    style.legend_below(axes)
+    return fig
+
+
+def _plain(axes: Axes) -> None:
+    axes.grid(color=style.RULE, linewidth=0.6)
+    axes.spines[["top", "right"]].set_visible(False)
