@@ -104,7 +104,7 @@ def search(
     node: Ints,
     cost: Floats,
     bound: Floats,
-    heap: Ints,
+    heap: Floats,
     count: Ints,
     steps: int,
 ) -> tuple[int, int]:
@@ -136,7 +136,7 @@ def search(
             return EMPTY, START
         if count[2] >= stop or new + count[3] > len(node):
             return PAUSED, START
-        n = pop(heap, bound, count)
+        n = pop(heap, count)
         root = node[n, 2]
         if root != START and cost[n] > best[root]:
             continue
@@ -300,32 +300,34 @@ def _length(x: float, y: float) -> float:
 
 
 @bare_kernel
-def push(heap: Ints, bound: Floats, count: Ints, n: int) -> None:
-    """Open node `n`."""
-    i = count[1]
-    count[1] = i + 1
-    while i > 0 and bound[heap[(i - 1) >> 1]] > bound[n]:
-        heap[i] = heap[(i - 1) >> 1]
-        i = (i - 1) >> 1
-    heap[i] = n
+def push(heap: Floats, bound: Floats, count: Ints, n: int) -> None:
+    """Open node `n`: put it on the 4-ary heap, float64[N, 2], beside its bound."""
+    key, hole = bound[n], count[1]
+    count[1] += 1
+    while hole > 0 and heap[(hole - 1) >> 2, 0] > key:
+        above = (hole - 1) >> 2
+        heap[hole, 0], heap[hole, 1] = heap[above, 0], heap[above, 1]
+        hole = above
+    heap[hole, 0], heap[hole, 1] = key, n
 
 
 @bare_kernel
-def pop(heap: Ints, bound: Floats, count: Ints) -> int:
+def pop(heap: Floats, count: Ints) -> int:
     """Take the open node of least bound."""
-    top, size = heap[0], count[1] - 1
+    top, size = int(heap[0, 1]), count[1] - 1
     count[1] = size
-    n, i = heap[size], 0
-    while 2 * i + 1 < size:
-        child = 2 * i + 1
-        if child + 1 < size and bound[heap[child + 1]] < bound[heap[child]]:
-            child += 1
-        if bound[heap[child]] >= bound[n]:
+    key, n, hole = heap[size, 0], heap[size, 1], 0
+    while 4 * hole + 1 < size:
+        least = 4 * hole + 1
+        for other in range(least + 1, min(least + 4, size)):
+            if heap[other, 0] < heap[least, 0]:
+                least = other
+        if heap[least, 0] >= key:
             break
-        heap[i] = heap[child]
-        i = child
-    heap[i] = n
-    return int(top)
+        heap[hole, 0], heap[hole, 1] = heap[least, 0], heap[least, 1]
+        hole = least
+    heap[hole, 0], heap[hole, 1] = key, n
+    return top
 
 
 @kernel

@@ -25,7 +25,7 @@ def theta(
     closed: NDArray[np.bool_],
     cell: Ints,
     bound: Floats,
-    heap: Ints,
+    heap: Floats,
     count: Ints,
     scratch: NDArray[np.int32],
     steps: int,
@@ -46,7 +46,7 @@ def theta(
     while count[1] > 0:
         if count[2] == stop or count[0] + 8 > len(cell):
             return PAUSED
-        s = cell[pop(heap, bound, count)]
+        s = cell[pop(heap, count)]
         if closed[s]:
             continue
         closed[s] = True

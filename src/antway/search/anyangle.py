@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,11 +79,29 @@ class Strips(NamedTuple):
     ports: NDArray[np.int64]
     at: NDArray[np.int32]
     widest: int  # the most portals of one strip
+    spare: list[Room]  # of searches that are done, for those to come
+
+
+class Room:
+    """The memory of a search by Polyanya, see `kernels.anyangle.search`; it grows and is used again."""
+
+    def __init__(self, corners: int, nodes: int) -> None:
+        self.best, self.parent = np.empty(corners), np.empty(corners, np.int64)
+        self.nodes: tuple[Any, ...] = (
+            np.empty((nodes, 7), np.int64),
+            np.empty(nodes),
+            np.empty(nodes),
+            np.empty((nodes, 2)),
+        )
+
+    def grow(self) -> None:
+        """Double the room for nodes."""
+        self.nodes = tuple(_longer(array) for array in self.nodes)
 
 
 def _strips(grid: Grid) -> Strips:
     strips, part, ports, at = build_strips(grid.blocked)
-    return Strips(strips, part, ports, at, int((strips[:, 3] - strips[:, 2] + strips[:, 5] - strips[:, 4]).max()))
+    return Strips(strips, part, ports, at, int((strips[:, 3] - strips[:, 2] + strips[:, 5] - strips[:, 4]).max()), [])
 
 
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
@@ -93,18 +111,23 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
     ends = np.array([2 * sc + 1, 2 * sr + 1, first, 2 * gc + 1, 2 * gr + 1, last])
     if net.part[first] != net.part[last]:
         return not_found(True, 0, clock)
-    corners, room, most = 2 * len(net.ports), 2048 + 3 * net.widest, 3 * net.widest
-    best, parent = np.full(corners, np.inf), np.empty(corners, np.int64)
-    node, cost, bound, heap = np.empty((room, 7), np.int64), np.empty(room), np.empty(room), np.empty(room, np.int64)
+    most = 3 * net.widest
+    room = net.spare.pop() if net.spare else Room(2 * len(net.ports), 2048 + most)
+    room.best.fill(np.inf)
     count = np.array([0, 0, 0, most])
     code, corner = (FOUND if first == last else PAUSED), START
-    while code == PAUSED and not clock.spent():
-        code, corner = search(net.strips, net.ports, ends, best, parent, node, cost, bound, heap, count, STEPS)
-        if code == PAUSED and count[0] + most > len(node):
-            node, cost, bound, heap = _longer(node), _longer(cost), _longer(bound), _longer(heap)
-    if code == FOUND:
-        return _found(problem, unwind(net.ports, ends, parent, corner), int(count[2]), clock, True)
-    return not_found(False, int(count[2]), clock)
+    try:
+        while code == PAUSED and not clock.spent():
+            memory: tuple[Any, ...] = (room.best, room.parent, *room.nodes, count, STEPS)
+            code, corner = search(net.strips, net.ports, ends, *memory)
+            if code == PAUSED and count[0] + most > len(room.nodes[0]):
+                room.grow()
+        way = unwind(net.ports, ends, room.parent, corner) if code == FOUND else None
+    finally:
+        net.spare.append(room)
+    if way is None:
+        return not_found(False, int(count[2]), clock)
+    return _found(problem, way, int(count[2]), clock, True)
 
 
 def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
@@ -112,7 +135,7 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     (sr, sc), (gr, gc) = problem.start, problem.goal
     size, goal = rows * cols, gr * cols + gc
     length, parent, closed = np.full(size, np.inf), np.empty(size, np.int64), np.zeros(size, np.bool_)
-    cell, bound, heap, count = np.empty(1024, np.int64), np.empty(1024), np.empty(1024, np.int64), np.zeros(3, np.int64)
+    cell, bound, heap, count = np.empty(1024, np.int64), np.empty(1024), np.empty((1024, 2)), np.zeros(3, np.int64)
     scratch = np.empty((2 * (rows + cols), 2), np.int32)
     fixed = (problem.grid.blocked, sr * cols + sc, goal, lazy, length, parent, closed)
     code = PAUSED
