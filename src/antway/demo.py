@@ -167,12 +167,12 @@ def run_demo(
     *others, shown = policies
     out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        aside = {(name, other): pool.submit(_play, name, other, seed) for other in others for name in SCENES}
+        aside = pool.submit(_play, others, seed)  # in one process: each would compile the same kernels
         drawn = {}
         for name in SCENES:
             said(name, "episodes")
-            played = _play(name, shown, seed)
-            beside = [aside[name, other].result() for other in others]
+            played = run(scene(name), shown, seed=seed)
+            beside = [aside.result()[name, other] for other in others]
             drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)
             for other, result in zip(others, beside):
                 yield name, write_record(result, out / name / other)
@@ -187,8 +187,9 @@ def run_demo(
         shutil.copyfile(picture, out / picture.name)
 
 
-def _play(name: str, policy: str, seed: int | None) -> EpisodeResult:
-    return run(scene(name), policy, seed=seed)
+def _play(policies: Sequence[str], seed: int | None) -> dict[tuple[str, str], EpisodeResult]:
+    """Play every scene with each policy."""
+    return {(name, policy): run(scene(name), policy, seed=seed) for policy in policies for name in SCENES}
 
 
 def _trace(result: EpisodeResult) -> Trace:
