@@ -156,9 +156,9 @@ def test_a_place_is_drawn(page: Any, tmp_path: Path) -> None:
 
 def test_a_run_is_played_paused_and_stepped(page: Any) -> None:
     """Play, pause, one control cycle, one ant cycle, back to the start, and on to the goal."""
-    page.select_option("#speed", "8")
+    page.select_option("#speed", "2")
     page.keyboard.press(" ")
-    expect(page, "#time").to_have_text(re.compile(r"^[3-9]\.\d s$"))
+    expect(page, "#time").not_to_have_text(re.compile(r"^0\."))
     page.click("#play")
     expect(page, "#play").to_have_attribute("aria-label", "Play")
     then = seconds(page)
@@ -174,6 +174,7 @@ def test_a_run_is_played_paused_and_stepped(page: Any) -> None:
         page.keyboard.press("a")
         expect(page, ".card .ants").not_to_have_text(before)
     expect(page, "#time").to_have_text("0.1 s")
+    page.select_option("#speed", "8")
     page.click("#play")
     expect(page, ".outcome").to_have_text("reached")
     expect(page, "#play").to_be_disabled()
@@ -185,11 +186,11 @@ def test_a_run_is_played_paused_and_stepped(page: Any) -> None:
 
 def test_every_layer_has_a_switch_that_works(page: Any) -> None:
     """Each layer's box, legend and key change the picture of a run in the midst of an encounter."""
-    page.select_option("#speed", "8")
-    page.click("#play")
-    expect(page, ".action").to_have_text("avoid")
-    page.click("#play")
-    expect(page, "#play").to_have_attribute("aria-label", "Play")
+    for step in range(1, 120):
+        page.keyboard.press("ArrowRight")
+        expect(page, "#time").to_have_text(f"{step / 10:.1f} s")
+        if page.locator(".action").inner_text() == "avoid":
+            break
     if not page.locator("#layer-field").is_checked():
         page.keyboard.press("0")
 
@@ -241,9 +242,9 @@ def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: 
     expect(page, ".lane").to_have_count(2)
     page.locator(".lane select").nth(1).select_option("stop")
     expect(page, ".card h2").to_have_text(["Decision of antway", "Decision of stop"])
-    page.select_option("#speed", "8")
+    page.select_option("#speed", "2")
     page.click("#play")
-    expect(page, "#time").to_have_text(re.compile(r"^[2-9]\.\d s$"))
+    expect(page, "#time").not_to_have_text(re.compile(r"^0\."))
     page.click("#play")
     expect(page, "#play").to_have_attribute("aria-label", "Play")
     times = [text.split(" s")[0] for text in page.locator(".numbers").all_inner_texts()]
