@@ -100,14 +100,14 @@ def pheromone_figure(grid: Grid, found: Exploration, *, title: str = "Pheromone 
     """Draw what a colony left on every move, the more the bolder, and the best path it found."""
     fig = style.figure(*style.map_size(grid))
     axes = fig.subplots()
-    draw_pheromone(axes, grid, found)
+    draw_pheromone(axes, grid, found, f"best path, {found.plan.length:.2f} m")
     axes.set_title(title)
     style.legend_below(axes)
     return fig
 
 
-def draw_pheromone(axes: Axes, grid: Grid, found: Exploration) -> None:
-    """Draw the map, the pheromone on its moves relative to the strongest, and the best path."""
+def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> None:
+    """Draw the map, the pheromone on its moves relative to the strongest, and the best path, `words` in the legend."""
     style.draw_map(axes, grid)
     tau, (row0, col0, _, _) = found.pheromone, found.window
     low, high = (float(tau[tau > 0.0].min()), float(tau.max())) if (tau > 0.0).any() else (0.0, 1.0)
@@ -123,8 +123,9 @@ def draw_pheromone(axes: Axes, grid: Grid, found: Exploration) -> None:
     axes.plot([], [], color=style.PHEROMONE(1.0), linewidth=4.0, label="most pheromone")
     axes.plot([], [], color=style.PHEROMONE(0.45), linewidth=1.4, label="little")
     if len(found.plan.cells):
-        words, look = f"best path, {found.plan.length:.2f} m", style.casing(1.5)
-        axes.plot(*found.plan.xy(grid).T, color=style.TEAL, linewidth=1.5, path_effects=look, label=words, zorder=3)
+        axes.plot(
+            *found.plan.xy(grid).T, color=style.TEAL, linewidth=1.5, path_effects=style.casing(1.5), label=words, zorder=3
+        )
 
 
 @style.styled

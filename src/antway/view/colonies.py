@@ -44,11 +44,12 @@ def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration], *, 
     fig = style.figure(width * len(found), height)
     row = fig.subplots(1, len(found), squeeze=False)[0]
     for axes, (cycles, exploration) in zip(row, found.items()):
-        draw_pheromone(axes, grid, exploration)
-        axes.set_title(f"after {cycles} cycle" + "s" * (cycles != 1))
+        draw_pheromone(axes, grid, exploration, "best path")
+        best = f": {exploration.plan.length:.2f} m" if len(exploration.plan.cells) else ""
+        axes.set_title(f"{cycles} cycle" + "s" * (cycles != 1) + best)
         if axes is not row[0]:
             axes.set_ylabel("")
-        style.legend_below(axes, columns=1)
+    style.legend_below(row[-1])
     fig.suptitle(title)
     return fig
 
