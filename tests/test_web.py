@@ -184,6 +184,24 @@ def test_a_look_inside_a_cycle_changes_nothing() -> None:
         assert (plain.stage.xy == lane.episode.stage.xy).all(), policy
 
 
+def test_tabs_that_share_memory_do_not_meet() -> None:
+    """Three tabs on two maps, played in turn on one thread, each play as they would alone."""
+    tabs = [Session() for _ in range(3)]
+    tabs[1].apply({"op": "set", "field": "seed", "value": 3})
+    tabs[2].apply({"op": "scene", "name": "office"})
+    for k in range(120):
+        for tab in tabs:
+            tab.advance(1)
+            if k % 20 == 19:
+                tab.lanes[0].look_inside()
+    for tab in tabs:
+        plain, lane = Episode(tab.scenario, "antway"), tab.lanes[0].episode
+        for _ in range(lane.steps):
+            plain.step()
+        assert lane.steps > 80 and (plain.stage.xy == lane.stage.xy).all()
+    assert tabs[0].lanes[0].watched.policy.memory is tabs[1].lanes[0].watched.policy.memory  # type: ignore[attr-defined]
+
+
 def test_the_ants_of_a_look_get_better() -> None:
     """With more ant cycles the best way of policy paper's ants never gets longer, and all of them give the decision taken."""
     session = Session()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import base64
 import math
+import threading
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.avoidance.policy import AntwayPolicy, make_memory
 from antway.avoidance.tubes import Tubes
+from antway.kernels.spacetime import Memory
 from antway.web.inside import Look, edges, look_inside
 from antway.world.episode import Episode
 from antway.world.policy import Command, Decision, Observation, Policy, Task
@@ -24,6 +27,21 @@ _SHADES = 40_000  # cells of pheromone in one frame
 _EDGES = 400  # of the ants' trails in one frame
 _KNOTS = 300  # of a planned way in one frame
 _ROWS = 300  # of the way driven in one frame
+
+
+class _Scratch(threading.local):
+    """The memory that searches of policy antway on maps of so many cells work in: one a thread, as each search begins anew."""
+
+    def __init__(self) -> None:
+        self.cells, self.memory = 0, make_memory(0)
+
+    def of(self, cells: int) -> Memory:
+        if cells != self.cells:
+            self.cells, self.memory = cells, make_memory(cells)
+        return self.memory
+
+
+_SCRATCH = _Scratch()
 
 
 class Watched:
@@ -50,6 +68,7 @@ class Lane:
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self.episode = Episode(scenario, policy)
         self.watched = self.episode.policy = Watched(self.episode.policy)
+        self._lend()
         self.told = 0  # rows of the record
         self.decision: Decision | None = None
         self.look: Look | None = None  # into the cycle to come
@@ -57,6 +76,7 @@ class Lane:
     def step(self) -> None:
         """Play one control cycle."""
         self.look = None
+        self._lend()
         if self.episode.outcome is None:
             self.episode.step()
 
@@ -64,12 +84,18 @@ class Lane:
         """Let the ants of the cycle to come do one cycle more, on a copy; tell whether there was one."""
         if self.episode.outcome is not None or (self.look is not None and self.look.done):
             return False
+        self._lend()
         cycles = 1 if self.look is None else self.look.cycles + 1
         look = look_inside(self.episode, self.watched.policy, cycles)
         if look is None:
             return False
         self.look = look
         return True
+
+    def _lend(self) -> None:
+        """Let the policy work in the thread's memory: its own would be megabytes for each of hundreds of tabs."""
+        if isinstance(self.watched.policy, AntwayPolicy):
+            self.watched.policy.memory = _SCRATCH.of(self.episode.stage.task.grid.blocked.size)
 
     def frame(self, lanes: int) -> Message:
         """Return what is new since the last frame."""
