@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from antway.avoidance.policy import AntwayPolicy, make_memory
 from antway.avoidance.tubes import Tubes
-from antway.kernels.spacetime import Memory
+from antway.kernels.memory import Memory
 from antway.web.inside import Look, edges, look_inside
 from antway.world.episode import Episode
 from antway.world.policy import Command, Decision, Observation, Policy, Task
