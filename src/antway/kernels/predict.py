@@ -55,7 +55,8 @@ def predict(
     -------
     int
         Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that it
-        may stand there; its body never is.
+        may stand there; its body never is. So is the room that a moving robot keeps, for the first `lag` s: it may leave at
+        once if it comes no nearer meanwhile and has its full room then, which is what a guard asks of the first period.
     """
     n = 0
     size = frame[2]
@@ -63,6 +64,10 @@ def predict(
         x, y, vx, vy = beliefs[k, X], beliefs[k, Y], beliefs[k, VX], beliefs[k, VY]
         body = robot_radius + beliefs[k, RADIUS]
         room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
+        runs = min(bound, math.hypot(vx, vy) + surge * lag) * lag
+        held = min(room + body, math.hypot(x + vx * (age - lag) - robot_x, y + vy * (age - lag) - robot_y))
+        spread = math.hypot(beliefs[k, SIGMA], beliefs[k, SIGMA_V] * (_TIERS[0] + age))
+        within = held < body + margin + quantile * spread + runs
         x, y, t, mirrors = x - vx * lag, y - vy * lag, -age - lag, 0
         while t < horizon and n < len(out):
             end = horizon
@@ -72,6 +77,9 @@ def predict(
                     if tier > t + 1e-9:
                         end = min(tier, horizon)
                         break
+            past = within and t < -1e-9
+            if past:
+                end = min(end, 0.0)
             col, row = (x - frame[0]) / size - 0.5, (y - frame[1]) / size - 0.5
             share, n_row, n_col = first_wall(
                 blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, beliefs[k, RADIUS] / size
@@ -84,7 +92,7 @@ def predict(
                 out[n, 0], out[n, 1] = now + t, now + until
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
                 out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
-                out[n, 7] = body + wide + min(bound, math.hypot(vx, vy) + surge * lag) * lag
+                out[n, 7] = max(held - 1e-6, 0.0) if past else body + wide + runs
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if hit:
