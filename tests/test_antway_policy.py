@@ -164,11 +164,12 @@ def test_the_robot_moves_on_once_the_way_is_free() -> None:
 
 @pytest.mark.parametrize("gap", [0.02, 0.06, 0.12, 0.2])
 @pytest.mark.parametrize("angle", [0.0, 45.0, 90.0])
-def test_the_robot_leaves_who_stands_beside_it(gap: float, angle: float) -> None:
+@pytest.mark.parametrize("drive", ["holonomic", "differential"])
+def test_the_robot_leaves_who_stands_beside_it(gap: float, angle: float, drive: str) -> None:
     """Nearer to one who stands than a moving robot may come, it leaves at once and goes round: no contact, no stall."""
     way = (0.6 + gap) * math.cos(math.radians(angle)), (0.6 + gap) * math.sin(math.radians(angle))
     at = (1.0 + way[0], 2.5 + way[1])
-    robot, sensor = RobotSpec(dt=0.25, sensor_range=math.inf), Sensor(occlusion=False)
+    robot, sensor = RobotSpec(dt=0.25, sensor_range=math.inf, drive=drive), Sensor(occlusion=False)
     stands = Obstacle(0.3, Replay((0.0,), (at,)))
     result = run(room(stands, robot=robot, sensor=sensor, obstacle_speed=robot.v_max, horizon=25.0))
     check_episode(result)

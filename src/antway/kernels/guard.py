@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.geometry import TOUCH, segment_hits_cells, swept_discs
 from antway.kernels.jit import kernel
-from antway.kernels.world import drive, first_wall
+from antway.kernels.world import drive, first_wall, wrap
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
 _FRACTIONS = 10  # speeds tried along the commanded direction
@@ -207,7 +207,7 @@ def guarded(
 
     The commanded velocity (cx, cy) where the braking path of what the robot does with it is free; else the fastest along it of
     which that holds; else a stand. A robot that would stand in the way of a track within `lookahead` s steps aside where a side
-    is free that puts the contact off. `limits` is float64[4], as in `drive`.
+    is free that puts the contact off. Wheels at rest turn towards the command. `limits` is float64[4], as in `drive`.
     """
     v_max, a_max = limits[0], limits[1]
     speed = math.hypot(cx, cy)
@@ -231,5 +231,9 @@ def guarded(
         if value > best + TOUCH and brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
             best, sx, sy = value, tx, ty
     if sx == 0.0 and sy == 0.0:
+        turn = wrap(math.atan2(cy, cx) - heading)
+        if limits[3] != 0.0 and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits[2] * dt:
+            side = heading + math.copysign(limits[2] * dt + math.pi / 2, turn)  # square to the heading then: nothing ahead
+            return speed * math.cos(side), speed * math.sin(side), BRAKED
         return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
     return sx, sy, STEPPED_ASIDE
