@@ -105,10 +105,10 @@ class Searcher:
             self.spare.append(work)
         if code == DONE and len(path):
             length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
-            return Plan(Status.FOUND, path, length, True, expanded, clock.elapsed(), length)
+            return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
         if cut:  # the only paths left are too long for integers of 32 bits
             return spread_plan(problem, clock)
-        return not_found(code == DONE, expanded, clock)
+        return not_found(code == DONE, int(expanded), clock)
 
 
 def searcher(grid: Grid, moves: Moves, jumping: bool) -> Searcher:

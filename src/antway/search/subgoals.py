@@ -130,9 +130,9 @@ class Hierarchy:
         finally:
             self.spare.append(work)
         if not len(path):
-            return not_found(True, expanded, clock)
+            return not_found(True, int(expanded), clock)
         length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
-        return Plan(Status.FOUND, path, length, True, expanded, clock.elapsed(), length)
+        return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
 
     def _workspace(self) -> tuple[Any, ...]:
         nodes, entries, seeds, deep = self.sizes
