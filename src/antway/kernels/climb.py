@@ -104,8 +104,8 @@ def walk(path: Ints, at: int, step: int, row: int, col: int) -> int:
     """Go on from `path[at]` to a cell in its sight, diagonally first, at each place `step` farther; return the last place."""
     r, c = path[at, 0], path[at, 1]
     while r != row or c != col:
-        r += (row > r) - (row < r)
-        c += (col > c) - (col < c)
+        r += int(row > r) - int(row < r)
+        c += int(col > c) - int(col < c)
         at += step
         path[at, 0], path[at, 1] = r, c
     return at
