@@ -19,6 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.heap import pop, push
 from antway.kernels.jit import bare_kernel, kernel
 
 Ints = NDArray[np.int64]
@@ -103,7 +104,6 @@ def search(
     parent: Ints,
     node: Ints,
     cost: Floats,
-    bound: Floats,
     heap: Floats,
     count: Ints,
     steps: int,
@@ -111,8 +111,8 @@ def search(
     """Run Polyanya (Cui, Harabor, Grastien, IJCAI 2017) for at most `steps` expansions or until room for nodes is short.
 
     `ends` is x, y, strip of the start and of the goal. `best` [2P] is the shortest way found to each corner, `parent` [2P] the
-    corner before it. For each node `cost` is the way to its root, `bound` the least length of a path by it; `heap` orders the
-    open ones. `count` is the number of nodes, of open nodes, of expansions, and the most successors a node can have.
+    corner before it. For each node `cost` is the way to its root; `heap` orders the open ones by the least length of a path by
+    them. `count` is the number of nodes, of open nodes, of expansions, and the most successors a node can have.
 
     Returns how it ended, and the corner before the goal if FOUND.
     """
@@ -129,14 +129,14 @@ def search(
             beyond = ports[node[n, 0], STRIP + node[n, 1]]
             exits = strips[beyond, NEAR + 1] - strips[beyond, NEAR] + strips[beyond, NEAR + 3] - strips[beyond, NEAR + 2]
             if exits > 1 or beyond == ends[5]:
-                bound[n] = cost[n] + _least(ports, ends, node, n)
-                push(heap, bound, count, n)
+                count[1] = push(heap, count[1], cost[n] + _least(ports, ends, node, n), n)
         new = count[0]
         if count[1] == 0:
             return EMPTY, START
         if count[2] >= stop or new + count[3] > len(node):
             return PAUSED, START
-        n = pop(heap, count)
+        n = int(heap[0, 1])
+        count[1] = pop(heap, count[1])
         root = node[n, 2]
         if root != START and cost[n] > best[root]:
             continue
@@ -297,37 +297,6 @@ def _least(ports: Ints, ends: Ints, node: Ints, n: int) -> float:
 def _length(x: float, y: float) -> float:
     """Return the length of (x, y), which is far from where `hypot` would be needed."""
     return math.sqrt(x * x + y * y)
-
-
-@bare_kernel
-def push(heap: Floats, bound: Floats, count: Ints, n: int) -> None:
-    """Open node `n`: put it on the 4-ary heap, float64[N, 2], beside its bound."""
-    key, hole = bound[n], count[1]
-    count[1] += 1
-    while hole > 0 and heap[(hole - 1) >> 2, 0] > key:
-        above = (hole - 1) >> 2
-        heap[hole, 0], heap[hole, 1] = heap[above, 0], heap[above, 1]
-        hole = above
-    heap[hole, 0], heap[hole, 1] = key, n
-
-
-@bare_kernel
-def pop(heap: Floats, count: Ints) -> int:
-    """Take the open node of least bound."""
-    top, size = int(heap[0, 1]), count[1] - 1
-    count[1] = size
-    key, n, hole = heap[size, 0], heap[size, 1], 0
-    while 4 * hole + 1 < size:
-        least = 4 * hole + 1
-        for other in range(least + 1, min(least + 4, size)):
-            if heap[other, 0] < heap[least, 0]:
-                least = other
-        if heap[least, 0] >= key:
-            break
-        heap[hole, 0], heap[hole, 1] = heap[least, 0], heap[least, 1]
-        hole = least
-    heap[hole, 0], heap[hole, 1] = key, n
-    return top
 
 
 @kernel

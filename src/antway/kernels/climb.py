@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.astar import is_clear
-from antway.kernels.hierarchy import NOWHERE, pop, push
+from antway.kernels.heap import pop, push
+from antway.kernels.hierarchy import NOWHERE
 from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.subgoals import DIAGONAL, STRAIGHT, seen
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.heap import pop, push
 from antway.kernels.jit import bare_kernel, kernel
 
 Ints = NDArray[np.int32]
@@ -24,42 +25,6 @@ USED, FREE, OPEN, RANKED, ROUND, LINKED = range(6)
 search, nodes whose edges are made."""
 MOST_SETTLED = 24  # nodes of a local search: a shortcut more does no harm
 NOWHERE = 1 << 62
-
-
-@bare_kernel
-def push(heap: Longs, size: int, key: int, item: int) -> int:
-    """Put `item` on the 4-ary heap, int64[M, 2], of `size` entries; return the new size."""
-    hole = size
-    while hole > 0:
-        above = (hole - 1) >> 2
-        if heap[above, 0] <= key:
-            break
-        heap[hole, 0], heap[hole, 1] = heap[above, 0], heap[above, 1]
-        hole = above
-    heap[hole, 0], heap[hole, 1] = key, item
-    return size + 1
-
-
-@bare_kernel
-def pop(heap: Longs, size: int) -> int:
-    """Take the first entry, the least, off the heap; return the new size."""
-    size -= 1
-    key, item = heap[size, 0], heap[size, 1]
-    hole = 0
-    while True:
-        child = 4 * hole + 1
-        if child >= size:
-            break
-        least = child
-        for other in range(child + 1, min(child + 4, size)):
-            if heap[other, 0] < heap[least, 0]:
-                least = other
-        if heap[least, 0] >= key:
-            break
-        heap[hole, 0], heap[hole, 1] = heap[least, 0], heap[least, 1]
-        hole = least
-    heap[hole, 0], heap[hole, 1] = key, item
-    return size
 
 
 @bare_kernel

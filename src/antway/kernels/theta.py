@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, Floats, Ints, pop, push
+from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, Floats, Ints
+from antway.kernels.heap import pop, push
 from antway.kernels.jit import bare_kernel, kernel
 
 
@@ -23,8 +24,6 @@ def theta(
     length: Floats,
     parent: Ints,
     closed: NDArray[np.bool_],
-    cell: Ints,
-    bound: Floats,
     heap: Floats,
     count: Ints,
     scratch: NDArray[np.int32],
@@ -33,24 +32,25 @@ def theta(
     """Run (Lazy) Theta* (Nash, Daniel, Koenig, Felner 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions.
 
     Cells are flat indices. `length` [HW] is the shortest way found to each cell, infinite at first, and `parent` [HW] the cell
-    before it, in sight of it (if lazy: once closed). The open ones are entries `cell`, `bound` on a `heap`, one for each time a
-    cell was improved; `count` is the number of entries, of open entries, and of expansions. `scratch` has room for `trace`.
+    before it, in sight of it (if lazy: once closed). The open ones are on a `heap`, float64[N, 2], once for each time a cell
+    was improved; `count` is their number, and that of expansions. `scratch` has room for `trace`.
 
     Returns how it ended.
     """
     cols = blocked.shape[1]
-    if count[0] == 0:
-        length[start], parent[start], cell[0], bound[0], count[0] = 0.0, start, start, 0.0, 1
-        push(heap, bound, count, 0)
-    stop = count[2] + steps
-    while count[1] > 0:
-        if count[2] == stop or count[0] + 8 > len(cell):
+    if count[1] == 0:
+        length[start], parent[start] = 0.0, start
+        count[0] = push(heap, 0, 0.0, start)
+    stop = count[1] + steps
+    while count[0] > 0:
+        if count[1] == stop or count[0] + 8 > len(heap):
             return PAUSED
-        s = cell[pop(heap, count)]
+        s = int(heap[0, 1])
+        count[0] = pop(heap, count[0])
         if closed[s]:
             continue
         closed[s] = True
-        count[2] += 1
+        count[1] += 1
         r, c = s // cols, s % cols
         if lazy and not _sees(blocked, parent[s], s, scratch):
             length[s] = np.inf
@@ -75,9 +75,7 @@ def theta(
                 way = length[by] + _between(by, t, cols)
                 if way < length[t]:
                     length[t], parent[t] = way, by
-                    n = count[0]
-                    cell[n], bound[n], count[0] = t, way + _between(t, goal, cols), n + 1
-                    push(heap, bound, count, n)
+                    count[0] = push(heap, count[0], way + _between(t, goal, cols), t)
     return EMPTY
 
 

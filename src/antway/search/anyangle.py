@@ -90,7 +90,6 @@ class Room:
         self.nodes: tuple[Any, ...] = (
             np.empty((nodes, 7), np.int64),
             np.empty(nodes),
-            np.empty(nodes),
             np.empty((nodes, 2)),
         )
 
@@ -135,21 +134,21 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     (sr, sc), (gr, gc) = problem.start, problem.goal
     size, goal = rows * cols, gr * cols + gc
     length, parent, closed = np.full(size, np.inf), np.empty(size, np.int64), np.zeros(size, np.bool_)
-    cell, bound, heap, count = np.empty(1024, np.int64), np.empty(1024), np.empty((1024, 2)), np.zeros(3, np.int64)
+    heap, count = np.empty((1024, 2)), np.zeros(2, np.int64)
     scratch = np.empty((2 * (rows + cols), 2), np.int32)
     fixed = (problem.grid.blocked, sr * cols + sc, goal, lazy, length, parent, closed)
     code = PAUSED
     while code == PAUSED and not clock.spent():
-        code = theta(*fixed, cell, bound, heap, count, scratch, STEPS)
-        if code == PAUSED and count[0] + 8 > len(cell):
-            cell, bound, heap = _longer(cell), _longer(bound), _longer(heap)
+        code = theta(*fixed, heap, count, scratch, STEPS)
+        if code == PAUSED and count[0] + 8 > len(heap):
+            heap = _longer(heap)
     if code == FOUND:
         flat = [goal]
         while parent[flat[-1]] != flat[-1]:
             flat.append(int(parent[flat[-1]]))
         way = 2 * np.column_stack(np.divmod(np.array(flat[::-1]), cols)) + 1
-        return _found(problem, way, int(count[2]), clock, False)
-    return not_found(code == EMPTY, int(count[2]), clock)
+        return _found(problem, way, int(count[1]), clock, False)
+    return not_found(code == EMPTY, int(count[1]), clock)
 
 
 def _longer(array: NDArray[T]) -> NDArray[T]:
