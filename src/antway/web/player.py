@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from antway.errors import BadInput, BadParameter
 from antway.web.lane import Message
+from antway.web.tab import Tab
 
 T = TypeVar("T")
 
@@ -22,20 +22,6 @@ IN_FLIGHT = 2  # frames that the page has not confirmed
 PATIENCE = 10.0  # s that a page may take nothing before it is cut off
 TICK = 1 / 40  # s between frames at the least
 _WORKERS = ThreadPoolExecutor(2, "antway")  # more would leave the loop, which shares the interpreter, less of the time
-
-
-class Tab(Protocol):
-    """What is behind one tab: wishes come in, scenes and frames go out; `period` s of the clock make one step."""
-
-    closed: threading.Event
-    playing: bool
-
-    @property
-    def period(self) -> float: ...
-    def apply(self, message: object) -> list[Message]: ...
-    def advance(self, steps: int) -> None: ...
-    def frame(self) -> Message: ...
-    def describe(self) -> Message: ...
 
 
 class Player:

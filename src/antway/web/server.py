@@ -30,8 +30,9 @@ from antway.ants.rules import RULES
 from antway.errors import BadParameter
 from antway.scenes import SCENES
 from antway.web import tours
-from antway.web.player import PATIENCE, Player, Tab
-from antway.web.session import PARAMETERS, POLICIES, SPEEDS, Session
+from antway.web.player import PATIENCE, Player
+from antway.web.session import PARAMETERS, POLICIES, Session
+from antway.web.tab import Tab
 
 PORT = 8765
 MAX_MESSAGE = 6 * 2**20  # bytes; an upload in base64
@@ -118,7 +119,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     crossing = {
         "policies": POLICIES,
         "scenes": SCENES,
-        "speeds": SPEEDS,
+        "speeds": Session.SPEEDS,
         "parameters": [{name: getattr(p, name) for name in p.__slots__} for p in PARAMETERS],
         "token": token,
     }
@@ -127,7 +128,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
         "rules": list(RULES),
         "searches": tours.SEARCHES,
         "persistences": tours.PERSISTENCES,
-        "speeds": tours.SPEEDS,
+        "speeds": tours.Tours.SPEEDS,
         "token": token,
     }
     pages = {"/": _embedded(crossing), "/tsp": _embedded(touring)}

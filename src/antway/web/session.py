@@ -1,13 +1,8 @@
-"""What one tab of the live page does: a scenario that can be edited, and one or two policies that play it in step.
-
-A session knows nothing of sockets: `apply` takes a message as the page sends it and returns the messages to send back.
-"""
+"""What one tab of the live page does: a scenario that can be edited, and one or two policies that play it in step."""
 
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import Any
@@ -19,8 +14,10 @@ from antway.avoidance.routes import Ways
 from antway.errors import BadParameter, TooLarge
 from antway.planning import Problem, solve
 from antway.scenes import SCENES, scene
+from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file
 from antway.web.lane import Lane, Message, shades, short
+from antway.web.tab import Tab
 from antway.world import policy
 from antway.world.episode import Episode
 from antway.world.motions import Bounce, Line, Waypoints
@@ -28,7 +25,6 @@ from antway.world.scenario import Scenario, load_scenario
 from antway.world.world import Obstacle, World
 
 POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
-SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 MAX_UNDO = 100
 MAX_WAYPOINTS = 50
 FIELD = 40_000  # cells of the distance field
@@ -59,31 +55,20 @@ PARAMETERS = (
 )
 
 
-class Session:
-    """The state behind one tab.
+class Session(Tab):
+    """The state behind one tab; its speed is the simulated seconds for one of the clock."""
 
-    Attributes
-    ----------
-    playing : bool
-    speed : float
-        Simulated seconds for one of the clock.
-    closed : threading.Event
-        Set when the tab is gone: long work ends.
-    """
+    SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
     def __init__(self) -> None:
-        self.closed = threading.Event()
-        self.playing, self.speed = False, 1.0
+        super().__init__(1.0)
         self.policies: tuple[str, ...] = ("antway",)
         self.history: list[Scenario] = []
         self.place = -1
         self._open(load_scenario(scene(SCENES[0])))
-        self.operations: dict[str, Callable[[Message], list[Message]]] = {
-            "play": self._play,
-            "step": self._step,
+        self.operations |= {
             "ants": self._ants,
             "reset": self._reset,
-            "speed": self._speed,
             "policies": self._policies,
             "scene": self._scene,
             "open": self._files,
@@ -109,18 +94,6 @@ class Session:
     @property
     def ended(self) -> bool:
         return all(lane.episode.outcome is not None for lane in self.lanes)
-
-    def apply(self, message: object) -> list[Message]:
-        """Do what `message` asks and return what to send; a scene or a frame is due after it in any case.
-
-        Raises
-        ------
-        BadInput
-            For wrong messages; nothing has changed then.
-        """
-        if not isinstance(message, dict):
-            raise BadParameter("message", message, "a JSON object")
-        return self.operations[checks.choice("op", message.get("op"), self.operations)](message)
 
     def advance(self, steps: int) -> None:
         """Play so many control cycles, of all policies in step."""
@@ -150,15 +123,7 @@ class Session:
         return {
             "kind": "scene",
             "name": scenario.name,
-            "map": {
-                "rows": grid.shape[0],
-                "cols": grid.shape[1],
-                "resolution": grid.resolution,
-                "x": grid.origin[0],
-                "y": grid.origin[1],
-                "blocked": packed(grid.blocked if grid.unknown is None else grid.blocked & ~grid.unknown),
-                "unknown": None if grid.unknown is None else packed(grid.unknown),
-            },
+            "map": map_record(grid, packed),
             "start": scenario.start,
             "goal": scenario.goal,
             "tolerance": scenario.goal_tolerance,
@@ -198,15 +163,6 @@ class Session:
         self.place = place
         return [self.describe()]
 
-    def _play(self, message: Message) -> list[Message]:
-        self.playing = checks.instance("on", message.get("on"), bool) and not self.ended
-        return []
-
-    def _step(self, message: Message) -> list[Message]:
-        self.playing = False
-        self.advance(1)
-        return []
-
     def _ants(self, message: Message) -> list[Message]:
         """Let the ants do one cycle more within the control cycle; where there is none, play the control cycle."""
         self.playing = False
@@ -219,13 +175,6 @@ class Session:
         self.playing = False
         self._lay(self.scenario, self.policies)
         return [self.describe()]
-
-    def _speed(self, message: Message) -> list[Message]:
-        speed = checks.number("speed", message.get("speed"))
-        if speed not in SPEEDS:
-            raise BadParameter("speed", speed, f"one of {', '.join(f'{s:g}' for s in SPEEDS)}")
-        self.speed = speed
-        return []
 
     def _policies(self, message: Message) -> list[Message]:
         names = message.get("names")
@@ -248,10 +197,9 @@ class Session:
     def _set(self, message: Message) -> list[Message]:
         name = checks.choice("field", message.get("field"), [p.field for p in PARAMETERS])
         known = next(p for p in PARAMETERS if p.field == name)
-        whole = checks.integer if known.step == 1 and name == "seed" else None
         value: float
-        if whole:
-            value = whole(name, message.get("value"), low=int(known.low), high=int(known.high))
+        if name == "seed":
+            value = checks.integer(name, message.get("value"), low=int(known.low), high=int(known.high))
         else:
             value = checks.number(name, message.get("value"), low=known.low, high=known.high, unit=known.unit)
         return self._open(_put(self.scenario, name, value))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,9 +19,9 @@ from antway.ants.tsplib import Tsp, parse
 from antway.errors import BadParameter, TooLarge
 from antway.web.files import decoded, stem
 from antway.web.lane import Message, short
+from antway.web.tab import Tab
 
 MAX_CITIES = 5000
-SPEEDS = (1.0, 4.0, 16.0, 64.0, 1024.0)  # cycles a second
 SEARCHES = ("none", "2opt", "oropt", "3opt")
 PERSISTENCES = ("the rule's", "adaptive")
 _EDGES = 2000  # of pheromone in one frame
@@ -48,12 +47,13 @@ def _ring() -> Tsp:
 INSTANCES: dict[str, Callable[[], Tsp]] = {"scattered": _scattered, "clusters": _clusters, "ring": _ring}
 
 
-class Tours:
-    """The state behind one tab; its attributes are those of `antway.web.session.Session`."""
+class Tours(Tab):
+    """The state behind one tab; its speed is in cycles a second."""
+
+    SPEEDS = (1.0, 4.0, 16.0, 64.0, 1024.0)
 
     def __init__(self) -> None:
-        self.closed = threading.Event()
-        self.playing, self.speed = False, 16.0
+        super().__init__(16.0)
         self.settings: dict[str, Any] = {
             "rule": "mmas",
             "search": "none",
@@ -62,11 +62,8 @@ class Tours:
             "seed": 0,
         }
         self._begin(INSTANCES["scattered"](), self.settings)
-        self.operations: dict[str, Callable[[Message], list[Message]]] = {
-            "play": self._play,
-            "step": self._step,
+        self.operations |= {
             "reset": lambda message: self._begin(self.instance, self.settings),
-            "speed": self._speed,
             "instance": self._instance,
             "open": self._open,
             "set": self._set,
@@ -83,18 +80,6 @@ class Tours:
         """Whether the best tour is known to be the shortest."""
         optimum = self.instance.optimum
         return optimum is not None and self.colony.best_cost <= optimum * (1 + 1e-12)
-
-    def apply(self, message: object) -> list[Message]:
-        """Do what `message` asks and return what to send.
-
-        Raises
-        ------
-        BadInput
-            For wrong messages; nothing has changed then.
-        """
-        if not isinstance(message, dict):
-            raise BadParameter("message", message, "a JSON object")
-        return self.operations[checks.choice("op", message.get("op"), self.operations)](message)
 
     def advance(self, cycles: int) -> None:
         """Run so many cycles, or as many as fit into a tenth of a second."""
@@ -181,22 +166,6 @@ class Tours:
         self.instance, self.settings, self.colony, self.playing = instance, settings, colony, False
         self.curve: list[tuple[float, float, float]] = []
         return [self.describe()]
-
-    def _play(self, message: Message) -> list[Message]:
-        self.playing = checks.instance("on", message.get("on"), bool) and not self.ended
-        return []
-
-    def _step(self, message: Message) -> list[Message]:
-        self.playing = False
-        self.advance(1)
-        return []
-
-    def _speed(self, message: Message) -> list[Message]:
-        speed = checks.number("speed", message.get("speed"))
-        if speed not in SPEEDS:
-            raise BadParameter("speed", speed, f"one of {', '.join(f'{s:g}' for s in SPEEDS)}")
-        self.speed = speed
-        return []
 
     def _instance(self, message: Message) -> list[Message]:
         return self._begin(INSTANCES[checks.choice("name", message.get("name"), INSTANCES)](), self.settings)

@@ -1,0 +1,90 @@
+"""What is behind one tab of a page: wishes come in, scenes and frames go out. A tab knows nothing of sockets."""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import ClassVar
+
+from antway import checks
+from antway.errors import BadParameter
+from antway.web.lane import Message
+
+
+class Tab(ABC):
+    """A run that can be played, stepped and paused.
+
+    Attributes
+    ----------
+    SPEEDS : tuple of float
+        What `speed` may be.
+    playing : bool
+    speed : float
+        How fast the run plays.
+    closed : threading.Event
+        Set when the tab is gone: long work ends.
+    operations : dict of str to callable
+        What the page may wish for: each takes the message and returns those to send back.
+    """
+
+    SPEEDS: ClassVar[tuple[float, ...]]
+
+    def __init__(self, speed: float) -> None:
+        self.closed = threading.Event()
+        self.playing, self.speed = False, speed
+        self.operations: dict[str, Callable[[Message], list[Message]]] = {
+            "play": self._play,
+            "step": self._step,
+            "speed": self._speed,
+        }
+
+    @property
+    @abstractmethod
+    def period(self) -> float:
+        """Seconds of the clock that one step takes."""
+
+    @property
+    @abstractmethod
+    def ended(self) -> bool:
+        """Whether there is nothing left to play."""
+
+    @abstractmethod
+    def advance(self, steps: int) -> None:
+        """Play so many steps, or fewer once `closed` or `ended`; `playing` ends with the run."""
+
+    @abstractmethod
+    def frame(self) -> Message:
+        """Return what the page shows of this moment: at most 60 kB as JSON."""
+
+    @abstractmethod
+    def describe(self) -> Message:
+        """Return everything that stands still."""
+
+    def apply(self, message: object) -> list[Message]:
+        """Do what `message` asks and return what to send; a frame is due after it in any case.
+
+        Raises
+        ------
+        BadInput
+            For wrong messages; nothing has changed then.
+        """
+        if not isinstance(message, dict):
+            raise BadParameter("message", message, "a JSON object")
+        return self.operations[checks.choice("op", message.get("op"), self.operations)](message)
+
+    def _play(self, message: Message) -> list[Message]:
+        self.playing = checks.instance("on", message.get("on"), bool) and not self.ended
+        return []
+
+    def _step(self, message: Message) -> list[Message]:
+        self.playing = False
+        self.advance(1)
+        return []
+
+    def _speed(self, message: Message) -> list[Message]:
+        speed = checks.number("speed", message.get("speed"))
+        if speed not in self.SPEEDS:
+            raise BadParameter("speed", speed, f"one of {', '.join(f'{s:g}' for s in self.SPEEDS)}")
+        self.speed = speed
+        return []
