@@ -9,7 +9,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from antway import __version__
+from antway.grid import Grid
 from antway.planning import Plan
 from antway.world.policy import Decision
 from antway.world.trace import Trace
@@ -76,15 +77,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "seed": str(trace.seed),
         "outcome": trace.outcome.value,
         "reason": trace.reason,
-        "map": {
-            "rows": grid.shape[0],
-            "cols": grid.shape[1],
-            "resolution": grid.resolution,
-            "x": grid.origin[0],
-            "y": grid.origin[1],
-            "blocked": _mask(grid.blocked if grid.unknown is None else grid.blocked & ~grid.unknown, levels=1),
-            "unknown": None if grid.unknown is None else _mask(grid.unknown, levels=1),
-        },
+        "map": map_record(grid, lambda mask: _mask(mask, levels=1)),
         "box": {"x": box.low[0], "y": box.low[1], "width": box.size[0], "height": box.size[1]},
         "t": _pack(trace.t, "<f4"),
         "robot": {
@@ -107,6 +100,19 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "decisions": decisions,
         "pheromone": heaps,
         "cycle_ms": _pack(trace.cycle_ms, "<f4"),
+    }
+
+
+def map_record(grid: Grid, pack: Callable[[NDArray[np.bool_]], str]) -> dict[str, Any]:
+    """Return what the pages' scripts read of a map, its masks as `pack` makes them; what is unknown is not shown as blocked."""
+    return {
+        "rows": grid.shape[0],
+        "cols": grid.shape[1],
+        "resolution": grid.resolution,
+        "x": grid.origin[0],
+        "y": grid.origin[1],
+        "blocked": pack(grid.blocked if grid.unknown is None else grid.blocked & ~grid.unknown),
+        "unknown": None if grid.unknown is None else pack(grid.unknown),
     }
 
 
