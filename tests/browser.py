@@ -77,7 +77,7 @@ def opened(browser: Any, address: str, own: tuple[str, ...], **context: Any) -> 
     page.on("request", lambda request: None if request.url.startswith(own) else complaints.append(request.url))
     page.on("dialog", lambda dialog: (complaints.append(f"dialog {dialog.message}"), dialog.dismiss()))
     page.goto(address)
-    page.wait_for_selector("body[data-ready=true]", timeout=20_000)
+    page.wait_for_selector("body[data-ready=true]", timeout=60_000)
     return page, complaints
 
 

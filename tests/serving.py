@@ -6,17 +6,30 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import uvicorn
 
 from antway.web.server import config_of, make_app, names_of
+from antway.web.session import Session
+from antway.web.tours import Tours
 
 TOKEN = "a-token"
+
+
+@cache
+def compile_all() -> None:
+    """Have every kernel that the page calls compiled, which on a fresh machine takes longer than a page waits."""
+    session = Session()
+    for wish in ({"op": "policies", "names": ["antway", "paper"]}, {"op": "step"}, {"op": "ants"}):
+        session.apply(wish)
+    Tours().apply({"op": "step"})
 
 
 @contextmanager
 def served(host: str = "127.0.0.1", port: int | None = None, *, open_page: bool = True) -> Iterator[int]:
     """Serve on 127.0.0.1 under the names of `host` and `port` (None: the port that is taken); the port taken is given."""
+    compile_all()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         taken = listener.getsockname()[1]
         server = uvicorn.Server(config_of(make_app(names_of(host, port or taken), TOKEN, open_page=open_page)))
