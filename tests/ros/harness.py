@@ -20,7 +20,7 @@ from antway.ros2.node import LATCHED
 from antway.world.policy import Command, Decision, Observation, RobotSpec
 from naive.laser import measured
 
-PATIENCE = 60.0  # s; on a machine under load
+PATIENCE = 120.0  # s; on a machine under load
 FEW = QoSProfile(depth=5)
 KINDS = {
     "markers": ("obstacles", "visualization_msgs/msg/MarkerArray"),
