@@ -221,19 +221,19 @@ print("\\n".join(digests()))
 
 def digests() -> list[str]:
     out = []
-    for seed in (0, 1, 3, 4, 6, 8, 9, 10, 11, 13, 14, 15):
+    for i, seed in enumerate((0, 1, 3, 4, 6, 8, 9, 10, 11, 13, 14, 15)):
         try:
-            out.append(run(random_scenario(seed), "paper", seed=seed, horizon=10.0).trace.digest())
+            out.append(run(random_scenario(seed), ("paper", "antway")[i % 2], seed=seed, horizon=10.0).trace.digest())
         except BadScenario as error:
             out.append(str(error))
     return out
 
 
 def test_two_processes_give_the_same_bytes(tmp_path: Path) -> None:
-    """C30: another process with another hash seed, time zone, locale and directory gets identical traces."""
+    """C30: a process with another hash seed, time zone, locale and directory, and all kernels compiled anew: identical traces."""
     here = digests()
     assert sum(len(d) == 64 for d in here) >= 10
-    env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C"}
+    env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     script = SCRIPT.format(tests=str(Path(__file__).parent))
     there = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True, check=True)
     assert there.stdout.split("\n")[:-1] == here
