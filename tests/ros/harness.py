@@ -186,7 +186,7 @@ class Robot(Node):
         self.out["goal"].publish(self.pose(xy))
 
     def answers(self, o: Observation, base: float, over=lambda: False) -> Command:
-        """Send `o` and wait for its command, or until it is `over`."""
+        """Send `o` and wait for its command, or until it is `over`, which may be before the first one."""
         t = base + o.t
         self.senses(o, base)
         self.until(
@@ -194,7 +194,7 @@ class Robot(Node):
             lambda: over() or (self.twist is not None and abs(convert.seconds(self.twist.header.stamp) - t) < 0.01),
             lambda: self.senses(o, base),
         )
-        return convert.read_twist(self.twist.twist, o.heading)
+        return Command((0.0, 0.0)) if self.twist is None else convert.read_twist(self.twist.twist, o.heading)
 
 
 class Remote:
