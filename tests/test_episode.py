@@ -230,7 +230,7 @@ def digests() -> list[str]:
 
 
 def test_two_processes_give_the_same_bytes(tmp_path: Path) -> None:
-    """C30: a process with another hash seed, time zone, locale and directory, and all kernels compiled anew: identical traces."""
+    """C30: a process with another hash seed, time zone, locale and directory, and kernels compiled anew: identical traces."""
     here = digests()
     assert sum(len(d) == 64 for d in here) >= 10
     env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
