@@ -20,6 +20,7 @@ from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
 from antway.kernels.place import Place
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
+from antway.kernels.timed import move_mask
 from antway.kernels.trails import TRAILS, Trails
 from antway.planning import TimedPath, standing_cell
 from antway.search.sipp import timed_field, timed_moves
@@ -161,7 +162,9 @@ class AntwayPolicy:
             If the robot does not fit at the start or at the goal.
         """
         self.task, robot, grid = task, task.robot, task.grid
-        room = grid.inflate(robot.radius)
+        # what Grid.inflate tells, from a stencil of the few cells round a robot
+        stands = move_mask(grid.blocked, np.zeros((1, 2), np.int32), robot.radius / grid.resolution)
+        room = replace(grid, blocked=stands == 0)
         standing_cell("start", task.start, grid, room, robot.radius)
         goal = standing_cell("goal", task.goal, grid, room, robot.radius)
         place = make_place(grid, robot, goal, self.moves)

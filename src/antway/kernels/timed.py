@@ -35,30 +35,24 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
         Bit k is set where move k is legal; no bit where the disc cannot stand.
     """
     rows, cols = blocked.shape
-    pad = int(np.abs(offsets).max() + math.ceil(radius)) + 1
-    width = cols + 2 * pad
-    walls = np.ones((rows + 2 * pad, width), np.bool_)
-    walls[pad : pad + rows, pad : pad + cols] = blocked
-    flat = walls.ravel()
-    stencil = np.empty((2 * pad + 1) ** 2, np.int64)
-    mask = np.zeros((rows, cols), np.uint32)
-    for k in range(len(offsets)):
-        dr, dc = offsets[k]
-        n = 0
-        for r in range(-pad, pad + 1):
-            for c in range(-pad, pad + 1):
-                if segment_hits_square(0.0, 0.0, float(dr), float(dc), float(r), float(c), max(radius, 1e-6)):
-                    stencil[n] = r * width + c
-                    n += 1
-        bit = np.uint32(1) << np.uint32(k)
-        for row in range(rows):
-            at = (row + pad) * width + pad
-            for col in range(cols):
-                for i in range(n):
-                    if flat[at + col + stencil[i]]:
-                        break
-                else:
-                    mask[row, col] |= bit
+    reach = int(np.abs(offsets).max() + math.ceil(radius)) + 1
+    walls = np.full((rows + 2 * reach, cols + 2 * reach), 0xFFFFFFFF, np.uint32)
+    walls[reach : reach + rows, reach : reach + cols] *= blocked
+    mask = np.full((rows, cols), 0xFFFFFFFF >> (32 - len(offsets)), np.uint32)
+    body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
+    for r in range(-reach, reach + 1):
+        for c in range(-reach, reach + 1):
+            hit = np.uint32(0)  # the moves whose stencil holds the cell (r, c) away
+            for k in range(len(offsets)):
+                dr, dc = float(offsets[k, 0]), float(offsets[k, 1])
+                near = min(0.0, dr) - rim < r < max(0.0, dr) + rim and min(0.0, dc) - rim < c < max(0.0, dc) + rim
+                if near and segment_hits_square(0.0, 0.0, dr, dc, float(r), float(c), body):
+                    hit |= np.uint32(1) << np.uint32(k)
+            if hit:
+                for row in range(rows):
+                    legal, wall = mask[row], walls[row + reach + r, reach + c : reach + c + cols]
+                    for col in range(cols):
+                        legal[col] &= ~(wall[col] & hit)
     return mask
 
 
@@ -87,36 +81,35 @@ def move_field(
         In cells, infinite where no goal can be reached.
     """
     rows, cols = mask.shape
-    field = np.full(rows * cols, np.inf)
-    legal = mask.copy().ravel()
-    after = np.empty(rows * cols, np.int32)
-    before = np.empty(rows * cols, np.int32)
+    rim = int(np.abs(offsets).max())  # round the map, of cells that nothing improves
+    width = cols + 2 * rim
+    field = np.full((rows + 2 * rim, width), -1.0)
+    legal = np.zeros((rows + 2 * rim, width), np.uint32)
+    field[rim : rim + rows, rim : rim + cols], legal[rim : rim + rows, rim : rim + cols] = np.inf, mask
+    far, may, jump = field.ravel(), legal.ravel(), offsets[:, 0].astype(np.int64) * width + offsets[:, 1]
+    after, before = np.empty(far.size, np.int32), np.empty(far.size, np.int32)
     head = np.full(8, -1, np.int32)
     waiting = 0
     for i in range(len(goals)):
-        cell = goals[i, 0] * cols + goals[i, 1]
-        if field[cell] > 0.0:
-            field[cell] = 0.0
+        cell = (goals[i, 0] + rim) * width + goals[i, 1] + rim
+        if far[cell] > 0.0:
+            far[cell] = 0.0
             _link(cell, 0, head, after, before)
             waiting += 1
     bucket = 0
     while waiting:
-        cell = head[bucket & 7]
+        cell = int(head[bucket & 7])
         if cell < 0:
             bucket += 1
             continue
         _unlink(cell, bucket & 7, head, after, before)
         waiting -= 1
-        row, col = divmod(cell, cols)
-        for k in range(len(offsets)):
-            r, c = row - offsets[k, 0], col - offsets[k, 1]
-            if not (0 <= r < rows and 0 <= c < cols):
-                continue
-            source = r * cols + c
-            distance = field[cell] + lengths[k]
-            old = field[source]
-            if distance < old and legal[source] >> np.uint32(k) & np.uint32(1):
-                field[source] = distance
+        here = far[cell]
+        for k in range(len(jump)):
+            source, distance = cell - jump[k], here + lengths[k]
+            old = far[source]
+            if distance < old and may[source] >> np.uint32(k) & np.uint32(1):
+                far[source] = distance
                 new_bucket = int(distance)
                 if old < np.inf:
                     if int(old) == new_bucket:
@@ -125,7 +118,7 @@ def move_field(
                     waiting -= 1
                 _link(source, new_bucket & 7, head, after, before)
                 waiting += 1
-    return field.reshape(rows, cols)
+    return field[rim : rim + rows, rim : rim + cols].copy()
 
 
 @kernel
