@@ -97,34 +97,38 @@ def test_probabilities_by_hand():
     colony = colony_of(AntSystem(alpha=2.0, beta=1.0))
     colony.state.tau[0] = [2.0, 1.0, 3.0]
     weight = np.empty((4, 3))
-    kernel.combine(colony.state.tau, colony.state.eta, 2.0, weight)
+    kernel.combine(colony.state.tau, colony.state.eta, 2.0, weight, colony.state.whole)
     expected = np.array([4 / 3, 1 / 4, 9 / 5]) / (4 / 3 + 1 / 4 + 9 / 5)
-    assert np.abs(weight[0] / weight[0].sum() - expected).max() <= 1e-12
+    assert np.abs(weight[0] / colony.state.whole[0] - expected).max() <= 1e-12
 
 
 @compiled
-def roulette(weight, near, left, q0, state, draws):
+def roulette(weight, near, left, q0, came, state, draws):
     counts = np.zeros(near.shape[1], dtype=np.int64)
-    sums = np.empty(near.shape[1], dtype=np.float32)
+    sums, whole = np.empty(near.shape[1], dtype=np.float32), np.array([weight[0].astype(np.float64).sum()])
     for _ in range(draws):
-        greedy = rng.uniform(state) < q0
-        counts[
-            kernel.choose(
-                weight, near, left, 0, greedy, np.float32(rng.next_bits(state) >> np.uint64(41)) / np.float32(2**23), sums
-            )
-        ] += 1
+        c, greedy = -1, rng.uniform(state) < q0
+        if came >= 0 and not greedy:
+            c = kernel.guess(weight, whole, near, left, 0, came, rng.uniform(state))
+        if c < 0:
+            share = np.float32(rng.next_bits(state) >> np.uint64(41)) / np.float32(2**23)
+            c = kernel.choose(weight, near, left, 0, greedy, share, sums)
+        counts[c] += 1
     return counts
 
 
-@pytest.mark.parametrize("q0", [0.0, 0.7])
-def test_roulette_frequencies(q0):
-    """A million draws fall as the weights say (chi-square p > 1e-4), never on a visited city; q0 of them on the best."""
+@pytest.mark.parametrize(("q0", "came"), [(0.0, -1), (0.7, -1), (0.0, 2), (0.7, 2)])
+def test_roulette_frequencies(q0, came):
+    """A million draws fall as the weights say (chi-square p > 1e-4), never on a visited city; q0 of them on the best.
+
+    So they do where guesses among all cities but the one the ant came from are tried first.
+    """
     k = 12
     weight = np.random.default_rng(1).random((1, k)).astype(np.float32)
     near = np.arange(1, k + 1, dtype=np.uint32).reshape(1, k)
     left = (np.arange(k + 1) >= 5).astype(np.float32)  # cities 1 to 4 are visited
     state = np.array([rng.stream(np.uint64(7), np.uint64(0))])
-    counts = roulette(weight, near, left, q0, state, 1_000_000)
+    counts = roulette(weight, near, left, q0, came, state, 1_000_000)
     odds = np.where(near[0] >= 5, weight[0].astype(float), 0.0)
     odds = (1 - q0) * odds / odds.sum() + q0 * (np.arange(k) == np.argmax(odds))
     assert (counts[odds == 0] == 0).all()

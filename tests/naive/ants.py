@@ -28,12 +28,29 @@ class Stream:
 
 
 def walk(matrix, near, weight, seed, index):
-    """One ant's tour: roulette over the candidates not yet visited, else the nearest city left."""
+    """One ant's tour by roulette over the candidates.
+
+    First over all but the city it came from; if that draws a visited one, over those not visited; else the nearest city left.
+    """
     stream = Stream(seed, index)
     n = len(matrix)
     order = [((stream.bits() >> 32) * n) >> 32]
     while len(order) < n:
         i = order[-1]
+        others = [c for c, j in enumerate(near[i]) if len(order) < 2 or j != order[-2] or i not in near[j]]
+        came = [c for c in range(len(near[i])) if c not in others]
+        whole = sum(float(w) for w in weight[i])
+        rest = whole - sum(float(weight[i][c]) for c in came)
+        draw = (stream.bits() >> 11) * 2.0**-53 * rest
+        guess = None
+        for c in others:
+            draw -= float(weight[i][c])
+            if draw < 0.0:
+                guess = int(near[i][c])
+                break
+        if guess is not None and rest >= 1e-9 * whole and guess not in order:
+            order.append(guess)
+            continue
         sums, total = [], np.float32(0.0)
         for c, j in enumerate(near[i]):
             if j not in order:

@@ -87,9 +87,16 @@ class Colony:
         orders = np.tile(np.arange(n, dtype=np.uint32), (m, 1))
         record = np.array([math.inf, 0, 0, 0, math.inf, 1.0, 0, 0])
         self.state = kernel.Colony(
-            tau, eta, np.ones((n, k), dtype=np.float32), orders, np.zeros(m), np.zeros((2, n), dtype=np.uint32), record
+            tau,
+            eta,
+            np.ones((n, k), dtype=np.float32),
+            np.ones(n),
+            orders,
+            np.zeros(m),
+            np.zeros((2, n), dtype=np.uint32),
+            record,
         )
-        kernel.combine(tau, eta, 1.0, self.state.weight)
+        kernel.combine(tau, eta, 1.0, self.state.weight, self.state.whole)
         greedy = kernel.walk_once(self.cities, self.state, self.numbers._replace(q0=1.0, xi=0.0), self._seed)
         self.state.bests[:] = orders[0]
         if greedy <= 0.0:
@@ -199,7 +206,7 @@ class Colony:
     def _construct(self, pool: Executor | None, threads: int) -> None:
         """Build the cycle's tours, ants spread over threads; those of ACS change pheromone as they walk and keep to one."""
         m = len(self.state.lengths)
-        kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight)
+        kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight, self.state.whole)
         whole = (self.cities, self.state, self.numbers, self.labour, self._seed)
         if pool is None or threads == 1 or self.numbers.xi > 0.0:
             kernel.build(*whole, 0, m)

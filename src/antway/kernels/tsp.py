@@ -25,6 +25,7 @@ class Colony(NamedTuple):
     tau: Floats  # [n, k] pheromone on the candidate edges; where an edge is candidate at both ends, the same at both
     eta: Floats  # [n, k] heuristic to the power beta, the nearest of each city 1
     weight: NDArray[np.float32]  # [n, k] tau ** alpha * eta, row by row up to a factor: Eq. (1) before division
+    whole: Floats  # [n] sum of each row of it
     orders: Ids  # [m, n] the ants' tours of the last cycle
     lengths: Floats  # [m]
     bests: Ids  # [2, n] best tour ever, best since the last restart
@@ -43,8 +44,8 @@ class Labour(NamedTuple):
 
 
 @bare_kernel
-def combine(tau: Floats, eta: Floats, alpha: float, weight: NDArray[np.float32]) -> None:
-    """weight <- tau ** alpha * eta, with each row's tau relative to its largest, so that float32 suffices."""
+def combine(tau: Floats, eta: Floats, alpha: float, weight: Weights, whole: Floats) -> None:
+    """weight <- tau ** alpha * eta, with each row's tau relative to its largest, so that float32 suffices; whole: its sum."""
     n, k = tau.shape
     for i in range(n):
         top = 0.0
@@ -57,6 +58,9 @@ def combine(tau: Floats, eta: Floats, alpha: float, weight: NDArray[np.float32])
         else:
             for c in range(k):
                 weight[i, c] = (tau[i, c] * scale) ** alpha * eta[i, c]
+        whole[i] = 0.0
+        for c in range(k):
+            whole[i] += weight[i, c]
 
 
 @bare_kernel
@@ -88,31 +92,60 @@ def choose(weight: Weights, near: Ids, left: Weights, i: Index, greedy: bool, sh
 
 
 @bare_kernel
+def guess(weight: Weights, whole: Floats, near: Ids, left: Weights, i: Index, came: Index, share: float) -> int:
+    """Draw by Eq. (1) among all of i's candidates, visited or not, but the one of column `came`; -1 if the ant cannot go there.
+
+    Where that happens and the ant draws again with `choose`, the next city's odds are those of `choose` alone: rejection. With
+    pheromone on few edges most guesses are right, and a guess looks at two or three candidates instead of all.
+    """
+    rest = whole[i]
+    if came >= 0:
+        rest -= weight[i, came]
+    if rest < 1e-9 * whole[i]:  # of which rounding leaves nothing
+        return -1
+    draw = share * rest
+    for c in range(near.shape[1]):
+        if c != came:
+            draw -= weight[i, c]
+            if draw < 0.0:
+                return c if left[near[i, c]] > 0.0 else -1
+    return -1
+
+
+@bare_kernel
 def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, order: Ids, left: Weights, sums: Weights) -> float:
     """Build one ant's tour in `order` and return its length.
 
     Each step draws among the candidates left by the roulette of Eq. (1), or with probability q0 takes the one of most weight;
     where none is left the ant goes to the nearest city left. The state of its random numbers starts at `state`.
     """
-    near, gap, weight, q0, xi = cities.near, cities.gap, colony.weight, numbers.q0, numbers.xi
+    near, gap, back, weight, q0, xi = cities.near, cities.gap, cities.back, colony.weight, numbers.q0, numbers.xi
     n = len(order)
     left[:] = 1.0
     total = 0.0
     state += rng.GAMMA
     i = np.uint32(((rng.mix(state) >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32))
     order[0], left[i] = i, 0.0
+    came = -1
     for t in range(1, n):
         greedy = False
         if q0 > 0.0:
             state += rng.GAMMA
             greedy = float(rng.mix(state) >> np.uint64(11)) * 2.0**-53 < q0
-        state += rng.GAMMA
-        # 23 random bits: their largest product with a sum is still below it.
-        share = np.float32(rng.mix(state) >> np.uint64(41)) * np.float32(2.0**-23)
-        c = choose(weight, near, left, i, greedy, share, sums)
+        c = -1
+        if xi == 0.0 and not greedy:
+            state += rng.GAMMA
+            c = guess(weight, colony.whole, near, left, i, came, float(rng.mix(state) >> np.uint64(11)) * 2.0**-53)
+        if c < 0:
+            state += rng.GAMMA
+            # 23 random bits: their largest product with a sum is still below it.
+            share = np.float32(rng.mix(state) >> np.uint64(41)) * np.float32(2.0**-23)
+            c = choose(weight, near, left, i, greedy, share, sums)
+        came = -1
         if c >= 0:
             j = near[i, c]
             total += gap[i, c]
+            came = back[i, c]
             if xi > 0.0:
                 local_update(cities, colony, numbers, i, c)
         else:
@@ -300,7 +333,7 @@ def cycles(
     """
     noted = 0
     for _ in range(count):
-        combine(colony.tau, colony.eta, numbers.alpha, colony.weight)
+        combine(colony.tau, colony.eta, numbers.alpha, colony.weight, colony.whole)
         build(cities, colony, numbers, plan, seed, 0, colony.orders.shape[0])
         if learn(cities, colony, numbers):
             history[noted, 0], history[noted, 1] = colony.record[CYCLE], colony.record[BEST]
