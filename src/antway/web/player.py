@@ -19,30 +19,58 @@ T = TypeVar("T")
 MAX_SMALL = 2**19  # bytes of a message that opens no file
 RATE, BURST = 60.0, 240.0  # messages a second, and at once
 IN_FLIGHT = 2  # frames that the page has not confirmed
-PATIENCE = 10.0  # s that a page may take nothing before it is cut off
+PATIENCE = 7.0  # s that a page may take nothing: it is gone within 10, however busy the server
 TICK = 1 / 40  # s between frames at the least
-_WORKERS = ThreadPoolExecutor(2, "antway")  # more would leave the loop, which shares the interpreter, less of the time
+THREADS = 2  # more would leave the loop, which shares the interpreter, less of the time
+LULL = 0.01  # s without a request, after which work goes on
+HOLD = 0.05  # s that requests may hold it up
+_WORKERS = ThreadPoolExecutor(THREADS, "antway")
+
+
+class Turns:
+    """Who may work beside the loop: a few tabs at a time, first come, first served, and requests before all of them.
+
+    A request takes a fraction of a millisecond and somebody waits for it; a cycle that comes late is left out.
+    """
+
+    def __init__(self) -> None:
+        self.free = asyncio.Semaphore(THREADS)
+        self.asked = -1.0  # when the last request came
+
+    def request(self) -> None:
+        """Note that somebody asks for a file or opens a tab."""
+        self.asked = asyncio.get_running_loop().time()
+
+    async def take(self, work: Callable[..., T], *given: object) -> T:
+        """Do work on one of a few threads, so that the server answers others meanwhile."""
+        loop = asyncio.get_running_loop()
+        async with self.free:
+            latest = loop.time() + HOLD
+            while loop.time() < min(self.asked + LULL, latest):
+                await asyncio.sleep(LULL)
+            return await loop.run_in_executor(_WORKERS, work, *given)
 
 
 class Player:
     """Carries wishes to a session and frames back, at the pace of the clock and never ahead of the page."""
 
-    def __init__(self, websocket: WebSocket, session: Tab) -> None:
-        self.websocket, self.session = websocket, session
+    def __init__(self, websocket: WebSocket, session: Tab, turns: Turns) -> None:
+        self.websocket, self.session, self.turns = websocket, session, turns
         self.turn, self.wake = asyncio.Lock(), asyncio.Event()
         self.owed, self.in_flight = True, 0
         self.answering, self.heard = False, 0.0
+        self.clock = asyncio.get_running_loop().time
 
     async def run(self) -> None:
         """Serve until the page is gone, asks too much, or does not take what it is sent."""
         tasks = [asyncio.create_task(task) for task in (self.play(), self.listen(), self.watch())]
         try:
-            await self.send(await _aside(lambda: _text(self.session.describe())))
+            await self.send(await self.turns.take(lambda: _text(self.session.describe())))
             await self.show()
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
-        except (WebSocketDisconnect, TimeoutError):
+        except WebSocketDisconnect:
             pass
         finally:
             self.session.closed.set()
@@ -52,26 +80,25 @@ class Player:
 
     async def listen(self) -> None:
         """Do what the page asks until it is gone or floods."""
-        clock = asyncio.get_running_loop().time
-        allowance, last = BURST, clock()
+        allowance, last = BURST, self.clock()
         while True:
             message = await self.websocket.receive()
             if message["type"] == "websocket.disconnect":
                 return None
-            now = clock()
+            now = self.clock()
             allowance, last = min(BURST, allowance + (now - last) * RATE) - 1.0, now
             text = message.get("text")
             if text is None or allowance < 0.0:
                 return await self.hang_up()
             self.answering = True
             await self.answer(text)
-            self.answering, self.heard = False, clock()
+            self.answering, after = False, self.clock()
+            self.heard = max(self.heard, after - PATIENCE + min(after - now, 1.0))  # it may have confirmed meanwhile, unread
 
     async def watch(self) -> None:
         """Return once the page has left a frame unconfirmed for too long."""
-        clock = asyncio.get_running_loop().time
-        while self.answering or not self.in_flight or clock() - self.heard < PATIENCE - 1.0:
-            await asyncio.sleep(1.0)
+        while self.answering or not self.in_flight or self.clock() - self.heard < PATIENCE:
+            await asyncio.sleep(PATIENCE / 32)
         await self.hang_up()
 
     async def answer(self, text: str) -> None:
@@ -80,10 +107,10 @@ class Player:
             try:
                 wish = _parse(text)
                 if wish == {"op": "seen"}:
-                    self.in_flight = max(0, self.in_flight - 1)
+                    self.in_flight, self.heard = max(0, self.in_flight - 1), self.clock()
                     replies: list[Message] = []
                 else:
-                    replies = await _aside(self.session.apply, wish)
+                    replies = await self.turns.take(self.session.apply, wish)
                     self.owed = True
             except BadInput as error:
                 replies = [{"kind": "refused", "error": type(error).__name__, "field": error.field, "text": str(error)}]
@@ -94,32 +121,38 @@ class Player:
 
     async def play(self) -> None:
         """Advance the session as fast as the clock says; cycles that come too late are left out, not made up for."""
-        clock = asyncio.get_running_loop().time
-        due = clock()
+        due = self.clock()
         while True:
             if not self.session.playing:
                 self.wake.clear()
                 await self.wake.wait()
-                due = clock()
+                due = self.clock()
                 continue
             period = self.session.period
             steps = max(1, round(TICK / period))
-            due = max(due + steps * period, clock())
-            await asyncio.sleep(due - clock())
-            async with self.turn:
-                if self.session.playing:
-                    await _aside(self.session.advance, steps)
-            self.owed = True
-            await self.show()
+            due = max(due + steps * period, self.clock())
+            await asyncio.sleep(due - self.clock())
+            await self.show(steps)
 
-    async def show(self) -> None:
-        """Send the present moment if the page has taken what it was sent before; otherwise it is skipped."""
+    async def show(self, steps: int = 0) -> None:
+        """Play so many steps, and send the moment if the page has taken what it was sent before; otherwise it is skipped."""
         async with self.turn:
-            if self.owed and self.in_flight < IN_FLIGHT:
-                if not self.in_flight:
-                    self.heard = asyncio.get_running_loop().time()
+            steps = steps if self.session.playing else 0
+            self.owed = self.owed or steps > 0
+            tell = self.owed and self.in_flight < IN_FLIGHT
+            if not (steps or tell):
+                return
+            text = await self.turns.take(self.moment, steps, tell)
+            if tell:
+                await self.send(text)
+                self.heard = self.heard if self.in_flight else self.clock()
                 self.owed, self.in_flight = False, self.in_flight + 1
-                await self.send(await _aside(lambda: _text(self.session.frame())))
+
+    def moment(self, steps: int, tell: bool) -> str:
+        """Play so many steps; return the frame of the moment then, or nothing where none is to be sent."""
+        if steps:
+            self.session.advance(steps)
+        return _text(self.session.frame()) if tell else ""
 
     async def hang_up(self) -> None:
         if self.websocket.application_state is WebSocketState.CONNECTED:
@@ -128,12 +161,7 @@ class Player:
     async def send(self, text: str) -> None:
         if self.websocket.application_state is not WebSocketState.CONNECTED:
             raise WebSocketDisconnect(1006)
-        await asyncio.wait_for(self.websocket.send_text(text), PATIENCE)
-
-
-async def _aside(work: Callable[..., T], *given: object) -> T:
-    """Do work on one of a few threads, so that the server answers others meanwhile."""
-    return await asyncio.get_running_loop().run_in_executor(_WORKERS, work, *given)
+        await self.websocket.send_text(text)
 
 
 def _text(message: Message) -> str:

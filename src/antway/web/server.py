@@ -22,15 +22,16 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
-from starlette.websockets import WebSocket
+from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from antway import checks
 from antway.ants.rules import RULES
 from antway.errors import BadParameter
 from antway.scenes import SCENES
 from antway.web import tours
-from antway.web.player import PATIENCE, Player
+from antway.web.player import PATIENCE, Player, Turns
 from antway.web.session import PARAMETERS, POLICIES, Session
 from antway.web.tab import Tab
 
@@ -83,13 +84,14 @@ def names_of(host: str, port: int) -> frozenset[str]:
 class Gate:
     """Lets through what names this server and comes from its own page; all else is answered with 403."""
 
-    def __init__(self, app: ASGIApp, names: frozenset[str]) -> None:
-        self.app, self.names = app, names
+    def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns) -> None:
+        self.app, self.names, self.turns = app, names, turns
         self.origins = frozenset(f"http://{name}" for name in names)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             return await self.app(scope, receive, send)
+        self.turns.request()
         hosts, origins = (
             [value.decode("latin-1").lower() for key, value in scope["headers"] if key == name] for name in (b"host", b"origin")
         )
@@ -133,43 +135,40 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     }
     pages = {"/": _embedded(crossing), "/tsp": _embedded(touring)}
 
-    def file(path: str) -> Callable[[Request], Awaitable[Response]]:
+    def file(path: str) -> ASGIApp | Callable[[Request], Awaitable[Response]]:
         package, name, kind = _FILES[path]
         text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", pages.get(path, ""))
+        whole = Response(text, 200, _HEADERS, kind)  # made once: it is the same for all
 
-        async def answer(request: Request) -> Response:
-            if path in pages and not open_page and not _same(request.query_params.get("token", ""), token):
+        async def with_token(request: Request) -> Response:
+            if not _same(request.query_params.get("token", ""), token):
                 return PlainTextResponse("open the address that antway serve printed, with its token\n", 403, _HEADERS)
-            return Response(text, 200, _HEADERS, kind)
+            return whole
 
-        return answer
+        return whole if path not in pages or open_page else with_token
 
-    tabs: set[Tab] = set()
+    turns, open_tabs = Turns(), set[WebSocket]()
 
     def live(make: Callable[[], Tab]) -> Callable[[WebSocket], Awaitable[None]]:
         async def play(websocket: WebSocket) -> None:
             offered = websocket.scope.get("subprotocols", [])
-            if len(offered) != 2 or offered[0] != "antway" or not _same(offered[1], token) or len(tabs) >= MAX_SESSIONS:
+            if len(offered) != 2 or offered[0] != "antway" or not _same(offered[1], token) or len(open_tabs) >= MAX_SESSIONS:
                 return await websocket.close(1008)
-            await websocket.accept("antway")
-            tab: Tab | None = None
+            open_tabs.add(websocket)
             try:
-                tab = await asyncio.to_thread(make)
-                tabs.add(tab)
-                await Player(websocket, tab).run()
-            except asyncio.CancelledError:
-                pass  # the server ends
+                await websocket.accept("antway")
+                await Player(websocket, await turns.take(make), turns).run()
+            except (asyncio.CancelledError, WebSocketDisconnect):
+                pass  # the server ends, or the page left at once
             finally:
-                if tab is not None:
-                    tab.closed.set()
-                    tabs.discard(tab)
+                open_tabs.discard(websocket)
 
         return play
 
     routes = [Route(path, file(path), methods=["GET"]) for path in _FILES]
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
-    return Gate(app, names)
+    return Gate(app, names, turns)
 
 
 def _embedded(choices: Mapping[str, object]) -> str:
@@ -181,7 +180,26 @@ def _same(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(), other.encode())
 
 
-class Prompt(HttpToolsProtocol):
+class Unstuck:
+    """A connection that is cut `PATIENCE` s after the other side has ceased to take what it is sent."""
+
+    loop: asyncio.AbstractEventLoop
+    transport: asyncio.Transport
+
+    def pause_writing(self) -> None:
+        super().pause_writing()  # type: ignore[misc]
+        self.stuck = self.loop.call_later(PATIENCE, self.transport.abort)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()  # type: ignore[misc]
+        self.stuck.cancel()
+
+
+class Wire(Unstuck, WebSocketsSansIOProtocol):
+    """A websocket to a page."""
+
+
+class Prompt(Unstuck, HttpToolsProtocol):
     """HTTP that hangs up on who has not asked within `PATIENCE` s, or asks with more than `MAX_HEAD` bytes."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -208,7 +226,7 @@ def config_of(app: ASGIApp) -> uvicorn.Config:
         app,
         log_level="error",
         http=Prompt,
-        ws="websockets-sansio",
+        ws=Wire,
         ws_max_size=MAX_MESSAGE,
         ws_per_message_deflate=False,
         timeout_keep_alive=5,
