@@ -114,10 +114,12 @@ async def page(port: int, token: str, ready: asyncio.Event, stop: asyncio.Event)
 
 
 async def slow(port: int, token: str, stop: asyncio.Event) -> float:
-    """Play and read, but never confirm a frame; return after how many seconds the server hangs up, if it does."""
+    """Play and read, but never confirm a frame; return how many seconds after the first one the server hangs up, if it does."""
     async with live(port, token) as wire:
         await wire.send('{"op":"speed","speed":8}')
         await wire.send('{"op":"play","on":true}')
+        while '"kind":"frame"' not in await wire.recv():
+            pass
         begun = time.perf_counter()
         with contextlib.suppress(ConnectionClosed):
             while not stop.is_set():
