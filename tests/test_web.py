@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import socket
+import zipfile
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from websockets.sync.client import connect
 
 from antway.errors import BadInput
+from antway.web.files import read_upload
 from antway.web.session import Session
 from antway.world.episode import Episode
+from common import cases
 from serving import TOKEN, asked, served
 
 PORT = 8765
@@ -162,6 +167,28 @@ def test_a_saved_scenario_opens_again_and_frames_are_small() -> None:
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
         assert frame["lanes"][0]["t"] == frame["lanes"][1]["t"]
+
+
+def test_a_spoilt_archive_is_refused() -> None:
+    """Archives with wrong bytes, cut short, or packed by methods that could ask for gigabytes: opened or refused, no more."""
+    rng = np.random.default_rng(0)
+    places = "type octile\nheight 8\nwidth 8\nmap\n" + "........\n" * 8
+    refused = set()
+    for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w", method) as archive:
+            archive.writestr("a.map", places)
+            archive.writestr("b.txt", rng.bytes(300))
+        for _ in range(cases(300, 30_000)):
+            data = bytearray(buffer.getvalue())
+            for place in rng.integers(len(data), size=rng.integers(1, 5)):
+                data[place] = rng.integers(256)
+            spoilt = bytes(data[: rng.integers(len(data))] if rng.random() < 0.1 else data)
+            try:
+                read_upload([{"name": "x.zip", "data": base64.b64encode(spoilt).decode()}])
+            except BadInput as error:
+                refused.add(error.field)
+    assert "zip" in refused
 
 
 def test_a_look_inside_a_cycle_changes_nothing() -> None:

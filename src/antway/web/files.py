@@ -6,9 +6,11 @@ import base64
 import binascii
 import io
 import re
+import struct
 import tempfile
 import warnings
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,8 @@ MAX_FILES = 8
 MAX_OBSTACLES = 200
 MAX_LINK = 30_000  # characters
 LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
+_PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what other methods unpack may ask for gigabytes of memory
+_SPOILT = (zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError)
 _NAME = re.compile(r"[^\W_][\w .()+-]{0,99}")
 _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
 
@@ -100,9 +104,13 @@ def _unpacked(contents: dict[str, bytes]) -> dict[str, bytes]:
                     raise TooLarge("files.length", len(entries), f"at most {MAX_FILES}", where=name)
                 _total(sum(entry.file_size for entry in entries))
                 for entry in entries:
+                    if entry.compress_type not in _PLAIN:
+                        raise BadParameter("zip", f"method {entry.compress_type}", "stored or deflated", where=name)
                     with archive.open(entry) as file:
                         out[_name(entry.filename)] = file.read(MAX_BYTES)
-        except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+        except BadInput:
+            raise
+        except _SPOILT as error:
             raise BadParameter("zip", str(error), "a zip archive", where=name) from None
     _total(sum(map(len, out.values())))
     return out
