@@ -29,3 +29,16 @@ def random_grid(rng: np.random.Generator, low: int = 2, high: int = 64, density:
 def free_cells(grid: Grid) -> np.ndarray:
     """The free cells of `grid`, int[N, 2]."""
     return np.argwhere(~grid.blocked)
+
+
+def pick(rng: np.random.Generator, grid: Grid, n: int) -> list[tuple[int, int]]:
+    """n random free cells."""
+    free = free_cells(grid)
+    return [(int(r), int(c)) for r, c in free[rng.integers(len(free), size=n)]]
+
+
+def solvable(rng: np.random.Generator, **size: int) -> Grid:
+    """A random grid with a free cell."""
+    while not len(free_cells(grid := random_grid(rng, **size))):
+        pass
+    return grid

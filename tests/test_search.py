@@ -14,26 +14,22 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
-from antway import Grid, Moves, Plan, Problem, Status, check_plan, distance_field, load_map
-from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway import Grid, Moves, Problem, Status, check_plan, distance_field, load_map
 from antway.kernels.bestfirst import gauge
-from antway.kernels.canonical import START
 from antway.kernels.jps import jump, place
 from antway.maps.movingai import load_scen
 from antway.search import derived
-from antway.search import dijkstra as dijkstra_module
 from antway.search.astar import Searcher, astar, searcher
-from antway.search.batch import solve_many
-from antway.search.costs import inflation_costs, path_cost
+from antway.search.costs import path_cost
+from antway.search.derived import NEIGHBOURS
 from antway.search.dijkstra import dijkstra
 from antway.search.heap import faces
 from antway.search.jps import jps, jumps_pay
 from antway.search.subgoals import subgoals
-from common import SHARED, cases, free_cells, needs_data, random_grid
+from common import SHARED, cases, free_cells, needs_data, pick, solvable
 from naive import search as naive
 
 EXACT = {"dijkstra": dijkstra, "astar": astar, "jps": jps, "subgoals": subgoals}
-NEIGHBOURS = [Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT]
 CORNER_RULES = {"cut": Moves.EIGHT_CUT, "nosqueeze": Moves.EIGHT_NOSQUEEZE, "nocut": Moves.EIGHT}
 
 
@@ -55,19 +51,6 @@ def scipy_field(grid: Grid, goal: tuple[int, int], moves: Moves) -> np.ndarray:
     shape = (rows * cols, rows * cols)
     graph = coo_array((np.concatenate(length), (np.concatenate(begin), np.concatenate(end))), shape=shape).tocsr()
     return scipy_dijkstra(graph, directed=False, indices=number[goal]).reshape(rows, cols)
-
-
-def pick(rng: np.random.Generator, grid: Grid, n: int) -> list[tuple[int, int]]:
-    """n random free cells."""
-    free = free_cells(grid)
-    return [(int(r), int(c)) for r, c in free[rng.integers(len(free), size=n)]]
-
-
-def solvable(rng: np.random.Generator, **size: int) -> Grid:
-    """A random grid with a free cell."""
-    while not len(free_cells(grid := random_grid(rng, **size))):
-        pass
-    return grid
 
 
 def same(length: float, expected: float) -> bool:
@@ -209,46 +192,6 @@ def test_queries_do_not_disturb_each_other() -> None:
                 assert np.allclose(result, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("moves", NEIGHBOURS)
-def test_many_queries_at_once(moves: Moves) -> None:
-    """Routes of many queries have the lengths and, cell by cell, are as legal as those of one query each."""
-    rng = np.random.default_rng(11)
-    for size in (6, 90):
-        grid = Grid(solvable(rng, low=size, high=size + 9).blocked, 0.5)
-        ends = [pick(rng, grid, 2) for _ in range(cases(600, 5000))]
-        routes = solve_many(grid, [a for a, _ in ends], [b for _, b in ends], moves)
-        for i, (a, b) in enumerate(ends):
-            expected = jps(Problem(grid, a, b, moves))
-            assert same(routes.lengths[i], expected.length)
-            assert np.array_equal(routes[i], expected.cells)
-    assert len(solve_many(grid, [], [], moves)) == 0
-    blocked = np.zeros((301, 301), dtype=bool)
-    blocked[1::4, :-1] = blocked[3::4, 1:] = True
-    winding = Grid(blocked)
-    ends = [((0, 0), (0, 300)), ((0, 0), (300, 300)), ((300, 300), (300, 0))]
-    routes = solve_many(winding, [a for a, _ in ends], [b for _, b in ends], moves)
-    for i, (a, b) in enumerate(ends):
-        plan = dijkstra(Problem(winding, a, b, moves))
-        assert same(routes.lengths[i], plan.length)
-        check_plan(Problem(winding, a, b, moves), Plan(Status.FOUND, routes[i].copy(), float(routes.lengths[i])))
-
-
-def test_bad_batches() -> None:
-    """Ends that are blocked, outside, of the wrong kind or number raise the error that names which."""
-    blocked = np.zeros((3, 3), dtype=bool)
-    blocked[1, 1] = True
-    grid = Grid(blocked)
-    with pytest.raises(CellBlocked, match=r"goals\[1\]"):
-        solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 1)])
-    with pytest.raises(OutOfBounds, match=r"starts\[0\]"):
-        solve_many(grid, [(-1, 0)], [(0, 1)])
-    for starts, goals in (([(0.5, 0)], [(0, 0)]), ([(0, 0)], [(0, 0), (0, 0)]), ([0, 0], [0, 0]), ("ab", "cd")):
-        with pytest.raises(BadParameter):
-            solve_many(grid, starts, goals)
-    with pytest.raises(BadParameter, match="moves"):
-        solve_many(grid, [(0, 0)], [(0, 0)], Moves.SIXTEEN)
-
-
 def test_changed_maps() -> None:
     """C9: a changed map is a new grid and is answered as such; the arrays of grids and plans refuse to be written."""
     rng = np.random.default_rng(6)
@@ -278,36 +221,6 @@ def test_what_is_derived_dies_with_the_grid() -> None:
     del grid
     gc.collect()
     assert len(derived._KEPT) == before
-
-
-def test_early_stops() -> None:
-    """A field with `until` or `within` is exact wherever it is finite, covers what was asked, and nothing farther."""
-    rng = np.random.default_rng(7)
-    for moves, _ in itertools.product(Moves, range(cases(40, 400))):
-        grid = Grid(solvable(rng, low=2, high=40).blocked, 0.1)
-        goal, target = pick(rng, grid, 2)
-        full = distance_field(grid, goal, moves)
-        partial = distance_field(grid, goal, moves, until=target)
-        finite = np.isfinite(partial)
-        assert np.array_equal(partial[finite], full[finite])
-        assert partial[target] == full[target]
-        limit = float(rng.choice(full[np.isfinite(full)]))
-        assert np.array_equal(distance_field(grid, goal, moves, within=limit), np.where(full <= limit, full, np.inf))
-
-
-@pytest.mark.parametrize("moves", NEIGHBOURS)
-def test_canonical_tables(moves: Moves) -> None:
-    """C7: the surroundings and canonical successors equal their naive twins, for all 256 surroundings and all directions."""
-    table = derived.successors(moves).reshape(256, 9)
-    for bits in range(256):
-        legal = {d for d in range(8) if bits >> d & 1 and (d < 4 or moves is not Moves.FOUR)}
-        for came in range(4 if moves is Moves.FOUR else 8):
-            assert {d for d in range(8) if table[bits, came] >> d & 1} == naive.canonical(bits, came, moves)
-        assert {d for d in range(8) if table[bits, START] >> d & 1} <= legal
-    rng = np.random.default_rng(8)
-    for _ in range(cases(30, 300)):
-        grid = random_grid(rng, 1, 20)
-        assert np.array_equal(derived.lattice(grid, moves).around.reshape(grid.shape), naive.surroundings(grid))
 
 
 def test_jumps() -> None:
@@ -342,67 +255,6 @@ def test_paths_too_long_for_small_integers() -> None:
         plan = planner(problem)
         check_plan(problem, plan)
         assert plan.length == expected
-
-
-def test_inflation_costs() -> None:
-    """Costs fall off as in Nav2's inflation layer: the formula, the plateau, the edge."""
-    blocked = np.zeros((21, 41), dtype=bool)
-    blocked[10, 20] = True
-    grid = Grid(blocked, resolution=0.1)
-    costs = inflation_costs(grid, 0.2, 0.8, scaling=5.0, most=253.0)
-    clearance = grid.clearance()
-    decay = 1 + 252 * np.exp(-5.0 * (clearance - 0.2))
-    expected = np.where(clearance <= 0.2, 253.0, np.where(clearance <= 0.8, decay, 1.0))
-    np.testing.assert_allclose(costs, expected, rtol=1e-12)
-
-
-def test_costs_change_the_way() -> None:
-    """A dear corridor is left for a detour just when the detour costs less."""
-    blocked = np.zeros((5, 9), dtype=bool)
-    blocked[1:4, 2:7] = True
-    blocked[2, 2:7] = False
-    costs = np.ones(blocked.shape)
-    problem = Problem(Grid(blocked), (2, 0), (2, 8))
-    for dear, straight in ((1.2, True), (3.0, False)):
-        costs[2, 2:7] = dear
-        assert (len(np.unique(astar(problem, costs=costs).cells[:, 0])) == 1) == straight
-
-
-@pytest.mark.parametrize("bad", [-1.0, 0.0, math.nan, math.inf, 1e7], ids=str)
-def test_bad_costs(bad: float) -> None:
-    """A cost that is negative, zero, NaN, infinite or too large is refused by name, wherever it stands."""
-    blocked = np.zeros((3, 3), dtype=bool)
-    blocked[1, 1] = True
-    grid = Grid(blocked)
-    for cell in ((0, 0), (1, 1)):
-        costs = np.ones((3, 3))
-        costs[cell] = bad
-        for call in (
-            lambda costs=costs: dijkstra(Problem(grid, (0, 0), (2, 2)), costs=costs),
-            lambda costs=costs: astar(Problem(grid, (0, 0), (2, 2)), costs=costs),
-            lambda costs=costs: distance_field(grid, (0, 0), costs=costs),
-        ):
-            with pytest.raises(BadParameter, match="costs"):
-                call()
-    with pytest.raises(BadParameter, match=r"costs\.shape"):
-        dijkstra(Problem(grid, (0, 0), (2, 2)), costs=np.ones((3, 4)))
-
-
-def test_bad_fields() -> None:
-    """Goals that are no free cells of the map, and numbers out of range, raise the error that names them."""
-    blocked = np.zeros((3, 3), dtype=bool)
-    blocked[1, 1] = True
-    grid = Grid(blocked)
-    for error, goal in ((OutOfBounds, (3, 0)), (CellBlocked, (1, 1)), (CellBlocked, [(0, 0), (1, 1)]), (BadParameter, "00")):
-        with pytest.raises(error, match="goal"):
-            distance_field(grid, goal)
-    for goal in ([], 7, (0.5, 0), (0, 0, 0), None):
-        with pytest.raises(BadParameter, match="goal"):
-            distance_field(grid, goal)
-    with pytest.raises(BadParameter, match="within"):
-        distance_field(grid, (0, 0), within=math.nan)
-    with pytest.raises(CellBlocked, match="until"):
-        distance_field(grid, (0, 0), until=(1, 1))
 
 
 @given(st.integers(2, 9), st.integers(0, 2**81 - 1), st.sampled_from(NEIGHBOURS))
@@ -443,14 +295,3 @@ def test_where_jumps_pay() -> None:
     grid = Grid(strewn)
     start, goal = pick(rng, grid, 2)
     assert jps(Problem(grid, start, goal)).length == astar(Problem(grid, start, goal)).length
-
-
-def test_lists_grow() -> None:
-    """A field whose open lists outgrow their first room, from many goals at once, is exact."""
-    grid = Grid(np.zeros((200, 200), dtype=bool))
-    goals = [(r, c) for r in range(0, 200, 2) for c in range(0, 200, 2)]
-    assert len(goals) * 3 > 1 << 12
-    field = distance_field(grid, goals)
-    assert set(np.unique(field.round(9))) == {0.0, 1.0, round(math.sqrt(2), 9)}
-    assert isinstance(dijkstra_module.STEPS, int)
-    assert isinstance(jps(Problem(grid, (0, 0), (5, 5))), Plan)

@@ -110,7 +110,7 @@ def expand(
             code = DONE
             break
         state[EXPANDED] += 1
-        moves = np.uint64(table[9 * np.int64(around[cell]) + (nodes[cell, 1] & 15)])
+        moves = np.uint64(table[(nodes[cell, 1] & 15) << 8 | np.int64(around[cell])])
         n = 0
         while moves:
             d = ctz(moves)
@@ -254,14 +254,14 @@ def is_clear(
     down, right = np.sign(goal_row - row), np.sign(goal_col - col)
     diagonal = (4 if right > 0 else 5) if down > 0 else (7 if right > 0 else 6)
     while row != goal_row and col != goal_col:
-        if not table[9 * np.int64(around[row * width + col]) + START] >> diagonal & 1:
+        if not table[START << 8 | np.int64(around[row * width + col])] >> diagonal & 1:
             return False
         row += down
         col += right
     straight = (0 if right > 0 else 2) if row == goal_row else (1 if down > 0 else 3)
     down, right = np.sign(goal_row - row), np.sign(goal_col - col)
     while row != goal_row or col != goal_col:
-        if not table[9 * np.int64(around[row * width + col]) + START] >> straight & 1:
+        if not table[START << 8 | np.int64(around[row * width + col])] >> straight & 1:
             return False
         row += down
         col += right

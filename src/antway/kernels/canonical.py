@@ -89,13 +89,13 @@ def is_beaten(bits: int, came: int, to: int, need: int) -> bool:
 
 @kernel
 def successor_table(need: int) -> NDArray[np.uint8]:
-    """Return the canonical successors, uint8[256 * 9]: entry 9 * surroundings + direction of arrival is a set of directions."""
-    table = np.zeros(256 * 9, np.uint8)
+    """Return the canonical successors, uint8[9 * 256]: a set of directions at 256 * direction of arrival + surroundings."""
+    table = np.zeros(9 * 256, np.uint8)
     for bits in range(256):
         for to in range(8):
             if may_move(bits, 0, 0, _ROW[to], _COL[to], need):
-                table[9 * bits + START] |= 1 << to
+                table[START << 8 | bits] |= 1 << to
                 for came in range(8):
                     if (came < 4 or need >= 0) and not is_beaten(bits, came, to, need):
-                        table[9 * bits + came] |= 1 << to
+                        table[came << 8 | bits] |= 1 << to
     return table

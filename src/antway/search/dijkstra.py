@@ -12,14 +12,14 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.canonical import START
-from antway.kernels.field import DONE, FULL, RUNNING, STRAIGHT, descend, spread
+from antway.kernels.field import BAND, DONE, EXPANDED, FULL, OPEN, RING, RUNNING, STRAIGHT, descend, spread
 from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
 from antway.search import heap
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, Lattice, lattice
 from antway.search.result import found, not_found
 
-STEPS = 1 << 18  # cells settled between two looks at the clock, about 5 ms
+STEPS = 1 << 15  # cells expanded between two looks at the clock, about 5 ms
 
 
 def distance_field(
@@ -104,28 +104,31 @@ class Wave:
     def __init__(self, net: Lattice, sources: list[Cell], targets: list[Cell], within: float = math.inf) -> None:
         self.net, self.within = net, within
         self.label = np.full(net.around.size, np.inf)
-        starts = np.unique([net.at(cell) for cell in sources])
+        starts = np.array([net.at(cell) for cell in sources])
         self.label[starts] = 0.0
-        self.lists = np.empty((3, max(1 << 12, 16 * len(starts))), np.int64)
-        self.lists[0, : len(starts)] = starts << 4 | START
-        self.state = np.array([0, 0, len(starts), 0, 0, 0])
+        self.first = np.full(RING, -1)
+        self.first[0] = 0
+        self.entries = np.empty((2 * len(starts) + 256, 2), np.int64)
+        self.entries[: len(starts), 0] = starts << 4 | START
+        self.entries[: len(starts), 1] = [*range(1, len(starts)), -1]
+        self.state = np.array([0, len(starts), -1, len(starts), 0])
         self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
 
     def run(self, clock: Clock | None) -> bool:
         """Spread until done, or until the clock runs out; tell which."""
-        code = RUNNING
+        net, code = self.net, RUNNING
+        place = (net.around, net.table, net.offsets, self.targets, self.within * STRAIGHT, self.label, self.first)
         while code != DONE and not (clock and clock.spent()):
-            net, within = self.net, self.within * STRAIGHT
-            code = spread(net.around, net.table, net.offsets, self.targets, within, self.label, self.lists, self.state, STEPS)
+            code = spread(*place, self.entries, self.state, STEPS)
             if code == FULL:
-                self.lists = np.concatenate((self.lists, np.empty_like(self.lists)), axis=1)
+                self.entries = np.concatenate((self.entries, np.empty_like(self.entries)))
         return code == DONE
 
     @property
     def known(self) -> float:
         """All distances up to this are final, in the units of `label`."""
-        band = float(self.state[0]) * STRAIGHT
-        return min(self.within * STRAIGHT, band - 1 if self.targets.size else math.inf)
+        stopped = self.targets.size and self.state[OPEN]
+        return min(self.within * STRAIGHT, float(self.state[BAND]) * STRAIGHT - 1 if stopped else math.inf)
 
 
 def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: ArrayLike | None = None) -> Plan:
@@ -162,7 +165,7 @@ def spread_plan(problem: Problem, clock: Clock) -> Plan:
     net = lattice(problem.grid, problem.moves)
     wave = Wave(net, [problem.start], [problem.goal])
     done = wave.run(clock)
-    expanded = int(wave.state[5])
+    expanded = int(wave.state[EXPANDED])
     if not done or wave.label[net.at(problem.goal)] == math.inf:
         return not_found(done, expanded, clock)
     path = descend(net.around, net.table, net.offsets, wave.label, net.at(problem.goal))[::-1]

@@ -1,0 +1,56 @@
+"""Many queries on one map at once."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, Moves, Plan, Problem, Status, check_plan
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.search.batch import solve_many
+from antway.search.derived import NEIGHBOURS
+from antway.search.dijkstra import dijkstra
+from antway.search.jps import jps
+from common import cases, pick, solvable
+
+
+@pytest.mark.parametrize("moves", NEIGHBOURS)
+def test_many_queries_at_once(moves: Moves) -> None:
+    """Routes of many queries have the lengths and, cell by cell, are as legal as those of one query each."""
+    rng = np.random.default_rng(11)
+    for size in (6, 90):
+        grid = Grid(solvable(rng, low=size, high=size + 9).blocked, 0.5)
+        ends = [pick(rng, grid, 2) for _ in range(cases(600, 5000))]
+        routes = solve_many(grid, [a for a, _ in ends], [b for _, b in ends], moves)
+        for i, (a, b) in enumerate(ends):
+            expected = jps(Problem(grid, a, b, moves))
+            assert math.isclose(routes.lengths[i], expected.length, rel_tol=1e-12)
+            assert np.array_equal(routes[i], expected.cells)
+    assert len(solve_many(grid, [], [], moves)) == 0
+    blocked = np.zeros((301, 301), dtype=bool)
+    blocked[1::4, :-1] = blocked[3::4, 1:] = True
+    winding = Grid(blocked)
+    ends = [((0, 0), (0, 300)), ((0, 0), (300, 300)), ((300, 300), (300, 0))]
+    routes = solve_many(winding, [a for a, _ in ends], [b for _, b in ends], moves)
+    for i, (a, b) in enumerate(ends):
+        plan = dijkstra(Problem(winding, a, b, moves))
+        assert math.isclose(routes.lengths[i], plan.length, rel_tol=1e-12)
+        check_plan(Problem(winding, a, b, moves), Plan(Status.FOUND, routes[i].copy(), float(routes.lengths[i])))
+
+
+def test_bad_batches() -> None:
+    """Ends that are blocked, outside, of the wrong kind or number raise the error that names which."""
+    blocked = np.zeros((3, 3), dtype=bool)
+    blocked[1, 1] = True
+    grid = Grid(blocked)
+    with pytest.raises(CellBlocked, match=r"goals\[1\]"):
+        solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 1)])
+    with pytest.raises(OutOfBounds, match=r"starts\[0\]"):
+        solve_many(grid, [(-1, 0)], [(0, 1)])
+    for starts, goals in (([(0.5, 0)], [(0, 0)]), ([(0, 0)], [(0, 0), (0, 0)]), ([0, 0], [0, 0]), ("ab", "cd")):
+        with pytest.raises(BadParameter):
+            solve_many(grid, starts, goals)
+    with pytest.raises(BadParameter, match="moves"):
+        solve_many(grid, [(0, 0)], [(0, 0)], Moves.SIXTEEN)

@@ -1,0 +1,122 @@
+"""Distance fields, canonical successors, and costs of cells: C7, early stops, bad input."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, Moves, Problem, distance_field
+from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.kernels.canonical import START
+from antway.search import derived
+from antway.search.astar import astar
+from antway.search.costs import inflation_costs
+from antway.search.derived import NEIGHBOURS
+from antway.search.dijkstra import Wave, dijkstra
+from common import cases, pick, random_grid, solvable
+from naive import search as naive
+
+
+@pytest.mark.parametrize("moves", NEIGHBOURS)
+def test_canonical_tables(moves: Moves) -> None:
+    """C7: the surroundings and canonical successors equal their naive twins, for all 256 surroundings and all directions."""
+    table = derived.successors(moves).reshape(9, 256)
+    for bits in range(256):
+        legal = {d for d in range(8) if bits >> d & 1 and (d < 4 or moves is not Moves.FOUR)}
+        for came in range(4 if moves is Moves.FOUR else 8):
+            assert {d for d in range(8) if table[came, bits] >> d & 1} == naive.canonical(bits, came, moves)
+        assert {d for d in range(8) if table[START, bits] >> d & 1} <= legal
+    rng = np.random.default_rng(8)
+    for _ in range(cases(30, 300)):
+        grid = random_grid(rng, 1, 20)
+        assert np.array_equal(derived.lattice(grid, moves).around.reshape(grid.shape), naive.surroundings(grid))
+
+
+def test_early_stops() -> None:
+    """A field with `until` or `within` is exact wherever it is finite, covers what was asked, and nothing farther."""
+    rng = np.random.default_rng(7)
+    for moves, _ in itertools.product(Moves, range(cases(40, 400))):
+        grid = Grid(solvable(rng, low=2, high=40).blocked, 0.1)
+        goal, target = pick(rng, grid, 2)
+        full = distance_field(grid, goal, moves)
+        partial = distance_field(grid, goal, moves, until=target)
+        finite = np.isfinite(partial)
+        assert np.array_equal(partial[finite], full[finite])
+        assert partial[target] == full[target]
+        limit = float(rng.choice(full[np.isfinite(full)]))
+        assert np.array_equal(distance_field(grid, goal, moves, within=limit), np.where(full <= limit, full, np.inf))
+
+
+def test_lists_grow() -> None:
+    """A field whose open cells outgrow their first room, from many goals at once, is exact."""
+    grid = Grid(np.random.default_rng(10).random((200, 200)) < 0.3)
+    goals = pick(np.random.default_rng(11), grid, 1000)
+    wave = Wave(derived.lattice(grid, Moves.EIGHT), goals, [])
+    room = len(wave.entries)
+    wave.run(None)
+    assert len(wave.entries) > room
+    np.testing.assert_allclose(distance_field(grid, goals), naive.field(grid, goals, Moves.EIGHT), rtol=1e-12)
+
+
+def test_bad_fields() -> None:
+    """Goals that are no free cells of the map, and numbers out of range, raise the error that names them."""
+    blocked = np.zeros((3, 3), dtype=bool)
+    blocked[1, 1] = True
+    grid = Grid(blocked)
+    for error, goal in ((OutOfBounds, (3, 0)), (CellBlocked, (1, 1)), (CellBlocked, [(0, 0), (1, 1)]), (BadParameter, "00")):
+        with pytest.raises(error, match="goal"):
+            distance_field(grid, goal)
+    for goal in ([], 7, (0.5, 0), (0, 0, 0), None):
+        with pytest.raises(BadParameter, match="goal"):
+            distance_field(grid, goal)
+    with pytest.raises(BadParameter, match="within"):
+        distance_field(grid, (0, 0), within=math.nan)
+    with pytest.raises(CellBlocked, match="until"):
+        distance_field(grid, (0, 0), until=(1, 1))
+
+
+def test_inflation_costs() -> None:
+    """Costs fall off as in Nav2's inflation layer: the formula, the plateau, the edge."""
+    blocked = np.zeros((21, 41), dtype=bool)
+    blocked[10, 20] = True
+    grid = Grid(blocked, resolution=0.1)
+    costs = inflation_costs(grid, 0.2, 0.8, scaling=5.0, most=253.0)
+    clearance = grid.clearance()
+    decay = 1 + 252 * np.exp(-5.0 * (clearance - 0.2))
+    expected = np.where(clearance <= 0.2, 253.0, np.where(clearance <= 0.8, decay, 1.0))
+    np.testing.assert_allclose(costs, expected, rtol=1e-12)
+
+
+def test_costs_change_the_way() -> None:
+    """A dear corridor is left for a detour just when the detour costs less."""
+    blocked = np.zeros((5, 9), dtype=bool)
+    blocked[1:4, 2:7] = True
+    blocked[2, 2:7] = False
+    costs = np.ones(blocked.shape)
+    problem = Problem(Grid(blocked), (2, 0), (2, 8))
+    for dear, straight in ((1.2, True), (3.0, False)):
+        costs[2, 2:7] = dear
+        assert (len(np.unique(astar(problem, costs=costs).cells[:, 0])) == 1) == straight
+
+
+@pytest.mark.parametrize("bad", [-1.0, 0.0, math.nan, math.inf, 1e7], ids=str)
+def test_bad_costs(bad: float) -> None:
+    """A cost that is negative, zero, NaN, infinite or too large is refused by name, wherever it stands."""
+    blocked = np.zeros((3, 3), dtype=bool)
+    blocked[1, 1] = True
+    grid = Grid(blocked)
+    for cell in ((0, 0), (1, 1)):
+        costs = np.ones((3, 3))
+        costs[cell] = bad
+        for call in (
+            lambda costs=costs: dijkstra(Problem(grid, (0, 0), (2, 2)), costs=costs),
+            lambda costs=costs: astar(Problem(grid, (0, 0), (2, 2)), costs=costs),
+            lambda costs=costs: distance_field(grid, (0, 0), costs=costs),
+        ):
+            with pytest.raises(BadParameter, match="costs"):
+                call()
+    with pytest.raises(BadParameter, match=r"costs\.shape"):
+        dijkstra(Problem(grid, (0, 0), (2, 2)), costs=np.ones((3, 4)))
