@@ -1,7 +1,10 @@
 import { LAYERS } from "/canvas.js";
 import { Editor } from "/edit.js";
 import { Lane } from "/lane.js";
-import { bits, busy, byId, choices, connect, fixed, heat, make, mask, notice, save, stemOf, takeFiles } from "/parts.js";
+import {
+  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, save, showPlaying, stemOf,
+  takeFiles, themes,
+} from "/parts.js";
 
 const page = {
   scene: null, field: null, lanes: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1,
@@ -49,10 +52,7 @@ function takeScene(scene) {
     else lane.stage.setMap(map);
   }
   if (sameMap) align(page.lanes[0].stage);
-  const known = choices.scenes.includes(scene.name);
-  byId("scene").replaceChildren(...choices.scenes.map((name) => make("option", name, { value: name })));
-  if (!known) byId("scene").prepend(make("option", scene.name, { value: "", disabled: true }));
-  byId("scene").value = known ? scene.name : "";
+  choose("scene", choices.scenes, scene.name);
   document.title = `${scene.name} – antway`;
   byId("undo").disabled = !scene.undo;
   byId("redo").disabled = !scene.redo;
@@ -76,8 +76,7 @@ function takeFrame(frame) {
   page.playing = frame.playing;
   page.speed = frame.speed;
   frame.lanes.forEach((record, i) => page.lanes[i].take(record));
-  byId("play").setAttribute("aria-label", frame.playing ? "Pause" : "Play");
-  byId("play").classList.toggle("playing", frame.playing);
+  showPlaying(frame.playing);
   byId("speed").value = String(frame.speed);
   const over = page.lanes.every((lane) => lane.now.outcome);
   for (const id of ["play", "step", "ants"]) byId(id).disabled = over;
@@ -133,19 +132,6 @@ function setTool(tool) {
   const brushing = tool === "wall" || tool === "erase";
   const dropping = tool === "obstacle" || tool === "way";
   for (const [id, on] of [["brush", brushing], ["size", dropping], ["pace", tool === "way"]]) byId(`${id}-label`).hidden = !on;
-}
-
-function setTheme(theme) {
-  document.documentElement.dataset.theme = theme;
-  byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
-  for (const { stage } of page.lanes) stage.refresh();
-  redraw();
-}
-
-function toggle(key) {
-  page.show[key] = !page.show[key];
-  byId(`layer-${key}`).checked = page.show[key];
-  redraw();
 }
 
 // The button that ends a way of waypoints.
@@ -208,13 +194,6 @@ function field(parameter, input, wrong) {
 
 function build() {
   byId("speed").replaceChildren(...choices.speeds.map((speed) => make("option", `${speed}×`, { value: String(speed) })));
-  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch, off }, i) => {
-    const row = make("label", "", { title: `Key ${(i + 1) % 10}` });
-    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: !off });
-    box.addEventListener("change", () => ((page.show[key] = box.checked), redraw()));
-    row.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
-    return row;
-  }));
   for (const parameter of choices.parameters) {
     const { field: name, label, unit, low, high, meaning } = parameter;
     if (name === "seed") {
@@ -238,15 +217,11 @@ function listen() {
   const actions = {
     play, step: () => wish({ op: "step" }), ants: () => (busy("looking …"), wish({ op: "ants" })), reset: () => wish({ op: "reset" }), undo: () => wish({ op: "undo" }), redo: () => wish({ op: "redo" }),
     done: () => editor.finish(), fit: () => { for (const { stage } of page.lanes) stage.fit(); redraw(); },
-    theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
     compare: () => askPolicies(page.lanes.length > 1 ? [page.lanes[0].select.value] : [page.lanes[0].select.value, page.lanes[0].select.value === "paper" ? "antway" : "paper"]),
     "save-png": picture,
   };
   for (const what of ["scenario", "link", "trace", "replay", "gif"]) actions[`save-${what}`] = () => (busy("writing …"), wish({ op: "export", what }));
   for (const [id, action] of Object.entries(actions)) on(id, "click", action);
-  const menu = document.querySelector(".menu");
-  menu.addEventListener("click", (event) => event.target.tagName === "BUTTON" && (menu.open = false));
-  document.addEventListener("pointerdown", (event) => menu.contains(event.target) || (menu.open = false));
   on("scene", "change", (event) => (busy("opening …"), wish({ op: "scene", name: event.target.value })));
   on("speed", "change", (event) => wish({ op: "speed", speed: Number(event.target.value) }));
   on("brush", "change", (event) => (page.brush = Number(event.target.value)));
@@ -261,28 +236,24 @@ function listen() {
   on("parameters", "submit", (event) => event.preventDefault());
   takeFiles((files) => wish({ op: "open", files }));
   for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
-  document.addEventListener("keydown", (event) => {
-    if (event.altKey || byId("link-box").open || ["SELECT"].includes(event.target.tagName) || (event.target.tagName === "INPUT" && event.target.type !== "checkbox")) return;
-    const key = event.key.toLowerCase();
-    if (event.ctrlKey || event.metaKey) {
-      if (key === "z") event.preventDefault(), wish({ op: event.shiftKey ? "redo" : "undo" });
-      return;
-    }
-    const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName);
-    const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "way" };
+  const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "way" };
+  listenToKeys((key, event, onButton) => {
+    if (byId("link-box").open) return null;
+    if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);
     const keys = {
       " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
-      enter: onButton || !editor.gesture ? null : actions.done, f: actions.fit, t: actions.theme, c: actions.compare, escape: () => ((menu.open = false), editor.drop(), notice("")),
+      enter: onButton || !editor.gesture ? null : actions.done, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), notice("")),
     };
-    const layer = /^\d$/.test(key) && LAYERS[(Number(key) + 9) % 10];
-    const action = keys[key] ?? (tools[key] ? () => setTool(tools[key]) : layer ? () => toggle(layer.key) : null);
-    if (!action) return;
-    event.preventDefault();
-    action();
+    return keys[key] ?? (tools[key] ? () => setTool(tools[key]) : /^\d$/.test(key) && toggle(Number(key)));
   });
 }
 
+const closeMenu = menus();
+const toggle = boxes(LAYERS, page.show, redraw);
+const changeTheme = themes(() => {
+  for (const { stage } of page.lanes) stage.refresh();
+  redraw();
+});
 build();
 listen();
 setTool("hand");
-setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");

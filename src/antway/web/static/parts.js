@@ -42,6 +42,71 @@ function save(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
+// Which of `names` is shown by the chooser `id`; what is none of them, opened from a file, is named above them.
+function choose(id, names, name) {
+  const known = names.includes(name);
+  byId(id).replaceChildren(...names.map((one) => make("option", one, { value: one })));
+  if (!known) byId(id).prepend(make("option", name || "opened", { value: "", disabled: true }));
+  byId(id).value = known ? name : "";
+}
+
+function showPlaying(playing) {
+  byId("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+  byId("play").classList.toggle("playing", playing);
+}
+
+// Light or dark, at first as the system prefers; `changed` is called after each change. Returns the switch.
+function themes(changed) {
+  const root = document.documentElement;
+  const set = (theme) => {
+    root.dataset.theme = theme;
+    byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
+    changed();
+  };
+  set(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  const change = () => set(root.dataset.theme === "dark" ? "light" : "dark");
+  byId("theme").addEventListener("click", change);
+  return change;
+}
+
+// A box with a legend for each of `layers`, kept in `show`; `changed` is called after each change. Returns toggle(number of the key).
+function boxes(layers, show, changed) {
+  const row = ({ key, label, swatch }, i) => {
+    const line = make("label", "", { title: `Key ${(i + 1) % 10}` });
+    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: show[key] });
+    box.addEventListener("change", () => ((show[key] = box.checked), changed()));
+    line.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
+    return line;
+  };
+  byId("layers").replaceChildren(...layers.map(row));
+  return (digit) => {
+    const layer = layers[(digit + 9) % 10];
+    return layer && (() => byId(`layer-${layer.key}`).click());
+  };
+}
+
+// The menu closes after a choice and where the page is pressed elsewhere. Returns what closes it.
+function menus() {
+  const menu = document.querySelector(".menu");
+  const close = () => (menu.open = false);
+  menu.addEventListener("click", (event) => event.target.tagName === "BUTTON" && close());
+  document.addEventListener("pointerdown", (event) => menu.contains(event.target) || close());
+  return close;
+}
+
+// Call what `actionOf(key, event, onButton)` returns for a key pressed where nothing is typed or chosen; `onButton` has space and
+// Enter for itself.
+function listenToKeys(actionOf) {
+  document.addEventListener("keydown", (event) => {
+    const { tagName, type } = event.target;
+    if (event.altKey || tagName === "SELECT" || (tagName === "INPUT" && type !== "checkbox")) return;
+    const action = actionOf(event.key.toLowerCase(), event, ["BUTTON", "INPUT", "SUMMARY"].includes(tagName));
+    if (!action) return;
+    event.preventDefault();
+    action();
+  });
+}
+
 const stemOf = (name) => name.replace(/[^\w-]+/g, "-").slice(0, 60);
 
 // Connect to `path`; `take(message)` gets each message. Returns wish(message).
@@ -106,4 +171,7 @@ function takeFiles(open) {
   byId("notice").lastElementChild.addEventListener("click", () => notice(""));
 }
 
-export { bits, busy, byId, choices, connect, fixed, heat, make, mask, notice, save, stemOf, takeFiles };
+export {
+  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, save, showPlaying, stemOf,
+  takeFiles, themes,
+};

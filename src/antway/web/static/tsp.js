@@ -1,5 +1,8 @@
 // The page of tours: a colony at work on a travelling salesman problem.
-import { bits, busy, byId, choices, connect, fixed, make, notice, save, stemOf, takeFiles } from "/parts.js";
+import {
+  bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, save, showPlaying, stemOf, takeFiles,
+  themes,
+} from "/parts.js";
 
 const LAYERS = [
   { key: "trails", label: "Pheromone on edges", swatch: "line" },
@@ -31,10 +34,7 @@ const pairs = (text) => {
 function takeScene(scene) {
   Object.assign(state, { scene, frame: null, cities: pairs(scene.cities), curve: [], setting: null });
   notice("");
-  const known = choices.instances.includes(scene.name);
-  byId("instance").replaceChildren(...choices.instances.map((name) => make("option", name, { value: name })));
-  if (!known) byId("instance").prepend(make("option", scene.name || "opened", { value: "", disabled: true }));
-  byId("instance").value = known ? scene.name : "";
+  choose("instance", choices.instances, scene.name);
   for (const { field } of SETTINGS) {
     const { input, wrong } = state.inputs[field];
     input.value = String(scene.settings[field]);
@@ -55,8 +55,7 @@ function takeFrame(frame) {
   state.frame = { ...frame, tour: frame.tour && new Uint16Array(bits(frame.tour).buffer), ends: pairs(frame.ends), shares: bits(frame.shares) };
   state.curve.push(...frame.curve);
   if (state.curve.length > 4000) state.curve = state.curve.filter((_, i) => i % 2 === 0 || i > 3000);
-  byId("play").setAttribute("aria-label", frame.playing ? "Pause" : "Play");
-  byId("play").classList.toggle("playing", frame.playing);
+  showPlaying(frame.playing);
   byId("play").disabled = byId("step").disabled = frame.ended;
   byId("speed").value = String(frame.speed);
   const put = (id, text) => (byId(id).textContent = text);
@@ -197,27 +196,8 @@ function redraw() {
 }
 
 // ---- controls ----
-function toggle(key) {
-  state.show[key] = !state.show[key];
-  byId(`layer-${key}`).checked = state.show[key];
-  redraw();
-}
-
-function setTheme(theme) {
-  document.documentElement.dataset.theme = theme;
-  byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
-  redraw();
-}
-
 function build() {
   byId("speed").replaceChildren(...choices.speeds.map((speed) => make("option", speed > 1000 ? "fastest" : `${speed} cycles/s`, { value: String(speed) })));
-  byId("layers").replaceChildren(...LAYERS.map(({ key, label, swatch }, i) => {
-    const row = make("label", "", { title: `Key ${i + 1}` });
-    const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: true });
-    box.addEventListener("change", () => ((state.show[key] = box.checked), redraw()));
-    row.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
-    return row;
-  }));
   for (const { field, label, options, meaning } of SETTINGS) {
     const row = make("label", "");
     const input = make(options ? "select" : "input", "", { id: `set-${field}` });
@@ -240,40 +220,32 @@ function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
   const actions = {
     play: () => wish({ op: "play", on: !state.frame?.playing }), step: () => wish({ op: "step" }), reset: () => wish({ op: "reset" }),
-    theme: () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"),
     "save-tour": () => wish({ op: "export", what: "tour" }),
     "save-png": () => byId("map").toBlob((blob) => save(blob, `antway-${stemOf(state.scene.name)}.png`)),
   };
   for (const [id, action] of Object.entries(actions)) on(id, "click", action);
-  const menu = document.querySelector(".menu");
-  menu.addEventListener("click", (event) => event.target.tagName === "BUTTON" && (menu.open = false));
-  document.addEventListener("pointerdown", (event) => menu.contains(event.target) || (menu.open = false));
   on("instance", "change", (event) => wish({ op: "instance", name: event.target.value }));
   on("speed", "change", (event) => wish({ op: "speed", speed: Number(event.target.value) }));
   on("settings", "submit", (event) => event.preventDefault());
   takeFiles((files) => wish({ op: "open", files }));
   for (const id of ["map", "curve"]) new ResizeObserver(redraw).observe(byId(id));
-  document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT" || (event.target.tagName === "INPUT" && event.target.type !== "checkbox")) return;
-    const faster = (by) => {
-      const speed = choices.speeds[choices.speeds.indexOf(state.frame?.speed) + by];
-      if (speed) wish({ op: "speed", speed });
-    };
-    const key = event.key.toLowerCase();
-    const onButton = ["BUTTON", "INPUT", "SUMMARY"].includes(event.target.tagName);
+  const faster = (by) => {
+    const speed = choices.speeds[choices.speeds.indexOf(state.frame?.speed) + by];
+    if (speed) wish({ op: "speed", speed });
+  };
+  listenToKeys((key, event, onButton) => {
+    if (event.ctrlKey || event.metaKey) return null;
     const idle = byId("play").disabled;
     const keys = {
       " ": onButton ? null : () => idle || actions.play(), arrowright: () => idle || actions.step(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
-      t: actions.theme, escape: () => ((menu.open = false), notice("")),
+      t: changeTheme, escape: () => (closeMenu(), notice("")),
     };
-    const layer = /^\d$/.test(key) && LAYERS[Number(key) - 1];
-    const action = keys[key] ?? (layer ? () => toggle(layer.key) : null);
-    if (!action) return;
-    event.preventDefault();
-    action();
+    return keys[key] ?? (/^\d$/.test(key) && toggle(Number(key)));
   });
 }
 
+const closeMenu = menus();
+const toggle = boxes(LAYERS, state.show, redraw);
+const changeTheme = themes(redraw);
 build();
 listen();
-setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
