@@ -89,6 +89,10 @@ class Lattice(NamedTuple):
 
 def lattice(grid: Grid, moves: Moves) -> Lattice:
     """Return the lattice of `grid` under moves of 4 or 8 neighbours."""
+    return kept(grid, ("lattice", moves), lambda: _lattice(grid, moves))
+
+
+def _lattice(grid: Grid, moves: Moves) -> Lattice:
     width = grid.shape[1]
     offsets = Moves.EIGHT.offsets.astype(np.int64) @ np.array([width, 1])
     return Lattice(kept(grid, "around", lambda: _around(grid)), successors(moves), offsets, width)

@@ -88,7 +88,7 @@ def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
     if not parts:
         raise BadParameter(name, value, "at least one cell")
     if not isinstance(parts[0], (Iterable, np.ndarray)):
-        return [free_cell(name, parts, grid)]
+        return [free_cell(name, tuple(parts), grid)]
     return [free_cell(f"{name}[{i}]", part, grid) for i, part in enumerate(parts)]
 
 
