@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -168,3 +169,14 @@ def test_wrong_parameters(kind, wrong):
     with pytest.raises(BadParameter) as caught:
         kind(**wrong)
     assert caught.value.field == next(iter(wrong))
+
+
+@pytest.mark.parametrize("kind", RULES.values())
+def test_no_parameter_is_negative(kind):
+    """Every number of every rule, set to -1, is a `BadParameter` that names it."""
+    numbers = [f.name for f in fields(kind) if isinstance(getattr(kind(), f.name), int | float) or f.name in ("ants", "elite")]
+    assert {"ants", "alpha", "beta", "q"} <= set(numbers)
+    for name in numbers:
+        with pytest.raises(BadParameter) as caught:
+            kind(**{name: -1})
+        assert caught.value.field == name

@@ -5,12 +5,14 @@ from __future__ import annotations
 import random
 import threading
 import time
+from itertools import permutations
 
 import numpy as np
 import pytest
 
 from antway import BadInput, BadMap, BadParameter, TooLarge, load_tsp, solve_tsp
 from antway.ants.immune import Immune
+from antway.ants.rules import RULES
 from antway.ants.tsplib import Tsp, parse
 from common import SCALE, SHARED, cases, needs_data
 from mapfiles import spoil
@@ -46,6 +48,7 @@ OPTIONS = [
     {"rule": "mmas"},
     {"rule": "acs"},
     {"rule": "rank", "local_search": "2opt"},
+    {"local_search": "3opt"},
     {"rule": "mmas", "local_search": "3opt", "focused": True},
     {"rule": "eas", "immune": Immune()},
 ]
@@ -53,9 +56,9 @@ OPTIONS = [
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
 def test_same_seed_same_bytes_with_any_threads(options):
-    """The same seed gives the same tour, pheromone and history with 1, 2 and 4 threads; another seed, other pheromone."""
+    """The same seed gives the same tour, pheromone and history with 1, 2 and 8 threads; another seed, other pheromone."""
     one = solve_tsp(RANDOM, cycles=8, seed=5, **options)
-    for threads in (1, 2, 4):
+    for threads in (1, 2, 8):
         assert contents(solve_tsp(RANDOM, cycles=8, seed=5, threads=threads, **options)) == contents(one)
     assert solve_tsp(RANDOM, cycles=8, seed=6, **options).pheromone.tobytes() != one.pheromone.tobytes()
 
@@ -95,8 +98,27 @@ def test_degenerate_instances():
     for n in (1, 2, 3):
         tour = solve_tsp(Tsp(np.arange(2.0 * n).reshape(n, 2)), local_search="3opt")
         assert tour.order.tolist() == list(range(n)) and tour.gap == 0.0
+        rows = "".join(f"{i + 1} {i} 0\n" for i in range(n))
+        text = PLANE.format("EUC_2D").replace("DIMENSION : 4", f"DIMENSION : {n}").split("1 0 0")[0] + rows + "EOF\n"
+        assert solve_tsp(parse(text.encode())).length == 2 * (n - 1)
     assert solve_tsp(Tsp([(2.0, 2.0)] * 9)).length == 0.0
     assert solve_tsp(Tsp([(0, 0)] * 9 + [(3, 4)] * 9), cycles=20, local_search="2opt").length == 10.0
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("local_search", [None, "2opt", "3opt"])
+def test_few_cities_have_their_shortest_tour(rule, local_search):
+    """One to seven cities, some of them in one place or in a row, get the shortest of all tours."""
+    dice = np.random.default_rng(9)
+    for n in range(1, 8):
+        for places in (dice.random((n, 2)), dice.integers(0, 3, (n, 2)).astype(float), np.outer(dice.random(n), [3.0, 4.0])):
+            instance = Tsp(places)
+            table = np.linalg.norm(places[:, None] - places, axis=-1)
+            tours = np.array([[0, *rest] for rest in permutations(range(1, n))])
+            shortest = table[tours, np.roll(tours, -1, axis=1)].sum(axis=1).min()
+            tour = solve_tsp(instance, rule, local_search=local_search, cycles=60, ants=10)
+            assert sorted(tour.order) == list(range(n))
+            assert tour.length == pytest.approx(shortest, abs=1e-9)
 
 
 def test_many_cities_in_one_place():

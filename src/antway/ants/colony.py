@@ -35,7 +35,7 @@ class Colony:
         A name of `RULES` ("as", "eas", "rank", "mmas", "acs"), or a rule with its parameters.
     ants, persistence : int, Persistence or None
         Ants in a cycle, persistence policy; None: the rule's, or else 25
-        ants for MMAS and as many as cities, 50 at most, for the others.
+        ants for MMAS and as many as cities, 100 at most, for the others.
     seed : int
         In [0, 2**64 - 1]. The same seed and the same answers give the same bytes.
     candidates : int
@@ -78,7 +78,7 @@ class Colony:
             raise BadParameter("instance.size", instance.size, "at least 4 cities")
         self.cities = instance.cities(candidates)
         n, k = self.cities.near.shape
-        m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 50))
+        m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 100))
         self.numbers = self.rule.numbers(m)
         # The heuristic 1 / distance, each city's nearest as 1; cities in one place are a tenth of a usual step apart.
         gap = np.maximum(self.cities.gap, 0.1 * float(self.cities.gap[:, 0].mean()) or 1.0)
