@@ -37,6 +37,7 @@ class Stage {
     const names = ["floor", "wall", "unknown", "rule", "ink", "robot", "moving", "planned", "prediction", "pheromone", "goal", "trails",
       "braking", "field"];
     this.colour = Object.fromEntries(names.map((name) => [name, css.getPropertyValue(`--${name}`).trim()]));
+    this.colour.number = css.getPropertyValue("--on-moving").trim();
     this.tints.clear();
   }
 
@@ -168,7 +169,7 @@ class Stage {
       this.stroke(this.colour.moving, 2);
     }
     if (r > 7 * this.unit) {
-      c.fillStyle = sensed ? "#ffffff" : this.colour.moving;
+      c.fillStyle = sensed ? this.colour.number : this.colour.moving;
       c.font = `600 ${Math.min(r, 13 * this.unit)}px system-ui, sans-serif`;
       c.textAlign = "center";
       c.textBaseline = "middle";

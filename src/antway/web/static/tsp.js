@@ -139,7 +139,7 @@ function drawCurve() {
   c.font = `${11 * unit}px system-ui, sans-serif`;
   c.fillStyle = colourOf("quiet");
   if (!rows.length) return c.fillText("Press play.", 4 * unit, 16 * unit);
-  const label = (v) => (optimum ? `${v.toFixed(v < 10 ? 1 : 0)} %` : v.toLocaleString("en", { maximumFractionDigits: 0 }));
+  const label = (v) => (optimum ? `${v.toFixed(v > 0 && v < 10 ? 1 : 0)} %` : v.toLocaleString("en", { maximumFractionDigits: 0 }));
   const low = optimum ? 0 : rows.at(-1)[1] * 0.98;
   const means = rows.map((row) => row[2]).sort((a, b) => a - b);
   const top = Math.max(rows[0][1], means[Math.floor(means.length * 0.9)], low + (optimum ? 1 : 1e-3 * low));
