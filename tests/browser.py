@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -123,3 +124,70 @@ def fits(page: Any, screen: dict[str, Any]) -> None:
                            e.getAttribute("aria-labelledby"))).map((e) => e.outerHTML)"""
     )
     assert unnamed == []
+
+
+def expect(page: Any, selector: str) -> Any:
+    from playwright.sync_api import expect
+
+    return expect(page.locator(selector))
+
+
+def point(page: Any, x: float, y: float, size: float = 20.0) -> tuple[float, float]:
+    """Where on the screen the place (x, y) m of a square map of that size is."""
+    box = page.locator("canvas.stage").first.bounding_box()
+    scale = 0.96 * min(box["width"], box["height"]) / size
+    return box["x"] + box["width"] / 2 + (x - size / 2) * scale, box["y"] + box["height"] / 2 - (y - size / 2) * scale
+
+
+def drag(page: Any, *places: tuple[float, float]) -> None:
+    page.mouse.move(*point(page, *places[0]))
+    page.mouse.down()
+    for place in places[1:]:
+        page.mouse.move(*point(page, *place), steps=8)
+    page.mouse.up()
+
+
+def drop(page: Any, name: str, text: str) -> None:
+    """Drag a file over the page and drop it there."""
+    page.evaluate(
+        """([name, text]) => {
+          const dataTransfer = new DataTransfer();
+          dataTransfer.items.add(new File([text], name));
+          const main = document.querySelector("main");
+          for (const kind of ["dragover", "drop"])
+            main.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
+        }""",
+        [name, text],
+    )
+
+
+def saved(page: Any, what: str) -> tuple[str, bytes]:
+    """Name and content of what the menu Save gives."""
+    page.click(".menu summary")
+    with page.expect_download(timeout=60_000) as file:
+        page.click(f"#save-{what}")
+    return file.value.suggested_filename, Path(file.value.path()).read_bytes()
+
+
+def dead(page: Any) -> list[str]:
+    """The buttons, choosers and fields of a page that nothing listens to, itself or a menu, list or form round it."""
+    wire = page.context.new_cdp_session(page)
+    call = """function (k) {
+      const all = [...document.querySelectorAll("button, select, input:not([readonly]), summary, a")];
+      return k < 0 ? all.length : all[k];
+    }"""
+    place = wire.send("Runtime.evaluate", {"expression": "document"})["result"]["objectId"]
+
+    def control(k: int) -> Any:
+        found = {"functionDeclaration": call, "objectId": place, "arguments": [{"value": k}]}
+        return wire.send("Runtime.callFunctionOn", found)["result"]
+
+    unheard = []
+    for k in range(control(-1)["value"]):
+        node = control(k)
+        listeners = wire.send("DOMDebugger.getEventListeners", {"objectId": node["objectId"]})["listeners"]
+        kinds = {listener["type"] for listener in listeners}
+        of_itself = node["description"].startswith(("summary", "a"))  # opens what it is the summary of, leads where it says
+        if not of_itself and not kinds & {"click", "change", "input"}:
+            unheard.append(node["description"])
+    return unheard

@@ -18,7 +18,22 @@ from antway import load_scenario
 from antway.scenes import scene
 from antway.world.motions import Bounce, Waypoints
 from antway.world.scenario import Scenario, save_scenario
-from browser import DESKTOP, NASTY, PHONE, chromium, drawn, fits, needs_browser, opened, pixels
+from browser import (
+    DESKTOP,
+    NASTY,
+    PHONE,
+    chromium,
+    drag,
+    drawn,
+    drop,
+    expect,
+    fits,
+    needs_browser,
+    opened,
+    pixels,
+    point,
+    saved,
+)
 from serving import served
 
 pytestmark = needs_browser
@@ -51,49 +66,6 @@ def page(browser: Any, address: str) -> Iterator[Any]:
     yield page
     page.context.close()
     assert complaints == []
-
-
-def expect(page: Any, selector: str) -> Any:
-    from playwright.sync_api import expect
-
-    return expect(page.locator(selector))
-
-
-def point(page: Any, x: float, y: float, size: float = 20.0) -> tuple[float, float]:
-    """Where on the screen the place (x, y) m of a square map of that size is."""
-    box = page.locator("canvas.stage").first.bounding_box()
-    scale = 0.96 * min(box["width"], box["height"]) / size
-    return box["x"] + box["width"] / 2 + (x - size / 2) * scale, box["y"] + box["height"] / 2 - (y - size / 2) * scale
-
-
-def drag(page: Any, *places: tuple[float, float]) -> None:
-    page.mouse.move(*point(page, *places[0]))
-    page.mouse.down()
-    for place in places[1:]:
-        page.mouse.move(*point(page, *place), steps=8)
-    page.mouse.up()
-
-
-def drop(page: Any, name: str, text: str) -> None:
-    """Drag a file over the page and drop it there."""
-    page.evaluate(
-        """([name, text]) => {
-          const dataTransfer = new DataTransfer();
-          dataTransfer.items.add(new File([text], name));
-          const main = document.querySelector("main");
-          for (const kind of ["dragover", "drop"])
-            main.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
-        }""",
-        [name, text],
-    )
-
-
-def saved(page: Any, what: str) -> tuple[str, bytes]:
-    """Name and content of what the menu Save gives."""
-    page.click(".menu summary")
-    with page.expect_download(timeout=60_000) as file:
-        page.click(f"#save-{what}")
-    return file.value.suggested_filename, Path(file.value.path()).read_bytes()
 
 
 def scenario(page: Any, folder: Path) -> Scenario:

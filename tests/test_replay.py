@@ -136,6 +136,61 @@ def test_a_person_can_play_step_scrub_and_switch(browser: Any, tmp_path: Path) -
 
 
 @needs_browser
+def test_two_episodes_play_side_by_side(browser: Any, tmp_path: Path) -> None:
+    """Both play at the same times, the shorter one waits at its end; the panel tells of the one chosen; zoom is shared."""
+    from playwright.sync_api import expect
+
+    one, other = sample_trace(60, 2), sample_trace(120, 3)
+    object.__setattr__(other, "policy", "rival")
+    page, complaints = opened(browser, write_replay(one, tmp_path / "r.html", beside=[other]).as_uri(), OWN, **DESKTOP)
+    told = page.locator(".told")
+    expect(told).to_have_text([f"{one.policy}: {one.outcome.value}", f"rival: {other.outcome.value}"])
+    expect(told.nth(0)).to_have_attribute("aria-pressed", "true")
+
+    def pictures() -> list[str]:
+        drawn(page)
+        return [page.evaluate(f"document.getElementById('{name}').toDataURL()") for name in ("stage", "stage-1")]
+
+    began = pictures()
+    page.locator("#scrub").fill("30")
+    expect(page.locator("#time")).to_have_text("3.0 / 12.0 s")
+    later = pictures()
+    assert all(a != b for a, b in zip(began, later))
+    told.nth(1).click()
+    expect(told.nth(1)).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("#subtitle")).to_contain_text("policy rival")
+    page.locator("#scrub").fill("60")
+    first = pictures()
+    page.keyboard.press("End")
+    expect(page.locator("#time")).to_have_text("12.0 / 12.0 s")
+    last = pictures()
+    assert last[0] == first[0] and last[1] != first[1], "who has arrived stays where it is"
+
+    box = page.locator("#stage").bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.wheel(0, -600)
+    assert all(a != b for a, b in zip(last, pictures()))
+    page.click("#fit")
+    assert pictures() == last
+    page.click("#layer-trail")
+    assert all(a != b for a, b in zip(last, pictures()))
+    page.keyboard.press("Home")
+    page.select_option("#speed", "8")
+    page.click("#play")
+    expect(page.locator("#scrub")).to_have_value("120")
+    with page.expect_download() as saved:
+        page.click("#save")
+    assert Path(saved.value.path()).read_bytes()[:4] == b"\x89PNG" and complaints == []
+    page.context.close()
+
+    page, complaints = opened(browser, (tmp_path / "r.html").as_uri(), OWN, **PHONE)
+    fits(page, PHONE)
+    sizes = [page.locator(f"#{name}").bounding_box() for name in ("stage", "stage-1")]
+    assert sizes[0]["height"] == sizes[1]["height"] and sizes[0]["width"] == sizes[1]["width"] and complaints == []
+    page.context.close()
+
+
+@needs_browser
 def test_names_are_text_and_never_markup(browser: Any, tmp_path: Path) -> None:
     """C41: 30 hostile scenario names and reasons are shown as they are, run nothing and ask the network for nothing."""
     from playwright.sync_api import expect
