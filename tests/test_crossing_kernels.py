@@ -14,7 +14,7 @@ from antway.kernels.guard import gap_to_reach, time_to_contact
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.pieces import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.predict import predict
-from antway.kernels.trails import TRAILS, edge, evaporate, lay, slot
+from antway.kernels.trails import TRAILS, edge, evaporate, lay, slot, window
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
 from antway.world.world import Obstacle, World
@@ -256,3 +256,21 @@ def test_trails_keep_within_their_limits() -> None:
     before = trails.tau[at] if trails.key[at] == key else 0.0
     lay(trails, key, 2.0)
     assert trails.tau[slot(trails, key)] == pytest.approx(before + 2.0, abs=1e-6)
+
+
+def test_a_window_of_pheromone_holds_the_largest_of_each_cell() -> None:
+    """Each cell of the window has the most that lies on any of its moves at any time, and outside lies none."""
+    rng = np.random.default_rng(11)
+    for _ in range(cases(20)):
+        trails, twin = make_trails(12 * 9), np.zeros((12, 9), np.float32)
+        for _ in range(rng.integers(0, 30)):
+            cell, move, t, amount = rng.integers(2, 100), rng.integers(32), rng.uniform(0.0, 9.0), rng.uniform(0.1, 3.0)
+            lay(trails, edge(trails, cell, move, t), amount)
+        for key, tau in zip(trails.key.tolist(), trails.tau):
+            if key >= 0:
+                row, col = divmod(key // 64 % twin.size, 9)
+                twin[row, col] = max(twin[row, col], tau)
+        top, left, part = window(trails, 9)
+        whole = np.zeros_like(twin)
+        whole[top : top + part.shape[0], left : left + part.shape[1]] = part
+        assert (whole == twin).all() and part.size == (np.prod(np.ptp(np.argwhere(twin), axis=0) + 1) if twin.any() else 0)

@@ -16,12 +16,13 @@ from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels import track
 from antway.kernels.cycle import KEPT, Plan, Settings, cycle
+from antway.kernels.jit import entry
 from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
 from antway.kernels.place import Place
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
 from antway.kernels.timed import move_mask
-from antway.kernels.trails import TRAILS, Trails
+from antway.kernels.trails import TRAILS, Trails, window
 from antway.planning import TimedPath, standing_cell
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
@@ -179,8 +180,8 @@ class AntwayPolicy:
             robot_radius=robot.radius,
             horizon=self.horizon,
             margin=self.margin,
-            bound=task.obstacle_speed if self.guard else 0.0,
-            surge=task.obstacle_surge if self.guard else 0.0,
+            bound=float(task.obstacle_speed) if self.guard else 0.0,
+            surge=float(task.obstacle_surge) if self.guard else 0.0,
             lag=stopping if self.guard else 0.0,
             quantile=self.quantile,
             gain=self.gain,
@@ -248,7 +249,7 @@ class AntwayPolicy:
         self.place, lag = self.paces[known > 0]
         if lag != self.settings.lag:
             self.settings = self.settings._replace(lag=lag)
-        vx, vy, what, arrival, bound = cycle(
+        arguments = (
             self.memory,
             self.trails,
             self.place,
@@ -257,12 +258,12 @@ class AntwayPolicy:
             self.beliefs[:known],
             o.t,
             o.t - stamp,
-            o.xy[0],
-            o.xy[1],
+            *o.xy,
             self.frame,
             self.pieces,
             self.state,
         )
+        vx, vy, what, arrival, bound = entry(cycle, *arguments)(*arguments)
         command = Command((vx, vy))
         if self.guard:
             command = self.guard.limit(o if t.covariance is None else self._believed(o, known), command)
@@ -296,11 +297,5 @@ class AntwayPolicy:
 
     def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:
         """Return the pheromone by cell, the largest over moves and times, in the window that holds any."""
-        used = np.flatnonzero(self.trails.key >= 0)
-        if len(used) == 0:
-            return None
-        cells = (self.trails.key[used] // 64) % self.task.grid.blocked.size
-        row, col = np.divmod(cells, self.task.grid.shape[1])
-        window = np.zeros((int(np.ptp(row)) + 1, int(np.ptp(col)) + 1), np.float32)
-        np.maximum.at(window, (row - row.min(), col - col.min()), self.trails.tau[used])
-        return int(row.min()), int(col.min()), window
+        top, left, pheromone = window(self.trails, self.task.grid.shape[1])
+        return (top, left, pheromone) if pheromone.size else None

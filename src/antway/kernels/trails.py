@@ -67,3 +67,23 @@ def evaporate(trails: Trails, now: float, low: float, high: float, cycle: float)
             rho = min(max(math.exp(-1.0 / tau) + math.exp(-cycle), low), high)
             if rho * tau > 1.05:
                 lay(trails, keys[j], rho * tau - 1.0)
+
+
+@kernel
+def window(trails: Trails, cols: int) -> tuple[int, int, NDArray[np.float32]]:
+    """Return the pheromone by cell of a map of `cols` columns, the largest over moves and times, where any lies.
+
+    Row and column of the window's corner, and the window, float32[h, w]; of no size if there is none.
+    """
+    cells = len(trails.mark)
+    top, left, bottom, right = cells, cells, -1, -1
+    for key in trails.key:
+        if key >= 0:
+            row, col = divmod(key // 64 % cells, cols)
+            top, left, bottom, right = min(top, row), min(left, col), max(bottom, row), max(right, col)
+    out = np.zeros((max(bottom - top + 1, 0), max(right - left + 1, 0)), np.float32)
+    for j in range(TRAILS):
+        if trails.key[j] >= 0:
+            row, col = divmod(trails.key[j] // 64 % cells, cols)
+            out[row - top, col - left] = max(out[row - top, col - left], trails.tau[j])
+    return top, left, out
