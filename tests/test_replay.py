@@ -7,6 +7,8 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator
+from importlib.resources import files
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -72,6 +74,51 @@ def test_a_trace_of_no_steps_and_no_obstacles_makes_a_page() -> None:
     """The smallest trace, one that ends as it begins, is no special case."""
     data = data_of(replay_page(sample_trace(1, 0)))
     assert data["obstacles"]["id"] == []
+
+
+BLINDNESS = {  # by Machado et al. 2009, at their full
+    "none": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    "protanopia": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+    "deuteranopia": [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+    "tritanopia": [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
+}
+XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+
+
+def linear(colour: str) -> np.ndarray:
+    """Linear red, green and blue of a colour as #rrggbb."""
+    share = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    """CIE L*a*b* of linear red, green and blue."""
+    share = XYZ @ np.clip(rgb, 0.0, 1.0) / (0.9505, 1.0, 1.0888)
+    f = np.where(share > 0.008856, np.cbrt(share), 7.787 * share + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_colours_are_told_apart_and_texts_read(theme: str) -> None:
+    """Layers differ by more than 9 in CIE L*a*b* to any eye; text has a contrast of 4.5 to its ground, lines one of 3."""
+    css = (files("antway.view") / "static" / "replay.css").read_text()
+    first, second = (dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block)) for block in css.split("}")[:2])
+    colour = {name: linear(text) for name, text in ({**first, **second} if theme == "dark" else first).items()}
+    layers = ("ink", "robot", "moving", "planned", "prediction", "pheromone", "braking", "field")
+    for kind, seen in BLINDNESS.items():
+        for one, other in combinations(layers, 2):
+            far = np.linalg.norm(lab(np.array(seen) @ colour[one]) - lab(np.array(seen) @ colour[other]))
+            assert far > 9.0, (kind, one, other)
+
+    def contrast(one: str, other: str) -> float:
+        dark, light = sorted(float(XYZ[1] @ colour[name]) for name in (one, other))
+        return (light + 0.05) / (dark + 0.05)
+
+    texts = [(text, ground) for text in ("ink", "quiet") for ground in ("panel", "page")]
+    texts += [("good", "panel"), ("bad", "panel"), ("accent", "panel"), ("on-accent", "accent"), ("on-moving", "moving")]
+    assert all(contrast(*pair) >= 4.5 for pair in (*texts, ("panel", "planned"), ("ink", "calm")))
+    lines = ("robot", "moving", "planned", "pheromone", "trails", "braking", "wall", "ink")
+    assert all(contrast(line, "floor") >= 3.0 for line in lines)
 
 
 @pytest.fixture(scope="module")
