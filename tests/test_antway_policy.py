@@ -27,6 +27,7 @@ from antway import (
     make_policy,
     run,
 )
+from antway.kernels import jit
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -228,6 +229,22 @@ def test_a_robot_at_a_place_that_is_no_number_raises() -> None:
     """So does a robot's own state."""
     with pytest.raises(BadParameter):
         observed(one_track(), xy=(math.nan, 2.5))
+
+
+def test_an_observation_of_whole_numbers_does_not_make_later_ones_whole(monkeypatch) -> None:
+    """The first observation, for whose types the kernel is compiled, may have integers where later ones have fractions."""
+    there = Observation(0.75, (5.6, 2.7), (0.0, 0.0), 0.0, one_track(xy=np.array([[6.6, 2.9]])))
+    commands = []
+    for first in (
+        Observation(0.0, (5.0, 2.0), (0.0, 0.0), 0.0, Tracks.none()),
+        Observation(0, (5, 2), (0, 0), 0, Tracks.none()),
+    ):
+        monkeypatch.setattr(jit, "_entries", {})
+        policy = make_policy("antway")
+        policy.reset(Task(ROOM, RobotSpec(), (1, 2), (9, 2)), 0)
+        policy.act(first)
+        commands.append(policy.act(there).velocity)
+    assert commands[0] == commands[1] != (0.0, 0.0)
 
 
 def test_a_robot_in_contact_stands_and_says_why() -> None:
