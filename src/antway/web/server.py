@@ -225,6 +225,8 @@ def config_of(app: ASGIApp) -> uvicorn.Config:
     return uvicorn.Config(
         app,
         log_level="error",
+        access_log=False,
+        proxy_headers=False,  # nothing stands between this server and its page
         http=Prompt,
         ws=Wire,
         ws_max_size=MAX_MESSAGE,
