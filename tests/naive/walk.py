@@ -27,22 +27,34 @@ class Dice:
         return mix(self.state)
 
 
+def roulette(weights, bits):
+    """The move drawn by the upper 23 bits, None if none has weight; partial sums are float32, made of pairs."""
+    w = [np.float32(v) for v in weights]
+    pair = w[0] + w[1]
+    half = pair + (w[2] + w[3])
+    rest = w[4] + w[5]
+    sums = [w[0], pair, pair + w[2], half, half + w[4], half + rest, half + (rest + w[6]), half + (rest + (w[6] + w[7]))]
+    drawn = np.float32(bits >> 41) * np.float32(2**-23) * sums[7]
+    return next((k for k in range(8) if sums[k] > drawn), None)
+
+
 def walk(weights, offsets, start, goal, limit, retreat, greedy, turn, seed, ant):
-    """The moves of one ant, None if it died, and the steps it made. Weights are float32, summed from the first move on."""
+    """The moves of one ant, None if it died, and the steps it made. A colony without greed guesses first."""
     dice, path, cell, visited = Dice(seed, ant), [], start, {start}
     for step in range(limit):
         if cell == goal:
             return path, step
         last = path[-1] if path else 8
         open_ = [weights[cell, k] * turn[last, k] if cell + offsets[k] not in visited else np.float32(0) for k in range(8)]
-        total = np.cumsum(np.array(open_, np.float32), dtype=np.float32)
-        if total[-1] == 0:
+        bits = dice.bits()
+        k = roulette(weights[cell], bits) if greedy == 0 else None
+        if k is None or cell + offsets[k] in visited or np.float32(bits % 2**23) * np.float32(2**-23) >= turn[last, k]:
+            k = roulette(open_, dice.bits())
+        if k is None:
             if not retreat or not path:
                 return None, step + 1
             cell -= offsets[path.pop()]
             continue
-        drawn = np.float32(dice.bits() >> 41) * np.float32(2**-23) * total[-1]
-        k = next(k for k in range(8) if total[k] > drawn)
         if greedy > 0 and (dice.bits() >> 11) * 2.0**-53 < greedy:
             k = int(np.argmax(open_))
         path.append(k)

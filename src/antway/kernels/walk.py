@@ -19,6 +19,7 @@ FLOOR = 1e-30  # a legal move keeps this share of the heaviest one's weight, so 
 NEAR = 1e-3  # cells; a target nearer than this is seen as if it were so far: an ant beside it steps onto it
 LOW, HIGH = 1e-150, 1e150  # what pheromone without limits of its own is kept in, so that it never becomes 0 or infinite
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step of splitmix64, see rng.py
+_UNIT, _LOW = np.float32(2.0**-23), np.uint64(0x7FFFFF)  # 23 bits make a number in [0, 1)
 
 
 @kernel
@@ -71,6 +72,41 @@ def weigh(tau: NDArray[np.float64], seen: NDArray[np.float64], alpha: float, wei
 
 
 @kernel
+def roulette(
+    w0: np.float32,
+    w1: np.float32,
+    w2: np.float32,
+    w3: np.float32,
+    w4: np.float32,
+    w5: np.float32,
+    w6: np.float32,
+    w7: np.float32,
+    bits: np.uint64,
+) -> int:
+    """Return k with probability w_k / sum, by the upper 23 of 64 random bits; -1 if the sum is 0.
+
+    The partial sums are made of pairs, so that few additions wait for one another; such that they never fall, and that w_k = 0
+    leaves two of them equal, also after rounding: a move without weight is never drawn.
+    """
+    c1 = w0 + w1
+    c3 = c1 + (w2 + w3)
+    w45 = w4 + w5
+    c7 = c3 + (w45 + (w6 + w7))
+    drawn = np.float32(bits >> np.uint64(41)) * _UNIT * c7  # < c7 also after rounding
+    if c7 == np.float32(0.0):
+        return -1
+    return (
+        int(w0 <= drawn)
+        + int(c1 <= drawn)
+        + int(c1 + w2 <= drawn)
+        + int(c3 <= drawn)
+        + int(c3 + w4 <= drawn)
+        + int(c3 + w45 <= drawn)
+        + int(c3 + (w45 + w6) <= drawn)
+    )
+
+
+@kernel
 def walk(
     weights: NDArray[np.float32],
     offsets: NDArray[np.int64],
@@ -89,10 +125,10 @@ def walk(
     """Let the ants first, first + 1, ... walk from `start`, one for each row of `moves`; return the steps they made.
 
     Each step draws among the neighbours that the ant has not visited, by the roulette over `weights`, Eq. (1); with probability
-    `greedy` it takes the heaviest instead (the pseudo-random proportional rule). turn[a, b] scales the weight of move b after
-    move a; row 8 stands for the start. In a dead end the ant goes back one cell and never enters the dead one again, so paths
-    have no loops; without `retreat` it dies there. It dies, too, when `limit` steps, those back included, have not brought it
-    to `goal`.
+    `greedy` it takes the heaviest instead (the pseudo-random proportional rule). turn[a, b] in [0, 1] scales the weight of move
+    b after move a; row 8 stands for the start. In a dead end the ant goes back one cell and never enters the dead one again, so
+    paths have no loops; without `retreat` it dies there. It dies, too, when `limit` steps, those back included, have not
+    brought it to `goal`.
 
     `moves` uint8[A, limit] and `depth` int32[A] are written: the moves of each path and how many, -1 for an ant that died.
     `stamp` int32[N] is scratch, zeroed once; no ant number may come to the same one twice. Ant a draws from `stream(seed, a)`,
@@ -109,50 +145,54 @@ def walk(
         stamp[cell] = mine
         while cell != goal and made < limit:
             made += 1
-            w0 = weights[cell, 0] * turn[last, 0] if stamp[cell + o0] != mine else zero
-            w1 = weights[cell, 1] * turn[last, 1] if stamp[cell + o1] != mine else zero
-            w2 = weights[cell, 2] * turn[last, 2] if stamp[cell + o2] != mine else zero
-            w3 = weights[cell, 3] * turn[last, 3] if stamp[cell + o3] != mine else zero
-            w4 = weights[cell, 4] * turn[last, 4] if stamp[cell + o4] != mine else zero
-            w5 = weights[cell, 5] * turn[last, 5] if stamp[cell + o5] != mine else zero
-            w6 = weights[cell, 6] * turn[last, 6] if stamp[cell + o6] != mine else zero
-            w7 = weights[cell, 7] * turn[last, 7] if stamp[cell + o7] != mine else zero
-            c0 = w0
-            c1 = c0 + w1
-            c2 = c1 + w2
-            c3 = c2 + w3
-            c4 = c3 + w4
-            c5 = c4 + w5
-            c6 = c5 + w6
-            c7 = c6 + w7
-            if c7 == zero:
-                if not retreat or length == 0:
-                    break
-                length -= 1
-                cell -= offsets[moves[ant, length]]
-                last = int(moves[ant, length - 1]) if length > 0 else 8
-                continue
             state += _GAMMA
-            # 23 bits: drawn < c7 also after rounding, so the last move drawn always has weight
-            drawn = np.float32(mix(state) >> np.uint64(41)) * np.float32(1.0 / 8388608.0) * c7
-            last = (
-                int(c0 <= drawn)
-                + int(c1 <= drawn)
-                + int(c2 <= drawn)
-                + int(c3 <= drawn)
-                + int(c4 <= drawn)
-                + int(c5 <= drawn)
-                + int(c6 <= drawn)
-            )
-            if greedy > 0.0:
+            bits = mix(state)
+            k = -1
+            if greedy == 0.0:
+                # A guess among all moves, taken with the odds of its turn unless it leads to a visited cell: rejection, so that
+                # the step has the odds of the roulette below. It mostly saves looking at all neighbours.
+                k = roulette(
+                    weights[cell, 0],
+                    weights[cell, 1],
+                    weights[cell, 2],
+                    weights[cell, 3],
+                    weights[cell, 4],
+                    weights[cell, 5],
+                    weights[cell, 6],
+                    weights[cell, 7],
+                    bits,
+                )
+                if k >= 0 and (stamp[cell + offsets[k]] == mine or np.float32(bits & _LOW) * _UNIT >= turn[last, k]):
+                    k = -1
+            if k < 0:
+                w0 = weights[cell, 0] * turn[last, 0] if stamp[cell + o0] != mine else zero
+                w1 = weights[cell, 1] * turn[last, 1] if stamp[cell + o1] != mine else zero
+                w2 = weights[cell, 2] * turn[last, 2] if stamp[cell + o2] != mine else zero
+                w3 = weights[cell, 3] * turn[last, 3] if stamp[cell + o3] != mine else zero
+                w4 = weights[cell, 4] * turn[last, 4] if stamp[cell + o4] != mine else zero
+                w5 = weights[cell, 5] * turn[last, 5] if stamp[cell + o5] != mine else zero
+                w6 = weights[cell, 6] * turn[last, 6] if stamp[cell + o6] != mine else zero
+                w7 = weights[cell, 7] * turn[last, 7] if stamp[cell + o7] != mine else zero
                 state += _GAMMA
-                if float(mix(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0) < greedy:
-                    top = max(max(max(w0, w1), max(w2, w3)), max(max(w4, w5), max(w6, w7)))
-                    last = 0
-                    for w in (w0, w1, w2, w3, w4, w5, w6):
-                        if w == top:
-                            break
-                        last += 1
+                bits = mix(state)
+                k = roulette(w0, w1, w2, w3, w4, w5, w6, w7, bits)
+                if k < 0:
+                    if not retreat or length == 0:
+                        break
+                    length -= 1
+                    cell -= offsets[moves[ant, length]]
+                    last = int(moves[ant, length - 1]) if length > 0 else 8
+                    continue
+                if greedy > 0.0:
+                    state += _GAMMA
+                    if float(mix(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0) < greedy:
+                        top = max(max(max(w0, w1), max(w2, w3)), max(max(w4, w5), max(w6, w7)))
+                        k = 0
+                        for w in (w0, w1, w2, w3, w4, w5, w6):
+                            if w == top:
+                                break
+                            k += 1
+            last = k
             moves[ant, length] = last
             length += 1
             cell += offsets[last]
