@@ -9,7 +9,6 @@ from typing import Any, cast
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
 

@@ -58,12 +58,55 @@ def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
 
 
 @kernel
-def pack_columns(blocked: NDArray[np.uint8], words: NDArray[np.uint64]) -> None:
-    """Write the columns of a map of 0 and 1 into `words`, uint64[W + 2, H // 64 + 3] full of 1, as lines laid out as above."""
-    height, width = blocked.shape
-    for top in range(0, height, 64):
-        part = np.zeros(width, np.uint64)
+def turn(lines: NDArray[np.uint64], turned: NDArray[np.uint64], height: int, width: int) -> None:
+    """Write the columns of a packed map as lines, full of 1 before: the part for S from that for E, each [lines, words]."""
+    square = np.empty(64, np.uint64)
+    for i in range(1, turned.shape[1] - 1):
+        rows = min(64, height - 64 * (i - 1))
+        for j in range(1, lines.shape[1] - 1):
+            square[:] = ~np.uint64(0)
+            for k in range(rows):
+                square[k] = lines[64 * (i - 1) + k + 1, j]
+            transpose(square)
+            for k in range(min(64, width - 64 * (j - 1))):
+                turned[64 * (j - 1) + k + 1, i] = square[k]
+
+
+@kernel
+def transpose(square: NDArray[np.uint64]) -> None:
+    """Swap rows and columns of 64 x 64 bits: first of the halves, then of the quarters within each, and so on."""
+    step, low = 32, np.uint64(0xFFFFFFFF)
+    while step:
+        shift = np.uint64(step)
         for k in range(64):
-            for col in range(width):
-                part[col] |= np.uint64(blocked[top + k, col] if top + k < height else 1) << np.uint64(k)
-        words[1:-1, 1 + top // 64] = part
+            if k & step == 0:
+                swap = (square[k] >> shift ^ square[k + step]) & low
+                square[k] ^= swap << shift
+                square[k + step] ^= swap
+        step >>= 1
+        low ^= low << np.uint64(step)
+
+
+@kernel
+def mirror(lines: NDArray[np.uint64], mirrored: NDArray[np.uint64], length: int) -> None:
+    """Write packed lines of `length` cells with the last cell first, into lines full of 1."""
+    words = lines.shape[1]
+    spare = np.uint64(63 - length % 64)  # by how many bits but one the cells lie too high once their words are reversed
+    for line in range(lines.shape[0]):
+        here = reverse(lines[line, words - 1])
+        for i in range(words - 1):
+            ahead = reverse(lines[line, words - 2 - i])
+            mirrored[line, i] = here >> spare >> _ONE | ahead << (_LAST - spare)
+            here = ahead
+
+
+@kernel
+def reverse(word: np.uint64) -> np.uint64:
+    """Return a word with its last bit first."""
+    step, low = 32, np.uint64(0xFFFFFFFF)
+    while step:
+        shift = np.uint64(step)
+        word = word >> shift & low | (word & low) << shift
+        step >>= 1
+        low ^= low << np.uint64(step)
+    return word

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable
 from functools import cache
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.bestfirst import legal_moves
 from antway.kernels.canonical import NEED, successor_table, surroundings
-from antway.kernels.jps import pack_columns
+from antway.kernels.jps import mirror, turn
 
 T = TypeVar("T")
 NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` has
@@ -98,16 +99,16 @@ def _lattice(grid: Grid, moves: Moves) -> Lattice:
     return Lattice(kept(grid, "around", lambda: _around(grid)), successors(moves), offsets, width)
 
 
+def _around(grid: Grid) -> NDArray[np.uint8]:
+    around = np.empty(grid.shape, np.uint8)
+    surroundings(grid.blocked.view(np.uint8), around)
+    return around.ravel()
+
+
 @cache
 def successors(moves: Moves) -> NDArray[np.uint8]:
     """Return the canonical successors under `moves`."""
     return successor_table(NEED[moves.value])
-
-
-def _around(grid: Grid) -> NDArray[np.uint8]:
-    free = np.pad(~grid.blocked, 1, constant_values=False)
-    around = surroundings(free.view(np.uint8).ravel(), free.shape[1]).reshape(free.shape)
-    return np.ascontiguousarray(around[1:-1, 1:-1]).ravel()
 
 
 def packed(grid: Grid) -> NDArray[np.uint64]:
@@ -117,20 +118,16 @@ def packed(grid: Grid) -> NDArray[np.uint64]:
 
 def packed_lines(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
     """Return a map, bool[H, W], packed into bits for the four straight directions; what lies around it is True."""
-    return np.concatenate(
-        [_packed_rows(stops), _packed_columns(stops), _packed_rows(stops[:, ::-1]), _packed_columns(stops[::-1])]
-    )
-
-
-def _packed_rows(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    lines, length = stops.shape
-    bits = np.ones((lines + 2, 64 * (length // 64 + 3)), dtype=bool)
-    bits[1:-1, 64 : 64 + length] = stops
-    return np.packbits(bits, bitorder="little").view("<u8").astype(np.uint64)
-
-
-def _packed_columns(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    length, lines = stops.shape
-    words = np.full((lines + 2, length // 64 + 3), ~np.uint64(0))
-    pack_columns(np.ascontiguousarray(stops).view(np.uint8), words)
-    return words.ravel()
+    height, width = stops.shape
+    rows, columns = (height + 2, width // 64 + 3), (width + 2, height // 64 + 3)
+    words = np.full(2 * (math.prod(rows) + math.prod(columns)), ~np.uint64(0))
+    parts = np.split(words, np.cumsum([math.prod(rows), math.prod(columns), math.prod(rows)]))
+    east, south, west, north = (part.reshape(shape) for part, shape in zip(parts, (rows, columns, rows, columns)))
+    octets = np.packbits(stops, axis=1, bitorder="little")
+    if width % 8:
+        octets[:, -1] |= 0xFF << width % 8 & 0xFF
+    east.view(np.uint8)[1:-1, 8 : 8 + octets.shape[1]] = octets
+    turn(east, south, height, width)
+    mirror(east, west, width)
+    mirror(south, north, height)
+    return words

@@ -46,8 +46,9 @@ def jumps_pay(grid: Grid) -> bool:
 
 
 def _strewn(grid: Grid) -> float:
-    """Return which share of the blocked cells, of those in every eighth row, has no blocked neighbour to its side."""
-    above, here, below = (grid.blocked[i : i - 2 or None : 8] for i in range(3))
+    """Return which share of the blocked cells has no blocked neighbour to its side, in rows with about half a million cells."""
+    every = max(1, grid.blocked.size >> 19)
+    above, here, below = (grid.blocked[i : i - 2 or None : every] for i in range(3))
     beside = above | below
     beside[:, 1:] |= here[:, :-1]
     beside[:, :-1] |= here[:, 1:]
