@@ -294,6 +294,35 @@ def test_requests_go_first_and_hold_up_work_for_a_moment_alone() -> None:
     asyncio.run(check())
 
 
+def test_nobody_waits_for_what_others_export(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While as many tabs as there are threads write files, another tab opens and steps; then they get their files."""
+    from antway.web import server
+
+    done = threading.Event()
+
+    class Slow(Session):
+        def _export(self, message: dict[str, Any]) -> list[dict[str, Any]]:
+            assert done.wait(60)
+            return super()._export(message)
+
+    monkeypatch.setattr(server, "Session", Slow)
+    with served() as port:
+
+        async def check() -> None:
+            async with live(port, TOKEN) as one, live(port, TOKEN) as two:
+                for wire in (one, two):
+                    await frame(wire)
+                    await wire.send('{"op":"export","what":"link"}')
+                async with live(port, TOKEN) as wire:
+                    await steps(wire)
+                done.set()
+                for wire in (one, two):
+                    while json.loads(await asyncio.wait_for(wire.recv(), 60))["kind"] != "link":
+                        pass
+
+        asyncio.run(check())
+
+
 def test_no_more_tabs_open_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of twelve tabs that open at the same moment, as many get a session as there are, and a place that is left is given on."""
     from antway.web import server

@@ -21,10 +21,9 @@ RATE, BURST = 60.0, 240.0  # messages a second, and at once
 IN_FLIGHT = 2  # frames that the page has not confirmed
 PATIENCE = 7.0  # s that a page may take nothing: it is gone within 10, however busy the server
 TICK = 1 / 40  # s between frames at the least
-THREADS = 2  # more would leave the loop, which shares the interpreter, less of the time
+THREADS = 2  # that play; more would leave the loop, which shares the interpreter, less of the time
 LULL = 0.01  # s without a request, after which work goes on
 HOLD = 0.05  # s that requests may hold it up
-_WORKERS = ThreadPoolExecutor(THREADS, "antway")
 
 
 class Turns:
@@ -33,8 +32,8 @@ class Turns:
     A request takes a fraction of a millisecond and somebody waits for it; a cycle that comes late is left out.
     """
 
-    def __init__(self) -> None:
-        self.free = asyncio.Semaphore(THREADS)
+    def __init__(self, threads: int = THREADS) -> None:
+        self.free, self.workers = asyncio.Semaphore(threads), ThreadPoolExecutor(threads, "antway")
         self.asked = -1.0  # when the last request came
 
     def request(self) -> None:
@@ -48,14 +47,15 @@ class Turns:
             latest = loop.time() + HOLD
             while loop.time() < min(self.asked + LULL, latest):
                 await asyncio.sleep(LULL)
-            return await loop.run_in_executor(_WORKERS, work, *given)
+            return await loop.run_in_executor(self.workers, work, *given)
 
 
 class Player:
     """Carries wishes to a session and frames back, at the pace of the clock and never ahead of the page."""
 
-    def __init__(self, websocket: WebSocket, session: Tab, turns: Turns) -> None:
-        self.websocket, self.session, self.turns = websocket, session, turns
+    def __init__(self, websocket: WebSocket, session: Tab, turns: Turns, exports: Turns) -> None:
+        self.websocket, self.session = websocket, session
+        self.turns, self.exports = turns, exports  # what is exported may take seconds: nobody else's play waits for it
         self.turn, self.wake = asyncio.Lock(), asyncio.Event()
         self.owed, self.in_flight = True, 0
         self.answering, self.heard = False, 0.0
@@ -110,7 +110,8 @@ class Player:
                     self.in_flight, self.heard = max(0, self.in_flight - 1), self.clock()
                     replies: list[Message] = []
                 else:
-                    replies = await self.turns.take(self.session.apply, wish)
+                    turns = self.exports if isinstance(wish, dict) and wish.get("op") == "export" else self.turns
+                    replies = await turns.take(self.session.apply, wish)
                     self.owed = True
             except BadInput as error:
                 replies = [{"kind": "refused", "error": type(error).__name__, "field": error.field, "text": str(error)}]

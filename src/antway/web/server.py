@@ -147,7 +147,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
 
         return whole if path not in pages or open_page else with_token
 
-    turns, open_tabs = Turns(), set[WebSocket]()
+    turns, exports, open_tabs = Turns(), Turns(1), set[WebSocket]()
 
     def live(make: Callable[[], Tab]) -> Callable[[WebSocket], Awaitable[None]]:
         async def play(websocket: WebSocket) -> None:
@@ -157,7 +157,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
             open_tabs.add(websocket)
             try:
                 await websocket.accept("antway")
-                await Player(websocket, await turns.take(make), turns).run()
+                await Player(websocket, await turns.take(make), turns, exports).run()
             except (asyncio.CancelledError, WebSocketDisconnect):
                 pass  # the server ends, or the page left at once
             finally:
