@@ -15,7 +15,7 @@ from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels import track
-from antway.kernels.cycle import KEPT, Plan, Settings, cycle
+from antway.kernels.cycle import COUNT, KEPT, Plan, Settings, cycle
 from antway.kernels.jit import entry
 from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
 from antway.kernels.place import Place
@@ -172,7 +172,7 @@ class AntwayPolicy:
         cells = grid.blocked.size
         self.memory, self.trails = make_memory(cells), make_trails(cells)
         self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
-        self.plan = Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.array([0.0, math.inf, 0.0]))
+        self.plan = Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0]))
         self.pieces = np.empty((PIECES, 8))
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         self.settings = Settings(
@@ -273,7 +273,7 @@ class AntwayPolicy:
             self.decision, self.until = None, math.inf
             self.now, self.did, self.arrival, self.bound = o, did, arrival, bound
             if what != KEPT:
-                n = int(self.plan.state[0])
+                n = int(self.plan.state[COUNT])
                 self.path = TimedPath(self.plan.knots[:n, 0].copy(), self.plan.knots[:n, 1:].copy()) if n else None
         return command
 

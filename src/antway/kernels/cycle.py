@@ -12,12 +12,15 @@ from antway.kernels.jit import kernel
 from antway.kernels.memory import Memory
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.place import Place, clear
-from antway.kernels.predict import predict
+from antway.kernels.predict import VX, VY, X, Y, predict
 from antway.kernels.rng import State
 from antway.kernels.spacetime import search
 from antway.kernels.trails import Trails, evaporate
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
+COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN = range(6)  # of a plan's state
+_PAUSE = 0.25  # s; between looks for a better plan while all goes as foreseen
+_SAME = 1e-3  # m, m/s; what is that near to its prediction goes as foreseen
 
 
 class Settings(NamedTuple):
@@ -47,11 +50,34 @@ class Settings(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """The plan in use: knots (t, x, y), and [number of knots, arrival at the goal in s, cycles planned]."""
+    """The plan in use.
+
+    Its knots are (t, x, y); its state is [number of knots, arrival at the goal in s, cycles planned, when to look for a better
+    one though all goes as foreseen, what the last look found to be a bound on any arrival, pieces foreseen].
+    """
 
     knots: NDArray[np.float64]
     scratch: NDArray[np.float64]
     state: NDArray[np.float64]
+
+
+@kernel
+def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, pieces: NDArray[np.float64]) -> bool:
+    """Tell whether all that an earlier prediction, `pieces`, is about are where they were to be now, and move as they were to.
+
+    Others may have come: they make no way faster.
+    """
+    for p in range(len(pieces)):
+        if pieces[p, 0] <= now < pieces[p, 1]:
+            x, y = pieces[p, 2] + pieces[p, 4] * (now - pieces[p, 0]), pieces[p, 3] + pieces[p, 5] * (now - pieces[p, 0])
+            for k in range(len(beliefs)):
+                vx, vy = beliefs[k, VX], beliefs[k, VY]
+                off = max(abs(beliefs[k, X] + vx * age - x), abs(beliefs[k, Y] + vy * age - y))
+                if max(off, abs(vx - pieces[p, 4]), abs(vy - pieces[p, 5])) < _SAME:
+                    break
+            else:
+                return False
+    return True
 
 
 @kernel
@@ -75,6 +101,7 @@ def cycle(
     Arrivals are absolute, s; `beliefs` are as kernels/track.py leaves them, `age` s old; `pieces` is room for the prediction.
     """
     s = settings
+    foreseen = _as_foreseen(beliefs, now, age, pieces[: int(plan.state[FORESEEN])])
     count = predict(
         beliefs,
         now,
@@ -92,47 +119,52 @@ def cycle(
         frame,
         pieces,
     )
+    plan.state[FORESEEN] = count
     ahead = pieces[:count]
     work = np.empty(2)
-    n = int(plan.state[0])
+    n = int(plan.state[COUNT])
     valid = False
     if n > 0 and plan.knots[n - 1, 0] > now + s.dt:
         px, py, _ = place_at(plan.knots, n, now)
         on_course = math.hypot(px - x, py - y) <= s.stray
         valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.lag, work) == math.inf
-    limit = plan.state[1] - s.commitment if valid else math.inf
+    limit = plan.state[ARRIVAL] - s.commitment if valid else math.inf
     horizon = now + s.horizon
-    end, arrival, bound = search(
-        memory,
-        trails,
-        place,
-        ahead,
-        s.lag,
-        x,
-        y,
-        now,
-        horizon,
-        s.reach,
-        s.betas,
-        s.slack,
-        s.gain,
-        limit,
-        s.second_looks if valid else s.tests,
-        s.amount,
-        state,
-    )
+    end = -1
+    memory.counter[2] = 0
+    if not (valid and foreseen and now < plan.state[LOOK] - 1e-9):
+        end, arrival, plan.state[BOUND] = search(
+            memory,
+            trails,
+            place,
+            ahead,
+            s.lag,
+            x,
+            y,
+            now,
+            horizon,
+            s.reach,
+            s.betas,
+            s.slack,
+            s.gain,
+            limit,
+            s.second_looks if valid else s.tests,
+            s.amount,
+            state,
+        )
+        plan.state[LOOK] = now + _PAUSE
     what = KEPT if valid else NONE
     if end >= 0:
         what = IMPROVED if valid else NEW
         m = trace_back(memory, place, ahead, s.lag, x, y, end, horizon, horizon + s.horizon, plan.scratch)
         late = plan.scratch[m - 1, 0]
         n = shorten(place, ahead, s.lag, plan.scratch, m, plan.knots)
-        plan.state[0], plan.state[1] = n, arrival - (late - plan.knots[n - 1, 0])
-        plan.state[2] += 1
-        evaporate(trails, now, s.low, s.high, plan.state[2])
+        plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
+        plan.state[PLANNED] += 1
+        evaporate(trails, now, s.low, s.high, plan.state[PLANNED])
     elif not valid:
-        plan.state[0], plan.state[1] = 0, math.inf
-        return 0.0, 0.0, NONE, math.inf, bound
+        plan.state[COUNT], plan.state[ARRIVAL] = 0, math.inf
+        return 0.0, 0.0, NONE, math.inf, plan.state[BOUND]
     tx, ty, knot = place_at(plan.knots, n, now + s.dt)
     if plan.knots[n - 1, 0] <= now + s.dt:  # the plan ends at the goal's cell; the goal itself is a little way off
         tx, ty = s.goal_x, s.goal_y
@@ -143,4 +175,4 @@ def cycle(
     speed = math.hypot(vx, vy)
     if speed > place.speed:
         vx, vy = vx * place.speed / speed, vy * place.speed / speed
-    return vx, vy, what, plan.state[1], bound
+    return vx, vy, what, plan.state[ARRIVAL], plan.state[BOUND]
