@@ -93,12 +93,12 @@ def wait_of(path: TimedPath, now: float) -> float:
 def _nearest(o: Observation, course: XY, ahead: float) -> tuple[int | None, float, float]:
     """Of the tracks that would come within half a metre on the present course, the first: id, time, gap."""
     best: tuple[int | None, float, float] = (None, math.nan, math.nan)
-    for i, name in enumerate(o.tracks.id.tolist()):
-        place, velocity = o.tracks.xy[i].tolist(), o.tracks.velocity[i].tolist()
-        t, distance = closest_approach(o.xy, course, (place[0], place[1]), (velocity[0], velocity[1]))
-        gap = distance - float(o.tracks.radius[i])
-        if 0.0 < t < min(ahead, 5.0) and gap < 0.8 and not t >= best[1]:
-            best = (name, t, gap)
+    t, ahead = o.tracks, min(ahead, 5.0)
+    rows = zip(t.id.tolist(), t.xy.tolist(), t.velocity.tolist(), t.radius.tolist(), strict=True)
+    for name, (x, y), (vx, vy), radius in rows:
+        when, distance = closest_approach(o.xy, course, (x, y), (vx, vy))
+        if 0.0 < when < ahead and distance - radius < 0.8 and not when >= best[1]:
+            best = (name, when, distance - radius)
     return best
 
 

@@ -81,6 +81,10 @@ class Guard:
             For an observation that is not finite.
         """
         check_observation(observation)
+        return self.passed(observation, command)
+
+    def passed(self, observation: Observation, command: Command | None) -> Command:
+        """Do as `limit` does, for an observation that was checked already."""
         o, robot = observation, self.task.robot
         stamp = o.t if math.isnan(o.stamp) else o.stamp
         if (

@@ -267,7 +267,7 @@ class AntwayPolicy:
         vx, vy, what, arrival, bound = entry(cycle, *arguments)(*arguments)
         command = Command((vx, vy))
         if self.guard:
-            command = self.guard.limit(o if t.covariance is None else self._believed(o, known), command)
+            command = self.guard.passed(o if t.covariance is None else self._believed(o, known), command)
         did = self.guard.did if self.guard else ""
         if what != KEPT or did != self.did or o.t >= self.until:
             self.decision, self.until = None, math.inf
