@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+import threading
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -283,3 +284,23 @@ def test_tours_are_chosen_set_and_saved(tours: Any) -> None:
     assert name == "antway-square.png" and Image.open(io.BytesIO(data)).width > 600
     page.keyboard.press("r")
     expect(page, "#cycle").to_have_text("0")
+
+
+def test_a_page_that_waits_says_so(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While the server takes long over a step, as where it compiles, the page says that it works; then it says so no more."""
+    let = threading.Event()
+
+    def slowly(self: Session, steps: int, done: Any = Session.advance) -> None:
+        assert let.wait(60)
+        done(self, steps)
+
+    monkeypatch.setattr(Session, "advance", slowly)
+    page, complaints = opened(browser[0], browser[1], (browser[1], "data:"), **DESKTOP)
+    expect(page, "#busy").to_have_text("")
+    page.click("#step")
+    expect(page, "#busy").to_contain_text("working")
+    let.set()
+    expect(page, "#time").to_have_text("0.1 s")
+    expect(page, "#busy").to_have_text("")
+    assert complaints == []
+    page.context.close()

@@ -3,7 +3,7 @@ import { Editor } from "/edit.js";
 import { Lane } from "/lane.js";
 import {
   bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, save, showPlaying, stemOf,
-  takeFiles, themes,
+  takeFiles, themes, working,
 } from "/parts.js";
 
 const page = {
@@ -213,9 +213,9 @@ function build() {
 
 function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
-  const play = () => byId("play").disabled || wish({ op: "play", on: !page.playing });
+  const play = () => byId("play").disabled || (working(), wish({ op: "play", on: !page.playing }));
   const actions = {
-    play, step: () => wish({ op: "step" }), ants: () => (busy("looking …"), wish({ op: "ants" })), reset: () => wish({ op: "reset" }), undo: () => wish({ op: "undo" }), redo: () => wish({ op: "redo" }),
+    play, step: () => (working(), wish({ op: "step" })), ants: () => (busy("looking …"), wish({ op: "ants" })), reset: () => wish({ op: "reset" }), undo: () => wish({ op: "undo" }), redo: () => wish({ op: "redo" }),
     done: () => editor.finish(), fit: () => { for (const { stage } of page.lanes) stage.fit(); redraw(); },
     compare: () => askPolicies(page.lanes.length > 1 ? [page.lanes[0].select.value] : [page.lanes[0].select.value, page.lanes[0].select.value === "paper" ? "antway" : "paper"]),
     "save-png": picture,

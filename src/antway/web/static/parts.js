@@ -27,8 +27,16 @@ function heat(record, most) {
   return { ...record, mask: mask(record.rows, record.cols, (i) => Math.round((most * ((shades[i >> 1] >> (4 * (i & 1))) & 15)) / 15)) };
 }
 
+let late = 0; // the timer of what is to be said
 function busy(text) {
+  clearTimeout(late);
   byId("busy").textContent = text;
+}
+
+// Say that something is worked on, where it takes half a second: kernels compile when they are called for the first time.
+function working() {
+  clearTimeout(late);
+  late = setTimeout(busy, 500, "working … (longer the first time)");
 }
 
 function notice(text) {
@@ -111,6 +119,7 @@ const stemOf = (name) => name.replace(/[^\w-]+/g, "-").slice(0, 60);
 
 // Connect to `path`; `take(message)` gets each message. Returns wish(message).
 function connect(path, take) {
+  working();
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}`, ["antway", choices.token]);
   socket.addEventListener("message", (event) => {
     const message = JSON.parse(event.data);
@@ -119,6 +128,7 @@ function connect(path, take) {
     take(message);
   });
   socket.addEventListener("close", () => {
+    busy("");
     document.body.dataset.lost = "true";
     for (const control of document.querySelectorAll("button, select, input")) control.disabled = control.id !== "theme";
     notice("The connection to antway is gone. Start antway serve again and reload this page.");
@@ -173,5 +183,5 @@ function takeFiles(open) {
 
 export {
   bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, save, showPlaying, stemOf,
-  takeFiles, themes,
+  takeFiles, themes, working,
 };

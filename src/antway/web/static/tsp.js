@@ -1,7 +1,7 @@
 // The page of tours: a colony at work on a travelling salesman problem.
 import {
   bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, save, showPlaying, stemOf, takeFiles,
-  themes,
+  themes, working,
 } from "/parts.js";
 
 const LAYERS = [
@@ -219,7 +219,7 @@ function build() {
 function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
   const actions = {
-    play: () => wish({ op: "play", on: !state.frame?.playing }), step: () => wish({ op: "step" }), reset: () => wish({ op: "reset" }),
+    play: () => (working(), wish({ op: "play", on: !state.frame?.playing })), step: () => (working(), wish({ op: "step" })), reset: () => wish({ op: "reset" }),
     "save-tour": () => wish({ op: "export", what: "tour" }),
     "save-png": () => byId("map").toBlob((blob) => save(blob, `antway-${stemOf(state.scene.name)}.png`)),
   };
