@@ -13,6 +13,7 @@ from antway.search.batch import solve_many
 from antway.search.derived import NEIGHBOURS
 from antway.search.dijkstra import dijkstra
 from antway.search.jps import jps
+from antway.search.subgoals import prepare, subgoals
 from common import cases, pick, solvable
 
 
@@ -38,6 +39,28 @@ def test_many_queries_at_once(moves: Moves) -> None:
         plan = dijkstra(Problem(winding, a, b, moves))
         assert math.isclose(routes.lengths[i], plan.length, rel_tol=1e-12)
         check_plan(Problem(winding, a, b, moves), Plan(Status.FOUND, routes[i].copy(), float(routes.lengths[i])))
+
+
+def test_many_queries_on_a_prepared_map() -> None:
+    """On a prepared map routes have the same lengths, are legal, and are those of the planner `subgoals`."""
+    rng = np.random.default_rng(12)
+    for size in (2, 24):
+        grid = Grid(np.kron(rng.random((size, size + 9)) < 0.2, np.ones((4, 4), dtype=bool)), 0.5)
+        starts, goals = pick(rng, grid, cases(600, 5000)), pick(rng, grid, cases(600, 5000))
+        plain = solve_many(Grid(grid.blocked, 0.5), starts, goals)
+        assert prepare(grid)
+        routes = solve_many(grid, starts, goals)
+        assert np.array_equal(routes.lengths, plain.lengths)
+        for i, (a, b) in enumerate(zip(starts, goals)):
+            assert np.array_equal(routes[i], subgoals(Problem(grid, a, b)).cells)
+            if len(routes[i]):
+                check_plan(Problem(grid, a, b), Plan(Status.FOUND, routes[i].copy(), float(routes.lengths[i])))
+    blocked = np.zeros((301, 301), dtype=bool)
+    blocked[1::4, :-1] = blocked[3::4, 1:] = True
+    winding = Grid(blocked)
+    assert prepare(winding)
+    ends = [(0, 0)] * 40, [(300, 300)] * 40
+    assert np.array_equal(solve_many(winding, *ends).lengths, solve_many(Grid(blocked), *ends).lengths)
 
 
 def test_bad_batches() -> None:

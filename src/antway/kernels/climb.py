@@ -200,3 +200,63 @@ def route(
             x = below
         walk(path, at, step, ends[side, 0], ends[side, 1])
     return path, turns, expanded
+
+
+@kernel
+def route_all(
+    around: NDArray[np.uint8],
+    table: NDArray[np.uint8],
+    stops: NDArray[np.uint64],
+    number: Ints,
+    width: int,
+    begin: Longs,
+    up: Longs,
+    parts: Ints,
+    cells: Ints,
+    label: Longs,
+    came: Ints,
+    heaps: Longs,
+    seeds: Longs,
+    stack: Ints,
+    state: Longs,
+    ends: Longs,
+    query: int,
+    begins: Longs,
+    paths: Ints,
+    turns: Longs,
+) -> int:
+    """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, one of them where `paths` is too short.
+
+    The path of query i is at `paths[begins[i]:begins[i + 1]]`, with `turns[i]` diagonal moves, or -1 without a path. Other
+    parameters as for `route`.
+    """
+    while query < len(ends):
+        row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
+        path, diagonal, _ = route(
+            around,
+            table,
+            stops,
+            number,
+            width,
+            begin,
+            up,
+            parts,
+            cells,
+            label,
+            came,
+            heaps,
+            seeds,
+            stack,
+            state,
+            row,
+            col,
+            goal_row,
+            goal_col,
+        )
+        begins[query + 1] = begins[query] + len(path)
+        if begins[query + 1] > len(paths):
+            break
+        paths[begins[query] : begins[query + 1]] = path
+        turns[query] = diagonal if len(path) > 0 else -1
+        query += 1
+    return query

@@ -82,17 +82,21 @@ class Searcher:
         net = lattice(grid, moves)
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
         self.net: tuple[Any, ...] = (net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
-        self.shorter = shorter
+        self.shorter, self.shape = shorter, grid.shape
         self.far = octile(0, 0, *grid.shape, shorter) >= LIMIT  # whether ends may be too far apart for the integers
         self.large = grid.blocked.size >= MOST_CELLS
         self.spare: list[Workspace] = kept(grid, "workspaces", list)
+
+    def workspace(self) -> Workspace:
+        """Return a workspace of this map; it is to be appended to `spare` after use."""
+        return self.spare.pop() if self.spare else Workspace(self.shape)
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve `problem`, which must be one on this map."""
         (row, col), (goal_row, goal_col) = problem.start, problem.goal
         if self.large or (self.far and octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT):
             return spread_plan(problem, clock)
-        work = self.spare.pop() if self.spare else Workspace(problem.grid.shape)
+        work = self.workspace()
         try:
             work.begin()
             code, fresh, expanded = RUNNING, True, 0

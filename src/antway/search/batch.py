@@ -15,10 +15,11 @@ from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Grid, Moves
 from antway.kernels.astar import FULL, NO_ROOM, solve_all
 from antway.planning import Problem
-from antway.search.astar import MOST_CELLS, Workspace, searcher
+from antway.search.astar import MOST_CELLS, Searcher, searcher
 from antway.search.derived import NEIGHBOURS
 from antway.search.dijkstra import dijkstra
 from antway.search.jps import jumps_pay
+from antway.search.subgoals import hierarchy_of
 
 PIECE = 256  # queries between two looks of Python at its signals
 
@@ -62,7 +63,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     starts, goals : int[Q, 2]
         Free cells (row, col).
     moves : Moves
-        Of 4 or 8 neighbours; solved as by the planner `jps`.
+        Of 4 or 8 neighbours.
 
     Returns
     -------
@@ -72,6 +73,12 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     ------
     OutOfBounds, CellBlocked, BadParameter
         If an end is no free cell of the map, or the arrays do not fit together.
+
+    Notes
+    -----
+    Queries are solved as by the planner `jps`; with `Moves.EIGHT` on a grid that `antway.search.subgoals.prepare` has prepared
+    as by `subgoals`, which gives other paths of the same lengths. Whether preparing pays is left to the caller, because it
+    depends on the map: measured, it has paid after some dozens of queries on a maze, after thousands on a floor of halls.
 
     Examples
     --------
@@ -88,12 +95,23 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     if len(sources) != len(targets):
         raise BadParameter("len(goals)", len(targets), f"that of starts, {len(sources)}")
     ends = np.hstack((sources, targets))
-    search = searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid))
     begins, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
-    cells = np.empty((64 * len(ends) + 1024, 2), np.int32)
-    work = search.spare.pop() if search.spare else Workspace(grid.shape)
+    if moves is Moves.EIGHT and hierarchy_of(grid).ready:
+        cells = hierarchy_of(grid).plan_all(ends, begins, diagonals, PIECE)
+    else:
+        cells = _search_all(searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid)), ends, begins, diagonals)
+    lengths = np.where(diagonals < 0, np.inf, np.diff(begins) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
+    routes = Routes(lengths, cells[: begins[-1]], begins)
+    return _with_long_ones(routes, np.flatnonzero(diagonals == -2), ends, grid, moves)
+
+
+def _search_all(
+    search: Searcher, ends: NDArray[np.int64], begins: NDArray[np.int64], diagonals: NDArray[np.int64]
+) -> NDArray[np.int32]:
+    """Solve queries as the planner `jps` does; see `kernels.astar.solve_all`."""
+    cells, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
+    work = search.workspace()
     try:
-        query = 0
         while query < len(ends):
             piece: tuple[Any, ...] = (work.base, ends[: query + PIECE], query, begins, cells, diagonals)
             query, work.base, code = solve_all(*search.net, *work.arrays, *piece)
@@ -103,9 +121,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
                 cells = np.concatenate((cells, np.empty_like(cells)))
     finally:
         search.spare.append(work)
-    lengths = np.where(diagonals < 0, np.inf, np.diff(begins) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
-    routes = Routes(lengths, cells[: begins[-1]], begins)
-    return _with_long_ones(routes, np.flatnonzero(diagonals == -2), ends, grid, moves)
+    return cells
 
 
 def _with_long_ones(routes: Routes, missing: NDArray[np.int64], ends: NDArray[np.int64], grid: Grid, moves: Moves) -> Routes:

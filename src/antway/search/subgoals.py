@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from antway import checks
 from antway.grid import Grid, Moves
-from antway.kernels.climb import route
+from antway.kernels.climb import route, route_all
 from antway.kernels.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, ladder
 from antway.kernels.subgoals import corners, link
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
@@ -37,7 +38,7 @@ def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> P
     clock = start_clock(problem, seed, budget)
     if problem.moves is not Moves.EIGHT:
         return jps(problem, seed=seed, budget=budget)
-    hierarchy = kept(problem.grid, "subgoals", lambda: Hierarchy(problem.grid))
+    hierarchy = hierarchy_of(problem.grid)
     if not hierarchy.make(clock) or clock.spent():
         return not_found(False, 0, clock)
     return hierarchy.plan(problem, clock) if hierarchy.pays else jps(problem, seed=seed, budget=budget)
@@ -54,9 +55,14 @@ def prepare(grid: Grid) -> bool:
     >>> prepare(Grid(np.zeros((3, 3), dtype=bool)))
     True
     """
-    hierarchy = kept(checks.instance("grid", grid, Grid), "subgoals", lambda: Hierarchy(grid))
+    hierarchy = hierarchy_of(checks.instance("grid", grid, Grid))
     hierarchy.make(Budget().start())
     return hierarchy.pays
+
+
+def hierarchy_of(grid: Grid) -> Hierarchy:
+    """Return the hierarchy of `grid`, made or not."""
+    return kept(grid, "subgoals", lambda: Hierarchy(grid))
 
 
 def _most_steps(cells: int, corners: int) -> int:
@@ -85,6 +91,11 @@ class Hierarchy:
             with self.lock:
                 self.made = next(self.making, True)
         return self.made
+
+    @property
+    def ready(self) -> bool:
+        """Whether it is made and pays."""
+        return self.made and self.pays
 
     def _pieces(self, grid: Grid) -> Iterator[bool]:
         """Make the hierarchy, and yield False after every piece of the work."""
@@ -133,6 +144,23 @@ class Hierarchy:
             return not_found(True, int(expanded), clock)
         length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
         return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
+
+    def plan_all(
+        self, ends: NDArray[np.int64], begins: NDArray[np.int64], diagonals: NDArray[np.int64], piece: int
+    ) -> NDArray[np.int32]:
+        """Solve queries, `piece` of them between two looks of Python at its signals; see `kernels.climb.route_all`."""
+        paths, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
+        work = self.spare.pop() if self.spare else self._workspace()
+        try:
+            while query < len(ends):
+                last = min(query + piece, len(ends))
+                queries: tuple[Any, ...] = (ends[:last], query, begins, paths, diagonals)
+                query = route_all(*self.arrays, *work, *queries)
+                if query < last:
+                    paths = np.concatenate((paths, np.empty_like(paths)))
+        finally:
+            self.spare.append(work)
+        return paths
 
     def _workspace(self) -> tuple[Any, ...]:
         nodes, entries, seeds, deep = self.sizes
