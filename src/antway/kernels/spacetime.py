@@ -129,20 +129,21 @@ def _weigh(
     Returns how many they are and the sum of the weights.
     """
     n, total = 0, 0.0
-    trail = edge(trails, base, 0, now)
     while moves:
         k = ctz(moves)
         moves &= moves - np.uint64(1)
         target, then = base + offset[k], now + time[k]
-        promise = then + place.field[target]
-        likely = float(_EXP[min(int(max(beta * (promise - promised), 0.0) * 64.0), 1023)])
-        if scented:
-            i = slot(trails, trail + k)
-            likely *= 1.0 + trails.tau[i] if i >= 0 and trails.key[i] >= 0 else 1.0
-        move[n], cost[n], weight[n] = k, promise, likely
-        if (promise < limit) & ((memory.stamp[target] != memory.counter[0]) | (then < memory.latest[target])):
+        move[n], cost[n] = k, then + place.field[target]
+        if (cost[n] < limit) & ((memory.stamp[target] != memory.counter[0]) | (then < memory.latest[target])):
             n += 1
-            total += likely
+    trail = edge(trails, base, 0, now)
+    for m in range(n):
+        likely = float(_EXP[min(int(max(beta * (cost[m] - promised), 0.0) * 64.0), 1023)])
+        if scented:
+            i = slot(trails, trail + move[m])
+            likely *= 1.0 + trails.tau[i] if i >= 0 and trails.key[i] >= 0 else 1.0
+        weight[m] = likely
+        total += likely
     return n, total
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.jit import bare_kernel, inner_kernel, kernel
 
 TRAILS = 1 << 12  # slots of the table, a power of two
 
@@ -28,7 +28,7 @@ def edge(trails: Trails, cell: int, move: int, t: float) -> int:
     return (int(t / trails.bin) * len(trails.mark) + cell) * 64 + move
 
 
-@bare_kernel
+@inner_kernel
 def slot(trails: Trails, key: int) -> int:
     """Return the slot of `key`, or the empty one where it belongs; -1 if the table is full there."""
     h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
