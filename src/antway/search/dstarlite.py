@@ -123,7 +123,8 @@ class DStarLite:
         now_free = np.full(flat.shape, ~state)
         for name, place in (("start", START), ("goal", GOAL)):
             end = self._arrays[-1][place]
-            if not now_free[flat == end][-1:].all():
+            at = (flat == end).nonzero()[0]
+            if len(at) and not now_free[at[-1]]:
                 raise CellBlocked("cells", self._cell(end), f"other than the {name} if they become blocked")
         change(self._free, *self._arrays, flat, now_free)
         self._stale = True
@@ -148,12 +149,12 @@ class DStarLite:
         except ValueError:
             raise BadParameter(name, cells, "cells (row, col)") from None
         at = np.empty((0, 2), np.int64) if at.size == 0 else at
-        if at.ndim != 2 or at.shape[1] != 2 or not np.issubdtype(at.dtype, np.integer):
+        if at.ndim != 2 or at.shape[1] != 2 or at.dtype.kind not in "iu":
             raise BadParameter(name, cells, "cells (row, col)")
         rows, cols = self._problem.grid.shape
         row, col = at.T.astype(np.int64)
-        if at.size and (at.min() < 0 or row.max() >= rows or col.max() >= cols):
-            outside = (row < 0) | (row >= rows) | (col < 0) | (col >= cols)
+        outside = (row.view(np.uint64) >= rows) | (col.view(np.uint64) >= cols)  # negative numbers are very large ones there
+        if outside.any():
             raise OutOfBounds(name, tuple(at[outside][0].tolist()), f"on the map of {rows} rows and {cols} columns")
         flat: NDArray[np.int64] = (row + 1) * self._width + col + 1
         return flat
