@@ -27,7 +27,8 @@ from antway.planning import Budget
 _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3), "3opt": (5, None)}
 # With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
 _MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
-_HEAT = 0.05  # mean edges of the best tour
+# Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
+_HEAT, _FOCUSED_HEAT = 0.05, 0.8
 _FOCUSED_FROM = 2000  # cities from which changing a tour beats building one anew
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
@@ -212,7 +213,7 @@ def labour_for(n: int, rule: str | Rule, local_search: str | None, focused: bool
     breadth, longest = _SEARCHES[local_search]
     anew = focused is None and n < _FOCUSED_FROM
     attempts = 2 * n if anew else 0 if focused is False else min(10 * n, 5000)
-    labour = Labour(breadth, n if longest is None else longest, attempts, 30, _HEAT, anew)
+    labour = Labour(breadth, n if longest is None else longest, attempts, 30, _HEAT if anew else _FOCUSED_HEAT, anew)
     return labour, _MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 
