@@ -13,7 +13,7 @@ from antway.kernels import track
 from antway.kernels.guard import gap_to_reach, time_to_contact
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.pieces import earliest_departure, unsafe_departures, unsafe_stay
-from antway.kernels.predict import predict
+from antway.kernels.predict import STRAIGHT, predict
 from antway.kernels.trails import TRAILS, edge, evaporate, lay, slot, window
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
@@ -184,7 +184,8 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
         line = world.timeline(0, 5.0)
         _, velocity = line.at(0.0)
         beliefs = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
-        n = predict(beliefs, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, np.array([0.0, 0.0, 0.2]), out)
+        frame = np.array([0.0, 0.0, 0.2])
+        n = predict(beliefs, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, frame, STRAIGHT, out)
         for piece in out[:n]:
             for t in np.linspace(max(piece[0], 0.0), piece[1], 5):
                 at = piece[2:4] + piece[4:6] * (t - piece[0])

@@ -14,8 +14,8 @@ from antway.avoidance.explain import explain, wait_of
 from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
-from antway.kernels import track
-from antway.kernels.cycle import COUNT, KEPT, Plan, Settings, cycle
+from antway.kernels import crowd, track
+from antway.kernels.cycle import COUNT, KEPT, Crowd, Plan, Settings, cycle
 from antway.kernels.jit import entry
 from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
 from antway.kernels.place import Place
@@ -181,6 +181,7 @@ class AntwayPolicy:
             horizon=self.horizon,
             margin=self.margin,
             bound=float(task.obstacle_speed) if self.guard else 0.0,
+            usual=float(task.obstacle_speed),
             surge=float(task.obstacle_surge) if self.guard else 0.0,
             lag=stopping if self.guard else 0.0,
             quantile=self.quantile,
@@ -207,6 +208,7 @@ class AntwayPolicy:
         self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
         self.book, self.count = np.zeros((256, track.COLUMNS)), 0
         self.beliefs, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
+        self.crowd = Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)))
         if self.guard:
             self.guard.reset(task)
         self.decision: Decision | None = None
@@ -255,6 +257,7 @@ class AntwayPolicy:
             self.place,
             self.settings,
             self.plan,
+            self.crowd,
             self.beliefs[:known],
             float(o.t),
             float(o.t - stamp),

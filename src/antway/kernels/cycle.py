@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.crowd import foresee
 from antway.kernels.jit import kernel
 from antway.kernels.memory import Memory
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
@@ -31,6 +32,7 @@ class Settings(NamedTuple):
     horizon: float  # s
     margin: float  # m
     bound: float  # m/s
+    usual: float  # m/s
     surge: float  # m/s^2
     lag: float  # s
     quantile: float  # 1
@@ -47,6 +49,14 @@ class Settings(NamedTuple):
     goal_y: float
     betas: NDArray[np.float64]
     slack: NDArray[np.float64]
+
+
+class Crowd(NamedTuple):
+    """What is known of those who avoid one another, and where they will go; see kernels/crowd.py."""
+
+    rows: NDArray[np.float64]
+    known: NDArray[np.int64]  # [1] rows in use
+    course: NDArray[np.float64]
 
 
 class Plan(NamedTuple):
@@ -87,6 +97,7 @@ def cycle(
     place: Place,
     settings: Settings,
     plan: Plan,
+    crowd: Crowd,
     beliefs: NDArray[np.float64],
     now: float,
     age: float,
@@ -101,6 +112,7 @@ def cycle(
     Arrivals are absolute, s; `beliefs` are as kernels/track.py leaves them, `age` s old; `pieces` is room for the prediction.
     """
     s = settings
+    crowd.known[0] = foresee(crowd.rows, crowd.known[0], beliefs, now - age, s.usual, crowd.course)
     foreseen = _as_foreseen(beliefs, now, age, pieces[: int(plan.state[FORESEEN])])
     count = predict(
         beliefs,
@@ -117,6 +129,7 @@ def cycle(
         s.quantile,
         place.blocked,
         frame,
+        crowd.course[: len(beliefs)],
         pieces,
     )
     plan.state[FORESEEN] = count

@@ -12,6 +12,8 @@ from antway.kernels.world import first_wall
 
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of a belief, one row a track
 MIRRORS = 4  # at most, of one track
+COURSE = 0.25  # s; a course is a velocity for each such step
+STRAIGHT = np.empty((0, 1, 2))  # no courses
 _TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube that widens does so in steps
 _KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a wider tube would close every way
 
@@ -32,6 +34,7 @@ def predict(
     quantile: float,
     blocked: NDArray[np.bool_],
     frame: NDArray[np.float64],
+    course: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> int:
     """Turn beliefs about tracks into pieces (kernels/pieces.py) for a robot at (robot_x, robot_y).
@@ -49,6 +52,8 @@ def predict(
         clear of all that an obstacle could reach from where it was `lag` s before; pieces begin so much earlier.
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
+    course : float64[N, S, 2]
+        Velocities of the first N tracks in steps of COURSE s, m/s; NaN for those that go straight on, as the rest do.
     out : float64[P, 8]
 
     Returns
@@ -69,6 +74,7 @@ def predict(
         spread = math.hypot(beliefs[k, SIGMA], beliefs[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
         x, y, t, mirrors = x - vx * lag, y - vy * lag, -age - lag, 0
+        turns = k < len(course) and not math.isnan(course[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon
             sure = beliefs[k, SIGMA] == 0.0 and beliefs[k, SIGMA_V] == 0.0
@@ -77,6 +83,13 @@ def predict(
                     if tier > t + 1e-9:
                         end = min(tier, horizon)
                         break
+            if turns and mirrors == 0:
+                i = int((t + age + 1e-9) / COURSE)
+                if t < -age - 1e-9:
+                    end = min(end, -age)
+                elif i < len(course[k]):
+                    end = min(end, (i + 1) * COURSE - age)
+                    vx, vy = course[k, i, 0], course[k, i, 1]
             past = within and t < -1e-9
             if past:
                 end = min(end, 0.0)

@@ -12,7 +12,7 @@ from antway import checks
 from antway.errors import OutOfBounds
 from antway.grid import Cell, Moves
 from antway.kernels.geometry import segment_hits_cells
-from antway.kernels.predict import predict
+from antway.kernels.predict import STRAIGHT, predict
 from antway.kernels.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
@@ -131,7 +131,7 @@ class Sipp(Follow):
             return out[
                 : predict(
                     beliefs, o.t, 0.0, horizon, *o.xy, robot.radius, margin, 0.0, 0.0, 0.0, 0.0,
-                    self.task.grid.blocked, self.frame, out,
+                    self.task.grid.blocked, self.frame, STRAIGHT, out,
                 )
             ]  # fmt: skip
         body = o.tracks.radius + robot.radius

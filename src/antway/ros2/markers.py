@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.memory import PIECES
-from antway.kernels.predict import predict
+from antway.kernels.predict import STRAIGHT, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
 
@@ -98,7 +98,22 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
     pieces, lines = np.empty((PIECES, 8)), []
     for k in range(len(rows)):
         n = predict(
-            rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, grid.blocked, frame, pieces
+            rows[k : k + 1],
+            0.0,
+            0.0,
+            horizon,
+            math.inf,
+            math.inf,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            grid.blocked,
+            frame,
+            STRAIGHT,
+            pieces,
         )
         t, until, x, y, vx, vy = pieces[:n, :6].T
         ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))

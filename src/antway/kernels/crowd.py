@@ -1,0 +1,175 @@
+"""People who avoid one another: what each wishes is learnt from what it does, and where all will go follows by ORCA.
+
+Who avoids others takes the allowed velocity nearest to the wished one (kernels/orca.py). Seen backwards: the wish is the
+velocity taken plus some of the outward normals of the lines that it lies on. With a length known, the wish of one who is free
+or at one line is known exactly, else it lies in an arc. Bearings of wishes from several places tell the goal. A crowd is
+predicted so only if of late it was predicted better so than by constant velocity.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.orca import beyond, half_plane, least_wrong, nearest
+from antway.kernels.predict import COURSE, NAME, RADIUS, VX, VY, X, Y
+
+# columns of a row: the belief last seen, its goal and the information on it, the next velocity predicted, both models' errors
+_SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _STRAIGHT, _TURNING = range(8, 18)
+COLUMNS = 18
+STEPS = 36  # of a predicted course
+_HORIZON, _SKIN, _NEAR = 5.0, 0.01, 10.0  # s, m, m: for how long and with how much room whom does one avoid
+_MOST = 32  # are predicted so at once: more would take too long
+_EASE = 1.0  # s; who is so near to the goal slows down
+_AHEAD, _DOUBT = 10.0, 0.2  # m; at first a goal is taken to be so far ahead, give or take that share
+_SURE = 0.01  # rad; of an exact bearing
+_ON = 0.005  # m/s; a velocity so near to a line lies on it
+_BETTER, _FADES = 0.8, 0.8  # the crowd's errors, which fade so a scan, must be so much smaller than those of going straight
+
+
+@bare_kernel
+def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.float64]) -> int:
+    """Write the lines that bind person k among all of `rows`; returns how many."""
+    n = 0
+    for j in range(len(rows)):
+        ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
+        if j == k or ax * ax + ay * ay > _NEAR * _NEAR:
+            continue
+        reach = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
+        x, y, dx, dy = half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], reach, _HORIZON, step)
+        lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
+        n += 1
+    return n
+
+
+@bare_kernel
+def _turn(angle: float) -> float:
+    return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
+
+
+@bare_kernel
+def _learn(row: NDArray[np.float64], vx: float, vy: float, usual: float, lines: NDArray[np.float64], n: int) -> None:
+    """Learn of the goal of one who stood at `row` under lines[:n] and took the velocity (vx, vy)."""
+    speed, own, on, low, high = math.hypot(vx, vy), math.atan2(vy, vx), 0, 0.0, 0.0
+    for i in range(n):
+        off = beyond(lines, i, vx, vy)
+        if off > _ON:
+            return  # nothing was allowed
+        if off > -_ON:
+            nx, ny = lines[i, 3], -lines[i, 2]
+            along = vx * nx + vy * ny
+            root = along * along - speed * speed + usual * usual
+            more = max(math.sqrt(root) - along, 0.0) if root > 0.0 else 0.0
+            turn = _turn(math.atan2(vy + more * ny, vx + more * nx) - own)
+            low, high = (min(low, turn), max(high, turn)) if on else (turn, turn)
+            on += 1
+    if on and speed > usual - 0.001:  # as fast as can be: the wish may be anything between
+        low, high = min(low, 0.0), max(high, 0.0)
+    information, gx, gy = row[_A11] + row[_A22], row[_GX], row[_GY]
+    if not on and speed < usual - 0.01:  # free, and slow: arriving
+        row[_GX], row[_GY] = row[X] + _EASE * vx, row[Y] + _EASE * vy
+        row[_A11] = row[_A22] = 1.0 / (10 * _SURE) ** 2
+        row[_A12] = 0.0
+        return
+    if speed < 0.1 or (information == 0.0 and high - low > 1.0):
+        return
+    far, across, along = _AHEAD, _SURE, 0.0
+    if information == 0.0:
+        bearing, across, along = own + 0.5 * (low + high), math.hypot(_SURE, (high - low) / math.sqrt(12.0)), _DOUBT
+    else:
+        far = max(math.hypot(gx - row[X], gy - row[Y]), 1.0)
+        turn = _turn(math.atan2(gy - row[Y], gx - row[X]) - own)
+        if low + _SURE < turn < high - _SURE:
+            return  # as thought
+        bearing = own + min(max(turn, low), high)
+    dx, dy = math.cos(bearing), math.sin(bearing)
+    if information > 0.0 and high - low > 2 * _SURE:  # the end of an arc: the likeliest goal there, no surer than before
+        qx, qy = -row[_A22] * dy - row[_A12] * dx, row[_A12] * dy + row[_A11] * dx
+        off = (dx * (gy - row[Y]) - dy * (gx - row[X])) / (dx * qy - dy * qx)
+        row[_GX], row[_GY] = gx - qx * off, gy - qy * off
+        return
+    p, q = 1.0 / (across * far) ** 2, 1.0 / (along * far) ** 2 if along > 0.0 else 0.0
+    px, py = row[X] + (far * dx if along > 0.0 else 0.0), row[Y] + (far * dy if along > 0.0 else 0.0)
+    m11, m12, m22 = p * dy * dy + q * dx * dx, (q - p) * dx * dy, p * dx * dx + q * dy * dy
+    bx = row[_A11] * gx + row[_A12] * gy + m11 * px + m12 * py
+    by = row[_A12] * gx + row[_A22] * gy + m12 * px + m22 * py
+    row[_A11], row[_A12], row[_A22] = row[_A11] + m11, row[_A12] + m12, row[_A22] + m22
+    det = row[_A11] * row[_A22] - row[_A12] * row[_A12]
+    row[_GX], row[_GY] = (row[_A22] * bx - row[_A12] * by) / det, (row[_A11] * by - row[_A12] * bx) / det
+
+
+@kernel
+def foresee(
+    rows: NDArray[np.float64],
+    count: int,
+    beliefs: NDArray[np.float64],
+    t: float,
+    usual: float,
+    course: NDArray[np.float64],
+) -> int:
+    """Take in one scan and predict; returns how many rows there are now: one for each belief, in order, or none of too many.
+
+    Parameters
+    ----------
+    rows : float64[M, COLUMNS]
+        What is known, M >= K; rows below `count`.
+    beliefs : float64[K, 8]
+        As of kernels/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
+    usual : float
+        Speed of whoever walks freely, m/s.
+    course : float64[N, STEPS, 2]
+        N >= K. Filled with the velocities, m/s, of each in steps of COURSE s from `t` on; NaN for who is not predicted here.
+    """
+    n = len(beliefs)
+    course[:n, 0, 0] = math.nan
+    if n > _MOST:
+        return 0
+    fresh, lines, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, count), 4)), np.empty((n, 4)), np.empty(2)
+    for k in range(n):
+        row = fresh[k]
+        before = -1
+        for i in range(count):
+            if rows[i, NAME] == beliefs[k, NAME] and rows[i, NAME] >= 0.0:
+                before = i
+        if before >= 0:
+            row[:] = rows[before]
+            dt = t - row[_SEEN]
+            if dt > 0.0:
+                vx, vy = beliefs[k, VX], beliefs[k, VY]
+                bound = _lines(rows[:count], before, max(dt, 0.01), lines)
+                if row[_A11] + row[_A22] > 0.0:  # its prediction came from knowledge
+                    row[_STRAIGHT] = _FADES * row[_STRAIGHT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
+                    row[_TURNING] = _FADES * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
+                _learn(row, vx, vy, usual, lines, bound)
+        row[:8], row[_SEEN] = beliefs[k], t
+    follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _STRAIGHT].sum()
+    rows[:n] = fresh
+    at, then = fresh, fresh.copy()
+    for s in range(STEPS):
+        for k in range(n):
+            vx, vy = at[k, VX], at[k, VY]
+            if s == 0 or follows:
+                speed = max(math.hypot(vx, vy), 1e-9)
+                known = at[k, _A11] + at[k, _A22] > 0.0
+                wx, wy = (at[k, _GX] - at[k, X], at[k, _GY] - at[k, Y]) if known else (vx / speed * 9.0, vy / speed * 9.0)
+                scale = usual / max(math.hypot(wx, wy), _EASE)
+                bound = _lines(at, k, COURSE, lines)
+                bad = nearest(lines, bound, usual, wx * scale, wy * scale, False, out)
+                if bad < bound:
+                    least_wrong(lines, bound, bad, usual, out, work)
+                vx, vy = out[0], out[1]
+            if s == 0:
+                rows[k, _PX], rows[k, _PY] = vx, vy
+                if not follows:
+                    vx, vy = at[k, VX], at[k, VY]
+            if follows:
+                course[k, s, 0], course[k, s, 1] = vx, vy
+            then[k, VX], then[k, VY] = vx, vy
+            then[k, X], then[k, Y] = at[k, X] + vx * COURSE, at[k, Y] + vy * COURSE
+        if not follows:
+            break
+        at, then = then, at
+    return n

@@ -1,0 +1,125 @@
+"""Optimal reciprocal collision avoidance: the velocity nearest to the wished one of which each of two does half the avoiding.
+
+Van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, ISRR 2011. A velocity is allowed by a line (x, y, dx,
+dy), a point in m/s and a direction, if it lies on the line or to its left.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import bare_kernel
+
+_PARALLEL = 1e-5  # of two directions: their cross product at most
+
+
+@bare_kernel
+def half_plane(
+    ax: float, ay: float, ux: float, uy: float, reach: float, horizon: float, step: float
+) -> tuple[float, float, float, float]:
+    """Return the line (x, y, dx, dy), x and y relative to the own velocity, of what avoids one other by doing half.
+
+    Parameters
+    ----------
+    ax, ay : float
+        The other as seen from the one who avoids, m.
+    ux, uy : float
+        The own velocity less the other's, m/s.
+    reach : float
+        Sum of the radii, m.
+    horizon, step : float
+        For how long there is to be no contact; where there is one already, after how long it is to be over; s.
+    """
+    squared = ax * ax + ay * ay
+    over = squared <= reach * reach
+    span = step if over else horizon
+    wx, wy = ux - ax / span, uy - ay / span  # from the centre of the disc at the obstacle's tip
+    along = wx * ax + wy * ay
+    w = math.hypot(wx, wy)
+    if over or (along < 0.0 and along * along > reach * reach * w * w):
+        nx, ny = (wx / w, wy / w) if w > 0.0 else (1.0, 0.0)
+        shift = 0.5 * (reach / span - w)
+        return shift * nx, shift * ny, ny, -nx
+    leg = math.sqrt(squared - reach * reach)
+    if ax * wy - ay * wx > 0.0:
+        dx, dy = (ax * leg - ay * reach) / squared, (ax * reach + ay * leg) / squared
+    else:
+        dx, dy = -(ax * leg + ay * reach) / squared, (ax * reach - ay * leg) / squared
+    on = ux * dx + uy * dy
+    return 0.5 * (on * dx - ux), 0.5 * (on * dy - uy), dx, dy
+
+
+@bare_kernel
+def beyond(lines: NDArray[np.float64], i: int, x: float, y: float) -> float:
+    """Return how far the velocity (x, y) is on the forbidden side of line i, m/s; negative on the allowed one."""
+    return float(lines[i, 2] * (lines[i, 1] - y) - lines[i, 3] * (lines[i, 0] - x))
+
+
+@bare_kernel
+def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float, far: bool, out: NDArray[np.float64]) -> int:
+    """Write to `out` the velocity of at most `top` m/s nearest to (wx, wy) that all lines[:n] allow, line by line.
+
+    With `far` it is the one farthest in the direction (wx, wy) instead, of length 1. Returns n, or the first line that leaves
+    none; `out` then is the answer for those before.
+    """
+    scale = top if far else min(1.0, top / max(math.hypot(wx, wy), 1e-12))
+    out[0], out[1] = wx * scale, wy * scale
+    for i in range(n):
+        if beyond(lines, i, out[0], out[1]) <= 0.0:
+            continue
+        px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
+        foot = px * dx + py * dy
+        room = foot * foot + top * top - px * px - py * py
+        if room < 0.0:
+            return i
+        low, high = -foot - math.sqrt(room), -foot + math.sqrt(room)
+        for j in range(i):
+            cross = dx * lines[j, 3] - dy * lines[j, 2]
+            off = lines[j, 2] * (py - lines[j, 1]) - lines[j, 3] * (px - lines[j, 0])
+            if abs(cross) <= _PARALLEL:
+                if off < 0.0:
+                    return i
+            elif cross > 0.0:
+                high = min(high, off / cross)
+            else:
+                low = max(low, off / cross)
+        if low > high:
+            return i
+        t = dx * (wx - px) + dy * (wy - py)
+        if far:
+            t = high if wx * dx + wy * dy > 0.0 else low
+        t = min(max(t, low), high)
+        out[0], out[1] = px + t * dx, py + t * dy
+    return n
+
+
+@bare_kernel
+def least_wrong(
+    lines: NDArray[np.float64], n: int, first: int, top: float, out: NDArray[np.float64], work: NDArray[np.float64]
+) -> None:
+    """Make `out`, the answer for lines[:first], the velocity least far beyond any of lines[:n], where none is allowed."""
+    worst = 0.0
+    for i in range(first, n):
+        if beyond(lines, i, out[0], out[1]) <= worst:
+            continue
+        m = 0
+        for j in range(i):  # where one is as far beyond line j as beyond line i
+            cross = lines[i, 2] * lines[j, 3] - lines[i, 3] * lines[j, 2]
+            if abs(cross) <= _PARALLEL:
+                if lines[i, 2] * lines[j, 2] + lines[i, 3] * lines[j, 3] > 0.0:
+                    continue
+                work[m, 0], work[m, 1] = 0.5 * (lines[i, 0] + lines[j, 0]), 0.5 * (lines[i, 1] + lines[j, 1])
+            else:
+                t = -beyond(lines, j, lines[i, 0], lines[i, 1]) / cross
+                work[m, 0], work[m, 1] = lines[i, 0] + t * lines[i, 2], lines[i, 1] + t * lines[i, 3]
+            dx, dy = lines[j, 2] - lines[i, 2], lines[j, 3] - lines[i, 3]
+            length = math.hypot(dx, dy)
+            work[m, 2], work[m, 3] = dx / length, dy / length
+            m += 1
+        x, y = out[0], out[1]
+        if nearest(work, m, top, -lines[i, 3], lines[i, 2], True, out) < m:
+            out[0], out[1] = x, y
+        worst = beyond(lines, i, out[0], out[1])

@@ -1,0 +1,56 @@
+"""Slow, obvious twins of ORCA: by sampling, and by trying every candidate."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+
+def meets(a: np.ndarray, u: np.ndarray, reach: float, horizon: float) -> bool:
+    """Whether two who keep on at relative velocity `u` touch within the horizon, the other being at `a`."""
+    t = np.linspace(0.0, horizon, 2001)[:, None]
+    return bool((np.hypot(*(a - u * t).T) < reach).any())
+
+
+def least_change(a: np.ndarray, u: np.ndarray, reach: float, horizon: float) -> float:
+    """Least change of `u`, over directions and lengths, to the border between velocities that meet and those that do not."""
+    now, best = meets(a, u, reach, horizon), math.inf
+    for angle in np.linspace(-math.pi, math.pi, 120, endpoint=False):
+        way = np.array([math.cos(angle), math.sin(angle)])
+        for length in np.arange(0.0, 3.5, 0.01):
+            if length >= best:
+                break
+            if meets(a, u + length * way, reach, horizon) != now:
+                best = float(length)
+    return best
+
+
+def wrong(lines: np.ndarray, v: np.ndarray) -> float:
+    """How far `v` is beyond the line that it is farthest beyond."""
+    return max(-(dx * (v[1] - y) - dy * (v[0] - x)) for x, y, dx, dy in lines.tolist())
+
+
+def nearest(lines: np.ndarray, top: float, wish: np.ndarray) -> np.ndarray | None:
+    """The best of all candidates: the wish, its feet on lines and circle, crossings of lines with lines and with the circle."""
+    candidates = [wish, wish * top / max(math.hypot(*wish), 1e-12)]
+    for x, y, dx, dy in lines.tolist():
+        p, d = np.array([x, y]), np.array([dx, dy])
+        foot = float(p @ d)
+        candidates.append(p + d * float(d @ (wish - p)))
+        root = foot * foot + top * top - float(p @ p)
+        if root >= 0.0:
+            candidates += [p + d * (-foot - math.sqrt(root)), p + d * (-foot + math.sqrt(root))]
+    for one, other in itertools.combinations(lines, 2):
+        matrix = np.column_stack((one[2:], -other[2:]))
+        if abs(np.linalg.det(matrix)) > 1e-9:
+            candidates.append(one[:2] + one[2:] * np.linalg.solve(matrix, other[:2] - one[:2])[0])
+    good = [v for v in candidates if math.hypot(*v) <= top + 1e-9 and wrong(lines, v) <= 1e-9]
+    return min(good, key=lambda v: math.dist(v, wish)) if good else None
+
+
+def least_wrong(lines: np.ndarray, top: float) -> float:
+    """Least sampled value of `wrong` over the disc of velocities."""
+    grid = np.linspace(-top, top, 61)
+    return min(wrong(lines, np.array([x, y])) for x in grid for y in grid if math.hypot(x, y) <= top)
