@@ -47,7 +47,8 @@ def test_early_stops() -> None:
         assert np.array_equal(partial[finite], full[finite])
         assert partial[target] == full[target]
         limit = float(rng.choice(full[np.isfinite(full)]))
-        assert np.array_equal(distance_field(grid, goal, moves, within=limit), np.where(full <= limit, full, np.inf))
+        near = full <= limit * (1 + 1e-12)  # sums of other moves may differ in their last digit
+        assert np.array_equal(distance_field(grid, goal, moves, within=limit), np.where(near, full, np.inf))
 
 
 def test_lists_grow() -> None:
