@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway.kernels import crowd, orca
-from antway.kernels.predict import COURSE
+from antway.kernels.predict import COURSE, predict
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive
@@ -105,6 +105,26 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
             followed += bool(np.isfinite(course[:n, 0, 0]).any())
             xy = xy + velocity * 0.1
         assert followed <= (2 if turns else 0)
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.0])
+def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
+    """Pieces lead along the course; what the guard asks for is spared in part once the first seconds are over, to who moves."""
+    angle = np.linspace(0.0, 3.0, crowd.STEPS)
+    course = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
+    ways = np.vstack(([0.0, 0.0], np.cumsum(course[0] * COURSE, axis=0)))
+    beliefs, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
+    blocked, frame = np.zeros((60, 60), bool), np.array([-30.0, -30.0, 1.0])
+    lag, bound = 0.25, 1.0
+    n = predict(beliefs, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, lag, 0.0, blocked, frame, course, out)
+    assert out[0, 0] == 5.0 - lag and out[n - 1, 1] == pytest.approx(11.0)
+    for begin, end, x, y, vx, vy, stand, drive in out[:n]:
+        if begin >= 5.0 - 1e-9:
+            i = round((begin - 5.0) / COURSE)
+            assert (x, y) == pytest.approx(tuple(ways[i]), abs=1e-9) and end - begin == pytest.approx(COURSE)
+            assert (vx, vy) == pytest.approx(tuple(course[0, i]))
+        assert stand == pytest.approx(0.61)
+        assert drive == pytest.approx(0.86 if speed == 0.0 or begin < 7.4 else 0.76)
 
 
 def test_the_nameless_have_no_past() -> None:

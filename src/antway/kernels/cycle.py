@@ -22,6 +22,9 @@ KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
 COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN = range(6)  # of a plan's state
 _PAUSE = 0.25  # s; between looks for a better plan while all goes as foreseen
 _SAME = 1e-3  # m, m/s; what is that near to its prediction goes as foreseen
+_GRAZE = 0.05  # m; a plan whose berth is short by no more, and that not before
+_SOON = 0.5  # s have passed, stays in use unless another is at most
+_GRACE = 0.3  # s later
 
 
 class Settings(NamedTuple):
@@ -91,6 +94,16 @@ def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, pieces: N
 
 
 @kernel
+def _grazes(knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], lag: float, work: NDArray[np.float64]) -> bool:
+    """Tell whether a plan that is in conflict only grazes what is foreseen: a few centimetres may well come right by then."""
+    spared = pieces.copy()
+    for p in range(len(spared)):
+        if spared[p, 0] > now + _SOON - 1e-9:
+            spared[p, 7] = max(spared[p, 7] - _GRAZE, spared[p, 6])
+    return first_conflict(knots, now, spared, lag, work) == math.inf
+
+
+@kernel
 def cycle(
     memory: Memory,
     trails: Trails,
@@ -136,12 +149,13 @@ def cycle(
     ahead = pieces[:count]
     work = np.empty(2)
     n = int(plan.state[COUNT])
-    valid = False
+    valid = grazes = False
     if n > 0 and plan.knots[n - 1, 0] > now + s.dt:
         px, py, _ = place_at(plan.knots, n, now)
         on_course = math.hypot(px - x, py - y) <= s.stray
         valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.lag, work) == math.inf
-    limit = plan.state[ARRIVAL] - s.commitment if valid else math.inf
+        grazes = on_course and not valid and _grazes(plan.knots[:n], now, ahead, s.lag, work)
+    limit = plan.state[ARRIVAL] - s.commitment if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
     horizon = now + s.horizon
     end = -1
     memory.counter[2] = 0
@@ -166,7 +180,7 @@ def cycle(
             state,
         )
         plan.state[LOOK] = now + _PAUSE
-    what = KEPT if valid else NONE
+    what = KEPT if valid or grazes else NONE
     if end >= 0:
         what = IMPROVED if valid else NEW
         m = trace_back(memory, place, ahead, s.lag, x, y, end, horizon, horizon + s.horizon, plan.scratch)
@@ -175,7 +189,7 @@ def cycle(
         plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
         plan.state[PLANNED] += 1
         evaporate(trails, now, s.low, s.high, plan.state[PLANNED])
-    elif not valid:
+    elif what == NONE:
         plan.state[COUNT], plan.state[ARRIVAL] = 0, math.inf
         return 0.0, 0.0, NONE, math.inf, plan.state[BOUND]
     tx, ty, knot = place_at(plan.knots, n, now + s.dt)

@@ -15,6 +15,7 @@ MIRRORS = 4  # at most, of one track
 COURSE = 0.25  # s; a course is a velocity for each such step
 STRAIGHT = np.empty((0, 1, 2))  # no courses
 _TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube that widens does so in steps
+_LATER, _SPARED = 2.5, 0.1  # s, m; of a course that turns, what is so far ahead is not worth the whole berth
 _KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a wider tube would close every way
 
 
@@ -61,7 +62,8 @@ def predict(
     int
         Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that it
         may stand there; its body never is. So is the room that a moving robot keeps, for the first `lag` s: it may leave at
-        once if it comes no nearer meanwhile and has its full room then, which is what a guard asks of the first period.
+        once if it comes no nearer meanwhile and has its full room then, which is what a guard asks of the first period. Later
+        on a robot keeps less of that room to one who moves on a course: by then there is a newer plan.
     """
     n = 0
     size = frame[2]
@@ -106,6 +108,8 @@ def predict(
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
                 out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
                 out[n, 7] = max(held - 1e-6, 0.0) if past else body + wide + runs
+                if turns and t > _LATER - 1e-9 and vx * vx + vy * vy > 0.01:
+                    out[n, 7] = max(out[n, 7] - _SPARED, out[n, 6])
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if hit:
