@@ -113,14 +113,15 @@ def test_the_brush_the_start_and_obstacles(page: Any, tmp_path: Path) -> None:
     page.select_option("#brush", "3")
     page.mouse.click(*point(page, 5.5, 1.5))
     expect(page, "#undo").to_be_enabled()
-    page.keyboard.press("v")
-    drag(page, (0.5, 0.5), (1.5, 3.5))
-    page.keyboard.press("o")
+    page.keyboard.press("o")  # nothing is under way that could take the notice away
     page.fill("#size", "9")
     page.keyboard.press("Tab")
     expect(page, "#notice").to_contain_text("must be from 0.05 to 5")
     page.fill("#size", "0.7")
     page.keyboard.press("Tab")
+    page.keyboard.press("v")
+    drag(page, (0.5, 0.5), (1.5, 3.5))
+    page.keyboard.press("o")
     page.mouse.click(*point(page, 8.5, 18.5))
 
     def world() -> Any:
