@@ -17,7 +17,7 @@ const SETTINGS = [
   { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
 ];
 const state = {
-  scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])), setting: null, inputs: {},
+  scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])), inputs: {},
 };
 
 const wish = connect("/tours", (message) => {
@@ -32,7 +32,7 @@ const pairs = (text) => {
 };
 
 function takeScene(scene) {
-  Object.assign(state, { scene, frame: null, cities: pairs(scene.cities), curve: [], setting: null });
+  Object.assign(state, { scene, frame: null, cities: pairs(scene.cities), curve: [] });
   notice("");
   choose("instance", choices.instances, scene.name);
   for (const { field } of SETTINGS) {
@@ -67,13 +67,11 @@ function takeFrame(frame) {
   redraw();
 }
 
-function refuse({ text }) {
-  if (state.setting) {
-    const { input, wrong } = state.inputs[state.setting];
-    input.setAttribute("aria-invalid", "true");
-    wrong.textContent = text;
-    state.setting = null;
-  } else notice(text);
+function refuse({ field, text }) {
+  if (!(field in state.inputs)) return notice(text);
+  const { input, wrong } = state.inputs[field];
+  input.setAttribute("aria-invalid", "true");
+  wrong.textContent = text;
 }
 
 // ---- drawing ----
@@ -206,7 +204,6 @@ function build() {
     if (options) input.replaceChildren(...options.map((name) => make("option", name, { value: name })));
     else input.inputMode = "numeric";
     input.addEventListener("change", () => {
-      state.setting = field;
       const number = Number(input.value);
       wish({ op: "set", field, value: options || input.value.trim() === "" || !Number.isFinite(number) ? input.value : number });
     });
