@@ -99,6 +99,45 @@ def test_answers_are_legal_and_honest_on_any_map():
             assert plan.optimal == (plan.length <= exact * (1 + 1e-9))
 
 
+def test_local_ants_find_a_short_way_round_what_closes_their_window():
+    """As policy `paper` asks them: at most 1.25 times the exact detour in 95 % of the windows, and legal in all (C13)."""
+    rng = np.random.default_rng(13)
+    short = asked = 0
+    while asked < cases(200, 2000):
+        grid = random_grid(rng, 12, 40, (0.0, 0.25))
+        window = tuple(int(v) for v in (*rng.integers(0, 4, 2), *rng.integers(6, 1 + min(grid.shape) - 3, 2)))
+        row, col, rows, cols = window
+        inside = np.zeros(grid.shape, dtype=bool)
+        inside[row : row + rows, col : col + cols] = True
+        there = np.argwhere(inside & ~grid.blocked)
+        if len(there) < 2:
+            continue
+        start, goal = (tuple(map(int, there[i])) for i in rng.choice(len(there), 2, replace=False))
+        rr, cc = np.indices(grid.shape)
+        forbidden = np.zeros(grid.shape, dtype=bool)
+        for r, c, radius in zip(*rng.uniform(0.0, 40.0, (2, 8)), rng.uniform(0.5, 4.0, 8)):
+            forbidden |= (rr - r) ** 2 + (cc - c) ** 2 <= radius**2
+        forbidden[start] = forbidden[goal] = False
+        found = explore(
+            Problem(grid, start, goal),
+            seed=asked,
+            persistence=Adaptive(),
+            ants=30,
+            cycles=20,
+            stop_at_bound=True,
+            window=window,
+            forbidden=forbidden,
+        )
+        room = Problem(Grid(grid.blocked | forbidden | ~inside), start, goal)  # what the window leaves, as a map of its own
+        exact = distance_field(room.grid, goal)[start]
+        check_plan(room, found.plan)
+        assert (found.plan.status is Status.NO_PATH) == math.isinf(exact)
+        if math.isfinite(exact):
+            asked += 1
+            short += found.plan.length <= 1.25 * exact
+    assert short >= 0.95 * asked
+
+
 def test_the_same_seed_gives_the_same_bytes_with_any_number_of_threads():
     """Plan, history and pheromone do not depend on the threads, and do depend on the seed."""
     rng = np.random.default_rng(8)

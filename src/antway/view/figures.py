@@ -210,7 +210,9 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
         axes.set(title=title or instance.name, xlabel="x", ylabel="y", aspect="equal")
         axes.locator_params(nbins=7, steps=[1, 2, 5, 10])
     made, best, _ = np.vstack((tour.history, [tour.tours, tour.length, tour.elapsed])).T
-    right.step(np.maximum(made, 1), best, where="post", color=style.BLUE, linewidth=1.8, label=f"best tour, {tour.length:,.6g}")
+    dot = {"marker": "o"} if len(set(made)) == 1 else {}  # a line of one point is not seen
+    label = f"best tour, {tour.length:,.6g}"
+    right.step(np.maximum(made, 1), best, where="post", color=style.BLUE, linewidth=1.8, label=label, **dot)
     if tour.optimum is not None:
         right.axhline(tour.optimum, color=style.INK, linewidth=0.8, label=f"optimum, {tour.optimum:,.6g}")
     right.set(title="Best length so far", xlabel="tours made", ylabel="length", xscale="log")
