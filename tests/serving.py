@@ -21,8 +21,9 @@ TOKEN = "a-token"
 def compile_all() -> None:
     """Have every kernel that the page calls compiled, which on a fresh machine takes longer than a page waits."""
     session = Session()
-    for wish in ({"op": "policies", "names": ["antway", "paper"]}, {"op": "step"}, {"op": "ants"}):
-        session.apply(wish)
+    for names in (["stop"], ["antway", "paper"]):
+        for wish in ({"op": "policies", "names": names}, {"op": "step"}, {"op": "ants"}):
+            session.apply(wish)
     Tours().apply({"op": "step"})
 
 

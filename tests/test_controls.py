@@ -113,7 +113,7 @@ def test_the_brush_the_start_and_obstacles(page: Any, tmp_path: Path) -> None:
     page.select_option("#brush", "3")
     page.mouse.click(*point(page, 5.5, 1.5))
     expect(page, "#undo").to_be_enabled()
-    page.keyboard.press("o")  # nothing is under way that could take the notice away
+    page.keyboard.press("o")
     page.fill("#size", "9")
     page.keyboard.press("Tab")
     expect(page, "#notice").to_contain_text("must be from 0.05 to 5")
@@ -285,6 +285,79 @@ def test_tours_are_chosen_set_and_saved(tours: Any) -> None:
     assert name == "antway-square.png" and Image.open(io.BytesIO(data)).width > 600
     page.keyboard.press("r")
     expect(page, "#cycle").to_have_text("0")
+
+
+def test_a_refusal_stays_while_answers_to_other_wishes_come(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refusal that comes before the answer to a later wish is still said after that, until something else is wished for."""
+    let = threading.Event()
+
+    def slowly(self: Session, message: dict[str, Any], done: Any = Session._set) -> list[dict[str, Any]]:
+        assert let.wait(60)
+        return done(self, message)  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(Session, "_set", slowly)
+    page.reload()  # a session whose settings are slow
+    page.wait_for_selector("body[data-ready=true]")
+    page.fill("#seed", "-1")
+    page.keyboard.press("Tab")
+    page.click("#compare")
+    expect(page, ".lane").to_have_count(1)
+    let.set()
+    expect(page, ".lane").to_have_count(2)
+    expect(page, "#notice").to_contain_text("seed = -1")
+    expect(page, "#seed").to_have_attribute("aria-invalid", "true")
+    expect(page, "#seed").to_have_value("-1")
+    page.click("#compare")
+    expect(page, ".lane").to_have_count(1)
+    expect(page, "#notice").to_be_hidden()
+    expect(page, "#seed").to_have_value("0")
+    assert page.get_attribute("#seed", "aria-invalid") is None
+
+
+def test_what_is_refused_is_said_beside_what_was_set(page: Any) -> None:
+    """A radius too large for where the robot starts is refused beside the radius, though it is the start that is wrong."""
+    page.click("details:has(#parameters) > summary")
+    page.fill("[id='parameter-robot.radius']", "2")
+    page.keyboard.press("Tab")
+    expect(page, "[id='wrong-robot.radius']").to_contain_text("start = ")
+    expect(page, "#notice").to_be_hidden()
+
+
+def test_what_is_typed_stays_while_an_answer_comes(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A number that is being typed is not overwritten by the answer to a wish before it."""
+    let = threading.Event()
+
+    def slowly(self: Session, message: dict[str, Any], done: Any = Session._policies) -> list[dict[str, Any]]:
+        assert let.wait(60)
+        return done(self, message)  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(Session, "_policies", slowly)
+    page.reload()
+    page.wait_for_selector("body[data-ready=true]")
+    for tool, field, typed in (("hand", "#seed", "12"), ("way", "#pace", "0.25"), ("way", "#size", "0.45")):
+        let.clear()
+        page.click(f"[data-tool={tool}]")
+        lanes = page.locator(".lane").count()
+        page.click("#compare")
+        page.fill(field, typed)
+        let.set()
+        expect(page, ".lane").to_have_count(3 - lanes)
+        expect(page, field).to_have_value(typed)
+    page.click("[data-tool=hand]")
+    expect(page, "#undo").to_be_enabled()
+
+
+def test_a_cycle_without_ants_says_so(page: Any) -> None:
+    """Where no ants take part in a cycle, a look inside it plays it and says why, in words; a step says no more of it."""
+    for _ in range(8):
+        page.keyboard.press("a")
+    expect(page, ".card .ants").to_contain_text("No ants in this control cycle")
+    page.click("#step")
+    expect(page, ".card .ants").to_have_text("")
+    page.locator(".lane select").select_option("stop")
+    expect(page, "#time").to_have_text("0.0 s")
+    page.click("#ants")
+    expect(page, ".card .ants").to_have_text("This policy has no ants.")
 
 
 def test_a_page_that_waits_says_so(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
+from antway.web import player
 from antway.web.player import LULL, Turns
 from antway.web.session import Session
 from common import cases
@@ -210,7 +211,7 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
 
 def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests that do not end or grow too long, a page that confirms nothing, and a flood are ended within their time."""
-    from antway.web import player, server
+    from antway.web import server
 
     monkeypatch.setattr(player, "PATIENCE", 1.5)
     monkeypatch.setattr(server, "PATIENCE", 0.5)
@@ -235,7 +236,7 @@ def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPa
 
 def test_who_does_not_read_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that asks for files and reads none of them is cut, and its session ends, once no more can be sent to it."""
-    from antway.web import player, server
+    from antway.web import server
 
     sessions: list[Session] = []
 
@@ -263,8 +264,9 @@ def test_who_does_not_read_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> Non
         assert sessions[0].closed.wait(100)
 
 
-def test_requests_go_first_and_hold_up_work_for_a_moment_alone() -> None:
-    """At most two work at once, first come first served; a request delays them, and a stream of requests for no longer."""
+def test_requests_go_first_and_hold_up_play_for_a_moment_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At most two work at once, first come first served; a request delays play, a stream of them for no longer than HOLD."""
+    monkeypatch.setattr(player, "HOLD", 0.2)
 
     async def check() -> None:
         turns, at_once, most, order = Turns(), 0, 0, []
@@ -282,16 +284,42 @@ def test_requests_go_first_and_hold_up_work_for_a_moment_alone() -> None:
 
         await asyncio.gather(*(turns.take(work, k) for k in range(8)))
         assert most == 2 and sorted(order) == list(range(8)) and {0, 1} == set(order[:2])
+        clock = asyncio.get_running_loop().time
         turns.request()
-        asked = turns.asked
-        assert await turns.take(time.monotonic) - asked >= LULL
-        done = asyncio.create_task(turns.take(len, "done"))
-        while not done.done():
+        await turns.lull()
+        assert clock() - turns.asked >= LULL
+        begun = clock()
+        held = [asyncio.create_task(turns.lull()) for _ in range(20)]
+        while not all(task.done() for task in held):
             turns.request()
             await asyncio.sleep(0)
-        assert done.result() == 4
+        assert 0.2 <= clock() - begun < 20 * 0.2
 
     asyncio.run(check())
+
+
+def test_wishes_are_done_while_play_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While requests hold up play for as long as the test lasts, a step, an edit and a pause are answered all the same."""
+    monkeypatch.setattr(player, "LULL", 600.0)
+    monkeypatch.setattr(player, "HOLD", 600.0)
+    with served() as port:
+
+        async def check() -> None:
+            async with live(port, TOKEN) as wire:
+                await frame(wire)
+                await wire.send('{"op":"play","on":true}')
+                assert (now := await frame(wire))["playing"] and now["lanes"][0]["t"] == 0.0
+                await wire.send('{"op":"play","on":false}')
+                assert not (now := await frame(wire))["playing"] and now["lanes"][0]["t"] == 0.0
+                await wire.send('{"op":"play","on":true}')
+                assert (await frame(wire))["playing"]
+                await wire.send('{"op":"set","field":"seed","value":7}')
+                while (message := json.loads(await asyncio.wait_for(wire.recv(), 60)))["kind"] != "scene":
+                    pass
+                assert message["parameters"]["seed"] == 7
+                await steps(wire)
+
+        asyncio.run(check())
 
 
 def test_nobody_waits_for_what_others_export(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,8 +122,13 @@ def test_a_websocket_plays(port: int) -> None:
         wire.send(json.dumps({"op": "step"}))
         assert json.loads(wire.recv(60))["lanes"][0]["t"] == pytest.approx(0.1)
         wire.send("{")
-        refusal = {"kind": "refused", "error": "BadParameter", "field": "message", "text": "message = '{': must be JSON"}
+        text = "message = '{': must be JSON"
+        refusal = {"kind": "refused", "error": "BadParameter", "field": "message", "number": None, "text": text}
         assert json.loads(wire.recv(60)) == refusal
+        wire.send(json.dumps({"op": "set", "field": "robot.radius", "value": 2.0, "number": 3}))
+        while (message := json.loads(wire.recv(60)))["kind"] != "refused":
+            pass
+        assert (message["number"], message["field"]) == (3, "start"), "which wish it was, and what is wrong then"
 
 
 def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
@@ -195,16 +200,29 @@ def test_a_look_inside_a_cycle_changes_nothing() -> None:
     """Looking at ant cycles leaves the run as it is, ends where the control cycle does, and then plays the cycle."""
     session = Session()
     session.apply({"op": "policies", "names": ["paper", "antway"]})
-    looks = 0
+    looks, idle, before = 0, 0, []
     while not session.ended and session.lanes[0].episode.steps < 120:
         steps = session.lanes[0].episode.steps
         session.apply({"op": "ants"})
         frame = session.frame()
         looked = [lane["ants"] for lane in frame["lanes"]]
         looks += any(looked)
+        told = [lane["idle"] for lane in frame["lanes"]]
+        assert not any(look and why for look, why in zip(looked, told)), (looked, told)
+        if not any(looked) and not any(before):
+            assert all("No ants in this control cycle" in why for why in told)
+            idle += 1
+        before = looked
         assert (session.lanes[0].episode.steps > steps) == (not any(looked))
-    assert looks > 20
-    for lane, policy in zip(session.lanes, session.policies):
+    assert looks > 20 and idle > 20
+    looked_into = session.lanes
+    session.apply({"op": "policies", "names": ["stop"]})
+    session.apply({"op": "ants"})
+    assert session.frame()["lanes"][0]["idle"] == "This policy has no ants."
+    session.apply({"op": "step"})
+    assert session.frame()["lanes"][0]["idle"] == ""
+    session.apply({"op": "policies", "names": ["paper", "antway"]})
+    for lane, policy in zip(looked_into, session.policies):
         plain = Episode(session.scenario, policy)
         for _ in range(lane.episode.steps):
             plain.step()

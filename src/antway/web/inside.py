@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway.avoidance.paper import PaperPolicy
 from antway.avoidance.policy import AntwayPolicy
 from antway.grid import Moves
+from antway.kernels.cycle import LOOK
 from antway.planning import TimedPath
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Policy
@@ -38,10 +39,10 @@ class Look:
     policy: Policy
 
 
-def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | None:
-    """Play the control cycle to come on a copy with at most so many ant cycles; None if no ants take part in it."""
+def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
+    """Play the control cycle to come on a copy with at most so many ant cycles; say why if no ants take part in it."""
     if not isinstance(policy, (AntwayPolicy, PaperPolicy)):
-        return None
+        return "This policy has no ants."
     shared = (episode.scenario, episode.stage.task, episode.stage.timeline)  # what never changes
     trial, ants = copy.deepcopy((episode, policy), {id(thing): thing for thing in shared})
     if isinstance(ants, PaperPolicy):
@@ -49,17 +50,20 @@ def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | None:
         ants.cycles = min(cycles, most)
         trial.step()
         if ants.colonies == before:
-            return None
+            return "No ants in this control cycle: policy paper sends them only for a way round what is ahead."
         done = cycles >= most or (ants.found is not None and len(ants.found.history) < cycles)
     else:
         assert isinstance(ants, AntwayPolicy)
         tests, second = ants.settings.tests, ants.settings.second_looks
         budget = TESTS * cycles
         ants.settings = ants.settings._replace(tests=min(tests, budget), second_looks=min(second, budget))
+        due = ants.plan.state[LOOK]
         trial.step()
         tested = int(ants.memory.counter[2])
         if tested == 0:
-            return None
+            if ants.plan.state[LOOK] == due:
+                return f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
+            return "No ants in this control cycle: no other plan can be better."
         done = tested < budget or budget >= tests
     decision = ants.explain()
     if isinstance(ants, PaperPolicy) and ants.found is not None:  # whether or not its way was taken

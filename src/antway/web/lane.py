@@ -72,10 +72,11 @@ class Lane:
         self.told = 0  # rows of the record
         self.decision: Decision | None = None
         self.look: Look | None = None  # into the cycle to come
+        self.idle = ""  # why no ants take part in it
 
     def step(self) -> None:
         """Play one control cycle."""
-        self.look = None
+        self.look, self.idle = None, ""
         self._lend()
         if self.episode.outcome is None:
             self.episode.step()
@@ -87,10 +88,8 @@ class Lane:
         self._lend()
         cycles = 1 if self.look is None else self.look.cycles + 1
         look = look_inside(self.episode, self.watched.policy, cycles)
-        if look is None:
-            return False
-        self.look = look
-        return True
+        self.look, self.idle = (None, look) if isinstance(look, str) else (look, "")
+        return self.look is not None
 
     def _lend(self) -> None:
         """Let the policy work in the thread's memory: its own would be megabytes for each of hundreds of tabs."""
@@ -123,6 +122,7 @@ class Lane:
             "outcome": None if episode.outcome is None else episode.outcome.value,
             "ending": episode.reason[:400],
             "ants": None if look is None else [look.cycles, look.done],
+            "idle": self.idle,
         }
         latest = look.decision if look is not None else episode.decisions[-1][1] if episode.decisions else None
         if latest is not self.decision:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -22,19 +23,21 @@ IN_FLIGHT = 2  # frames that the page has not confirmed
 PATIENCE = 7.0  # s that a page may take nothing: it is gone within 10, however busy the server
 TICK = 1 / 40  # s between frames at the least
 THREADS = 2  # that play; more would leave the loop, which shares the interpreter, less of the time
-LULL = 0.01  # s without a request, after which work goes on
-HOLD = 0.05  # s that requests may hold it up
+LULL = 0.01  # s without a request, after which play goes on
+HOLD = 0.5  # s that requests may hold it up
 
 
 class Turns:
-    """Who may work beside the loop: a few tabs at a time, first come, first served, and requests before all of them.
+    """Who may work beside the loop: a few tabs at a time, first come, first served; requests and wishes go before play.
 
-    A request takes a fraction of a millisecond and somebody waits for it; a cycle that comes late is left out.
+    A request takes a fraction of a millisecond and somebody waits for it, as for the answer to a wish; a cycle that comes late
+    is left out.
     """
 
     def __init__(self, threads: int = THREADS) -> None:
         self.free, self.workers = asyncio.Semaphore(threads), ThreadPoolExecutor(threads, "antway")
-        self.asked = -1.0  # when the last request came
+        self.asked = -math.inf  # when the last request came
+        self.held = asyncio.Lock()  # one looks whether there is a lull, and the others wait for that one
 
     def request(self) -> None:
         """Note that somebody asks for a file or opens a tab."""
@@ -42,12 +45,16 @@ class Turns:
 
     async def take(self, work: Callable[..., T], *given: object) -> T:
         """Do work on one of a few threads, so that the server answers others meanwhile."""
-        loop = asyncio.get_running_loop()
         async with self.free:
-            latest = loop.time() + HOLD
-            while loop.time() < min(self.asked + LULL, latest):
+            return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
+
+    async def lull(self) -> None:
+        """Wait until no request has come for a moment, but no longer than `HOLD`."""
+        time = asyncio.get_running_loop().time
+        latest = time() + HOLD
+        async with self.held:
+            while time() < min(self.asked + LULL, latest):
                 await asyncio.sleep(LULL)
-            return await loop.run_in_executor(self.workers, work, *given)
 
 
 class Player:
@@ -104,6 +111,7 @@ class Player:
     async def answer(self, text: str) -> None:
         """Do one wish and say what came of it."""
         async with self.turn:
+            wish: object = None
             try:
                 wish = _parse(text)
                 if wish == {"op": "seen"}:
@@ -114,7 +122,7 @@ class Player:
                     replies = await turns.take(self.session.apply, wish)
                     self.owed = True
             except BadInput as error:
-                replies = [{"kind": "refused", "error": type(error).__name__, "field": error.field, "text": str(error)}]
+                replies = [_refusal(error, wish)]
             for reply in replies:
                 await self.send(_text(reply))
         self.wake.set()
@@ -133,6 +141,7 @@ class Player:
             steps = max(1, round(TICK / period))
             due = max(due + steps * period, self.clock())
             await asyncio.sleep(due - self.clock())
+            await self.turns.lull()  # not within the turn: what is wished for meanwhile is done at once
             await self.show(steps)
 
     async def show(self, steps: int = 0) -> None:
@@ -163,6 +172,13 @@ class Player:
         if self.websocket.application_state is not WebSocketState.CONNECTED:
             raise WebSocketDisconnect(1006)
         await self.websocket.send_text(text)
+
+
+def _refusal(error: BadInput, wish: object) -> Message:
+    """Say why a wish was refused, and its number if the page gave it one: what is wrong may be another field than was set."""
+    number = wish.get("number") if isinstance(wish, dict) else None
+    number = number if isinstance(number, int) else None
+    return {"kind": "refused", "error": type(error).__name__, "field": error.field, "number": number, "text": str(error)}
 
 
 def _text(message: Message) -> str:

@@ -164,11 +164,14 @@ class Session(Tab):
         return [self.describe()]
 
     def _ants(self, message: Message) -> list[Message]:
-        """Let the ants do one cycle more within the control cycle; where there is none, play the control cycle."""
+        """Let the ants do one cycle more within the control cycle; where there is none, play it and say why there was none."""
         self.playing = False
         looked = [lane.look_inside() for lane in self.lanes]
         if True not in looked:
+            idle = [lane.idle for lane in self.lanes]
             self.advance(1)
+            for lane, why in zip(self.lanes, idle):
+                lane.idle = why
         return []
 
     def _reset(self, message: Message) -> list[Message]:

@@ -107,7 +107,7 @@ class Lane {
     const action = card.querySelector(".action");
     action.textContent = now.outcome ? now.outcome.replaceAll("-", " ") : (decision?.action.replaceAll("-", " ") ?? "ready");
     action.dataset.kind = !decision || CALM.includes(decision.action) ? "calm" : ASIDE.includes(decision.action) ? "planned" : "alert";
-    card.querySelector(".ants").textContent = now.ants ? `Ant cycle ${now.ants[0]} of the control cycle to come${now.ants[1] ? ", the last" : ""}` : "";
+    card.querySelector(".ants").textContent = now.ants ? `Ant cycle ${now.ants[0]} of the control cycle to come${now.ants[1] ? ", the last" : ""}` : now.idle;
     card.querySelector(".reason").textContent = now.outcome ? now.ending : (decision?.reason ?? "Press play, or take one step.");
     const facts = [];
     if (decision?.obstacle != null) facts.push([`Obstacle ${decision.obstacle}`, decision.encounter.replaceAll("-", " ")]);

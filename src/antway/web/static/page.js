@@ -2,8 +2,8 @@ import { LAYERS } from "/canvas.js";
 import { Editor } from "/edit.js";
 import { Lane } from "/lane.js";
 import {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, save, showPlaying, stemOf,
-  takeFiles, themes, working,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
+  setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
 } from "/parts.js";
 
 const page = {
@@ -16,20 +16,8 @@ const wish = connect("/live", (message) => {
   if (message.kind === "frame") takeFrame(message);
   if (message.kind === "scene") takeScene(message);
   if (message.kind === "link") showLink(message.hash);
-  if (message.kind === "refused") refuse(message);
+  if (message.kind === "refused") takeRefusal(message);
 });
-
-let setting = null; // the parameter last sent
-function refuse({ text }) {
-  page.pending = null;
-  if (setting) {
-    setting.input.setAttribute("aria-invalid", "true");
-    setting.wrong.textContent = text;
-    if (!setting.input.offsetParent || setting.input.id === "seed") notice(text);
-    setting = null;
-  } else notice(text);
-  redraw();
-}
 
 // ---- what comes from the server ----
 function takeScene(scene) {
@@ -43,7 +31,6 @@ function takeScene(scene) {
   page.scene = scene;
   page.field = scene.field && heat(scene.field, 150);
   page.pending = null;
-  notice("");
   document.documentElement.style.setProperty("--ratio", String(map.rows / map.cols));
   buildLanes(scene.policies);
   for (const lane of page.lanes) {
@@ -57,17 +44,19 @@ function takeScene(scene) {
   byId("undo").disabled = !scene.undo;
   byId("redo").disabled = !scene.redo;
   byId("compare").setAttribute("aria-pressed", String(scene.policies.length > 1));
-  setting = null;
-  for (const [id, high] of [["size", 5], ["pace", scene.fastest]]) byId(id).max = String(high);
-  byId("pace").value = String((page.pace = Math.min(page.pace, scene.fastest)));
-  if (!page.dropped && scene.radii.length) byId("size").value = String((page.size = scene.radii[0]));
-  for (const { field, input, wrong } of fields) {
-    input.value = String(scene.parameters[field]);
-    input.removeAttribute("aria-invalid");
-    wrong.textContent = "";
-  }
+  byId("pace").max = String(scene.fastest);
+  if (page.pace > scene.fastest) byId("pace").value = String((page.pace = scene.fastest));
+  const typing = document.activeElement === byId("size");
+  if (!page.dropped && !typing && scene.radii.length) byId("size").value = String((page.size = scene.radii[0]));
+  showSettings(scene.parameters);
   if (!document.body.dataset.ready) openAddress();
   document.body.dataset.ready = "true";
+  redraw();
+}
+
+function takeRefusal(message) {
+  page.pending = null;
+  refuse(message);
   redraw();
 }
 
@@ -116,7 +105,6 @@ function redraw() {
 }
 
 // ---- controls ----
-const fields = [];
 
 // Ask for these policies; without names, for those that the lanes' choosers show.
 function askPolicies(names = page.lanes.map((lane) => lane.select.value)) {
@@ -182,22 +170,12 @@ function setNumber(input, name) {
   page.dropped = true;
 }
 
-function field(parameter, input, wrong) {
-  const entry = { field: parameter.field, input, wrong };
-  fields.push(entry);
-  input.addEventListener("change", () => {
-    const value = input.value.trim() === "" ? NaN : Number(input.value);
-    setting = entry;
-    wish({ op: "set", field: parameter.field, value: Number.isFinite(value) ? value : input.value });
-  });
-}
-
 function build() {
   byId("speed").replaceChildren(...choices.speeds.map((speed) => make("option", `${speed}×`, { value: String(speed) })));
   for (const parameter of choices.parameters) {
     const { field: name, label, unit, low, high, meaning } = parameter;
     if (name === "seed") {
-      field(parameter, byId("seed"), make("span", ""));
+      setting(name, byId("seed"), make("span", ""), numberOf, wish);
       byId("seed").title = meaning;
     }
     const row = make("label", "");
@@ -207,7 +185,7 @@ function build() {
     input.setAttribute("aria-describedby", wrong.id);
     row.append(make("span", unit ? `${label}, ${unit}` : label), input, wrong, make("small", `${meaning} ${low} to ${high}${unit && ` ${unit}`}.`));
     byId("parameters").append(row);
-    field(parameter, input, wrong);
+    setting(name, input, wrong, numberOf, wish);
   }
 }
 

@@ -4,6 +4,7 @@ const byId = (id) => document.getElementById(id);
 const choices = JSON.parse(byId("choices").textContent);
 const make = (tag, text, properties = {}) => Object.assign(document.createElement(tag), { textContent: text, ...properties });
 const fixed = (value, digits, unit) => (value == null || !Number.isFinite(value) ? "–" : `${value.toFixed(digits)} ${unit}`.trim());
+const numberOf = (text) => (text === "" || !Number.isFinite(Number(text)) ? text : Number(text));
 const MOST = 4 * 2 ** 20; // bytes of files to open
 
 for (const link of document.querySelectorAll("nav a")) link.search = location.search; // the token, where the page needs one
@@ -42,6 +43,59 @@ function working() {
 function notice(text) {
   byId("notice").hidden = !text;
   byId("notice").firstElementChild.textContent = text;
+}
+
+// Settings, {field, input, wrong, number}: a field, what is wrong with it, and the number of its latest wish. What was refused stays
+// said until something else is wished for, so that no answer to another wish takes it away.
+const settings = [];
+const asked = []; // {row, text}, by the number of the wish
+
+// Have the setting's input wish for its value, as `valueOf` reads it, when that was changed.
+function setting(field, input, wrong, valueOf, wish) {
+  const row = { field, input, wrong, number: -1 };
+  settings.push(row);
+  input.addEventListener("change", () => {
+    accept(row);
+    row.number = asked.push({ row, text: input.value }) - 1;
+    wish({ op: "set", field, value: valueOf(input.value.trim()), number: row.number });
+  });
+}
+
+function accept({ input, wrong }) {
+  input.removeAttribute("aria-invalid");
+  wrong.textContent = "";
+}
+
+const refused = ({ input }) => input.getAttribute("aria-invalid") === "true";
+
+// Show these values, but where a value was refused, or another is being typed.
+function showSettings(values) {
+  for (const row of settings) {
+    const { field, input } = row;
+    const value = String(values[field]);
+    const typing = input === document.activeElement && ![value, input.dataset.shown].includes(input.value);
+    if (!refused(row) && !typing) input.value = input.dataset.shown = value;
+  }
+}
+
+// Say what was refused: beside the setting that was to be changed, where that can be seen, and otherwise over the page.
+function refuse({ number, text }) {
+  const { row, text: value } = asked[number] ?? {};
+  if (row?.number !== number) return notice(text); // or it was set again meanwhile
+  const { input, wrong } = row;
+  if (input !== document.activeElement) input.value = value; // an answer to another wish may have put it back
+  input.setAttribute("aria-invalid", "true");
+  wrong.textContent = text;
+  if (!input.offsetParent || !wrong.isConnected) notice(text);
+}
+
+// What was refused no longer matters: something else is wished for.
+function forget() {
+  notice("");
+  for (const row of settings.filter(refused)) {
+    accept(row);
+    row.input.value = row.input.dataset.shown;
+  }
 }
 
 function save(blob, name) {
@@ -134,7 +188,9 @@ function connect(path, take) {
     notice("The connection to antway is gone. Start antway serve again and reload this page.");
   });
   return (message) => {
-    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+    if (socket.readyState !== WebSocket.OPEN) return;
+    if (message.op !== "seen") forget();
+    socket.send(JSON.stringify(message));
   };
 }
 
@@ -182,6 +238,6 @@ function takeFiles(open) {
 }
 
 export {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, save, showPlaying, stemOf,
-  takeFiles, themes, working,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
+  setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
 };

@@ -1,7 +1,7 @@
 // The page of tours: a colony at work on a travelling salesman problem.
 import {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, save, showPlaying, stemOf, takeFiles,
-  themes, working,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, numberOf, refuse, save, setting,
+  showPlaying, showSettings, stemOf, takeFiles, themes, working,
 } from "/parts.js";
 
 const LAYERS = [
@@ -17,7 +17,7 @@ const SETTINGS = [
   { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
 ];
 const state = {
-  scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])), inputs: {},
+  scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])),
 };
 
 const wish = connect("/tours", (message) => {
@@ -33,14 +33,8 @@ const pairs = (text) => {
 
 function takeScene(scene) {
   Object.assign(state, { scene, frame: null, cities: pairs(scene.cities), curve: [] });
-  notice("");
   choose("instance", choices.instances, scene.name);
-  for (const { field } of SETTINGS) {
-    const { input, wrong } = state.inputs[field];
-    input.value = String(scene.settings[field]);
-    input.removeAttribute("aria-invalid");
-    wrong.textContent = "";
-  }
+  showSettings(scene.settings);
   byId("optimum-key").hidden = scene.optimum == null;
   byId("curve-title").textContent = scene.optimum == null ? "Length by cycle" : "Gap to the optimum by cycle";
   byId("map").setAttribute("aria-label", `${scene.size} cities, the pheromone on their edges, and the best tour.`);
@@ -65,13 +59,6 @@ function takeFrame(frame) {
   put("made", frame.tours.toLocaleString("en"));
   put("time", `cycle ${frame.cycle}`);
   redraw();
-}
-
-function refuse({ field, text }) {
-  if (!(field in state.inputs)) return notice(text);
-  const { input, wrong } = state.inputs[field];
-  input.setAttribute("aria-invalid", "true");
-  wrong.textContent = text;
 }
 
 // ---- drawing ----
@@ -203,13 +190,9 @@ function build() {
     wrong.setAttribute("role", "alert");
     if (options) input.replaceChildren(...options.map((name) => make("option", name, { value: name })));
     else input.inputMode = "numeric";
-    input.addEventListener("change", () => {
-      const number = Number(input.value);
-      wish({ op: "set", field, value: options || input.value.trim() === "" || !Number.isFinite(number) ? input.value : number });
-    });
     row.append(make("span", label), input, wrong, make("small", meaning));
     byId("settings").append(row);
-    state.inputs[field] = { input, wrong };
+    setting(field, input, wrong, options ? String : numberOf, wish);
   }
 }
 
