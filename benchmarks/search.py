@@ -256,6 +256,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out" / "search.json")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
+    measure("compile", generated(64)["small rooms"], 2, 0.0)
     maps = generated() | {path.stem: load_map(path) for path in sorted(MOVINGAI.glob("*.map"))}
     results = {}
     for name, grid in maps.items():

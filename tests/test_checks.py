@@ -63,6 +63,7 @@ def test_points_arrays_choices_instances() -> None:
         ([[1], [1, 2]], (None, None)),
         ("x", (1,)),
         ([10**400], (1,)),
+        (np.ones(1, dtype=complex), (1,)),
     ):
         with pytest.raises(errors.BadParameter):
             checks.array("a", wrong, shape)
