@@ -130,7 +130,7 @@ def array(field: str, value: object, shape: tuple[int | None, ...], *, finite: b
     """Return `value` as a fresh read-only float64 array of `shape` (None: any length); finite unless said otherwise."""
     wanted = "x".join("N" if n is None else str(n) for n in shape)
     try:
-        if np.iscomplexobj(value):
+        if np.iscomplexobj(cast(Any, value)):
             raise TypeError  # NumPy would drop the imaginary parts with no more than a warning
         result = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
