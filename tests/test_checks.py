@@ -43,6 +43,8 @@ def test_what_is_no_integer(value: object) -> None:
 def test_integers_and_seeds() -> None:
     """NumPy's integers become Python's; a seed has 64 bits and no sign."""
     assert type(checks.integer("a", np.int8(5))) is int
+    with pytest.raises(errors.BadParameter, match=r"\[0, 4294967295\]"):
+        checks.integer("seed", -1, low=0, high=2**32 - 1)
     assert checks.seed(2**64 - 1) == 2**64 - 1
     for wrong in (-1, 2**64, 0.0):
         with pytest.raises(errors.BadParameter):

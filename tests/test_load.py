@@ -371,6 +371,17 @@ def test_no_more_tabs_open_than_there_is_room_for(monkeypatch: pytest.MonkeyPatc
         asyncio.run(storm())
 
 
+def test_the_page_is_opened_in_the_browser_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`antway serve` says where it is and opens that address in the browser that the system names."""
+    monkeypatch.setenv("BROWSER", "echo opened %s")
+    command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        said = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
+        assert said is not None and process.stdout.readline() == f"opened {said[0]}\n"
+        process.terminate()
+
+
 def test_an_interrupt_ends_the_server_quietly() -> None:
     """Ctrl-C ends `antway serve` while a page plays, without a word on the error stream."""
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]

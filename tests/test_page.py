@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +16,10 @@ import pytest
 from PIL import Image
 
 from antway import load_scenario
+from antway.errors import BadInput
 from antway.scenes import scene
+from antway.web.files import read_upload
+from antway.web.session import Session
 from antway.world.motions import Bounce, Waypoints
 from antway.world.scenario import Scenario, save_scenario
 from browser import (
@@ -42,8 +46,6 @@ MAP = "type octile\nheight 8\nwidth 12\nmap\n" + "............\n" * 3 + "......@
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    from antway.web.session import Session
-
     warm = Session()  # compiles what the pages will run
     warm.apply({"op": "policies", "names": ["antway", "paper"]})
     warm.advance(40)
@@ -266,6 +268,117 @@ def test_nothing_from_a_file_is_markup(page: Any, tmp_path: Path) -> None:
         page.click("#notice button")
         assert page.evaluate("window.hit") is None, text
     assert page.locator("iframe, object, embed, base, img").count() == 0
+
+
+def at(page: Any, x: float, y: float) -> list[int]:
+    """Red, green and blue of the stage at the place (x, y) m of a square map of 20 m."""
+    drawn(page)
+    left, top = point(page, x, y)
+    return page.evaluate(  # type: ignore[no-any-return]
+        """([left, top]) => {
+          const stage = document.querySelector("canvas.stage");
+          const box = stage.getBoundingClientRect();
+          const k = stage.width / box.width;
+          const c = document.createElement("canvas").getContext("2d");
+          c.drawImage(stage, k * (left - box.left), k * (top - box.top), 1, 1, 0, 0, 1, 1);
+          return [...c.getImageData(0, 0, 1, 1).data.slice(0, 3)];
+        }""",
+        [left, top],
+    )
+
+
+def test_what_is_sensed_ends_at_walls(page: Any) -> None:
+    """Of two places as far from the robot, the one in sight is shaded as sensed, and the one behind a wall is not."""
+    page.click("[data-tool=wall]")
+    drag(page, (2.5, 0.5), (2.5, 3.5))
+    expect(page, "#undo").to_be_enabled()
+    seen, hidden = (1.3, 3.3), (3.3, 1.3)
+    shaded, plain = at(page, *seen), at(page, *hidden)
+    assert shaded != plain
+    page.keyboard.press("6")
+    assert at(page, *seen) == at(page, *hidden) == plain
+
+
+def test_a_bad_file_leaves_a_run_that_plays_alone(page: Any) -> None:
+    """While a run plays, a file that is none is refused in the library's own words, and the run plays on, of the same place."""
+    page.click("#play")
+    expect(page, "#time").not_to_have_text("0.0 s")
+    drop(page, "bad.map", "type octile\nheight 3\nwidth x\nmap\n")
+    expect(page, "#notice").to_contain_text("width")
+    with pytest.raises(BadInput) as refused:
+        text = base64.b64encode(b"type octile\nheight 3\nwidth x\nmap\n").decode()
+        read_upload([{"name": "bad.map", "data": text}])
+    expect(page, "#notice span").to_have_text(str(refused.value))
+    then = page.locator("#time").inner_text()
+    expect(page, "#time").not_to_have_text(then)
+    expect(page, "#play").to_have_attribute("aria-label", "Pause")
+    expect(page, "#notice").to_be_visible()
+    expect(page, "#scene").to_have_value("paper")
+
+
+def test_touch_draws_drags_and_zooms(browser: Any, address: str, tmp_path: Path) -> None:
+    """On a phone one finger drags the goal and throws an obstacle, two fingers zoom, and the canvas has the screen's pixels."""
+    page, complaints = opened(browser, address, (address, "blob:", "data:"), **PHONE)
+    wire = page.context.new_cdp_session(page)
+
+    def touch(*moments: list[tuple[float, float]]) -> None:
+        """Fingers at these places of the screen one moment after the other, then lifted."""
+        for k, places in enumerate(moments):
+            points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
+            wire.send("Input.dispatchTouchEvent", {"type": "touchMove" if k else "touchStart", "touchPoints": points})
+        wire.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+    sizes = page.evaluate("(() => { const c = document.querySelector('canvas.stage'); return [c.width, c.clientWidth]; })()")
+    assert sizes[0] == pytest.approx(2 * sizes[1], abs=1)
+    touch([point(page, 19.5, 19.5)], [point(page, 18.5, 19.0)], [point(page, 17.5, 18.5)])
+    expect(page, "#undo").to_be_enabled()
+    page.tap("[data-tool=obstacle]")
+    x, y = point(page, 15.5, 1.5)
+    touch([(x, y)], [(x - 20, y)], [(x - 45, y)])
+    page.tap("[data-tool=way]")
+    for place in ((14.5, 2.5), (14.5, 5.5), (18.5, 6.5)):
+        touch([point(page, *place)])
+    page.tap("#done")
+    now = scenario(page, tmp_path)
+    assert np.abs(np.array(now.goal) - (17.5, 18.5)).max() < 0.3
+    thrown, walker = now.world.obstacles[-2:]
+    assert isinstance(thrown.motion, Bounce) and thrown.motion.speed == pytest.approx(0.5, abs=0.05)
+    assert isinstance(walker.motion, Waypoints) and len(walker.motion.points) == 3
+    page.tap("[data-tool=hand]")
+    walls = pixels(page, "wall")
+    x, y = point(page, 10.0, 10.0)
+    touch(*([(x - d, y), (x + d, y)] for d in (30.0, 60.0, 90.0)))
+    assert pixels(page, "wall") != walls
+    page.tap("#fit")
+    assert pixels(page, "wall") == walls and complaints == []
+    page.context.close()
+
+
+def test_a_closed_tab_ends_its_simulation(browser: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a tab that plays is closed or reloaded its session is over, and no cycle of it is played any more."""
+    from antway.web import server
+
+    sessions: list[Session] = []
+
+    class Known(Session):
+        def __init__(self) -> None:
+            super().__init__()
+            sessions.append(self)
+
+    monkeypatch.setattr(server, "Session", Known)
+    with served() as port:
+        own = f"http://127.0.0.1:{port}/"
+        page, complaints = opened(browser, own, (own, "data:"), **DESKTOP)
+        for leave in (page.reload, page.close):
+            page.click("#play")
+            expect(page, "#time").not_to_have_text("0.0 s")
+            leave()
+            assert sessions[-1 if page.is_closed() else 0].closed.wait(30)
+        assert len(sessions) == 2
+        steps = [session.lanes[0].episode.steps for session in sessions]
+        time.sleep(0.5)
+        assert steps == [session.lanes[0].episode.steps for session in sessions]
+    assert complaints == []
 
 
 def test_a_server_that_is_gone_is_said(browser: Any) -> None:

@@ -14,10 +14,14 @@ import numpy as np
 import pytest
 from websockets.sync.client import connect
 
+from antway import Grid, RobotSpec, Scenario, World
 from antway.errors import BadInput
-from antway.web.files import read_upload
+from antway.web.files import MAX_OBSTACLES, read_upload
 from antway.web.session import Session
 from antway.world.episode import Episode
+from antway.world.motions import Bounce
+from antway.world.sensor import Sensor
+from antway.world.world import Obstacle
 from common import cases
 from serving import TOKEN, asked, served
 
@@ -172,6 +176,23 @@ def test_a_saved_scenario_opens_again_and_frames_are_small() -> None:
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
         assert frame["lanes"][0]["t"] == frame["lanes"][1]["t"]
+
+
+def test_frames_of_the_largest_place_are_small() -> None:
+    """As many obstacles as a page may have, all sensed with noise, on 200 x 200 cells, two policies: at most 60 kB a frame."""
+    rng, session = np.random.default_rng(1), Session()
+    room = Grid(np.zeros((200, 200), bool), 0.25)
+    places = rng.uniform(5.0, 45.0, (MAX_OBSTACLES, 2)).tolist()
+    obstacles = tuple(Obstacle(0.4, Bounce((x, y), 0.8, float(rng.uniform(-3.1, 3.1)))) for x, y in places)
+    robot = RobotSpec(sensor_range=100.0)
+    sensor = Sensor(occlusion=False, noise=0.05)
+    session._open(Scenario(World(room, obstacles), (1.0, 1.0), (49.0, 49.0), robot, sensor))
+    session.apply({"op": "policies", "names": ["antway", "paper"]})
+    for _ in range(20):
+        session.advance(1)
+        frame = session.frame()
+        assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
+        assert len(frame["lanes"][0]["tubes"]) == MAX_OBSTACLES
 
 
 def test_a_spoilt_archive_is_refused() -> None:

@@ -147,7 +147,11 @@ def _range(low: float, high: float, open_low: bool) -> str:
     if math.isinf(low) and math.isinf(high):
         return ""
     if math.isinf(high):
-        return f" {'>' if open_low else '>='} {low:g}"
+        return f" {'>' if open_low else '>='} {_end(low)}"
     if math.isinf(low):
-        return f" <= {high:g}"
-    return f" in {'(' if open_low else '['}{low:g}, {high:g}]"
+        return f" <= {_end(high)}"
+    return f" in {'(' if open_low else '['}{_end(low)}, {_end(high)}]"
+
+
+def _end(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"

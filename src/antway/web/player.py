@@ -49,12 +49,14 @@ class Turns:
             return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
 
     async def lull(self) -> None:
-        """Wait until no request has come for a moment, but no longer than `HOLD`."""
+        """Wait until no request has come for a moment; in a stream of them for `HOLD`, and behind others that wait as well."""
         time = asyncio.get_running_loop().time
         latest = time() + HOLD
         async with self.held:
-            while time() < min(self.asked + LULL, latest):
-                await asyncio.sleep(LULL)
+            while time() < self.asked + LULL:
+                await asyncio.sleep(LULL)  # in any case: not all who have waited go on at once, in the midst of the stream
+                if time() >= latest:
+                    break
 
 
 class Player:
