@@ -22,7 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, RobotSpec, Scenario, Status, World, run
 from antway.arena.suites import Chance
 from antway.arena.synthetic import make as suite
-from antway.avoidance.policy import AntwayPolicy, make_memory, make_trails
+from antway.avoidance.colony import make_memory, make_trails
+from antway.avoidance.policy import AntwayPolicy
 from antway.kernels import spacetime
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from antway import Grid, RobotSpec, Scenario, World
-from antway.avoidance.policy import make_memory, make_place, make_trails
+from antway.avoidance.colony import make_memory, make_place, make_trails
 from antway.kernels import spacetime
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor

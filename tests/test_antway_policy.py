@@ -14,6 +14,7 @@ import pytest
 from antway import (
     BadParameter,
     CellBlocked,
+    Decision,
     Grid,
     Observation,
     Outcome,
@@ -27,6 +28,7 @@ from antway import (
     make_policy,
     run,
 )
+from antway.avoidance.alternatives import CROSSING, ELSE
 from antway.kernels import jit
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor
@@ -60,8 +62,74 @@ def test_crowds_are_crossed_and_decisions_make_sense() -> None:
             if d.path is not None:
                 assert (np.diff(d.path.t) > 0).all() and np.isfinite(d.path.xy).all()
                 assert math.isfinite(d.gap) and d.gap >= -1e-9 and d.local_target is not None
-                costs = dict(d.alternatives)
-                assert len(costs) == 2 and min(costs.values()) == pytest.approx(costs["no way is faster than"])
+                costs = [cost for _, cost in d.alternatives]
+                assert min(costs) >= 0.0 and len(costs) == (1 if d.obstacle is None else 3)
+
+
+def told(obstacle: Obstacle, **changes) -> list[tuple[float, Decision]]:
+    """The decisions of an episode with one obstacle, each with its time."""
+    result = run(room(obstacle, **changes))
+    assert result.reached
+    return [(float(result.trace.t[i]), d) for i, d in result.trace.decisions]
+
+
+def test_what_else_could_be_done_is_weighed() -> None:
+    """One who crosses is passed in front or behind, one who comes or stands gone round; what is done costs least."""
+    crosses = Line((5.0, 0.5), (5.0, 4.5), 0.6)
+    comes, stands = Line((9.4, 2.6), (0.6, 2.6), 0.5), Line((5.0, 2.4), (5.0, 2.4), 0.0)
+    for motion, names in ((crosses, CROSSING), (comes, ELSE), (stands, ELSE)):
+        first = next(d for _, d in told(Obstacle(0.4, motion)) if d.obstacle is not None)
+        (does, cost), (other, more), (waits, later) = first.alternatives
+        assert {does, other} == set(names) and does in first.reason and f"+{cost:.1f} s" in first.reason
+        assert cost <= more + 0.05 and cost <= later + 0.05 and more < 5.0, first.alternatives
+        assert waits.startswith(("wait", "straight on"))
+        assert (later < math.inf) == (motion is crosses), "who comes or stands in the way does not clear it"
+
+
+def test_waiting_costs_what_it_says() -> None:
+    """In a corridor just as wide as one that crosses it, to wait is all there is; driven so, the way is free and no sooner."""
+    blocked = np.zeros((20, 40), dtype=bool)
+    blocked[:8, :18] = blocked[12:, :18] = blocked[:8, 22:] = blocked[12:, 22:] = True
+    first = next(
+        d
+        for _, d in told(Obstacle(0.4, Line((5.0, 0.5), (5.0, 4.5), 0.4)), grid=Grid(blocked, 0.25), obstacle_speed=0.4)
+        if d.obstacle is not None and d.alternatives[0][1] > 0.1
+    )
+    name, cost = first.alternatives[2]
+    assert name == f"wait {cost:g} s, then straight on" and first.alternatives[0][1] <= cost + 0.05 < math.inf
+
+
+def test_decisions_speak_of_what_the_filter_believes() -> None:
+    """Where the sensor gives no velocities, one who crosses is said to cross, in the same words, as soon as that is known."""
+    blind = Sensor(velocity="none", occlusion=False)
+    for sensor in (blind, Sensor(occlusion=False)):
+        decisions = told(Obstacle(0.4, Line((5.0, 0.5), (5.0, 4.5), 0.6)), sensor=sensor)
+        assert any(d.encounter == "crossing-right" and "obstacle 0" in d.reason for t, d in decisions if 0.5 < t < 3.0)
+
+
+def test_a_track_without_a_name_is_an_obstacle() -> None:
+    """Of one whom the sensor does not name the sentence does not make up a number."""
+    policy = make_policy("antway")
+    policy.reset(Task(ROOM, RobotSpec(), (1.0, 2.5), (9.0, 2.5)), 0)
+    nobody = one_track(id=np.array([-1]), xy=np.array([[4.0, 2.5]]))
+    policy.act(Observation(0.0, (1.0, 2.5), (0.0, 0.0), 0.0, nobody))
+    assert policy.explain().reason.startswith("standing with an obstacle,")
+
+
+def test_to_ask_what_was_weighed_changes_nothing() -> None:
+    """An episode whose alternatives are asked for in every cycle is the same as one where nobody asks before its end."""
+    policy = make_policy("antway")
+    explain = policy.explain
+
+    def asked() -> Decision:
+        decision = explain()
+        assert decision.weighed()
+        return decision
+
+    policy.explain = asked
+    asking, silent = run(crowd(2), policy, seed=2), run(crowd(2), seed=2)
+    assert asking.trace.xy.tobytes() == silent.trace.xy.tobytes()
+    assert [d.weighed() for _, d in asking.trace.decisions] == [d.weighed() for _, d in silent.trace.decisions]
 
 
 @pytest.mark.parametrize(
@@ -133,7 +201,7 @@ def digest(seed: int) -> str:
     result = run(crowd(seed), seed=seed)
     trace = result.trace
     parts = [a.tobytes() for a in (trace.t, trace.xy, trace.velocity, trace.command)]
-    parts += [repr((i, d.action, d.reason, d.gap, d.alternatives)).encode() for i, d in trace.decisions]
+    parts += [repr((i, d.action, d.reason, d.gap, list(d.alternatives))).encode() for i, d in trace.decisions]
     return hashlib.sha256(b"".join(parts)).hexdigest()
 
 

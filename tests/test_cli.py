@@ -255,13 +255,16 @@ def test_a_run_explains_itself(antway: Any, tmp_path: Path) -> None:
     told = record["decisions"]
     assert status == 0 and [one["reason"] for one in told] == [one.reason for _, one in trace.decisions]
     assert all(one["guard"] in ("free", "slowed", "braked", "stepped-aside") for one in told)
-    assert all(one["gap"] >= 0.0 and one["alternatives"]["the plan"] > 0.0 for one in told if one["action"] != "wait")
+    assert all(one["gap"] >= 0.0 for one in told if one["action"] != "wait")
+    assert [one["weighed"] for one in told] == [[list(pair) for pair in one.weighed()] for _, one in trace.decisions]
+    assert all(list(one["alternatives"]) == [name for name, _ in one["weighed"]] for one in told)
     met = [one for one in told if one["obstacle"] is not None]
     assert met and all(one["encounter"] and one["time_to_closest"] > 0.0 for one in met)
     assert max(b["t"] - a["t"] for a, b in pairwise(told)) < 1.2
     assert record["replans"] < len(told), "the same plan explained anew is no other plan"
     status, out, _ = antway("run", "paper", "--seed", 1, "--explain")
-    assert status == 0 and met[0]["encounter"] in out and "no way is" in out
+    name, cost = met[0]["weighed"][1]
+    assert status == 0 and met[0]["encounter"] in out and name in out and cost in out
 
 
 def test_a_contact_is_status_five(antway: Any, tmp_path: Path) -> None:

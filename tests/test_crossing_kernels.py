@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, Status
-from antway.avoidance.policy import make_trails
+from antway.avoidance.colony import make_trails
 from antway.kernels import track
 from antway.kernels.guard import gap_to_reach, time_to_contact
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back

@@ -45,7 +45,8 @@ def test_ants_find_the_way_round_a_standing_obstacle() -> None:
     assert avoid.obstacle == 0 and avoid.encounter == "standing" and avoid.local_target is not None
     assert avoid.pheromone is not None and (avoid.pheromone[2] > 0).any() and np.isfinite(avoid.pheromone[2]).all()
     assert avoid.history is not None and 1 <= len(avoid.history) <= 20 and (np.diff(avoid.history[:, 0]) <= 0).all()
-    assert avoid.path is not None and dict(avoid.alternatives)["avoid"] < dict(avoid.alternatives)["wait"]
+    (waits, never), (goes_round, extra) = avoid.alternatives
+    assert avoid.path is not None and (waits, goes_round) == ("wait", "go round") and extra < never == math.inf
     assert avoid.distance_at_closest < 0 < avoid.time_to_closest
     assert result.reached and 8.0 < result.length < 9.5 and result.replans >= 1
 

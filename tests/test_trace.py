@@ -83,6 +83,18 @@ def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "trace.json").read_bytes()
 
 
+def test_traces_of_version_1_are_read(tmp_path: Path) -> None:
+    """Version 1 told of policy antway the time to the goal and its bound: what the plan loses to that is kept."""
+    path = tmp_path / "trace.json"
+    sample().save(path)
+    record = json.loads(path.read_text())
+    record["version"] = 1
+    record["decisions"][1]["alternatives"] = [["the plan", 8.5], ["no way is faster than", 8.25]]
+    path.write_text(json.dumps(record))
+    decision = Trace.load(path).decisions[1][1]
+    assert decision.alternatives == (("the plan", 0.25),) and decision.weighed() == [("the plan", "+0.2 s")]
+
+
 def test_a_digest_sees_every_bit_but_the_clock() -> None:
     """One changed bit changes the digest; the policy's wall time does not."""
     trace = sample()
@@ -124,7 +136,7 @@ def test_damage_is_refused(tmp_path: Path) -> None:
     ("key", "value"),
     [
         ("format", "other"),
-        ("version", 2),
+        ("version", 3),
         ("t", [0, "a"]),
         ("xy", [[0, 0]]),
         ("outcome", "won"),

@@ -136,7 +136,7 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
             "-" if one["obstacle"] is None else str(one["obstacle"]),
             one["encounter"] or "-",
             closest,
-            ", ".join(f"{name}: {_shown(cost, '.2f', ' s')}" for name, cost in one["alternatives"].items()) or "-",
+            ", ".join(f"{name}: {cost}" for name, cost in one["weighed"]) or "-",
             _shown(one["gap"] and 100 * one["gap"], ".1f", " %"),
             one["guard"] or "-",
             escape(one["reason"]),

@@ -66,7 +66,8 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
 def explained(trace: Trace) -> list[dict[str, Any]]:
     """Return every decision of an episode as JSON values, each of which stands until the next; None where there is none.
 
-    Times in s, `distance_at_closest` in m between the discs' edges, `gap` 0.01 for 1 %, costs of the alternatives in s.
+    Times in s, `distance_at_closest` in m between the discs' edges, `gap` 0.01 for 1 %, costs of the alternatives in s;
+    `weighed` says them in words.
     """
     return [
         {
@@ -77,6 +78,7 @@ def explained(trace: Trace) -> list[dict[str, Any]]:
             "time_to_closest": _finite(one.time_to_closest),
             "distance_at_closest": _finite(one.distance_at_closest),
             "alternatives": {name: _finite(cost) for name, cost in one.alternatives},
+            "weighed": one.weighed(),
             "gap": _finite(one.gap),
             "guard": one.guard or None,
             "reason": one.reason,

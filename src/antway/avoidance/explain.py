@@ -3,68 +3,88 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.avoidance.alternatives import Situation, Weighed, manner
 from antway.avoidance.encounter import closest_approach, encounter
+from antway.kernels.memory import Memory
+from antway.kernels.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
-from antway.world.policy import XY, Decision, Observation
+from antway.world.policy import XY, Decision
 
 _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
+_LATE = 0.05  # s; who loses less is not held up
 
 
 def explain(
-    o: Observation,
+    now: Situation,
     path: TimedPath | None,
     cost: float,
     bound: float,
     guard: str,
     pheromone: tuple[int, int, NDArray[np.float32]] | None,
+    memory: Memory,
 ) -> Decision:
     """Say what a cycle decided.
 
     Parameters
     ----------
-    o : Observation
+    now : Situation
+        What it knew.
     path : TimedPath or None
-        The plan in use, from before or at `o.t` on.
+        The plan in use, from before or at `now.now` on.
     cost, bound : float
         Time that the plan needs from here to the goal, and what no plan can better, s.
     guard : str
         What the guard did.
     pheromone
         As in `Decision`.
+    memory : Memory
+        To work in.
     """
     if path is None:
         return Decision("wait", "no way is safe at the moment: stand", guard=guard, pheromone=pheromone)
-    course = _course(path, o.t)
+    course = _course(path, now.now)
     bound = min(cost, bound)  # which holds over the grid's moves: a way at any angle may be faster
-    other, t, gap = _nearest(o, course, float(path.t[-1]) - o.t)
-    waiting = wait_of(path, o.t)
+    late = max(cost - now.free(), 0.0)
+    waiting = wait_of(path, now.now)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
-    reason, kind = "the way is free", ""
-    if other is not None:
-        i = int(np.flatnonzero(o.tracks.id == other)[0])
-        velocity = (float(o.tracks.velocity[i, 0]), float(o.tracks.velocity[i, 1]))
-        kind = encounter(course, velocity)
-        manner = f"wait {waiting:.1f} s" if waiting > 0.0 else _manner(o, i, path)
-        if waiting == 0.0 and action == "follow":
+    k, t, gap = _nearest(now, course, float(path.t[-1]) - now.now)
+    met = f"closest in {t:.1f} s at {max(gap, 0.0):.1f} m"
+    if k is None and (waiting > 0.0 or late > _LATE):
+        k, when, course = _hindrance(now, memory)
+        met = f"in {when - now.now:.1f} s on the straight way"
+        if k is not None:
+            t, gap = _approach(now, now.beliefs[k].tolist(), course)
+    reason, kind, name = "the way is free", "", None
+    alternatives: Sequence[tuple[str, float]] = (("on along the way", late),)
+    if k is not None:
+        name = int(now.beliefs[k, NAME])
+        kind = encounter(course, (float(now.beliefs[k, VX]), float(now.beliefs[k, VY])))
+        how = manner(kind, course, path, now.pieces_of(k), now.now)
+        does = f"wait {waiting:.1f} s, {how}" if waiting > 0.0 else how
+        if action == "follow":
             action = "avoid"
-        delay = cost - bound
-        reason = f"{kind} with obstacle {other}, closest in {t:.1f} s at {max(gap, 0.0):.1f} m: {manner}, +{delay:.1f} s"
+        whom = f"obstacle {name}" if name >= 0 else "an obstacle"
+        reason = f"{kind} with {whom}, {met}: {does}, +{late:.1f} s"
+        alternatives = Weighed(now, k, kind, course, (does, late), how)
+    elif late > _LATE:
+        reason = "a way round what moves"
     if guard in _STEPS or guard == "slowed":
         reason += f"; guard: {guard}"
     return Decision(
         action,
         reason,
-        obstacle=other,
+        obstacle=name,
         encounter=kind,
         time_to_closest=t,
         distance_at_closest=gap,
         local_target=(float(path.xy[-1, 0]), float(path.xy[-1, 1])),
         path=path,
-        alternatives=(("the plan", cost), ("no way is faster than", bound)),
+        alternatives=alternatives,
         gap=cost / bound - 1.0 if bound > 0.0 else 0.0,
         guard=guard,
         pheromone=pheromone,
@@ -90,25 +110,30 @@ def wait_of(path: TimedPath, now: float) -> float:
     return 0.0
 
 
-def _nearest(o: Observation, course: XY, ahead: float) -> tuple[int | None, float, float]:
-    """Of the tracks that would come within half a metre on the present course, the first: id, time, gap."""
+def _approach(now: Situation, row: Sequence[float], course: XY) -> tuple[float, float]:
+    """When a track, a row of beliefs, would come closest on a course, in s, and how near, in m between the discs' edges."""
+    at = (row[X] + row[VX] * now.age, row[Y] + row[VY] * now.age)
+    when, distance = closest_approach(now.xy, course, at, (row[VX], row[VY]))
+    return when, distance - row[RADIUS] - now.settings.robot_radius
+
+
+def _nearest(now: Situation, course: XY, ahead: float) -> tuple[int | None, float, float]:
+    """Of the tracks that would come within half a metre on the present course, the first: row, time, gap."""
     best: tuple[int | None, float, float] = (None, math.nan, math.nan)
-    t, ahead = o.tracks, min(ahead, 5.0)
-    rows = zip(t.id.tolist(), t.xy.tolist(), t.velocity.tolist(), t.radius.tolist(), strict=True)
-    for name, (x, y), (vx, vy), radius in rows:
-        when, distance = closest_approach(o.xy, course, (x, y), (vx, vy))
-        if 0.0 < when < ahead and distance - radius < 0.8 and not when >= best[1]:
-            best = (name, when, distance - radius)
+    for k, row in enumerate(now.beliefs.tolist()):
+        when, gap = _approach(now, row, course)
+        if 0.0 < when < min(ahead, 5.0) and gap < 0.5 and not when >= best[1]:
+            best = (k, when, gap)
     return best
 
 
-def _manner(o: Observation, i: int, path: TimedPath) -> str:
-    """Whether the plan passes in front of or behind track i where it comes closest."""
-    t = np.linspace(o.t, min(float(path.t[-1]), o.t + 5.0), 51)
-    robot = np.column_stack((np.interp(t, path.t, path.xy[:, 0]), np.interp(t, path.t, path.xy[:, 1])))
-    away = robot - o.tracks.xy[i] - (t - o.t)[:, None] * o.tracks.velocity[i]
-    nearest = away[int(np.argmin(np.hypot(away[:, 0], away[:, 1])))]
-    speed = math.hypot(*o.tracks.velocity[i].tolist())
-    if speed < 0.05:
-        return "go round"
-    return "pass in front" if float(nearest @ o.tracks.velocity[i]) > 0.0 else "pass behind"
+def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
+    """Of the tracks that would be met on the straight way the first: row, when in s, the robot's velocity then."""
+    path, best, first = now.straight(memory), None, math.inf
+    if path is None or now.conflict(path, now.pieces) == math.inf:
+        return None, math.nan, (0.0, 0.0)
+    for k in range(len(now.beliefs)):
+        when = now.conflict(path, now.pieces_of(k))
+        if when < first:
+            best, first = k, when
+    return best, first, _course(path, min(first, float(path.t[-1])))

@@ -169,7 +169,7 @@ class PaperPolicy:
         if detour is not None:
             home = self.routes.to_goal(seen.xy) if self.retreating else self.nodes
             extra = (length(seen.xy, detour.nodes) - length(seen.xy, home)) / self.spec.v_max
-        costs = (("wait", wait), ("avoid", extra))
+        costs = ((f"wait {wait:g} s" if wait < math.inf else "wait", wait), ("go round", max(extra, 0.0)))
         if detour is not None and extra <= wait:
             self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
             self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, who, costs, detour)

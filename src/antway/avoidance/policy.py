@@ -10,86 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.avoidance.alternatives import Situation
+from antway.avoidance.colony import make_memory, make_place, make_trails
 from antway.avoidance.explain import explain, wait_of
 from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
-from antway.grid import Grid, Moves
+from antway.grid import Moves
 from antway.kernels import crowd, track
-from antway.kernels.cycle import COUNT, KEPT, Crowd, Plan, Settings, cycle
+from antway.kernels.cycle import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
 from antway.kernels.jit import entry
-from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
-from antway.kernels.place import Place
+from antway.kernels.memory import PIECES
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.rng import stream
 from antway.kernels.timed import move_mask
-from antway.kernels.trails import TRAILS, Trails, window
+from antway.kernels.trails import window
 from antway.planning import TimedPath, standing_cell
-from antway.search.sipp import timed_field, timed_moves
-from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
+from antway.world.policy import Command, Decision, Observation, Task, Tracks
 
 _KNOTS = 2048  # of a plan
 _AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
 _BRAKES = 0.5  # s; with tracks in sight no robot cruises at a speed from which it needs longer to stand
 _STANDS = 1.0  # s; for how long an explanation stands while the plan does
 _NEAR = 0.8  # m; how far from its prediction a track without a name may be found
-
-
-def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
-    """Return an empty memory for a map of so many cells."""
-
-    def ints(n: int) -> NDArray[np.int32]:
-        return np.zeros(n, np.int32)
-
-    return Memory(
-        stamp=ints(cells),
-        first=ints(cells),
-        intervals=ints(cells),
-        latest=np.zeros(cells),
-        near=np.zeros((cells + 1, 2), np.int32),
-        near_piece=ints(NEAR),
-        near_time=np.zeros((NEAR, 2)),
-        box=np.zeros((PIECES, 4)),
-        cell=ints(states),
-        low=np.zeros(states),
-        high=np.zeros(states),
-        arrival=np.zeros(states),
-        depart=np.zeros(states),
-        parent=ints(states),
-        tried=np.zeros(states, np.uint64),
-        key=np.zeros(states),
-        heap_key=np.zeros(heap),
-        heap_state=ints(heap),
-        leg_cell=np.zeros(LEGS, np.int64),
-        leg_time=np.zeros(LEGS),
-        span=np.zeros((2, PIECES)),
-        counter=np.zeros(6, np.int64),
-    )
-
-
-def make_trails(cells: int, bin: float = 0.5) -> Trails:
-    """Return an empty table of pheromone for a map of so many cells and bins of arrival of `bin` s."""
-    return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
-
-
-def make_place(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO) -> Place:
-    """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them."""
-    (x, y, _), size, cols = grid.origin, grid.resolution, grid.shape[1]
-    mask = timed_moves(grid, robot.radius, moves)
-    field = timed_field(mask, moves, goal, scale=size / robot.v_max)
-    offsets = moves.offsets.astype(np.int64)
-    return Place(
-        blocked=grid.blocked,
-        legal=mask.ravel(),
-        field=field.ravel(),
-        offset=offsets[:, 0] * cols + offsets[:, 1],
-        step=np.column_stack((offsets[:, 1] * size, offsets[:, 0] * size, moves.lengths * (size / robot.v_max))),
-        resolution=size,
-        x0=x + size / 2,
-        y0=y + size / 2,
-        radius=robot.radius,
-        speed=robot.v_max,
-        goal=goal[0] * cols + goal[1],
-    )
 
 
 class AntwayPolicy:
@@ -274,10 +216,11 @@ class AntwayPolicy:
         did = self.guard.did if self.guard else ""
         if what != KEPT or did != self.did or o.t >= self.until:
             self.decision, self.until = None, math.inf
-            self.now, self.did, self.arrival, self.bound = o, did, arrival, bound
             if what != KEPT:
                 n = int(self.plan.state[COUNT])
                 self.path = TimedPath(self.plan.knots[:n, 0].copy(), self.plan.knots[:n, 1:].copy()) if n else None
+        if self.decision is None:
+            self.now, self.known, self.age, self.did, self.arrival, self.bound = o, known, o.t - stamp, did, arrival, bound
         return command
 
     def _believed(self, o: Observation, known: int) -> Observation:
@@ -294,9 +237,22 @@ class AntwayPolicy:
         The same object while the plan, what it waits for and the guard's part stay, for 1 s at most.
         """
         if self.decision is None:
-            o, wait = self.now, 0.0 if self.path is None else wait_of(self.path, self.now.t)
-            self.until = o.t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
-            self.decision = explain(o, self.path, self.arrival - o.t, self.bound - o.t, self.did, self.pheromone())
+            now = self.now.t
+            wait = 0.0 if self.path is None else wait_of(self.path, now)
+            self.until = now + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
+            known = Situation(
+                self.place,
+                self.settings,
+                self.frame,
+                float(now),
+                float(self.age),
+                (float(self.now.xy[0]), float(self.now.xy[1])),
+                self.beliefs[: self.known].copy(),
+                self.crowd.course[: self.known].copy(),
+                self.pieces[: int(self.plan.state[FORESEEN])].copy(),
+            )
+            cost, bound = self.arrival - now, self.bound - now
+            self.decision = explain(known, self.path, cost, bound, self.did, self.pheromone(), self.memory)
         return self.decision
 
     def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.avoidance.policy import AntwayPolicy, make_memory
+from antway.avoidance.colony import make_memory
+from antway.avoidance.policy import AntwayPolicy
 from antway.avoidance.tubes import Tubes
 from antway.kernels.memory import Memory
 from antway.web.inside import Look, edges, look_inside
@@ -183,7 +184,7 @@ def _decision(decision: Decision, lanes: int) -> Message:
         "closest": [short(decision.time_to_closest), short(decision.distance_at_closest)],
         "target": None if decision.local_target is None else [short(v) for v in decision.local_target],
         "path": None if path is None else [[short(v) for v in point] for point in path],
-        "alternatives": [[name[:80], short(cost)] for name, cost in decision.alternatives[:8]],
+        "alternatives": [[name[:80], cost] for name, cost in decision.weighed()[:8]],
         "gap": short(decision.gap),
         "guard": decision.guard,
         "colony": colony,

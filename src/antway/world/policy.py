@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
@@ -179,8 +180,8 @@ class Decision:
         Where the way round leads, m.
     path : TimedPath or None
         The motion planned from here on.
-    alternatives : tuple of (name, cost in s)
-        What else was weighed.
+    alternatives : sequence of (name, cost in s)
+        What was weighed, and how much later than if nothing moved the goal is reached so; infinite where no way was found.
     gap : float
         Certified gap of the choice (0.01 is 1 %), NaN if nothing is certified.
     guard : str
@@ -199,11 +200,15 @@ class Decision:
     distance_at_closest: float = math.nan
     local_target: XY | None = None
     path: TimedPath | None = None
-    alternatives: tuple[tuple[str, float], ...] = ()
+    alternatives: Sequence[tuple[str, float]] = ()
     gap: float = math.nan
     guard: str = ""
     pheromone: tuple[int, int, NDArray[np.float32]] | None = None
     history: NDArray[np.float64] | None = field(default=None)
+
+    def weighed(self) -> list[tuple[str, str]]:
+        """Return the alternatives in words, as every table and page shows them: what, and what it costs."""
+        return [(name, f"+{cost:.1f} s" if math.isfinite(cost) else "no way found") for name, cost in self.alternatives]
 
 
 class Policy(Protocol):

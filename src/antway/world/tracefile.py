@@ -22,7 +22,8 @@ from antway.world.timeline import Timeline
 from antway.world.trace import Outcome, Trace
 
 FORMAT = "antway-trace"
-VERSION = 1
+VERSION = 2
+READS = (1, VERSION)  # of version 1 the policy `antway` wrote whole times to the goal as costs
 MAX_BYTES = 512 * 2**20
 MAX_NUMBERS = 50_000_000  # in one array
 
@@ -130,8 +131,8 @@ class _Reader:
         top = self.table(
             "trace", record, "format version policy scenario seed outcome reason config task timeline sensed decisions"
         )
-        if top["format"] != FORMAT or top["version"] != VERSION:
-            raise self.bad("format", (top["format"], top["version"]), f"{FORMAT!r} of version {VERSION}")
+        if top["format"] != FORMAT or top["version"] not in READS:
+            raise self.bad("format", (top["format"], top["version"]), f"{FORMAT!r} of version {' or '.join(map(str, READS))}")
         arrays = {name: self.floats(name, top.get(name), (None, 2)[:ndim]) for name, ndim in _ARRAYS.items()}
         rows = len(arrays["t"])
         for name, array in arrays.items():
@@ -225,6 +226,8 @@ class _Reader:
             if len(_list(pair)) != 2:
                 raise self.bad(f"{name}.alternatives", pair, "pairs of a name and a cost")
             alternatives.append((self.text(f"{name}.alternatives", pair[0]), self.real(f"{name}.alternatives", pair[1])))
+        if [what for what, _ in alternatives] == ["the plan", "no way is faster than"]:  # of version 1
+            alternatives = [("the plan", alternatives[0][1] - alternatives[1][1])]
         return step, Decision(
             **{key: self.text(f"{name}.{key}", parts[key]) for key in _TEXTS},  # type: ignore[arg-type]
             **{key: self.real(f"{name}.{key}", parts[key]) for key in _NUMBERS},  # type: ignore[arg-type]

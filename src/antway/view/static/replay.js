@@ -159,7 +159,7 @@ function showDecision(decision) {
   if (decision?.closest) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
   if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
   if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
-  for (const [name, cost] of decision?.alternatives ?? []) facts.push([name, cost == null ? "not possible" : fixed(cost, 2, "s")]);
+  facts.push(...(decision?.alternatives ?? []));
   byId("facts").replaceChildren(...facts.flatMap(([name, value]) => {
     const [term, text] = [document.createElement("dt"), document.createElement("dd")];
     [term.textContent, text.textContent] = [name, value];

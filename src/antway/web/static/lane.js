@@ -114,7 +114,7 @@ class Lane {
     if (decision?.closest[0] != null) facts.push(["Closest approach", `${fixed(decision.closest[1], 2, "m")} in ${fixed(decision.closest[0], 1, "s")}`]);
     if (decision?.guard) facts.push(["Guard", decision.guard.replaceAll("-", " ")]);
     if (decision?.gap != null) facts.push(["Certified gap", fixed(100 * decision.gap, 2, "%")]);
-    for (const [name, cost] of decision?.alternatives ?? []) facts.push([name, cost == null ? "not possible" : fixed(cost, 2, "s")]);
+    facts.push(...(decision?.alternatives ?? []));
     if (decision?.colony) {
       const [cycles, best, arrived] = decision.colony;
       facts.push([`Ants, after ${cycles} ${cycles === 1 ? "cycle" : "cycles"}`, `${fixed(best, 2, "m")}, ${fixed(100 * arrived, 0, "%")} arrive`]);

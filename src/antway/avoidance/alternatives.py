@@ -1,0 +1,217 @@
+"""What else a robot could do about an obstacle, and what it would cost: to pass on its other side, or to wait."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.avoidance.colony import make_memory, make_trails
+from antway.kernels.cycle import Settings
+from antway.kernels.memory import Memory
+from antway.kernels.motion import first_conflict, shorten, trace_back
+from antway.kernels.passing import free_time, passing
+from antway.kernels.place import Place
+from antway.kernels.predict import predict
+from antway.kernels.spacetime import search
+from antway.planning import TimedPath
+from antway.world.policy import XY
+
+CROSSING = ("pass in front", "pass behind")
+ELSE = ("go round left", "go round right")
+_WAITS, _LEG = 0.25, 0.5  # s between the waits that are tried, and of a leg of the way on which they are
+_PAST = 1.0  # s; that long after the time at which a conflict was to begin it is over
+_WALL = 3.0  # m; so far to one side of an obstacle the way is closed, to see what it would cost to pass on the other
+_APART = 1.5  # times their radius: so close together discs leave no gap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Situation:
+    """What a cycle knew; enough to weigh later on what else could have been done."""
+
+    place: Place
+    settings: Settings
+    frame: NDArray[np.float64]
+    now: float  # s
+    age: float  # s, of the beliefs
+    xy: XY  # m, of the robot
+    beliefs: NDArray[np.float64]  # [K, 8]
+    course: NDArray[np.float64]  # [K, STEPS, 2]
+    pieces: NDArray[np.float64]  # [P, 8]
+
+    def free(self) -> float:
+        """Return the time to the goal if nothing moved, s."""
+        return float(free_time(self.place, *self.xy, self.settings.reach))
+
+    def pieces_of(self, k: int) -> NDArray[np.float64]:
+        """Return the prediction of track k alone, in order of time."""
+        s, out = self.settings, np.empty((256, 8))
+        count = predict(
+            self.beliefs[k : k + 1],
+            self.now,
+            self.age,
+            s.horizon,
+            *self.xy,
+            s.robot_radius,
+            s.margin,
+            s.bound,
+            s.surge,
+            s.lag,
+            s.quantile,
+            self.place.blocked,
+            self.frame,
+            self.course[k : k + 1],
+            out,
+        )
+        return out[:count]
+
+    def way(self, pieces: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
+        """Return the way among `pieces` that the colony finds, or None; without a `memory` to work in it makes one."""
+        place, s, (x, y) = self.place, self.settings, self.xy
+        memory = make_memory(place.field.size) if memory is None else memory
+        trails, state = make_trails(place.field.size), np.zeros(1, np.uint64)
+        end = self.now + s.horizon
+        last, _, _ = search(
+            memory,
+            trails,
+            place,
+            pieces,
+            s.lag,
+            x,
+            y,
+            self.now,
+            end,
+            s.reach,
+            s.betas,
+            s.slack,
+            s.gain,
+            math.inf,
+            s.tests,
+            0.0,
+            state,
+        )
+        if last < 0:
+            return None
+        scratch, knots = np.empty((2048, 3)), np.empty((2048, 3))
+        n = trace_back(memory, place, pieces, s.lag, x, y, last, end, end + s.horizon, scratch)
+        n = shorten(place, pieces, s.lag, scratch, n, knots)
+        return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
+
+    def straight(self, memory: Memory | None = None) -> TimedPath | None:
+        """Return the way as if nothing moved, in legs so short that they tell when there would be a conflict."""
+        path = self.way(self.pieces[:0], memory)
+        if path is None:
+            return None
+        t = np.union1d(path.t, np.arange(self.now, float(path.t[-1]), _LEG))
+        return TimedPath(t, np.column_stack([np.interp(t, path.t, path.xy[:, k]) for k in (0, 1)]))
+
+    def conflict(self, path: TimedPath, pieces: NDArray[np.float64]) -> float:
+        """Return when a robot on `path` first meets one of `pieces`, s; infinite if never."""
+        knots = np.column_stack((path.t, path.xy))
+        return float(first_conflict(knots, self.now, pieces, self.settings.lag, np.empty(2)))
+
+    def cost(self, path: TimedPath) -> float:
+        """Return how much later than if nothing moved a robot on `path` is at the goal, s."""
+        x, y = path.xy[-1].tolist()
+        place = self.place
+        row, col = math.floor((y - place.y0) / place.resolution + 0.5), math.floor((x - place.x0) / place.resolution + 0.5)
+        rest = float(place.field[row * place.blocked.shape[1] + col])
+        return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
+
+
+def manner(encounter: str, course: XY, path: TimedPath, pieces: NDArray[np.float64], now: float) -> str:
+    """Name how `path` passes the obstacle that `pieces` predict: by where the robot is when it is nearest."""
+    until = min(float(path.t[-1]), float(pieces[-1, 1]))
+    ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), pieces, now, until)
+    if encounter.startswith("crossing"):
+        return CROSSING[0] if ax * vx + ay * vy > 0.0 else CROSSING[1]
+    return ELSE[0] if course[0] * ay - course[1] * ax > 0.0 else ELSE[1]
+
+
+class Weighed(Sequence[tuple[str, float]]):
+    """What is done and what else could be, with what it costs beyond the way if nothing moved, s; found when first asked for.
+
+    Parameters
+    ----------
+    situation : Situation
+    k : int
+        The track that matters.
+    encounter : str
+        With it.
+    course : (vx, vy)
+        On which the robot would meet it.
+    done : (name, cost in s)
+        What is done.
+    how : str
+        The side on which that passes.
+    """
+
+    def __init__(self, situation: Situation, k: int, encounter: str, course: XY, done: tuple[str, float], how: str) -> None:
+        self._asked = situation, k, encounter, course, how
+        self._done = done
+
+    def __deepcopy__(self, memo: object) -> Weighed:
+        return self  # nothing in it ever changes
+
+    @cached_property
+    def _all(self) -> tuple[tuple[str, float], ...]:
+        now, k, encounter, course, how = self._asked
+        own = now.pieces_of(k)
+        sides = CROSSING if encounter.startswith("crossing") else ELSE
+        other = sides[1 - sides.index(how)]
+        path = now.way(np.vstack((now.pieces, _wall(own, other, course, now.xy, now.now))))
+        found = path is not None and manner(encounter, course, path, own, now.now) == other
+        return self._done, (other, now.cost(path) if found and path is not None else math.inf), _wait(now)
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[str, float]: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[tuple[str, float]]: ...
+    def __getitem__(self, index: int | slice) -> tuple[str, float] | Sequence[tuple[str, float]]:
+        return self._all[index]
+
+    def __len__(self) -> int:
+        return 3
+
+    def __iter__(self) -> Iterator[tuple[str, float]]:
+        return iter(self._all)
+
+
+def _wall(own: NDArray[np.float64], leaving: str, course: XY, robot: XY, now: float) -> NDArray[np.float64]:
+    """Return discs that move along with an obstacle, side by side, and leave one side of it open; none where the robot is."""
+    left = np.array((-course[1], course[0])) / max(math.hypot(*course), 1e-9)
+    rows = []
+    for d in np.arange(1.0, _WALL / (_APART * float(own[0, 6])) + 1.0):
+        row = own.copy()
+        row[:, 7] = row[:, 6]
+        step = d * _APART * own[:, 6:7]
+        if leaving in CROSSING:
+            ahead = own[:, 4:6] / np.maximum(np.hypot(own[:, 4], own[:, 5]), 1e-9)[:, None]
+            row[:, 2:4] += step * (ahead if leaving == CROSSING[1] else -ahead)
+        else:
+            row[:, 2:4] += step * (-left if leaving == ELSE[0] else left)
+        i = max(int(np.searchsorted(row[:, 0], now, side="right")) - 1, 0)
+        x, y = row[i, 2:4] + (now - row[i, 0]) * row[i, 4:6]
+        if math.hypot(x - robot[0], y - robot[1]) > row[i, 6]:
+            rows.append(row)
+    return np.vstack(rows) if rows else own[:0]
+
+
+def _wait(now: Situation) -> tuple[str, float]:
+    """Of the waits after which the straight way is free the shortest; as far as can be foreseen."""
+    path, farthest = now.straight(), -math.inf
+    if path is None:
+        return "wait, then straight on", math.inf
+    for wait in np.arange(0.0, now.settings.horizon, _WAITS).tolist():
+        t, xy = np.concatenate((path.t[:1], path.t + wait)), np.vstack((path.xy[:1], path.xy))
+        when = now.conflict(TimedPath(t, xy), now.pieces) - wait
+        if when < math.inf:
+            farthest = max(farthest, when)
+        elif farthest + wait + _PAST <= now.now + now.settings.horizon:
+            return f"wait {wait:g} s, then straight on" if wait else "straight on", now.cost(path) + wait
+    return "wait, then straight on", math.inf

@@ -1,0 +1,48 @@
+"""How a motion passes one obstacle, and what it would be worth if nothing moved."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.jit import kernel
+from antway.kernels.motion import place_at
+from antway.kernels.place import Place, centre
+
+_SAMPLES = 100
+
+
+@kernel
+def passing(
+    knots: NDArray[np.float64], pieces: NDArray[np.float64], now: float, until: float
+) -> tuple[float, float, float, float]:
+    """Return where the robot on knots (t, x, y) is as seen from an obstacle when it is nearest to it, and that one's velocity.
+
+    Looks from `now` to `until` s, in steps; `pieces` predict the one obstacle, in order of time.
+    """
+    best, p = (math.inf, 0.0, 0.0, 0.0, 0.0), 0
+    for i in range(_SAMPLES + 1):
+        t = now + (until - now) * i / _SAMPLES
+        while p < len(pieces) - 1 and pieces[p, 1] <= t:
+            p += 1
+        x, y, _ = place_at(knots, len(knots), t)
+        x -= pieces[p, 2] + (t - pieces[p, 0]) * pieces[p, 4]
+        y -= pieces[p, 3] + (t - pieces[p, 0]) * pieces[p, 5]
+        if math.hypot(x, y) < best[0]:
+            best = math.hypot(x, y), x, y, float(pieces[p, 4]), float(pieces[p, 5])
+    return best[1], best[2], best[3], best[4]
+
+
+@kernel
+def free_time(place: Place, x: float, y: float, reach: int) -> float:
+    """Return the time to the goal from (x, y) if nothing moved, s: by way of a cell at most `reach` cells around."""
+    rows, cols = place.blocked.shape
+    col0, row0 = math.floor((x - place.x0) / place.resolution + 0.5), math.floor((y - place.y0) / place.resolution + 0.5)
+    best = math.inf
+    for row in range(max(row0 - reach, 0), min(row0 + reach, rows - 1) + 1):
+        for col in range(max(col0 - reach, 0), min(col0 + reach, cols - 1) + 1):
+            cx, cy = centre(place, row * cols + col)
+            best = min(best, math.hypot(cx - x, cy - y) / place.speed + place.field[row * cols + col])
+    return best
