@@ -406,6 +406,8 @@ def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen:
     else:
         assert pixels(page, "wall") > 100 and pixels(page, "robot") > 20
         if screen is PHONE:
+            tops = {button.bounding_box()["y"] for button in page.locator(".bar button:visible").all()}
+            assert len(tops) == 1, "one row of them leaves room for the map"
             page.tap("[data-tool=wall]")
             page.touchscreen.tap(*point(page, 7.5, 9.5))
             expect(page, "#undo").to_be_enabled()
