@@ -195,6 +195,39 @@ def test_frames_of_the_largest_place_are_small() -> None:
         assert len(frame["lanes"][0]["tubes"]) == MAX_OBSTACLES
 
 
+def test_predictions_grow_with_time_and_with_noise() -> None:
+    """A tube goes on as its obstacle does for 3 s, wider all the time, and wider yet where the sensor is noisy."""
+    widths = []
+    for noise in (0.0, 0.2):
+        session = Session()
+        obstacle = Obstacle(0.4, Bounce((5.0, 5.0), 0.8, 0.0))
+        place = World(Grid(np.zeros((40, 40), bool), 0.5), (obstacle,))
+        sensor = Sensor(occlusion=False, noise=noise)
+        session._open(Scenario(place, (1.0, 1.0), (19.0, 19.0), RobotSpec(sensor_range=50.0), sensor))
+        session.advance(1)
+        ((radius, growth, way),) = session.frame()["lanes"][0]["tubes"]
+        assert growth > 0.0 and way[0][0] == 0.0 and way[-1][0] == pytest.approx(3.0)
+        widths.append(radius)
+        if not noise:
+            (x, y), (_, end, high) = session.lanes[0].episode.stage.timeline.at(0.1)[0][0], way[-1]
+            assert (end - x, high - y) == pytest.approx((3 * 0.8, 0.0), abs=0.01)
+    assert widths[0] == pytest.approx(0.4) and widths[1] > 0.5
+
+
+def test_the_braking_area_is_the_way_to_a_stand() -> None:
+    """A robot that stands needs no way; one that drives needs what it drives until it stands, braked after a control period."""
+    session = Session()
+    assert session.frame()["lanes"][0]["braking"][0] == 0.0
+    session.advance(15)
+    lane = session.frame()["lanes"][0]
+    robot, driven, speed = session.scenario.robot, 0.0, lane["speed"]
+    assert speed > 0.5
+    while speed > 1e-6:
+        driven += speed * robot.dt
+        speed = max(0.0, speed - robot.a_max * robot.dt)
+    assert lane["braking"][0] == pytest.approx(driven, abs=0.01)
+
+
 def test_a_spoilt_archive_is_refused() -> None:
     """Archives with wrong bytes, cut short, or packed by methods that could ask for gigabytes: opened or refused, no more."""
     rng = np.random.default_rng(0)
