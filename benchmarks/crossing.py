@@ -20,13 +20,14 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, RobotSpec, Scenario, Status, World, run
+from antway.arena.crossing import orca_tracks
 from antway.arena.suites import Chance
 from antway.arena.synthetic import make as suite
 from antway.avoidance.colony import make_memory, make_trails
 from antway.avoidance.policy import AntwayPolicy
 from antway.kernels import spacetime
 from antway.search.sipp import Sipp
-from antway.world.motions import Bounce
+from antway.world.motions import Bounce, Replay
 from antway.world.policy import Command, Decision, Observation, Task
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -125,6 +126,26 @@ def hall(seed: int, discs: int) -> Scenario:
     return Scenario(world, (1.5, 1.5), (14.5, 14.5), RobotSpec(sensor_range=30.0), Sensor(occlusion=False), **bounds)
 
 
+def throng(seed: int, people: int) -> Scenario:
+    """People who cross a circle of 8 m radius as in suite `crossing`: they avoid one another, and do not see the robot."""
+    rng, far = np.random.default_rng(seed), 8.0
+    walks: list[tuple[tuple[float, float], tuple[float, float]]] = []
+    while len(walks) < people:
+        angle, (dx, dy) = rng.uniform(0.0, 2 * math.pi), rng.uniform(-0.5, 0.5, 2).tolist()
+        x, y = far * math.cos(angle) + dx, far * math.sin(angle) + dy
+        taken = [end for walk in [((0.0, -far), (0.0, far)), *walks] for end in walk]
+        if all(math.dist((x, y), other) > 0.8 for other in taken):
+            walks.append(((x, y), (-x, -y)))
+    tracks = orca_tracks(walks, 160)
+    t = tuple(0.25 * k + 1e-6 for k in range(161))
+    world = World(
+        Grid(np.zeros((101, 101), dtype=bool), 0.2, (-10.1, -10.1, 0.0)),
+        tuple(Obstacle(0.3, Replay(t, tuple(way))) for way in tracks),
+    )
+    robot, sensor = RobotSpec(dt=0.25, sensor_range=math.inf), Sensor(occlusion=False)
+    return Scenario(world, (0.0, -far), (0.0, far), robot, sensor, horizon=40.0, goal_tolerance=0.3, obstacle_speed=1.0)
+
+
 class Timed:
     """A policy, and the processor time of each of its cycles."""
 
@@ -151,6 +172,8 @@ def cycles(episodes: int) -> list[dict[str, object]]:
     places: dict[str, list[Callable[[int], Scenario]]] = {}
     for discs in (0, 5, 10, 20, 30):
         places[f"hall, {discs} in range"] = [partial(hall, discs=discs)]
+    for people in (5, 20):
+        places[f"throng, {people} who avoid one another"] = [partial(throng, people=people)]
     for level in ("low", "medium", "high"):
         groups = [f"{family}/{level}" for family in ("open", "clutter", "aisles")]
         places[f"synthetic, {level}"] = [lambda seed, group=group: suite(group, Chance(seed)) for group in groups]

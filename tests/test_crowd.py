@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway.kernels import crowd, orca
-from antway.kernels.predict import COURSE, predict
+from antway.kernels.predict import COURSE, LATER, predict
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive
@@ -107,6 +107,35 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
         assert followed <= (2 if turns else 0)
 
 
+def test_courses_are_straightened_by_no_more_than_a_centimetre() -> None:
+    """Many steps of a bent course become few uniform stretches; at their ends all is as it was, between by 1 cm at most."""
+    rng = np.random.default_rng(3)
+    for _ in range(cases(50, 2000)):
+        angle = np.cumsum(rng.normal(0.0, rng.choice([0.0, 0.02, 0.2]), crowd.STEPS))
+        course = np.column_stack((np.cos(angle), np.sin(angle)))
+        straight, first = course.copy(), int(rng.integers(0, 10))
+        crowd._straighten(straight, first, crowd.STEPS)
+        off = np.hypot(*np.cumsum((straight - course) * COURSE, axis=0).T)
+        changes = np.flatnonzero((np.diff(straight, axis=0) != 0.0).any(axis=1))
+        assert off.max() <= 0.01 + 1e-12 and off[[*changes, -1]].max() < 1e-12
+        assert (straight[:first] == course[:first]).all() and len(changes) < crowd.STEPS - 1
+        assert len(changes) <= first + (1 if (course == course[0]).all() else crowd.STEPS)
+
+
+def test_lines_of_all_are_those_of_each() -> None:
+    """What binds two people of one another, worked out once, is to the bit what each would work out alone."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(50, 2000)):
+        n = int(rng.integers(1, 12))
+        rows = np.zeros((n, crowd.COLUMNS))
+        rows[:, :2], rows[:, 2:4], rows[:, 4] = rng.uniform(-4.0, 4.0, (n, 2)), rng.uniform(-1.0, 1.0, (n, 2)), 0.3
+        every, many, alone = np.empty((n, n, 4)), np.empty(n, np.int64), np.empty((n, 4))
+        crowd._all_lines(rows, COURSE, every, many)
+        for k in range(n):
+            count = crowd._lines(rows, k, COURSE, alone)
+            assert many[k] == count and (every[k, :count] == alone[:count]).all()
+
+
 @pytest.mark.parametrize("speed", [1.0, 0.0])
 def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     """Pieces lead along the course; what the guard asks for is spared in part once the first seconds are over, to who moves."""
@@ -121,10 +150,11 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     for begin, end, x, y, vx, vy, stand, drive in out[:n]:
         if begin >= 5.0 - 1e-9:
             i = round((begin - 5.0) / COURSE)
-            assert (x, y) == pytest.approx(tuple(ways[i]), abs=1e-9) and end - begin == pytest.approx(COURSE)
+            assert (x, y) == pytest.approx(tuple(ways[i]), abs=1e-9)
+            assert end - begin == pytest.approx(COURSE if speed else LATER if begin < 5.0 + LATER else 6.0 - LATER)
             assert (vx, vy) == pytest.approx(tuple(course[0, i]))
         assert stand == pytest.approx(0.61)
-        assert drive == pytest.approx(0.86 if speed == 0.0 or begin < 7.4 else 0.76)
+        assert drive == pytest.approx(0.86 if speed == 0.0 or begin < 5.0 + LATER - 1e-9 else 0.76)
 
 
 def test_the_nameless_have_no_past() -> None:

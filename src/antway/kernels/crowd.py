@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.orca import beyond, half_plane, least_wrong, nearest
-from antway.kernels.predict import COURSE, NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.predict import COURSE, LATER, NAME, RADIUS, VX, VY, X, Y
 
 # columns of a row: the belief last seen, its goal and the information on it, the next velocity predicted, both models' errors
 _SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _STRAIGHT, _TURNING = range(8, 18)
@@ -27,6 +27,8 @@ _EASE = 1.0  # s; who is so near to the goal slows down
 _AHEAD, _DOUBT = 10.0, 0.2  # m; at first a goal is taken to be so far ahead, give or take that share
 _SURE = 0.01  # rad; of an exact bearing
 _ON = 0.005  # m/s; a velocity so near to a line lies on it
+_EXACT, _STRAY = 4, 0.01  # steps, m; later ones may be that far off
+_SPARED = round(LATER / COURSE)  # steps; from then on less room is kept
 _BETTER, _FADES = 0.8, 0.8  # the crowd's errors, which fade so a scan, must be so much smaller than those of going straight
 
 
@@ -43,6 +45,23 @@ def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.flo
         lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
         n += 1
     return n
+
+
+@bare_kernel
+def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64], count: NDArray[np.int64]) -> None:
+    """Write for each person what `_lines` does, to lines[k, : count[k]]: what binds two of one another is worked out once."""
+    count[:] = 0
+    for k in range(len(rows)):
+        for j in range(k + 1, len(rows)):
+            ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
+            if ax * ax + ay * ay > _NEAR * _NEAR:
+                continue
+            reach = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
+            x, y, dx, dy = half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], reach, _HORIZON, step)
+            n, m = count[k], count[j]
+            lines[k, n, 0], lines[k, n, 1], lines[k, n, 2], lines[k, n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
+            lines[j, m, 0], lines[j, m, 1], lines[j, m, 2], lines[j, m, 3] = rows[j, VX] - x, rows[j, VY] - y, -dx, -dy
+            count[k], count[j] = n + 1, m + 1
 
 
 @bare_kernel
@@ -101,6 +120,34 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, usual: float, lines: 
     row[_GX], row[_GY] = (row[_A22] * bx - row[_A12] * by) / det, (row[_A11] * by - row[_A12] * bx) / det
 
 
+@bare_kernel
+def _straighten(course: NDArray[np.float64], first: int, last: int) -> None:
+    """Make steps [first, last) of a course straight where that leaves nobody more than _STRAY m from where he was to be.
+
+    What is uniform for many steps is one piece for those who plan (kernels/predict.py), in place of many.
+    """
+    while first < last:
+        until = first + 1
+        while until < last:
+            mx, my = 0.0, 0.0
+            for s in range(first, until + 1):
+                mx, my = mx + course[s, 0], my + course[s, 1]
+            mx, my = mx / (until + 1 - first), my / (until + 1 - first)
+            dx, dy, off = 0.0, 0.0, 0.0
+            for s in range(first, until):
+                dx, dy = dx + (course[s, 0] - mx) * COURSE, dy + (course[s, 1] - my) * COURSE
+                off = max(off, math.hypot(dx, dy))
+            if off > _STRAY:
+                break
+            until += 1
+        mx, my = 0.0, 0.0
+        for s in range(first, until):
+            mx, my = mx + course[s, 0], my + course[s, 1]
+        for s in range(first, until):
+            course[s, 0], course[s, 1] = mx / (until - first), my / (until - first)
+        first = until
+
+
 @kernel
 def foresee(
     rows: NDArray[np.float64],
@@ -128,6 +175,7 @@ def foresee(
     if n > _MOST:
         return 0
     fresh, lines, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, count), 4)), np.empty((n, 4)), np.empty(2)
+    binding, many = np.empty((n, n, 4)), np.empty(n, np.int64)
     for k in range(n):
         row = fresh[k]
         before = -1
@@ -149,6 +197,8 @@ def foresee(
     rows[:n] = fresh
     at, then = fresh, fresh.copy()
     for s in range(STEPS):
+        if s == 0 or follows:
+            _all_lines(at, COURSE, binding, many)
         for k in range(n):
             vx, vy = at[k, VX], at[k, VY]
             if s == 0 or follows:
@@ -156,10 +206,9 @@ def foresee(
                 known = at[k, _A11] + at[k, _A22] > 0.0
                 wx, wy = (at[k, _GX] - at[k, X], at[k, _GY] - at[k, Y]) if known else (vx / speed * 9.0, vy / speed * 9.0)
                 scale = usual / max(math.hypot(wx, wy), _EASE)
-                bound = _lines(at, k, COURSE, lines)
-                bad = nearest(lines, bound, usual, wx * scale, wy * scale, False, out)
-                if bad < bound:
-                    least_wrong(lines, bound, bad, usual, out, work)
+                bad = nearest(binding[k], many[k], usual, wx * scale, wy * scale, False, out)
+                if bad < many[k]:
+                    least_wrong(binding[k], many[k], bad, usual, out, work)
                 vx, vy = out[0], out[1]
             if s == 0:
                 rows[k, _PX], rows[k, _PY] = vx, vy
@@ -172,4 +221,8 @@ def foresee(
         if not follows:
             break
         at, then = then, at
+    if follows:
+        for k in range(n):
+            _straighten(course[k], _EXACT, _SPARED)
+            _straighten(course[k], _SPARED, STEPS)
     return n

@@ -15,7 +15,7 @@ MIRRORS = 4  # at most, of one track
 COURSE = 0.25  # s; a course is a velocity for each such step
 STRAIGHT = np.empty((0, 1, 2))  # no courses
 _TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube that widens does so in steps
-_LATER, _SPARED = 2.5, 0.1  # s, m; of a course that turns, what is so far ahead is not worth the whole berth
+LATER, _SPARED = 2.5, 0.1  # s, m; of a course that turns, what is so far ahead is not worth the whole berth
 _KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a wider tube would close every way
 
 
@@ -90,8 +90,12 @@ def predict(
                 if t < -age - 1e-9:
                     end = min(end, -age)
                 elif i < len(course[k]):
-                    end = min(end, (i + 1) * COURSE - age)
                     vx, vy = course[k, i, 0], course[k, i, 1]
+                    while i + 1 < len(course[k]) and course[k, i + 1, 0] == vx and course[k, i + 1, 1] == vy:
+                        if abs((i + 1) * COURSE - LATER) < 1e-9:
+                            break
+                        i += 1
+                    end = min(end, (i + 1) * COURSE - age)
             past = within and t < -1e-9
             if past:
                 end = min(end, 0.0)
@@ -108,7 +112,7 @@ def predict(
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
                 out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
                 out[n, 7] = max(held - 1e-6, 0.0) if past else body + wide + runs
-                if turns and t > _LATER - 1e-9 and vx * vx + vy * vy > 0.01:
+                if turns and t > LATER - 1e-9 and vx * vx + vy * vy > 0.01:
                     out[n, 7] = max(out[n, 7] - _SPARED, out[n, 6])
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
