@@ -191,7 +191,7 @@ def test_the_panel_tells_of_cycles(page: Any) -> None:
     expect(page, ".cycle span").to_have_text(re.compile(r"^\d+\.\d\d ms a cycle, worst \d+\.\d ms$"))
     assert pixels(page, "robot", ".spark") > 20
     expect(page, ".numbers").to_have_text(re.compile(r"^0\.5 s · 0\.\d m driven · \d\.\d\d m/s · nearest \d\.\d\d m$"))
-    expect(page, ".facts").to_contain_text("the plan")
+    expect(page, ".facts").to_contain_text("Certified gap")
 
 
 def test_every_parameter_is_kept_or_refused_in_place(page: Any) -> None:

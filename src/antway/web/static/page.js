@@ -115,6 +115,8 @@ function askPolicies(names = page.lanes.map((lane) => lane.select.value)) {
 function setTool(tool) {
   page.tool = tool;
   editor.drop();
+  setDone(false);
+  byId("done").hidden = tool !== "way";
   document.querySelector("main").dataset.tool = tool;
   for (const button of document.querySelectorAll("[data-tool]:not(main)")) button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
   const brushing = tool === "wall" || tool === "erase";
@@ -122,9 +124,9 @@ function setTool(tool) {
   for (const [id, on] of [["brush", brushing], ["size", dropping], ["pace", tool === "way"]]) byId(`${id}-label`).hidden = !on;
 }
 
-// The button that ends a way of waypoints.
+// The button that ends a way of waypoints; its place is kept, so that the map does not move under the finger.
 function setDone(shown) {
-  byId("done").hidden = !shown;
+  byId("done").style.visibility = shown ? "visible" : "hidden";
 }
 
 function showLink(hash) {
