@@ -26,6 +26,7 @@ from antway.arena.synthetic import make as suite
 from antway.avoidance.colony import make_memory, make_trails
 from antway.avoidance.policy import AntwayPolicy
 from antway.kernels import spacetime
+from antway.planning import TimedPath
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce, Replay
 from antway.world.policy import Command, Decision, Observation, Task
@@ -164,6 +165,9 @@ class Timed:
 
     def explain(self) -> Decision:
         return self.policy.explain()
+
+    def planned(self) -> TimedPath | None:
+        return self.policy.planned()
 
 
 def cycles(episodes: int) -> list[dict[str, object]]:

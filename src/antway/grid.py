@@ -157,10 +157,13 @@ class Grid:
         p = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         u, v = (p[:, 1] + 0.5) * self.resolution, (p[:, 0] + 0.5) * self.resolution
         x, y, yaw = self.origin
+        out = np.empty_like(p)
         if yaw == 0.0:
-            return np.column_stack((x + u, y + v))
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        return np.column_stack((x + cos * u - sin * v, y + sin * u + cos * v))
+            out[:, 0], out[:, 1] = x + u, y + v
+        else:
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            out[:, 0], out[:, 1] = x + cos * u - sin * v, y + sin * u + cos * v
+        return out
 
     def to_points(self, xy: ArrayLike) -> NDArray[np.float64]:
         """Map (x, y) in m, float[N, 2], to real-valued (row, col) points with integers at cell centres: `to_xy` undone."""
@@ -170,7 +173,9 @@ class Grid:
         if yaw != 0.0:
             cos, sin = math.cos(yaw), math.sin(yaw)
             dx, dy = cos * dx + sin * dy, cos * dy - sin * dx
-        return np.column_stack((dy / self.resolution - 0.5, dx / self.resolution - 0.5))
+        out = np.empty_like(p)
+        out[:, 0], out[:, 1] = dy / self.resolution - 0.5, dx / self.resolution - 0.5
+        return out
 
     def cell_at(self, xy: Iterable[float]) -> Cell:
         """Return the cell that holds the point (x, y) in m; a point on an edge belongs to the cell of higher index.

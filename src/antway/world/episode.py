@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -101,7 +100,8 @@ def run(
     scenario : Scenario
     policy : str or Policy
         A name for `make_policy`, or what `reset`s and `act`s. One that has a method `foresee(timeline)` is told where every
-        obstacle will be: only an oracle, which bounds what others can reach, should have it.
+        obstacle will be: only an oracle, which bounds what others can reach, should have it. One that has a method
+        `planned()`, which returns the motion planned as its explanation would, need not explain what nobody records.
     seed : int or None
         Of all chance in it: obstacles, sensor, policy; None: the scenario's.
     horizon : float or None
@@ -134,7 +134,7 @@ def run(
     >>> result.outcome, round(result.time, 6)
     (<Outcome.REACHED: 'reached'>, 7.8)
     """
-    episode = Episode(scenario, policy, seed=seed, horizon=horizon, guard=guard)
+    episode = Episode(scenario, policy, seed=seed, horizon=horizon, guard=guard, record=record)
     while episode.outcome is None:
         episode.step()
     return episode.result(record=record)
@@ -152,7 +152,7 @@ class Episode:
     reason : str
         One sentence on the outcome.
     decisions : list of (step, Decision)
-        As in `Trace`.
+        As in `Trace`; none without a record of a policy that need not explain.
     stage : Stage
         The record: arrays as in `Trace`, filled up to row `steps`.
 
@@ -174,6 +174,7 @@ class Episode:
         seed: int | None = None,
         horizon: float | None = None,
         guard: Guard | None = None,
+        record: bool = True,
     ) -> None:
         self.scenario = checks.instance("scenario", scenario, Scenario)
         self.seed = scenario.seed if seed is None else checks.seed(seed)
@@ -181,7 +182,9 @@ class Episode:
         self.stage = stage = Stage(scenario, self.seed, horizon)
         self.name, self.policy = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
         self.guard = guard
+        self.record = record
         self.decisions: list[tuple[int, Decision]] = []
+        self.plans: list[TimedPath] = []  # in use one after the other
         self.outcome: Outcome | None = None
         self.reason = self._fault = ""
         if math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
@@ -213,15 +216,25 @@ class Episode:
                     command = self.guard.limit(observation, command)
                 if command is not None:
                     cx, cy = float(command.velocity[0]), float(command.velocity[1])
-                decision = self.policy.explain()
-                if not self.decisions or decision is not self.decisions[-1][1]:
-                    self.decisions.append((stage.n, decision))
+                path = self._planned()
+                if path is not None and not (self.plans and path is self.plans[-1]):
+                    self.plans.append(path)
             except Exception as error:
                 self._fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
             stage.cycle_ms[stage.n] = (time.perf_counter() - begun) * 1e3
         self.outcome, self.reason = stage.drive(cx, cy)
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
+
+    def _planned(self) -> TimedPath | None:
+        """Return the motion planned; the explanation that tells it is kept, unless none is needed."""
+        if not self.record and hasattr(self.policy, "planned"):
+            path: TimedPath | None = self.policy.planned()
+            return path
+        decision = self.policy.explain()
+        if not self.decisions or decision is not self.decisions[-1][1]:
+            self.decisions.append((self.stage.n, decision))
+        return decision.path
 
     def result(self, *, record: bool = True) -> EpisodeResult:
         """Return what came of an episode that has ended."""
@@ -245,18 +258,13 @@ class Episode:
             time=float(stage.t[n]),
             length=math.fsum(np.hypot(*np.diff(stage.xy[: n + 1], axis=0).T).tolist()),
             min_clearance=stage.clearance,
-            replans=_changes([decision.path for _, decision in decisions]),
+            replans=max(len(self.plans) - 1, 0),
             waits=int((resting[1:] & ~resting[:-1]).sum()),
             cycle_ms=stage.cycle_ms[:n].copy(),
             seed=self.seed,
             config=config,
             trace=trace,
         )
-
-
-def _changes(paths: list[TimedPath | None]) -> int:
-    planned = [path for path in paths if path is not None]
-    return sum(a is not b for a, b in pairwise(planned))
 
 
 class Stage:
