@@ -166,26 +166,6 @@ def test_a_robot_with_inertia_is_slower_among_obstacles() -> None:
     assert len(seen) > 10 and np.hypot(*far.trace.velocity[seen].T).max() <= 0.5 + 1e-9
 
 
-def test_the_robot_sees_as_far_ahead_late_on_a_long_way_as_at_its_begin() -> None:
-    """What comes into view 15 s after a plan was made is gone round at once, not when the plan ends."""
-    hall = Grid(np.zeros((20, 200), dtype=bool), 0.25)  # 50 x 5 m
-    stands = Obstacle(0.4, Line((22.0, 2.5), (22.0, 2.5), 0.0))
-    scenario = Scenario(World(hall, (stands,)), (1.0, 2.6), (40.0, 2.6), RobotSpec(sensor_range=6.0), Sensor(occlusion=False))
-    trace = run(scenario).trace
-    seen = trace.t[int(np.flatnonzero(trace.sensed[:, 0])[0])]
-    bends = [trace.t[i] for i, d in trace.decisions if np.ptp(d.path.xy[:, 1]) > 0.3]
-    assert 14.0 < seen < 16.0 and bends[0] <= seen + 0.15
-
-
-def test_at_first_the_robot_makes_no_way_round_for_what_is_far_ahead() -> None:
-    """In its first half second it heads for its goal though somebody is to cross in 4 s, and goes round him from then on."""
-    crosses = Obstacle(0.4, Line((5.5, 0.6), (5.5, 4.4), 0.4))
-    decisions = told(crosses, robot=RobotSpec(sensor_range=8.0), sensor=Sensor(occlusion=False))
-    early = [d for t, d in decisions if t < 0.5 - 1e-6]
-    assert early and all(np.ptp(d.path.xy[:, 1]) < 0.1 for d in early)
-    assert any(0.5 - 1e-6 < t < 0.7 and np.ptp(d.path.xy[:, 1]) > 0.1 for t, d in decisions)
-
-
 def ambush(rng: np.random.Generator) -> Scenario:
     """Obstacles that keep to their bounds and are seen early, on the courses that suit a robot least."""
     blocked = np.zeros((20, 40), dtype=bool)
