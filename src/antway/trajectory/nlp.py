@@ -1,7 +1,7 @@
 """Shape and timing of a path by a nonlinear program: time-optimal, clear of walls and of what moves (extra `smooth`: CasADi).
 
 The discrete path fixes on which side of everything the way goes; the program bends it within that. Every answer is checked by
-the exact swept test, and the speed profile of the polyline is returned in place of one that fails.
+the exact swept test and against all limits, and the speed profile of the polyline is returned in place of one that fails.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from antway.planning import TimedPath
 from antway.trajectory.profile import is_clear, speed_profile
 
 _SLOWEST = 5e-4  # m/s; a differential drive does not reverse
+_TOLERANCE = 1e-6  # m/s, m/s^2, rad/s, rad/s^2
 _FINE = 4  # between cell centres a linear distance would be too large near corners
 
 
@@ -126,11 +127,28 @@ def smooth(
     if solved is not None:
         if not is_clear(solved, grid, radius, pieces):
             reason = "the solution touches something between its knots"
+        elif not _within_limits(solved, v_max, a_max, turning):
+            reason = "the solution exceeds a limit"
         elif float(solved.t[-1]) > float(guess.t[-1]) and is_clear(guess, grid, radius, pieces) and not differential:
             reason = "the solution is slower than the polyline"
         else:
             return Smoothed(solved, True, True)
     return Smoothed(guess, False, is_clear(guess, grid, radius, pieces), reason)
+
+
+def _within_limits(path: TimedPath, v_max: float, a_max: float, turning: tuple[float, float] | None) -> bool:
+    """Tell whether no speed, acceleration, turn rate or change of it is over its limit by more than the solver's tolerance."""
+    dt = np.diff(path.t)
+    v = np.diff(path.xy, axis=0) / dt[:, None]
+    span = (dt[1:] + dt[:-1]) / 2
+    ends = np.hypot(*v[[0, -1]].T) / dt[[0, -1]] * 2
+    change = np.concatenate((np.hypot(*np.diff(v, axis=0).T) / span, ends))
+    fine = np.hypot(*v.T).max() <= v_max + _TOLERANCE and change.max() <= a_max + _TOLERANCE
+    if turning and fine:
+        rate = np.arctan2(v[1:, 1] * v[:-1, 0] - v[1:, 0] * v[:-1, 1], (v[1:] * v[:-1]).sum(axis=1)) / span
+        twist = np.diff(rate, prepend=0.0) / span
+        fine = np.abs(rate).max() <= turning[0] + _TOLERANCE and np.abs(twist).max() <= turning[1] + _TOLERANCE
+    return bool(fine)
 
 
 def _casadi() -> ModuleType:
@@ -173,7 +191,7 @@ def _solve(
         objective += weights[0] * dt[k] + weights[1] * casadi.sqrt(casadi.sumsqr(step) + 1e-8)
         if k:
             change, span = v[:, k] - v[:, k - 1], (dt[k] + dt[k - 1]) / 2
-            opti.subject_to(casadi.sumsqr(change) <= (a_max * span) ** 2)
+            opti.subject_to(casadi.sumsqr(change / span) <= a_max**2)  # to the solver's tolerance, however short the step
             objective += weights[2] * casadi.sumsqr(change)
         for share in (0.5, 1.0) if k < n - 1 else (0.5,):
             place, at = p[:, k] + share * step, now + share * dt[k]
@@ -184,7 +202,7 @@ def _solve(
                     opti.subject_to(casadi.sumsqr(gap) >= (reach + margin) ** 2)
         now = now + dt[k]
     for k in (0, n - 1):
-        opti.subject_to(casadi.sumsqr(v[:, k]) <= (a_max * dt[k] / 2) ** 2)
+        opti.subject_to(casadi.sumsqr(v[:, k] / dt[k]) <= (a_max / 2) ** 2)
     if turning:
         _wheels(casadi, opti, v, dt, places, turning, n)
     opti.minimize(objective)
@@ -210,7 +228,7 @@ def _wheels(casadi: Any, opti: Any, v: Any, dt: Any, places: NDArray[np.float64]
             span = (dt[k] + dt[k - 1]) / 2
             turn, before = (theta[k] - theta[k - 1]) / span, rate
             opti.subject_to(opti.bounded(-turning[0], turn, turning[0]))
-            opti.subject_to(opti.bounded(-turning[1] * span, turn - before, turning[1] * span))
+            opti.subject_to(opti.bounded(-turning[1], (turn - before) / span, turning[1]))
             rate = turn
 
 
