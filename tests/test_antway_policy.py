@@ -29,6 +29,9 @@ from antway import (
     run,
 )
 from antway.avoidance.alternatives import CROSSING, ELSE
+from antway.avoidance.guard import Guarded
+from antway.avoidance.paper import PaperPolicy
+from antway.avoidance.policy import AntwayPolicy
 from antway.kernels import jit
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor
@@ -78,7 +81,7 @@ def test_what_else_could_be_done_is_weighed() -> None:
     crosses = Line((5.0, 0.5), (5.0, 4.5), 0.6)
     comes, stands = Line((9.4, 2.6), (0.6, 2.6), 0.5), Line((5.0, 2.4), (5.0, 2.4), 0.0)
     for motion, names in ((crosses, CROSSING), (comes, ELSE), (stands, ELSE)):
-        first = next(d for _, d in told(Obstacle(0.4, motion)) if d.obstacle is not None)
+        first = next(d for t, d in told(Obstacle(0.4, motion)) if d.obstacle is not None and t > 0.4)
         (does, cost), (other, more), (waits, later) = first.alternatives
         assert {does, other} == set(names) and does in first.reason and f"+{cost:.1f} s" in first.reason
         assert cost <= more + 0.05 and cost <= later + 0.05 and more < 5.0, first.alternatives
@@ -164,6 +167,26 @@ def test_a_robot_with_inertia_is_slower_among_obstacles() -> None:
     assert np.hypot(*alone.trace.velocity.T).max() > 0.95
     seen = np.flatnonzero(far.trace.sensed[:, 0])[10:]  # it has braked by then
     assert len(seen) > 10 and np.hypot(*far.trace.velocity[seen].T).max() <= 0.5 + 1e-9
+
+
+def test_the_robot_sees_as_far_ahead_late_on_a_long_way_as_at_its_begin() -> None:
+    """What comes into view 15 s after a plan was made is gone round at once, not when the plan ends."""
+    hall = Grid(np.zeros((20, 200), dtype=bool), 0.25)  # 50 x 5 m
+    stands = Obstacle(0.4, Line((22.0, 2.5), (22.0, 2.5), 0.0))
+    scenario = Scenario(World(hall, (stands,)), (1.0, 2.6), (40.0, 2.6), RobotSpec(sensor_range=6.0), Sensor(occlusion=False))
+    trace = run(scenario).trace
+    seen = trace.t[int(np.flatnonzero(trace.sensed[:, 0])[0])]
+    bends = [trace.t[i] for i, d in trace.decisions if np.ptp(d.path.xy[:, 1]) > 0.3]
+    assert 14.0 < seen < 16.0 and bends[0] <= seen + 0.15
+
+
+def test_at_first_the_robot_makes_no_way_round_for_what_is_far_ahead() -> None:
+    """In its first half second it heads straight for its goal though somebody stands in the way, then round him."""
+    stands = Obstacle(0.4, Line((6.5, 2.3), (6.5, 2.3), 0.0))
+    decisions = told(stands, robot=RobotSpec(sensor_range=8.0), sensor=Sensor(occlusion=False))
+    early = [d for t, d in decisions if t < 0.5 - 1e-6]
+    assert early and all(np.ptp(d.path.xy[:, 1]) < 0.2 for d in early)
+    assert any(0.5 - 1e-6 < t < 0.7 and np.ptp(d.path.xy[:, 1]) > 0.3 for t, d in decisions)
 
 
 def ambush(rng: np.random.Generator) -> Scenario:
@@ -260,9 +283,16 @@ def test_a_way_that_never_opens_ends_at_the_horizon() -> None:
     assert result.trace.decisions[-1][1].action == "wait"
 
 
-def observed(tracks: Tracks, xy=(5.0, 2.5)) -> tuple[float, float]:
+def guarded_paper() -> Guarded:
+    return Guarded(make_policy("paper"))
+
+
+BOTH = pytest.mark.parametrize("make", [AntwayPolicy, PaperPolicy, guarded_paper])
+
+
+def observed(tracks: Tracks, xy=(5.0, 2.5), make=AntwayPolicy) -> tuple[float, float]:
     """The first command of a fresh policy that sees `tracks`."""
-    policy = make_policy("antway")
+    policy = make()
     policy.reset(Task(ROOM, RobotSpec(), (5.0, 2.5), (9.0, 2.5)), 0)
     command = policy.act(Observation(0.0, xy, (0.0, 0.0), 0.0, tracks)).velocity
     assert policy.explain().reason
@@ -274,6 +304,7 @@ def one_track(**changes) -> Tracks:
     return Tracks(**(fields | changes))
 
 
+@BOTH
 @pytest.mark.parametrize(
     "changes",
     [
@@ -287,16 +318,17 @@ def one_track(**changes) -> Tracks:
         {"covariance": np.eye(4)},
     ],
 )
-def test_tracks_that_make_no_sense_raise(changes: dict) -> None:
+def test_tracks_that_make_no_sense_raise(changes: dict, make) -> None:
     """NaN, infinite and negative numbers and arrays of unequal length raise `BadParameter`; nothing moves."""
     with pytest.raises(BadParameter):
-        observed(one_track(**changes))
+        observed(one_track(**changes), make=make)
 
 
-def test_a_robot_at_a_place_that_is_no_number_raises() -> None:
+@BOTH
+def test_a_robot_at_a_place_that_is_no_number_raises(make) -> None:
     """So does a robot's own state."""
     with pytest.raises(BadParameter):
-        observed(one_track(), xy=(math.nan, 2.5))
+        observed(one_track(), xy=(math.nan, 2.5), make=make)
 
 
 def test_an_observation_of_whole_numbers_does_not_make_later_ones_whole(monkeypatch) -> None:
@@ -315,18 +347,21 @@ def test_an_observation_of_whole_numbers_does_not_make_later_ones_whole(monkeypa
     assert commands[0] == commands[1] != (0.0, 0.0)
 
 
-def test_a_robot_in_contact_stands_and_says_why() -> None:
-    """A robot that a track overlaps does not move."""
-    assert observed(one_track(xy=np.array([[5.3, 2.5]]))) == (0.0, 0.0)
+@BOTH
+def test_a_robot_in_contact_stands_and_says_why(make) -> None:
+    """A robot that a track overlaps, wherever its middle is, does not move."""
+    for dx, dy in ((0.3, 0.0), (-0.3, 0.0), (0.0, 0.55), (0.0, 0.0)):
+        assert observed(one_track(xy=np.array([[5.0 + dx, 2.5 + dy]])), make=make) == (0.0, 0.0)
 
 
-def test_tracks_inside_walls_and_off_the_map_are_borne() -> None:
+@BOTH
+def test_tracks_inside_walls_and_off_the_map_are_borne(make) -> None:
     """A track in a wall or outside the map is predicted like any other, and the robot arrives."""
     blocked = np.zeros((20, 40), dtype=bool)
     blocked[:5, 10:30] = True
     wall, far = Obstacle(0.3, Line((4.0, 0.6), (6.0, 0.6), 0.4)), Obstacle(0.3, Waypoints(((-3.0, 2.5), (-1.0, 2.5)), 0.5))
     scenario = room(wall, far, grid=Grid(blocked, 0.25), sensor=Sensor(occlusion=False))
-    result = run(scenario)
+    result = run(scenario, make())
     check_episode(result)
     assert result.reached
 

@@ -165,8 +165,15 @@ class Guarded:
         self.policy.reset(task, seed)
 
     def act(self, observation: Observation) -> Command:
-        """Return what the guard lets pass of the policy's command."""
-        return self.guard.limit(observation, self.policy.act(observation))
+        """Return what the guard lets pass of the policy's command.
+
+        Raises
+        ------
+        BadParameter
+            For an observation that is not finite, before the policy sees it.
+        """
+        check_observation(observation)
+        return self.guard.passed(observation, self.policy.act(observation))
 
     def explain(self) -> Decision:
         """Return the policy's reason, and what the guard did; the same object for as long as both stay."""

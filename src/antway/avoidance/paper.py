@@ -17,7 +17,7 @@ from antway import checks
 from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.avoidance.encounter import closest_approach, encounter
-from antway.avoidance.guard import Guard
+from antway.avoidance.guard import Guard, check_observation
 from antway.avoidance.local_target import local_target
 from antway.avoidance.routes import STOP, Nodes, Routes, Ways
 from antway.avoidance.tubes import Tubes
@@ -99,10 +99,17 @@ class PaperPolicy:
             self.decision = Decision("stuck", "the map has no way to the goal for this robot")
 
     def act(self, observation: Observation) -> Command:
-        """Return the command for the next control period; that of a robot with inertia or wheels has passed the guard."""
+        """Return the command for the next control period; that of a robot with inertia or wheels has passed the guard.
+
+        Raises
+        ------
+        BadParameter
+            For an observation that is not finite.
+        """
+        check_observation(observation)
         command = self._steer(observation)
         if self.guard is not None:
-            command = self.guard.limit(observation, command)
+            command = self.guard.passed(observation, command)
             if self.guard.did != self.decision.guard:
                 self.decision = replace(self.decision, guard=self.guard.did)
         return command

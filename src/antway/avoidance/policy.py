@@ -30,6 +30,7 @@ from antway.world.policy import Command, Decision, Observation, Task, Tracks
 _KNOTS = 2048  # of a plan
 _AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
 _BRAKES = 0.5  # s; with tracks in sight no robot cruises at a speed from which it needs longer to stand
+_OUTSET, _NEARBY = 0.5, 3.0  # s; at first, when nobody's course is known well, no way round is made for what is farther ahead
 _STANDS = 1.0  # s; for how long an explanation stands while the plan does
 _NEAR = 0.8  # m; how far from its prediction a track without a name may be found
 
@@ -153,6 +154,7 @@ class AntwayPolicy:
         self.crowd = Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)))
         if self.guard:
             self.guard.reset(task)
+        self.begun = math.nan
         self.decision: Decision | None = None
         self.path: TimedPath | None = None
         self.did, self.until = "", math.inf
@@ -191,8 +193,11 @@ class AntwayPolicy:
             self.beliefs,
         )
         self.place, lag = self.paces[known > 0]
-        if lag != self.settings.lag:
-            self.settings = self.settings._replace(lag=lag)
+        if math.isnan(self.begun):
+            self.begun = o.t
+        horizon = min(self.horizon, _NEARBY) if o.t < self.begun + _OUTSET - 1e-6 else self.horizon
+        if lag != self.settings.lag or horizon != self.settings.horizon:
+            self.settings = self.settings._replace(lag=lag, horizon=horizon)
         arguments = (
             self.memory,
             self.trails,

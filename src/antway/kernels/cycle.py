@@ -150,7 +150,8 @@ def cycle(
     work = np.empty(2)
     n = int(plan.state[COUNT])
     valid = grazes = False
-    if n > 0 and plan.knots[n - 1, 0] > now + s.dt:
+    far = plan.knots[n - 1, 0] if n > 0 else now
+    if far > now + s.dt and (far > now + s.horizon - 1e-6 or far > plan.state[ARRIVAL] - 1e-6):  # it sees as far as it can
         px, py, _ = place_at(plan.knots, n, now)
         on_course = math.hypot(px - x, py - y) <= s.stray
         valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.lag, work) == math.inf
