@@ -286,14 +286,39 @@ def test_requests_go_first_and_hold_up_play_for_a_moment_alone(monkeypatch: pyte
         assert most == 2 and sorted(order) == list(range(8)) and {0, 1} == set(order[:2])
         clock = asyncio.get_running_loop().time
         turns.request()
-        await turns.lull()
-        assert clock() - turns.asked >= LULL
+        async with turns.lull():
+            assert clock() - turns.asked >= LULL
+
+        async def play() -> None:
+            async with turns.lull():
+                pass
+
         begun = clock()
-        held = [asyncio.create_task(turns.lull()) for _ in range(20)]
+        held = [asyncio.create_task(play()) for _ in range(20)]
         while not all(task.done() for task in held):
             turns.request()
             await asyncio.sleep(0)
         assert 0.2 <= clock() - begun < 20 * 0.2
+
+    asyncio.run(check())
+
+
+def test_few_wait_for_a_thread_to_play_when_requests_come() -> None:
+    """Of a hundred tabs that play two are past the look for a lull, so that a request finds two at work and none queued."""
+
+    async def check() -> None:
+        turns, past, most = Turns(), 0, 0
+
+        async def play() -> None:
+            nonlocal past, most
+            async with turns.lull():
+                past += 1
+                most = max(most, past)
+                await turns.take(time.sleep, 0.001)
+                past -= 1
+
+        await asyncio.gather(*(play() for _ in range(100)))
+        assert most == player.THREADS
 
     asyncio.run(check())
 

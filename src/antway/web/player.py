@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import TypeVar
 
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
@@ -37,7 +38,7 @@ class Turns:
     def __init__(self, threads: int = THREADS) -> None:
         self.free, self.workers = asyncio.Semaphore(threads), ThreadPoolExecutor(threads, "antway")
         self.asked = -math.inf  # when the last request came
-        self.held = asyncio.Lock()  # one looks whether there is a lull, and the others wait for that one
+        self.playing = asyncio.Semaphore(threads)  # so few look whether there is a lull, or play; the others wait for those
 
     def request(self) -> None:
         """Note that somebody asks for a file or opens a tab."""
@@ -48,15 +49,17 @@ class Turns:
         async with self.free:
             return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
 
-    async def lull(self) -> None:
-        """Wait until no request has come for a moment; in a stream of them for `HOLD`, and behind others that wait as well."""
+    @asynccontextmanager
+    async def lull(self) -> AsyncIterator[None]:
+        """Wait until no request has come for a moment, in a stream of them for `HOLD`, and until few others play."""
         time = asyncio.get_running_loop().time
         latest = time() + HOLD
-        async with self.held:
+        async with self.playing:
             while time() < self.asked + LULL:
                 await asyncio.sleep(LULL)  # in any case: not all who have waited go on at once, in the midst of the stream
                 if time() >= latest:
                     break
+            yield
 
 
 class Player:
@@ -143,22 +146,27 @@ class Player:
             steps = max(1, round(TICK / period))
             due = max(due + steps * period, self.clock())
             await asyncio.sleep(due - self.clock())
-            await self.turns.lull()  # not within the turn: what is wished for meanwhile is done at once
             await self.show(steps)
 
     async def show(self, steps: int = 0) -> None:
         """Play so many steps, and send the moment if the page has taken what it was sent before; otherwise it is skipped."""
-        async with self.turn:
-            steps = steps if self.session.playing else 0
-            self.owed = self.owed or steps > 0
-            tell = self.owed and self.in_flight < IN_FLIGHT
-            if not (steps or tell):
-                return
-            text = await self.turns.take(self.moment, steps, tell)
-            if tell:
-                await self.send(text)
-                self.heard = self.heard if self.in_flight else self.clock()
-                self.owed, self.in_flight = False, self.in_flight + 1
+        async with AsyncExitStack() as lull:
+            if steps:
+                await lull.enter_async_context(self.turns.lull())  # not within the turn: wishes are not held up
+                if self.turn.locked():
+                    return  # a wish is being answered, which may take long where nobody reads: these steps are left out
+            async with self.turn:
+                steps = steps if self.session.playing else 0
+                self.owed = self.owed or steps > 0
+                tell = self.owed and self.in_flight < IN_FLIGHT
+                if not (steps or tell):
+                    return
+                text = await self.turns.take(self.moment, steps, tell)
+                await lull.aclose()  # whoever is slow to be told holds up nobody's play
+                if tell:
+                    await self.send(text)
+                    self.heard = self.heard if self.in_flight else self.clock()
+                    self.owed, self.in_flight = False, self.in_flight + 1
 
     def moment(self, steps: int, tell: bool) -> str:
         """Play so many steps; return the frame of the moment then, or nothing where none is to be sent."""
