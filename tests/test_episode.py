@@ -7,6 +7,7 @@ import os
 import random
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -127,6 +128,18 @@ def test_a_guard_stands_between_policy_and_robot() -> None:
 
     result = run(crossing(), Steer(east), guard=Half(), horizon=2.0)
     assert result.length == pytest.approx(1.0) and result.config["guard"] == "Half"
+
+
+def test_no_cycle_takes_longer_for_being_explained() -> None:
+    """The time of a control cycle is that of the command; what its explanation takes is not counted."""
+
+    class Wordy(Steer):
+        def explain(self):
+            time.sleep(0.2)
+            return self.decision
+
+    result = run(crossing(goal=(2.0, 5.0)), Wordy(east))
+    assert result.reached and result.trace.decisions and np.median(result.cycle_ms) < 100.0
 
 
 def test_wrong_arguments_are_refused() -> None:

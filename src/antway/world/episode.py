@@ -209,11 +209,8 @@ class Episode:
         cx = cy = math.nan
         observation = stage.observe()
         if not self._fault:
-            begun = time.perf_counter()
             try:
-                command = self.policy.act(observation)
-                if self.guard is not None:
-                    command = self.guard.limit(observation, command)
+                command = self._commanded(observation)
                 if command is not None:
                     cx, cy = float(command.velocity[0]), float(command.velocity[1])
                 path = self._planned()
@@ -221,10 +218,18 @@ class Episode:
                     self.plans.append(path)
             except Exception as error:
                 self._fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
-            stage.cycle_ms[stage.n] = (time.perf_counter() - begun) * 1e3
         self.outcome, self.reason = stage.drive(cx, cy)
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
+
+    def _commanded(self, observation: Observation) -> Command | None:
+        """Return what the policy and the guard command, and note how long they took; no robot waits for an explanation."""
+        begun = time.perf_counter()
+        try:
+            command = self.policy.act(observation)
+            return command if self.guard is None else self.guard.limit(observation, command)
+        finally:
+            self.stage.cycle_ms[self.stage.n] = (time.perf_counter() - begun) * 1e3
 
     def _planned(self) -> TimedPath | None:
         """Return the motion planned; the explanation that tells it is kept, unless none is needed."""
