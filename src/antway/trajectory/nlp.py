@@ -20,6 +20,7 @@ from antway.grid import Grid
 from antway.planning import TimedPath
 from antway.trajectory.profile import is_clear, speed_profile
 
+_SHORTEST = 1e-3  # s, of a step
 _SLOWEST = 5e-4  # m/s; a differential drive does not reverse
 _TOLERANCE = 1e-6  # m/s, m/s^2, rad/s, rad/s^2
 _FINE = 4  # between cell centres a linear distance would be too large near corners
@@ -179,10 +180,11 @@ def _solve(
     opti.set_initial(p, places.T)
     opti.set_initial(v, (np.diff(places, axis=0) / np.diff(times)[:, None]).T)
     opti.set_initial(dt, np.diff(times))
-    opti.subject_to(opti.bounded(1e-3, dt, times[-1] / n))  # long steps would jump corners
+    opti.subject_to(opti.bounded(_SHORTEST, dt, times[-1] / n))  # long steps would jump corners
     opti.subject_to(p[:, 0] == places[0])
     opti.subject_to(p[:, n] == places[-1])
     distance = _distance(casadi, grid)
+    a_max = min(a_max, 2 * v_max / _SHORTEST)  # more binds nothing, and its square may be no number
     now, objective = 0.0, 0.0
     for k in range(n):
         opti.subject_to(p[:, k + 1] == p[:, k] + dt[k] * v[:, k])
