@@ -132,6 +132,9 @@ def test_bad_options(name: str) -> None:
     for options, field in (({"seed": -1}, "seed"), ({"seed": 0.5}, "seed"), ({"time_limit": -1.0}, "time_limit")):
         with pytest.raises(BadParameter, match=field):
             solve(problem, name, **options)
+    for option in ("wings", "budget", "seconds"):
+        with pytest.raises(BadParameter, match=f"{option} = 3.*left out"):
+            solve(problem, name, **{option: 3})
     with pytest.raises(BadParameter, match="planner"):
         solve(problem, name + "x")
     with pytest.raises(BadParameter, match="problem"):

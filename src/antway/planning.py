@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import math
 import threading
 import time
@@ -287,7 +288,18 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
         time_limit = checks.number("time_limit", time_limit, low=0.0, infinite=True, unit="s")
     seed, budget = checks.seed(seed), Budget(seconds=time_limit)
     run = cast(Planner, find("planner", planner, PLANNERS, "antway.planners"))
+    if options:
+        _check_options(run, options)
     return run(problem, seed=seed, budget=budget, **options)
+
+
+def _check_options(run: Planner, options: dict[str, Any]) -> None:
+    """Raise `BadParameter` for an option that a planner does not have; one that takes any is left to say so itself."""
+    parameters = inspect.signature(run).parameters.values()
+    own = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY} - {"seed", "budget"}
+    for name, value in options.items():
+        if name not in own and (name == "budget" or all(p.kind is not p.VAR_KEYWORD for p in parameters)):
+            raise BadParameter(name, value, f"left out: the planner's own options are {', '.join(sorted(own)) or 'none'}")
 
 
 def plan(

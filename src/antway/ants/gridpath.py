@@ -99,6 +99,8 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
     >>> round(plan.length, 3), plan.optimal
     (11.314, True)
     """
+    for name in (name for name in options if name not in Options.__annotations__):
+        raise BadParameter(name, options.get(name), f"left out: the options are {', '.join(Options.__annotations__)}")
     return explore(problem, seed=seed, budget=budget, record=False, stop_at_bound=True, **options).plan
 
 
