@@ -32,7 +32,7 @@ from antway.avoidance.alternatives import CROSSING, ELSE
 from antway.avoidance.guard import Guarded
 from antway.avoidance.paper import PaperPolicy
 from antway.avoidance.policy import AntwayPolicy
-from antway.kernels import jit
+from antway.kernels.base import jit
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle

@@ -16,7 +16,7 @@ import pytest
 
 import antway
 from antway import BadParameter, BadScenario, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
-from antway.kernels.rng import stream
+from antway.kernels.base.rng import stream
 from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay
 from antway.world.policy import Command, Decision
 from antway.world.sensor import Sensor

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid
-from antway.kernels import geometry
+from antway.kernels.base import geometry
 from common import cases
 from naive.geometry import hits_cells, sampled_discs, sampled_square, sampled_timeline
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.kernels import rng
+from antway.kernels.base import rng
 
 Nodes = NDArray[np.integer]
 Draw = Callable[[], float]  # the next uniform number in [0, 1)

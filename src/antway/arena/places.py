@@ -13,7 +13,7 @@ from scipy.ndimage import label
 from antway.arena.suites import Chance, Suite
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
-from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.base.geometry import segment_hits_cells
 from antway.maps import load_map
 from antway.scenes import SCENES, scene
 from antway.search.dijkstra import distance_field

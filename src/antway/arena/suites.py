@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.kernels.rng import below, stream, uniform
+from antway.kernels.base.rng import below, stream, uniform
 from antway.kernels.survive import survivors
 from antway.search.sipp import Sipp
 from antway.world.motions import Pursue

@@ -17,11 +17,11 @@ from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels import crowd, track
+from antway.kernels.base.jit import entry
+from antway.kernels.base.rng import stream
 from antway.kernels.cycle import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
-from antway.kernels.jit import entry
 from antway.kernels.memory import PIECES
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
-from antway.kernels.rng import stream
 from antway.kernels.timed import move_mask
 from antway.kernels.trails import window
 from antway.planning import TimedPath, standing_cell

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 
 FREE, CLOSED, TARGET = 0, 1, 2
 _DIAGONAL = 1.0 / math.sqrt(2.0)

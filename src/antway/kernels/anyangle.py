@@ -19,8 +19,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.heap import pop, push
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.heap import pop, push
+from antway.kernels.base.jit import bare_kernel, kernel
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import ctz
+from antway.kernels.base.bits import ctz
+from antway.kernels.base.jit import kernel
 from antway.kernels.buckets import (
     BOUND,
     CUT,
@@ -22,7 +23,6 @@ from antway.kernels.buckets import (
     reset,
 )
 from antway.kernels.canonical import START
-from antway.kernels.jit import kernel
 from antway.kernels.jps import jump, place
 
 RUNNING, DONE, FULL, NO_ROOM = 0, 1, 2, 3

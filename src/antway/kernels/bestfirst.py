@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 
 RUNNING, FOUND, EXHAUSTED = 0, 1, 2
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import ctz
-from antway.kernels.jit import kernel
+from antway.kernels.base.bits import ctz
+from antway.kernels.base.jit import kernel
 
 # 5741 : 8119 is a convergent of 1 : sqrt 2. Sums a * 5741 + b * 8119 are ordered as a + b sqrt 2 is while the b of any two
 # differ by less than 5741, and below LIMIT there is no room for a larger b.

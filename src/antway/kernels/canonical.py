@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 
 START = 8  # the direction of a cell that was reached from nowhere: all legal moves are successors
 NEED = {"four": -1, "eight": 2, "eight-nosqueeze": 1, "eight-cut": 0}  # free side cells that a diagonal needs; -1: no diagonals

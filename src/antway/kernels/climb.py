@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.astar import is_clear
-from antway.kernels.heap import pop, push
+from antway.kernels.base.heap import pop, push
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.hierarchy import NOWHERE
-from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.subgoals import DIAGONAL, STRAIGHT, seen
 
 Ints = NDArray[np.int32]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 
 CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)
 FLOOR = 1e-150  # an edge that no ant takes keeps this much, so that pheromone is always > 0

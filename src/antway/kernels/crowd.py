@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.orca import beyond, half_plane, least_wrong, nearest
 from antway.kernels.predict import COURSE, LATER, NAME, RADIUS, VX, VY, X, Y
 

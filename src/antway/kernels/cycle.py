@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.jit import kernel
+from antway.kernels.base.rng import State
 from antway.kernels.crowd import foresee
-from antway.kernels.jit import kernel
 from antway.kernels.memory import Memory
 from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.place import Place, clear
 from antway.kernels.predict import VX, VY, X, Y, predict
-from antway.kernels.rng import State
 from antway.kernels.spacetime import search
 from antway.kernels.trails import Trails, evaporate
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import ctz
+from antway.kernels.base.bits import ctz
+from antway.kernels.base.jit import kernel
 from antway.kernels.canonical import START
-from antway.kernels.jit import kernel
 
 STRAIGHT, DIAGONAL = 38613965.0, 54608393.0
 RUNNING, DONE, FULL = 0, 1, 2

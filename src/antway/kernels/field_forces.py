@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 
 NEAREST = 1e-3  # m; distances below count as this, so that forces stay finite
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import TOUCH, segment_hits_cells, swept_discs
-from antway.kernels.jit import kernel
+from antway.kernels.base.geometry import TOUCH, segment_hits_cells, swept_discs
+from antway.kernels.base.jit import kernel
 from antway.kernels.world import drive, first_wall, wrap
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did

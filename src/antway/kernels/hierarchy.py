@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.heap import pop, push
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.heap import pop, push
+from antway.kernels.base.jit import bare_kernel, kernel
 
 Ints = NDArray[np.int32]
 Longs = NDArray[np.int64]

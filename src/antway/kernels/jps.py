@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import ctz
-from antway.kernels.jit import kernel
+from antway.kernels.base.bits import ctz
+from antway.kernels.base.jit import kernel
 
 _ONE, _LAST = np.uint64(1), np.uint64(63)
 _ALL_BUT_LAST = ~(_ONE << _LAST)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tour import Cities, Ids, Index, distance
 
 HEAD, SIZE, LOGGED = range(3)

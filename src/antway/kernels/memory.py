@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel
 from antway.kernels.pieces import TOUCH, delayed, unsafe_stay, within
 
 PIECES = 2048  # of all predictions at most

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 from antway.kernels.memory import Memory
 from antway.kernels.pieces import TOUCH, earliest_departure
 from antway.kernels.place import Place, can_stay, centre, clear

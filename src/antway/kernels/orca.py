@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel
 
 _PARALLEL = 1e-5  # of two directions: their cross product at most
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 from antway.kernels.motion import place_at
 from antway.kernels.place import Place, centre
 

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel
 
 TOUCH = 1e-9
 Pieces = NDArray[np.float64]  # [P, 8]

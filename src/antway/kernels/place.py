@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_cells
-from antway.kernels.jit import bare_kernel
+from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.base.jit import bare_kernel
 from antway.kernels.pieces import TOUCH, unsafe_stay
 
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_cells, timeline_at
-from antway.kernels.jit import bare_kernel, kernel
-from antway.kernels.rng import State, stream, uniform
+from antway.kernels.base.geometry import segment_hits_cells, timeline_at
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rng import State, stream, uniform
 
 
 @bare_kernel

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_cells
-from antway.kernels.jit import kernel
+from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.base.jit import kernel
 from antway.kernels.pieces import Pieces, earliest_departure, unsafe_stay
 from antway.kernels.timed import NEVER
 

@@ -13,12 +13,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import ctz
-from antway.kernels.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.bits import ctz
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.rng import uniform
 from antway.kernels.memory import LEGS, Memory, leave, note_box, open_cell, pop, push
 from antway.kernels.pieces import TOUCH
 from antway.kernels.place import Place, centre, clear
-from antway.kernels.rng import uniform
 from antway.kernels.trails import Trails, edge, lay, slot
 
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough

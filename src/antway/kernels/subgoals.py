@@ -14,9 +14,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.bits import ctz
+from antway.kernels.base.bits import ctz
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED
-from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.jps import place
 
 STRAIGHT, DIAGONAL = 38613965, 54608393

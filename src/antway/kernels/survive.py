@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_cells, swept_timeline
-from antway.kernels.jit import kernel
+from antway.kernels.base.geometry import segment_hits_cells, swept_timeline
+from antway.kernels.base.jit import kernel
 
 
 @kernel
@@ -34,7 +34,7 @@ def first_contact(
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m. Its edges count as walls.
     knot_t, knot_xy, first, radius
-        The moving discs (kernels/geometry.py).
+        The moving discs (kernels/base/geometry.py).
 
     Returns
     -------

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, Floats, Ints
-from antway.kernels.heap import pop, push
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.heap import pop, push
+from antway.kernels.base.jit import bare_kernel, kernel
 
 
 @bare_kernel

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_square, timeline_at
-from antway.kernels.jit import kernel
+from antway.kernels.base.geometry import segment_hits_square, timeline_at
+from antway.kernels.base.jit import kernel
 from antway.kernels.pieces import Pieces
 
 NEVER = 1e9  # s; a time that is not lived to see

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 
 MATRIX, EUC_2D, CEIL_2D, ATT, EUCLID = range(5)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 
 TRAILS = 1 << 12  # slots of the table, a power of two
 

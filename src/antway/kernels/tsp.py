@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels import rng
+from antway.kernels.base import rng
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.colony import Numbers, best_deposits, clip, evaporate, limits, persistence
-from antway.kernels.jit import bare_kernel, kernel
 from antway.kernels.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
 from antway.kernels.tour import Cities, Floats, Ids, Index, column, distance
 

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import swept_timeline
-from antway.kernels.jit import bare_kernel
+from antway.kernels.base.geometry import swept_timeline
+from antway.kernels.base.jit import bare_kernel
 
 
 @bare_kernel
@@ -65,7 +65,7 @@ def first_conflict(
     growth : float
         How fast a tube widens after t[0], m/s.
     knot_t, knot_xy, first, radius
-        The predicted courses (kernels/geometry.py).
+        The predicted courses (kernels/base/geometry.py).
 
     Returns
     -------

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import segment_hits_cells, swept_discs
-from antway.kernels.jit import kernel
+from antway.kernels.base.geometry import segment_hits_cells, swept_discs
+from antway.kernels.base.jit import kernel
 from antway.kernels.world import drive
 
 

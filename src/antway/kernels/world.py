@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.geometry import TOUCH, swept_discs, swept_timeline
-from antway.kernels.jit import bare_kernel, kernel
-from antway.kernels.rng import State, uniform
+from antway.kernels.base.geometry import TOUCH, swept_discs, swept_timeline
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rng import State, uniform
 
 # What ended a step, in the order that decides ties.
 GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED = 0, 1, 2, 3, 4
@@ -103,7 +103,7 @@ def advance(
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
     knot_t, knot_xy, first, radius
-        The obstacles (kernels/geometry.py).
+        The obstacles (kernels/base/geometry.py).
 
     Returns
     -------

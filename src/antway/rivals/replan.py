@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import OutOfBounds
 from antway.grid import Cell, Moves
-from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.predict import STRAIGHT, predict
 from antway.kernels.tubes import first_conflict
 from antway.planning import Problem, TimedPath

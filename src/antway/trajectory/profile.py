@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.motion import first_conflict
 from antway.planning import TimedPath
 

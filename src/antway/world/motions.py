@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, BadScenario
 from antway.grid import Grid
-from antway.kernels.rng import stream, uniform
+from antway.kernels.base.rng import stream, uniform
 from antway.kernels.world import bounce
 
 XY = tuple[float, float]  # m

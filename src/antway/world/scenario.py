@@ -13,7 +13,7 @@ import numpy as np
 
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
-from antway.kernels.geometry import segment_hits_cells
+from antway.kernels.base.geometry import segment_hits_cells
 from antway.trajectory.footprint import circumscribed_radius
 from antway.world.motions import MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task

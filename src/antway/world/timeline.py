@@ -98,7 +98,7 @@ class Timeline:
 
     def at(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return places in m and velocities in m/s at time t, float64[K, 2] each."""
-        from antway.kernels.geometry import timeline_at
+        from antway.kernels.base.geometry import timeline_at
 
         states = [timeline_at(float(t), self.knot_t, self.knot_xy, self.first[k], self.first[k + 1]) for k in range(len(self))]
         both = np.array(states, np.float64).reshape(-1, 4)

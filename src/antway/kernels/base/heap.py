@@ -6,7 +6,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from antway.kernels.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel
 
 Rows = NDArray[Any]
 

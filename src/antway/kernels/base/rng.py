@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.jit import kernel
+from antway.kernels.base.jit import kernel
 
 State = NDArray[np.uint64]
 GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step
