@@ -10,7 +10,7 @@ import pytest
 
 from antway import Grid, Moves, Problem, distance_field
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
-from antway.kernels.canonical import START
+from antway.kernels.search.canonical import START
 from antway.search import derived
 from antway.search.astar import astar
 from antway.search.costs import inflation_costs

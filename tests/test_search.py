@@ -15,8 +15,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 
 from antway import Grid, Moves, Problem, Status, check_plan, distance_field, load_map
-from antway.kernels.bestfirst import gauge
-from antway.kernels.jps import jump, place
+from antway.kernels.search.best_first import gauge
+from antway.kernels.search.jps import jump, place
 from antway.maps.movingai import load_scen
 from antway.search import derived
 from antway.search.astar import Searcher, astar, searcher

@@ -10,9 +10,9 @@ from scipy.sparse.csgraph import dijkstra as scipy_dijkstra
 from antway import Budget, Grid, Problem, Status, check_plan, solve
 from antway.errors import BadParameter
 from antway.grid import Moves
-from antway.kernels import hierarchy
-from antway.kernels.climb import diagonals, meet
-from antway.kernels.subgoals import DIAGONAL, STRAIGHT, corners, seen
+from antway.kernels.search import hierarchy
+from antway.kernels.search.ch_query import diagonals, meet
+from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, corners, seen
 from antway.search import subgoals as module
 from antway.search.derived import kept, lattice, packed_lines
 from antway.search.dijkstra import dijkstra

@@ -20,7 +20,7 @@ from antway.grid import Cell, Grid, Moves
 from antway.kernels import walk as kernel
 from antway.kernels.colony import Numbers, limits
 from antway.kernels.colony import persistence as rho
-from antway.kernels.field import STRAIGHT
+from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import Clock, Plan, Problem, Status
 from antway.search.derived import Graph, graph, lattice
 from antway.search.dijkstra import Wave, distance_field

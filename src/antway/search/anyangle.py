@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
-from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, START, build_strips, search, unwind
-from antway.kernels.theta import cells_along, theta
+from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, build_strips, search, unwind
+from antway.kernels.search.theta import cells_along, theta
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept
 from antway.search.result import not_found

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
-from antway.kernels.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
-from antway.kernels.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT
+from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
+from antway.kernels.search.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search import heap
 from antway.search.costs import checked_costs

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Grid, Moves
-from antway.kernels.astar import FULL, NO_ROOM, solve_all
+from antway.kernels.search.astar import FULL, NO_ROOM, solve_all
 from antway.planning import Problem
 from antway.search.astar import MOST_CELLS, Searcher, searcher
 from antway.search.derived import NEIGHBOURS

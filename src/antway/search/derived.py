@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.bestfirst import legal_moves
-from antway.kernels.canonical import NEED, successor_table, surroundings
-from antway.kernels.jps import mirror, turn
+from antway.kernels.search.best_first import legal_moves
+from antway.kernels.search.canonical import NEED, successor_table, surroundings
+from antway.kernels.search.jps import mirror, turn
 
 T = TypeVar("T")
 NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` has

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.canonical import START
-from antway.kernels.field import BAND, DONE, EXPANDED, FULL, OPEN, RING, RUNNING, STRAIGHT, descend, spread
+from antway.kernels.search.canonical import START
+from antway.kernels.search.distance_field import BAND, DONE, EXPANDED, FULL, OPEN, RING, RUNNING, STRAIGHT, descend, spread
 from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
 from antway.search import heap
 from antway.search.costs import checked_costs

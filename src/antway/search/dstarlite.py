@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
-from antway.kernels.dstarlite import EXPANDED, GOAL, INF, START, begin, change, compute, descend, move
+from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, begin, change, compute, descend, move
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 from antway.search.result import not_found
 

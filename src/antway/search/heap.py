@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.bestfirst import EXHAUSTED, FOUND, RUNNING, best_first, gauge, open_cell
+from antway.kernels.search.best_first import EXHAUSTED, FOUND, RUNNING, best_first, gauge, open_cell
 from antway.planning import Clock, Plan, Problem
 from antway.search.derived import Graph, graph
 from antway.search.result import found, not_found

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.grid import Grid, Moves
-from antway.kernels.climb import route, route_all
-from antway.kernels.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, ladder
-from antway.kernels.subgoals import corners, link
+from antway.kernels.search.ch_query import route, route_all
+from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, ladder
+from antway.kernels.search.subgoals import corners, link
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept, lattice, packed_lines
 from antway.search.jps import jps

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.astar import is_clear
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.hierarchy import NOWHERE
-from antway.kernels.subgoals import DIAGONAL, STRAIGHT, seen
+from antway.kernels.search.astar import is_clear
+from antway.kernels.search.hierarchy import NOWHERE
+from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, seen
 
 Ints = NDArray[np.int32]
 Longs = NDArray[np.int64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED
-from antway.kernels.jps import place
+from antway.kernels.search.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED
+from antway.kernels.search.jps import place
 
 STRAIGHT, DIAGONAL = 38613965, 54608393
 

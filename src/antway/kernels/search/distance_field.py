@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import kernel
-from antway.kernels.canonical import START
+from antway.kernels.search.canonical import START
 
 STRAIGHT, DIAGONAL = 38613965.0, 54608393.0
 RUNNING, DONE, FULL = 0, 1, 2

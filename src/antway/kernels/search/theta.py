@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.anyangle import EMPTY, FOUND, PAUSED, Floats, Ints
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, Floats, Ints
 
 
 @bare_kernel

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import kernel
-from antway.kernels.buckets import (
+from antway.kernels.search.buckets import (
     BOUND,
     CUT,
     DIAGONAL,
@@ -22,8 +22,8 @@ from antway.kernels.buckets import (
     next_block,
     reset,
 )
-from antway.kernels.canonical import START
-from antway.kernels.jps import jump, place
+from antway.kernels.search.canonical import START
+from antway.kernels.search.jps import jump, place
 
 RUNNING, DONE, FULL, NO_ROOM = 0, 1, 2, 3
 LOWEST, HIGHEST = -(2**31), 2**31 - 1
