@@ -12,7 +12,7 @@ from antway.ants.front import OBJECTIVES, alternatives, pareto
 from antway.ants.walkers import Squad
 from antway.errors import BadInput
 from antway.grid import Grid, Moves
-from antway.kernels import walk as kernel
+from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Problem, Status
 from antway.verify import check_plan
 from common import SHARED, cases, needs_data

@@ -12,8 +12,8 @@ from antway.ants.colony import Colony
 from antway.ants.persistence import Adaptive, ByQuality, Constant, Decay, Printed
 from antway.ants.rules import RULES, AntSystem, make_rule
 from antway.ants.tsplib import Tsp
-from antway.kernels import colony as kernel
-from antway.kernels import tsp
+from antway.kernels.colony import pheromone as kernel
+from antway.kernels.colony import tsp
 from common import cases
 from naive import ants as naive
 

@@ -22,9 +22,9 @@ from antway.ants.rules import (
     make_rule,
 )
 from antway.ants.tsplib import Tsp
-from antway.kernels import tsp as kernel
 from antway.kernels.base import rng
 from antway.kernels.base.jit import kernel as compiled
+from antway.kernels.colony import tsp as kernel
 from naive import ants as naive
 
 # Four cities; the tours 0123, 0132, 0213 are 16, 14 and 18 long.

@@ -7,9 +7,9 @@ import pytest
 
 from antway.ants.colony import Colony
 from antway.ants.tsp import Tsp, solve_tsp
-from antway.kernels import local_search as search
-from antway.kernels import tour as kernel
-from antway.kernels import tsp
+from antway.kernels.colony import local_search as search
+from antway.kernels.colony import tour as kernel
+from antway.kernels.colony import tsp
 from common import cases
 from naive import ants, tour
 

@@ -12,8 +12,8 @@ from antway.ants.persistence import Adaptive, ByQuality, Constant, Decay, Printe
 from antway.ants.rules import RULES, make_rule
 from antway.ants.walkers import NO_TURN, Ground, Squad, Trail
 from antway.grid import Grid, Moves
-from antway.kernels import walk as kernel
-from antway.kernels.colony import persistence
+from antway.kernels.colony import grid_walk as kernel
+from antway.kernels.colony.pheromone import persistence
 from antway.planning import Budget, Problem
 from common import cases, free_cells, random_grid
 from naive import walk as naive

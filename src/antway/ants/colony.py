@@ -15,9 +15,9 @@ from antway.ants.persistence import Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.ants.tsplib import Tsp, permutation
 from antway.errors import BadParameter
-from antway.kernels import tour as cities_kernel
-from antway.kernels import tsp as kernel
-from antway.kernels.colony import Numbers
+from antway.kernels.colony import tour as cities_kernel
+from antway.kernels.colony import tsp as kernel
+from antway.kernels.colony.pheromone import Numbers
 
 NO_LABOUR = kernel.Labour(-1, 0, 0, 0)
 

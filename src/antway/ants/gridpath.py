@@ -19,7 +19,7 @@ from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
 from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop, plan_of
 from antway.errors import BadParameter
-from antway.kernels.walk import entropy
+from antway.kernels.colony.grid_walk import entropy
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 
 BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # the default by heuristic, see `explore`

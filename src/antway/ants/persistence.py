@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.kernels import colony as kernel
+from antway.kernels.colony import pheromone as kernel
 
 
 class Persistence(Protocol):

@@ -15,7 +15,7 @@ import numpy as np
 from antway import checks
 from antway.ants.persistence import Constant, Persistence
 from antway.errors import BadParameter
-from antway.kernels.colony import Numbers
+from antway.kernels.colony.pheromone import Numbers
 
 
 class Rule(Protocol):

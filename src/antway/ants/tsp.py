@@ -20,7 +20,7 @@ from antway.ants.rules import MaxMinAntSystem, Rule
 from antway.ants.tsplib import Tsp as Tsp
 from antway.ants.tsplib import load_tsp as load_tsp
 from antway.errors import BadParameter
-from antway.kernels.tsp import Labour
+from antway.kernels.colony.tsp import Labour
 from antway.planning import Budget
 
 # The local searches: candidates tried for a third edge, and cities in the part that a move displaces (None: all).

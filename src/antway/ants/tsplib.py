@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
-from antway.kernels import tour as kernel
+from antway.kernels.colony import tour as kernel
 
 MAX_BYTES = 64_000_000
 MAX_CITIES = 200_000

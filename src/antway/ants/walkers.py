@@ -17,9 +17,9 @@ from antway.ants.immune import Immunity, vaccinate_path
 from antway.ants.rules import Rule
 from antway.errors import BadParameter, TooLarge
 from antway.grid import Cell, Grid, Moves
-from antway.kernels import walk as kernel
-from antway.kernels.colony import Numbers, limits
-from antway.kernels.colony import persistence as rho
+from antway.kernels.colony import grid_walk as kernel
+from antway.kernels.colony.pheromone import Numbers, limits
+from antway.kernels.colony.pheromone import persistence as rho
 from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import Clock, Plan, Problem, Status
 from antway.search.derived import Graph, graph, lattice

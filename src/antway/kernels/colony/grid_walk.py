@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import mix, stream
-from antway.kernels.colony import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
+from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
 FLOOR = 1e-30  # a legal move keeps this share of the heaviest one's weight, so that 0 means "no move" and nothing else
 NEAR = 1e-3  # cells; a target nearer than this is seen as if it were so far: an ant beside it steps onto it

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.tour import Cities, Ids, Index, distance
+from antway.kernels.colony.tour import Cities, Ids, Index, distance
 
 HEAD, SIZE, LOGGED = range(3)
 TWO, THREE, SWAPPED, REVERSED = range(4)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.colony import Numbers, best_deposits, clip, evaporate, limits, persistence
-from antway.kernels.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
-from antway.kernels.tour import Cities, Floats, Ids, Index, column, distance
+from antway.kernels.colony.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
+from antway.kernels.colony.pheromone import Numbers, best_deposits, clip, evaporate, limits, persistence
+from antway.kernels.colony.tour import Cities, Floats, Ids, Index, column, distance
 
 BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
 Weights = NDArray[np.float32]

@@ -1,0 +1,1 @@
+"""Kernels of ant colonies on graphs."""
