@@ -25,7 +25,7 @@ from antway.arena.suites import Chance
 from antway.arena.synthetic import make as suite
 from antway.avoidance.colony import make_memory, make_trails
 from antway.avoidance.policy import AntwayPolicy
-from antway.kernels import spacetime
+from antway.kernels.spacetime import ants as spacetime
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce, Replay

@@ -18,8 +18,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, Moves, Status
-from antway.kernels.pieces import unsafe_departures, unsafe_stay
-from antway.kernels.timed import timeline_pieces
+from antway.kernels.spacetime.prepare import timeline_pieces
+from antway.kernels.spacetime.segments import unsafe_departures, unsafe_stay
 from antway.search.sipp import Sipp
 from antway.world.timeline import Timeline
 from naive import timed as naive

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid, Moves
-from antway.kernels.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
-from antway.kernels.place import Place
-from antway.kernels.trails import TRAILS, Trails
+from antway.kernels.spacetime.context import Place
+from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
+from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import RobotSpec
 

@@ -20,10 +20,10 @@ from antway.kernels import crowd, track
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.cycle import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
-from antway.kernels.memory import PIECES
 from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
-from antway.kernels.timed import move_mask
-from antway.kernels.trails import window
+from antway.kernels.spacetime.memory import PIECES
+from antway.kernels.spacetime.pheromone import window
+from antway.kernels.spacetime.prepare import move_mask
 from antway.planning import TimedPath, standing_cell
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State
 from antway.kernels.crowd import foresee
-from antway.kernels.memory import Memory
-from antway.kernels.motion import first_conflict, place_at, shorten, trace_back
-from antway.kernels.place import Place, clear
 from antway.kernels.predict import VX, VY, X, Y, predict
-from antway.kernels.spacetime import search
-from antway.kernels.trails import Trails, evaporate
+from antway.kernels.spacetime.ants import search
+from antway.kernels.spacetime.context import Place, clear
+from antway.kernels.spacetime.memory import Memory
+from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
+from antway.kernels.spacetime.pheromone import Trails, evaporate
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
 COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN = range(6)  # of a plan's state

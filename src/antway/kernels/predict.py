@@ -38,7 +38,7 @@ def predict(
     course: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> int:
-    """Turn beliefs about tracks into pieces (kernels/pieces.py) for a robot at (robot_x, robot_y).
+    """Turn beliefs about tracks into pieces (kernels/spacetime/segments.py) for a robot at (robot_x, robot_y).
 
     Parameters
     ----------

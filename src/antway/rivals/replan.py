@@ -121,7 +121,7 @@ class Sipp(Follow):
         return STOP
 
     def _pieces(self, o: Observation, margin: float) -> NDArray[np.float64]:
-        """Return the predictions as pieces (kernels/pieces.py); a margin that is broken already is cut to what there is."""
+        """Return the predictions as pieces (kernels/spacetime/segments.py); a margin that is broken already is cut to what there is."""
         robot, horizon = self.task.robot, min(self.horizon, 1e6)
         xy, velocity = now(o)
         n = len(xy)

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked
 from antway.grid import Cell, Grid, Moves
-from antway.kernels import sipp as kernels
-from antway.kernels import timed
 from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.spacetime import prepare as timed
+from antway.kernels.spacetime import sipp as kernels
 from antway.planning import Status, TimedPath
 
 TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)

@@ -12,7 +12,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.motion import first_conflict
+from antway.kernels.spacetime.motion import first_conflict
 from antway.planning import TimedPath
 
 
@@ -112,7 +112,7 @@ def _leg(
 def is_clear(path: TimedPath, grid: Grid, radius: float, pieces: NDArray[np.float64] | None = None) -> bool:
     """Tell, by the exact swept test, whether a disc of `radius` m on `path` touches neither walls nor moving obstacles.
 
-    `pieces` is float64[P, 8] as in `antway.kernels.pieces`, radii included.
+    `pieces` is float64[P, 8] as in `antway.kernels.spacetime.segments`, radii included.
     """
     checks.instance("path", path, TimedPath)
     checks.instance("grid", grid, Grid)

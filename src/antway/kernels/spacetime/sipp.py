@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import kernel
-from antway.kernels.pieces import Pieces, earliest_departure, unsafe_stay
-from antway.kernels.timed import NEVER
+from antway.kernels.spacetime.prepare import NEVER
+from antway.kernels.spacetime.segments import Pieces, earliest_departure, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
 SLACK = 1e-9  # s; costs closer than this are equal

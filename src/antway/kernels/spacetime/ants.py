@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.rng import uniform
-from antway.kernels.memory import LEGS, Memory, leave, note_box, open_cell, pop, push
-from antway.kernels.pieces import TOUCH
-from antway.kernels.place import Place, centre, clear
-from antway.kernels.trails import Trails, edge, lay, slot
+from antway.kernels.spacetime.context import Place, centre, clear
+from antway.kernels.spacetime.memory import LEGS, Memory, leave, note_box, open_cell, pop, push
+from antway.kernels.spacetime.pheromone import Trails, edge, lay, slot
+from antway.kernels.spacetime.segments import TOUCH
 
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough
 
@@ -172,7 +172,7 @@ def search(
     Parameters
     ----------
     pieces, lag : float64[P, 8], float
-        Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/pieces.py.
+        Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/spacetime/segments.py.
     horizon : float
         Absolute time after which obstacles are forgotten: a way that ends then is charged the field from there.
     reach : int

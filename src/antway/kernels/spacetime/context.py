@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.pieces import TOUCH, unsafe_stay
+from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
 
 
 class Place(NamedTuple):

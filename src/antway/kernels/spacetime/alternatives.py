@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.motion import place_at
-from antway.kernels.place import Place, centre
+from antway.kernels.spacetime.context import Place, centre
+from antway.kernels.spacetime.motion import place_at
 
 _SAMPLES = 100
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.memory import Memory
-from antway.kernels.pieces import TOUCH, earliest_departure
-from antway.kernels.place import Place, can_stay, centre, clear
+from antway.kernels.spacetime.context import Place, can_stay, centre, clear
+from antway.kernels.spacetime.memory import Memory
+from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
 LOOK = 10  # vertices ahead that a shortcut may reach
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.pieces import TOUCH, delayed, unsafe_stay, within
+from antway.kernels.spacetime.segments import TOUCH, delayed, unsafe_stay, within
 
 PIECES = 2048  # of all predictions at most
 NEAR = 1 << 16  # pieces that come near a cell, over all cells of a search

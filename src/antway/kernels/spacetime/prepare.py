@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_square, timeline_at
 from antway.kernels.base.jit import kernel
-from antway.kernels.pieces import Pieces
+from antway.kernels.spacetime.segments import Pieces
 
 NEVER = 1e9  # s; a time that is not lived to see
 

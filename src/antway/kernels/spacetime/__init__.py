@@ -1,0 +1,1 @@
+"""Kernels of search and of ants in space and time."""
