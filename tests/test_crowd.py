@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from antway.kernels import crowd, orca
-from antway.kernels.predict import COURSE, LATER, predict
+from antway.kernels.tracking import crowd, orca
+from antway.kernels.tracking.predict import COURSE, LATER, predict
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive

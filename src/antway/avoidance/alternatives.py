@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from antway.avoidance.colony import make_memory, make_trails
 from antway.kernels.cycle import Settings
-from antway.kernels.predict import predict
 from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import Place
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
+from antway.kernels.tracking.predict import predict
 from antway.planning import TimedPath
 from antway.world.policy import XY
 

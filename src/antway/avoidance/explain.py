@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from antway.avoidance.alternatives import Situation, Weighed, manner
 from antway.avoidance.encounter import closest_approach, encounter
-from antway.kernels.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.kernels.spacetime.memory import Memory
+from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.world.policy import XY, Decision
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.guard import BRAKED, guarded, within_reach
-from antway.kernels.track import fault
+from antway.kernels.tracking.kalman import fault
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 
 DID = ("free", "slowed", "braked", "stepped-aside")

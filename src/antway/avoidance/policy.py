@@ -16,14 +16,15 @@ from antway.avoidance.explain import explain, wait_of
 from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Moves
-from antway.kernels import crowd, track
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.cycle import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
-from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.kernels.spacetime.memory import PIECES
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
+from antway.kernels.tracking import crowd
+from antway.kernels.tracking import kalman as track
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.planning import TimedPath, standing_cell
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.rng import stream
-from antway.kernels.tubes import close_cells, first_conflict, stand_free
+from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
 from antway.kernels.world import bounce
 from antway.world.policy import XY, Observation
 

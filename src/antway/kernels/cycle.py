@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State
-from antway.kernels.crowd import foresee
-from antway.kernels.predict import VX, VY, X, Y, predict
 from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import Place, clear
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
+from antway.kernels.tracking.crowd import foresee
+from antway.kernels.tracking.predict import VX, VY, X, Y, predict
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
 COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN = range(6)  # of a plan's state
@@ -55,7 +55,7 @@ class Settings(NamedTuple):
 
 
 class Crowd(NamedTuple):
-    """What is known of those who avoid one another, and where they will go; see kernels/crowd.py."""
+    """What is known of those who avoid one another, and where they will go; see kernels/tracking/crowd.py."""
 
     rows: NDArray[np.float64]
     known: NDArray[np.int64]  # [1] rows in use
@@ -122,7 +122,7 @@ def cycle(
 ) -> tuple[float, float, int, float, float]:
     """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival).
 
-    Arrivals are absolute, s; `beliefs` are as kernels/track.py leaves them, `age` s old; `pieces` is room for the prediction.
+    Arrivals are absolute, s; `beliefs` are as kernels/tracking/kalman.py leaves them, `age` s old; `pieces` is room for the prediction.
     """
     s = settings
     crowd.known[0] = foresee(crowd.rows, crowd.known[0], beliefs, now - age, s.usual, crowd.course)

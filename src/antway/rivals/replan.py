@@ -12,8 +12,8 @@ from antway import checks
 from antway.errors import OutOfBounds
 from antway.grid import Cell, Moves
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.predict import STRAIGHT, predict
-from antway.kernels.tubes import first_conflict
+from antway.kernels.tracking.predict import STRAIGHT, predict
+from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
-from antway.kernels.predict import STRAIGHT, predict
 from antway.kernels.spacetime.memory import PIECES
+from antway.kernels.tracking.predict import STRAIGHT, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.kernels import track
-from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking import kalman as track
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.ros2.frames import Pose, move
 from antway.world.policy import Tracks
 
@@ -109,7 +109,7 @@ def _circle(piece: NDArray[np.float64], largest: float) -> tuple[float, float, f
 
 
 class Tracker:
-    """Gives tracks what they lack of names and velocities, by a Kalman filter for each (kernels/track.py).
+    """Gives tracks what they lack of names and velocities, by a Kalman filter for each (kernels/tracking/kalman.py).
 
     Parameters
     ----------

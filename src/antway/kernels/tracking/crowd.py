@@ -1,6 +1,6 @@
 """People who avoid one another: what each wishes is learnt from what it does, and where all will go follows by ORCA.
 
-Who avoids others takes the allowed velocity nearest to the wished one (kernels/orca.py). Seen backwards: the wish is the
+Who avoids others takes the allowed velocity nearest to the wished one (kernels/tracking/orca.py). Seen backwards: the wish is the
 velocity taken plus some of the outward normals of the lines that it lies on. With a length known, the wish of one who is free
 or at one line is known exactly, else it lies in an arc. Bearings of wishes from several places tell the goal. A crowd is
 predicted so only if of late it was predicted better so than by constant velocity.
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.orca import beyond, half_plane, least_wrong, nearest
-from antway.kernels.predict import COURSE, LATER, NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
+from antway.kernels.tracking.predict import COURSE, LATER, NAME, RADIUS, VX, VY, X, Y
 
 # columns of a row: the belief last seen, its goal and the information on it, the next velocity predicted, both models' errors
 _SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _STRAIGHT, _TURNING = range(8, 18)
@@ -124,7 +124,7 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, usual: float, lines: 
 def _straighten(course: NDArray[np.float64], first: int, last: int) -> None:
     """Make steps [first, last) of a course straight where that leaves nobody more than _STRAY m from where he was to be.
 
-    What is uniform for many steps is one piece for those who plan (kernels/predict.py), in place of many.
+    What is uniform for many steps is one piece for those who plan (kernels/tracking/predict.py), in place of many.
     """
     while first < last:
         until = first + 1
@@ -164,7 +164,7 @@ def foresee(
     rows : float64[M, COLUMNS]
         What is known, M >= K; rows below `count`.
     beliefs : float64[K, 8]
-        As of kernels/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
+        As of kernels/tracking/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
     usual : float
         Speed of whoever walks freely, m/s.
     course : float64[N, STEPS, 2]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 
 ID, T, P11, P12, P22 = range(8, 13)  # columns of a book of tracks after those of a belief
 COLUMNS = 13

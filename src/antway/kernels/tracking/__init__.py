@@ -1,0 +1,1 @@
+"""Kernels that follow obstacles and predict them."""
