@@ -10,8 +10,8 @@ import pytest
 from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
 from antway.avoidance.guard import Guard, Guarded
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
-from antway.kernels.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
-from antway.kernels.world import drive
+from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
 from common import cases
 from naive import guard as naive
 

@@ -1,4 +1,4 @@
-"""Slow, obvious twins of kernels/world.py and kernels/sense.py: everything by dense sampling."""
+"""Slow, obvious twins of kernels/robot/dynamics.py and kernels/robot/sensor.py: everything by dense sampling."""
 
 from __future__ import annotations
 

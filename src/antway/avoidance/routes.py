@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from antway.errors import OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.robot.dynamics import REST, drive
 from antway.kernels.search.distance_field import STRAIGHT, descend
-from antway.kernels.world import REST, drive
 from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.dijkstra import Wave

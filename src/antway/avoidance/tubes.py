@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.rng import stream
+from antway.kernels.robot.dynamics import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
-from antway.kernels.world import bounce
 from antway.world.policy import XY, Observation
 
 _KNOTS = 64  # of one predicted course at most; beyond, the obstacle is taken to stand

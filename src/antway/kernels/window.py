@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.jit import kernel
-from antway.kernels.world import drive
+from antway.kernels.robot.dynamics import drive
 
 
 @kernel

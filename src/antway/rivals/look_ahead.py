@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from antway.kernels.world import first_wall
+from antway.kernels.robot.dynamics import first_wall
 from antway.planning import TimedPath
 from antway.rivals.replan import clear
 from antway.world.policy import XY, Command, Observation, Task

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway.avoidance.policy import AntwayPolicy
 from antway.errors import BadInput
 from antway.grid import Grid
-from antway.kernels.world import wrap
+from antway.kernels.robot.dynamics import wrap
 from antway.planning import standing_cell
 from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
 from antway.ros2.markers import predictions

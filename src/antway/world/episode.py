@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import antway
 from antway import checks
 from antway.errors import BadScenario
-from antway.kernels.world import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, REST, advance
+from antway.kernels.robot.dynamics import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, REST, advance
 from antway.planning import TimedPath
 from antway.world.policy import Command, Decision, Observation, Policy, Task, make_policy
 from antway.world.pursuit import Pursuit

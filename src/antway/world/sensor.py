@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.base.rng import stream
-from antway.kernels.sense import degrade, scan
+from antway.kernels.robot.sensor import degrade, scan
 from antway.world.policy import Task, Tracks
 from antway.world.timeline import Timeline
 

@@ -35,7 +35,7 @@ def scan(
     Parameters
     ----------
     blocked, frame, knot_t, knot_xy, first, radius
-        Map and obstacles, as in kernels/world.py.
+        Map and obstacles, as in kernels/robot/dynamics.py.
     seen, state : int64[K], float64[K, 4]
         Filled with the index and the (x, y, vx, vy) of each disc seen, in the order of the indices.
 

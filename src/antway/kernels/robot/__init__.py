@@ -1,0 +1,1 @@
+"""Kernels of the simulated robot, its sensor and its guard."""
