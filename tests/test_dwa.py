@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.kernels.window import roll_out
+from antway.kernels.baselines.dwa import roll_out
 from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
 from common import cases

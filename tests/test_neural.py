@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.kernels.activity import CLOSED, FREE, TARGET, climb, relax, shunt, stamp
+from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, climb, relax, shunt, stamp
 from antway.world.motions import BackAndForth
 from antway.world.policy import Task
 from antway.world.world import Obstacle

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.base.rng import below, stream, uniform
-from antway.kernels.survive import survivors
+from antway.kernels.baselines.oracle import survivors
 from antway.search.sipp import Sipp
 from antway.world.motions import Pursue
 from antway.world.policy import XY

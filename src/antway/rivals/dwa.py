@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.kernels.window import roll_out
+from antway.kernels.baselines.dwa import roll_out
 from antway.rivals.look_ahead import look_ahead
 from antway.rivals.replan import STOP, Follow, now
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.grid import Cell
-from antway.kernels.activity import CLOSED, FREE, TARGET, climb, relax, shunt, stamp
+from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, climb, relax, shunt, stamp
 from antway.rivals.look_ahead import short_of_walls
 from antway.rivals.replan import STOP, clear, now
 from antway.world.policy import XY, Command, Decision, Observation, Task

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from antway.kernels.survive import first_contact
+from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.rivals.replan import STOP, drive
 from antway.search.sipp import Sipp

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.kernels.field_forces import disc_force, wall_force
+from antway.kernels.baselines.potential_field import disc_force, wall_force
 from antway.rivals.look_ahead import look_ahead, short_of_walls
 from antway.rivals.replan import STOP, Follow, now
 
