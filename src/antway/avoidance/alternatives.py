@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.avoidance.colony import make_memory, make_trails
-from antway.kernels.cycle import Settings
+from antway.kernels.crossing import Settings
 from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import Place

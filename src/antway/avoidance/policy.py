@@ -18,7 +18,7 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.cycle import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
+from antway.kernels.crossing import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
 from antway.kernels.spacetime.memory import PIECES
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask

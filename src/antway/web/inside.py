@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.avoidance.paper import PaperPolicy
 from antway.avoidance.policy import AntwayPolicy
 from antway.grid import Moves
-from antway.kernels.cycle import LOOK
+from antway.kernels.crossing import LOOK
 from antway.planning import TimedPath
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Policy
