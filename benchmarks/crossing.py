@@ -23,10 +23,10 @@ from antway import Grid, RobotSpec, Scenario, Status, World, run
 from antway.arena.crossing import orca_tracks
 from antway.arena.suites import Chance
 from antway.arena.synthetic import make as suite
-from antway.avoidance.colony import make_memory, make_trails
-from antway.avoidance.policy import AntwayPolicy
 from antway.kernels.spacetime import ants as spacetime
 from antway.planning import TimedPath
+from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.state import make_memory, make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce, Replay
 from antway.world.policy import Command, Decision, Observation, Task

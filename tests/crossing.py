@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from antway import Grid, RobotSpec, Scenario, World
-from antway.avoidance.colony import make_memory, make_place, make_trails
 from antway.kernels.spacetime import ants as spacetime
+from antway.policies.antway.state import make_memory, make_place, make_trails
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle

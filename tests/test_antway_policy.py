@@ -28,11 +28,11 @@ from antway import (
     make_policy,
     run,
 )
-from antway.avoidance.alternatives import CROSSING, ELSE
 from antway.avoidance.guard import Guarded
 from antway.avoidance.paper import PaperPolicy
-from antway.avoidance.policy import AntwayPolicy
 from antway.kernels.base import jit
+from antway.policies.antway.alternatives import CROSSING, ELSE
+from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from antway import Grid, Status
-from antway.avoidance.colony import make_trails
 from antway.kernels.robot.guard import gap_to_reach, time_to_contact
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.predict import STRAIGHT, predict
+from antway.policies.antway.state import make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
 from antway.world.world import Obstacle, World

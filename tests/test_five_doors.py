@@ -18,10 +18,10 @@ import pytest
 import tomli_w
 
 from antway import Grid, Problem, RobotSpec, Scenario, Task, Tracks, World, load_map, load_scenario, make_policy, solve
-from antway.avoidance.policy import AntwayPolicy
 from antway.cli import app, main
 from antway.console import Refused
 from antway.errors import BadInput, BadMap, BadParameter, CellBlocked, OutOfBounds, TooLarge
+from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
 from antway.ros2.settings import Settings, parameters
 from antway.web.session import PARAMETERS, Session

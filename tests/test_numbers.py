@@ -38,7 +38,7 @@ PARTS = {
     "antway.arena.gym": "CrossingEnv",
     "antway.avoidance.guard": "Guard",
     "antway.avoidance.paper": "PaperPolicy",
-    "antway.avoidance.policy": "AntwayPolicy",
+    "antway.policies.antway.policy": "AntwayPolicy",
     "antway.maps": "Limits",
     "antway.rivals.dwa": "Dwa",
     "antway.rivals.neural": "Neural Glasius",

@@ -18,10 +18,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from antway import checks
-from antway.avoidance.policy import AntwayPolicy
 from antway.errors import BadInput, BadMap, BadParameter
 from antway.grid import Grid
 from antway.planning import Problem, solve
+from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert, frames
 from antway.ros2.actions import Served
 from antway.ros2.frames import Pose

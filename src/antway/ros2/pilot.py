@@ -9,11 +9,11 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.avoidance.policy import AntwayPolicy
 from antway.errors import BadInput
 from antway.grid import Grid
 from antway.kernels.robot.dynamics import wrap
 from antway.planning import standing_cell
+from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
 from antway.ros2.markers import predictions
 from antway.ros2.settings import Settings

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from antway import checks
-from antway.avoidance.policy import AntwayPolicy
 from antway.errors import BadInput, BadParameter
 from antway.grid import Grid, Moves
 from antway.planning import PLANNERS
+from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
 from antway.world.policy import RobotSpec, Task
 

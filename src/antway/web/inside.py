@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.avoidance.paper import PaperPolicy
-from antway.avoidance.policy import AntwayPolicy
 from antway.grid import Moves
 from antway.kernels.crossing import LOOK
 from antway.planning import TimedPath
+from antway.policies.antway.policy import AntwayPolicy
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Policy
 

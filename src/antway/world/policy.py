@@ -226,7 +226,7 @@ class Policy(Protocol):
 
 POLICIES: dict[str, str] = {
     "paper": "antway.avoidance.paper:PaperPolicy",
-    "antway": "antway.avoidance.policy:AntwayPolicy",
+    "antway": "antway.policies.antway.policy:AntwayPolicy",
     "follow": "antway.rivals.replan:Follow",
     "stop": "antway.rivals.replan:Stop",
     "replan": "antway.rivals.replan:Replan",

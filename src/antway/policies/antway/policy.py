@@ -10,9 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.avoidance.alternatives import Situation
-from antway.avoidance.colony import make_memory, make_place, make_trails
-from antway.avoidance.explain import explain, wait_of
 from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Moves
@@ -26,6 +23,9 @@ from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.planning import TimedPath, standing_cell
+from antway.policies.antway.alternatives import Situation
+from antway.policies.antway.explain import explain, wait_of
+from antway.policies.antway.state import make_memory, make_place, make_trails
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 
 _KNOTS = 2048  # of a plan

@@ -11,7 +11,6 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.avoidance.colony import make_memory, make_trails
 from antway.kernels.crossing import Settings
 from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
@@ -20,6 +19,7 @@ from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
 from antway.kernels.tracking.predict import predict
 from antway.planning import TimedPath
+from antway.policies.antway.state import make_memory, make_trails
 from antway.world.policy import XY
 
 CROSSING = ("pass in front", "pass behind")

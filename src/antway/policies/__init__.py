@@ -1,0 +1,1 @@
+"""Policies that drive a robot: the paper's, antway's, and the guard that stands behind either."""

@@ -1,0 +1,1 @@
+"""Policy `antway`: ants in space and time."""

@@ -1,0 +1,1 @@
+"""Policy `paper`: Steps 1-8 of the paper."""
