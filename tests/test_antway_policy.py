@@ -29,10 +29,10 @@ from antway import (
     run,
 )
 from antway.avoidance.guard import Guarded
-from antway.avoidance.paper import PaperPolicy
 from antway.kernels.base import jit
 from antway.policies.antway.alternatives import CROSSING, ELSE
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.paper.policy import PaperPolicy
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle

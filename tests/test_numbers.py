@@ -37,7 +37,7 @@ PARTS = {
     "antway.arena.suites": "load_suite episodes",
     "antway.arena.gym": "CrossingEnv",
     "antway.avoidance.guard": "Guard",
-    "antway.avoidance.paper": "PaperPolicy",
+    "antway.policies.paper.policy": "PaperPolicy",
     "antway.policies.antway.policy": "AntwayPolicy",
     "antway.maps": "Limits",
     "antway.rivals.dwa": "Dwa",

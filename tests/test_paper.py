@@ -11,7 +11,7 @@ import pytest
 
 from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, make_policy, run
 from antway.avoidance.encounter import closest_approach, encounter
-from antway.avoidance.local_target import local_target
+from antway.policies.paper.local_target import local_target
 from antway.scenes import SCENES, scene
 from antway.world.motions import BackAndForth, Line
 from antway.world.sensor import Sensor

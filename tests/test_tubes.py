@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, distance_field, run
-from antway.avoidance.routes import Routes, Ways
-from antway.avoidance.tubes import Tubes
+from antway.policies.paper.routes import Routes, Ways
+from antway.policies.paper.tubes import Tubes
 from antway.world.policy import Observation, Tracks
 from common import cases, free_cells, random_grid
 

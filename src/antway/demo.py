@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from antway import checks
-from antway.avoidance.routes import Routes
 from antway.errors import BadParameter
 from antway.planning import Problem, solve
+from antway.policies.paper.routes import Routes
 from antway.scenes import SCENES
 from antway.scenes import scene as shipped_scene
 from antway.verify import check_episode

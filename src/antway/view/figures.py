@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.ants.tsp import Tour, Tsp
-from antway.avoidance.routes import Routes
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.planning import Plan, Problem, Status, solve
+from antway.policies.paper.routes import Routes
 from antway.view import style
 from antway.view.style import save
 from antway.world.policy import Decision, Task

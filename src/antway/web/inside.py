@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.avoidance.paper import PaperPolicy
 from antway.grid import Moves
 from antway.kernels.crossing import LOOK
 from antway.planning import TimedPath
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.paper.policy import PaperPolicy
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Policy
 

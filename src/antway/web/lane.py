@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.avoidance.tubes import Tubes
 from antway.kernels.spacetime.memory import Memory
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import make_memory
+from antway.policies.paper.tubes import Tubes
 from antway.web.inside import Look, edges, look_inside
 from antway.world.episode import Episode
 from antway.world.policy import Command, Decision, Observation, Policy, Task

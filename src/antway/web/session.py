@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from antway import checks
-from antway.avoidance.routes import Ways
 from antway.errors import BadParameter, TooLarge
 from antway.planning import Problem, solve
+from antway.policies.paper.routes import Ways
 from antway.scenes import SCENES, scene
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file

@@ -225,7 +225,7 @@ class Policy(Protocol):
 
 
 POLICIES: dict[str, str] = {
-    "paper": "antway.avoidance.paper:PaperPolicy",
+    "paper": "antway.policies.paper.policy:PaperPolicy",
     "antway": "antway.policies.antway.policy:AntwayPolicy",
     "follow": "antway.rivals.replan:Follow",
     "stop": "antway.rivals.replan:Stop",

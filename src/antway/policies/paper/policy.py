@@ -18,10 +18,10 @@ from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.avoidance.encounter import closest_approach, encounter
 from antway.avoidance.guard import Guard, check_observation
-from antway.avoidance.local_target import local_target
-from antway.avoidance.routes import STOP, Nodes, Routes, Ways
-from antway.avoidance.tubes import Tubes
 from antway.planning import Problem, Status, TimedPath
+from antway.policies.paper.local_target import local_target
+from antway.policies.paper.routes import STOP, Nodes, Routes, Ways
+from antway.policies.paper.tubes import Tubes
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 
 WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
