@@ -28,10 +28,10 @@ from antway import (
     make_policy,
     run,
 )
-from antway.avoidance.guard import Guarded
 from antway.kernels.base import jit
 from antway.policies.antway.alternatives import CROSSING, ELSE
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.guard import Guarded
 from antway.policies.paper.policy import PaperPolicy
 from antway.world.motions import Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.sensor import Sensor

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.avoidance.guard import Guarded
+from antway.policies.guard import Guarded
 from antway.world.motions import BackAndForth, Line
 from antway.world.policy import Command, Tracks
 from antway.world.world import Obstacle

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
-from antway.avoidance.guard import Guard, Guarded
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
+from antway.policies.guard import Guard, Guarded
 from common import cases
 from naive import guard as naive
 

@@ -36,7 +36,7 @@ PARTS = {
     "antway.arena.metrics": "wilson bootstrap regret stretch real_difference",
     "antway.arena.suites": "load_suite episodes",
     "antway.arena.gym": "CrossingEnv",
-    "antway.avoidance.guard": "Guard",
+    "antway.policies.guard": "Guard",
     "antway.policies.paper.policy": "PaperPolicy",
     "antway.policies.antway.policy": "AntwayPolicy",
     "antway.maps": "Limits",

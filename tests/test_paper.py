@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, make_policy, run
-from antway.avoidance.encounter import closest_approach, encounter
+from antway.policies.encounter import closest_approach, encounter
 from antway.policies.paper.local_target import local_target
 from antway.scenes import SCENES, scene
 from antway.world.motions import BackAndForth, Line

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.avoidance.encounter import closest_approach, encounter
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation, Weighed, manner
+from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
 _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}

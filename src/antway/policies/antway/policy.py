@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.avoidance.guard import Guard, check_observation
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
@@ -26,6 +25,7 @@ from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import make_memory, make_place, make_trails
+from antway.policies.guard import Guard, check_observation
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 
 _KNOTS = 2048  # of a plan

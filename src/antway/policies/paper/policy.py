@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
-from antway.avoidance.encounter import closest_approach, encounter
-from antway.avoidance.guard import Guard, check_observation
 from antway.planning import Problem, Status, TimedPath
+from antway.policies.encounter import closest_approach, encounter
+from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, Routes, Ways
 from antway.policies.paper.tubes import Tubes
