@@ -19,9 +19,9 @@ import pytest
 from antway.arena.engines import Job, bench, load_policy, table_jobs
 from antway.arena.store import TIMING, Results
 from antway.arena.suites import episodes
+from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
-from antway.rivals.replan import Follow
 from common import SCALE, cases
 
 POLICIES = ["follow", "sipp/predictions=mirrored"]

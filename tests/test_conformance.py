@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from antway import Command
+from antway.baselines.replan import Follow
 from antway.conformance import check_planner, check_policy
 from antway.errors import InvalidPlan
 from antway.planning import PLANNERS, Plan, Status, find
-from antway.rivals.replan import Follow
 from antway.world.policy import POLICIES, make_policy
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.arena.suites import build, episodes
-from antway.rivals.orca import outlines
+from antway.baselines.orca import outlines
 from antway.world.motions import BackAndForth
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle

@@ -10,7 +10,7 @@ import pytest
 from antway import BadParameter, Command, Grid, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.encounters import KINDS
 from antway.arena.suites import build, episodes, stage
-from antway.rivals.replan import Follow
+from antway.baselines.replan import Follow
 from antway.world.motions import Line, Pursue
 from antway.world.scenario import save_scenario
 from antway.world.world import Obstacle

@@ -91,7 +91,7 @@ def test_the_oracle_waits_at_the_rim_of_the_goal():
 
 def test_mirrored_predictions_are_better():
     """A disc comes back from the wall: the mirrored prediction knows it and the constant one does not."""
-    from antway.rivals.replan import Sipp
+    from antway.baselines.replan import Sipp
     from antway.world.policy import Observation, Tracks
 
     task = room().task

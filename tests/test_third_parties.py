@@ -16,7 +16,7 @@ from antway.scenes import scene
 from common import free_cells
 
 THEIRS = """
-from antway.rivals.replan import Stop
+from antway.baselines.replan import Stop
 from antway.search.astar import astar
 
 class Patient(Stop):

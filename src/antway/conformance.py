@@ -1,7 +1,7 @@
 """The contract of policies and planners, as a test that third parties can run on theirs.
 
 >>> from antway.conformance import check_policy
->>> from antway.rivals.replan import Follow
+>>> from antway.baselines.replan import Follow
 >>> check_policy(Follow)
 """
 

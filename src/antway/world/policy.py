@@ -227,17 +227,17 @@ class Policy(Protocol):
 POLICIES: dict[str, str] = {
     "paper": "antway.policies.paper.policy:PaperPolicy",
     "antway": "antway.policies.antway.policy:AntwayPolicy",
-    "follow": "antway.rivals.replan:Follow",
-    "stop": "antway.rivals.replan:Stop",
-    "replan": "antway.rivals.replan:Replan",
-    "dstarlite": "antway.rivals.replan:DStarLite",
-    "sipp": "antway.rivals.replan:Sipp",
-    "potential-field": "antway.rivals.potential_field:PotentialField",
-    "neural": "antway.rivals.neural:Neural",
-    "glasius": "antway.rivals.neural:Glasius",
-    "dwa": "antway.rivals.dwa:Dwa",
-    "orca": "antway.rivals.orca:Orca",
-    "oracle": "antway.rivals.oracle:Oracle",
+    "follow": "antway.baselines.replan:Follow",
+    "stop": "antway.baselines.replan:Stop",
+    "replan": "antway.baselines.replan:Replan",
+    "dstarlite": "antway.baselines.replan:DStarLite",
+    "sipp": "antway.baselines.replan:Sipp",
+    "potential-field": "antway.baselines.potential_field:PotentialField",
+    "neural": "antway.baselines.neural:Neural",
+    "glasius": "antway.baselines.neural:Glasius",
+    "dwa": "antway.baselines.dwa:Dwa",
+    "orca": "antway.baselines.orca:Orca",
+    "oracle": "antway.baselines.oracle:Oracle",
 }
 
 

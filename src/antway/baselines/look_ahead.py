@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from antway.baselines.replan import clear
 from antway.kernels.robot.dynamics import first_wall
 from antway.planning import TimedPath
-from antway.rivals.replan import clear
 from antway.world.policy import XY, Command, Observation, Task
 
 SHORT = 1e-6  # m of a step's way to a wall that are left over

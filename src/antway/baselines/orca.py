@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from antway import checks
+from antway.baselines.look_ahead import look_ahead
+from antway.baselines.replan import STOP, Follow, now
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.rivals.look_ahead import look_ahead
-from antway.rivals.replan import STOP, Follow, now
 
 from antway.search.sipp import NO_PIECES  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task

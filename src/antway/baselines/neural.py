@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.baselines.look_ahead import short_of_walls
+from antway.baselines.replan import STOP, clear, now
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, climb, relax, shunt, stamp
-from antway.rivals.look_ahead import short_of_walls
-from antway.rivals.replan import STOP, clear, now
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 SETTLED = 1e-6  # largest relative change in a sweep of an activity that has come to rest

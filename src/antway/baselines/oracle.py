@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from antway.baselines.replan import STOP, drive
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
-from antway.rivals.replan import STOP, drive
 from antway.search.sipp import Sipp
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.timeline import Timeline

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
+from antway.baselines.look_ahead import look_ahead
+from antway.baselines.replan import STOP, Follow, now
 from antway.kernels.baselines.dwa import roll_out
-from antway.rivals.look_ahead import look_ahead
-from antway.rivals.replan import STOP, Follow, now
 
 from antway.search.sipp import NO_PIECES  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task

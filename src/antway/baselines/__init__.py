@@ -1,0 +1,1 @@
+"""What antway is compared with: other policies behind the same interface."""
