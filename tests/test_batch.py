@@ -11,7 +11,7 @@ from antway import Grid, Moves, Plan, Problem, Status, check_plan
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.search.batch import solve_many
 from antway.search.derived import NEIGHBOURS
-from antway.search.dijkstra import dijkstra
+from antway.search.distance_field import dijkstra
 from antway.search.jps import jps
 from antway.search.subgoals import prepare, subgoals
 from common import cases, pick, solvable

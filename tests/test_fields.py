@@ -15,7 +15,7 @@ from antway.search import derived
 from antway.search.astar import astar
 from antway.search.costs import inflation_costs
 from antway.search.derived import NEIGHBOURS
-from antway.search.dijkstra import Wave, dijkstra
+from antway.search.distance_field import Wave, dijkstra
 from common import cases, pick, random_grid, solvable
 from naive import search as naive
 

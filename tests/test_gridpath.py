@@ -17,7 +17,7 @@ from antway.ants.rules import RULES, MaxMinAntSystem
 from antway.errors import BadInput, BadParameter, TooLarge
 from antway.grid import Grid, Moves
 from antway.planning import Budget, Plan, Problem, Status
-from antway.search.dijkstra import distance_field
+from antway.search.distance_field import distance_field
 from antway.verify import check_plan
 from common import SHARED, cases, free_cells, needs_data, random_grid
 

@@ -48,7 +48,7 @@ PARTS = {
     "antway.search.anyangle": "anyangle",
     "antway.search.astar": "astar",
     "antway.search.costs": "inflation_costs path_cost",
-    "antway.search.dijkstra": "dijkstra",
+    "antway.search.distance_field": "dijkstra",
     "antway.search.dstarlite": "dstarlite DStarLite",
     "antway.search.jps": "jps",
     "antway.search.sipp": "Sipp",

@@ -20,10 +20,10 @@ from antway.kernels.search.jps import jump, place
 from antway.maps.movingai import load_scen
 from antway.search import derived
 from antway.search.astar import Searcher, astar, searcher
+from antway.search.best_first import faces
 from antway.search.costs import path_cost
 from antway.search.derived import NEIGHBOURS
-from antway.search.dijkstra import dijkstra
-from antway.search.heap import faces
+from antway.search.distance_field import dijkstra
 from antway.search.jps import jps, jumps_pay
 from antway.search.subgoals import subgoals
 from common import SHARED, cases, free_cells, needs_data, pick, solvable

@@ -15,7 +15,7 @@ from antway.kernels.search.ch_query import diagonals, meet
 from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, corners, seen
 from antway.search import subgoals as module
 from antway.search.derived import kept, lattice, packed_lines
-from antway.search.dijkstra import dijkstra
+from antway.search.distance_field import dijkstra
 from antway.search.subgoals import Hierarchy, prepare, subgoals
 from common import cases, free_cells, random_grid
 from naive import search as naive

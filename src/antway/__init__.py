@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from antway.planning import plan as plan
     from antway.planning import solve as solve
     from antway.search.batch import solve_many as solve_many
-    from antway.search.dijkstra import distance_field as distance_field
+    from antway.search.distance_field import distance_field as distance_field
     from antway.search.sipp import sipp as sipp
     from antway.verify import check_episode as check_episode
     from antway.verify import check_plan as check_plan

@@ -222,7 +222,7 @@ class Planner(Protocol):
 
 
 PLANNERS: dict[str, str] = {
-    "dijkstra": "antway.search.dijkstra:dijkstra",
+    "dijkstra": "antway.search.distance_field:dijkstra",
     "astar": "antway.search.astar:astar",
     "jps": "antway.search.jps:jps",
     "subgoals": "antway.search.subgoals:subgoals",

@@ -23,7 +23,7 @@ from antway.kernels.colony.pheromone import persistence as rho
 from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import Clock, Plan, Problem, Status
 from antway.search.derived import Graph, graph, lattice
-from antway.search.dijkstra import Wave, distance_field
+from antway.search.distance_field import Wave, distance_field
 
 STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms
 PART = 1 << 15  # cells passed over between two looks at the clock, about 5 ms

@@ -16,7 +16,7 @@ from antway.grid import Cell, Grid
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.maps import load_map
 from antway.scenes import SCENES, scene
-from antway.search.dijkstra import distance_field
+from antway.search.distance_field import distance_field
 from antway.world.motions import Bounce, Replay, Waypoints
 from antway.world.policy import XY, RobotSpec
 from antway.world.scenario import Scenario, load_scenario

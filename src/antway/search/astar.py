@@ -13,10 +13,10 @@ from antway.grid import Grid, Moves
 from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
 from antway.kernels.search.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
-from antway.search import heap
+from antway.search import best_first as heap
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, kept, lattice, packed
-from antway.search.dijkstra import spread_plan
+from antway.search.distance_field import spread_plan
 from antway.search.result import not_found
 
 STEPS = 1 << 16  # steps of the kernel between two looks at the clock, about 5 ms
@@ -25,7 +25,7 @@ _NO_WORDS = np.empty(0, np.uint64)
 
 
 def astar(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: ArrayLike | None = None) -> Plan:
-    """Return a shortest path, by A*; parameters and result as for `antway.search.dijkstra.dijkstra`.
+    """Return a shortest path, by A*; parameters and result as for `antway.search.distance_field.dijkstra`.
 
     Examples
     --------

@@ -17,7 +17,7 @@ from antway.kernels.search.astar import FULL, NO_ROOM, solve_all
 from antway.planning import Problem
 from antway.search.astar import MOST_CELLS, Searcher, searcher
 from antway.search.derived import NEIGHBOURS
-from antway.search.dijkstra import dijkstra
+from antway.search.distance_field import dijkstra
 from antway.search.jps import jumps_pay
 from antway.search.subgoals import hierarchy_of
 

@@ -14,7 +14,7 @@ from antway.kernels.robot.dynamics import REST, drive
 from antway.kernels.search.distance_field import STRAIGHT, descend
 from antway.planning import TimedPath
 from antway.search.derived import lattice
-from antway.search.dijkstra import Wave
+from antway.search.distance_field import Wave
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))

@@ -14,7 +14,7 @@ from antway.grid import Cell, Grid, Moves
 from antway.kernels.search.canonical import START
 from antway.kernels.search.distance_field import BAND, DONE, EXPANDED, FULL, OPEN, RING, RUNNING, STRAIGHT, descend, spread
 from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
-from antway.search import heap
+from antway.search import best_first as heap
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, Lattice, lattice
 from antway.search.result import found, not_found
