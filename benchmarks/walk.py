@@ -21,11 +21,11 @@ from numba import njit
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Budget, Grid, Moves, Problem
 from antway.ants.front import pareto
+from antway.ants.grid_walk import Ground, Squad, Trail
 from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
 from antway.ants.rules import RULES, make_rule
-from antway.ants.walkers import Ground, Squad, Trail
 from common import SHARED
 
 PERSISTENCE: dict[str, Persistence] = {"constant 0.7": Constant(0.7), "printed": Printed(), "corrected": Adaptive()}

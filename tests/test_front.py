@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from antway.ants.front import OBJECTIVES, alternatives, pareto
-from antway.ants.walkers import Squad
+from antway.ants.grid_walk import Squad
 from antway.errors import BadInput
 from antway.grid import Grid, Moves
 from antway.kernels.colony import grid_walk as kernel

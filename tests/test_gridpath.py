@@ -9,7 +9,7 @@ import threading
 import numpy as np
 import pytest
 
-from antway.ants import walkers
+from antway.ants import grid_walk as walkers
 from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Printed

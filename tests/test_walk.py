@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare
 
+from antway.ants.grid_walk import NO_TURN, Ground, Squad, Trail
 from antway.ants.persistence import Adaptive, ByQuality, Constant, Decay, Printed
 from antway.ants.rules import RULES, make_rule
-from antway.ants.walkers import NO_TURN, Ground, Squad, Trail
 from antway.grid import Grid, Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.kernels.colony.pheromone import persistence

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
 from antway import checks
-from antway.ants.walkers import NO_PATH, Ground, Squad, plan_of
+from antway.ants.grid_walk import NO_PATH, Ground, Squad, plan_of
 from antway.errors import BadParameter
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock

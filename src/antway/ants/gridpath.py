@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
+from antway.ants.grid_walk import NO_PATH, Ground, Squad, Trail, crop, plan_of
 from antway.ants.immune import Immune, Immunity
 from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
-from antway.ants.walkers import NO_PATH, Ground, Squad, Trail, crop, plan_of
 from antway.errors import BadParameter
 from antway.kernels.colony.grid_walk import entropy
 from antway.planning import Budget, Plan, Problem, Status, start_clock
