@@ -25,13 +25,13 @@ ROBOTS = 200  # that drive straight on, to tell how hard an episode is
 LOOK = 5.0  # s they drive
 
 SUITES: dict[str, str] = {
-    "paper": "antway.arena.places:paper",
+    "paper": "antway.arena.environments:paper",
     "synthetic": "antway.arena.synthetic:synthetic",
     "crossing": "antway.arena.crossing:crossing",
     "encounters": "antway.arena.encounters:encounters",
-    "maps": "antway.arena.places:maps",
-    "tracks": "antway.arena.places:tracks",
-    "barn": "antway.arena.places:barn",
+    "maps": "antway.arena.environments:maps",
+    "tracks": "antway.arena.environments:tracks",
+    "barn": "antway.arena.environments:barn",
 }
 
 
