@@ -15,9 +15,9 @@ from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
 from antway.ros2 import nav2
 from antway.ros2.markers import decision_message, predictions, predictions_message
+from antway.ros2.path import corridor, keeps_within, tracking
 from antway.ros2.pilot import STAND, End, Goal, Pilot
 from antway.ros2.settings import Settings, parameters
-from antway.ros2.ways import corridor, keeps_within, tracking
 from antway.world.policy import Tracks
 from common import cases, random_grid
 

@@ -31,8 +31,8 @@ from antway.ros2.nav2 import (
     Kind,
     find_path,
 )
+from antway.ros2.path import tracking
 from antway.ros2.pilot import End, Goal, Pilot
-from antway.ros2.ways import tracking
 
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode

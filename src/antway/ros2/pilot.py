@@ -16,8 +16,8 @@ from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
 from antway.ros2.markers import predictions
+from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
-from antway.ros2.ways import corridor, keeps_within
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 
 OK, WARN, ERROR = 0, 1, 2  # of diagnostic_msgs/msg/DiagnosticStatus
