@@ -13,8 +13,8 @@ from typing import TypeVar
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from antway.errors import BadInput, BadParameter
-from antway.web.lane import Message
 from antway.web.tab import Tab
+from antway.web.view import Message
 
 T = TypeVar("T")
 

@@ -16,8 +16,8 @@ from antway.policies.paper.routes import Ways
 from antway.scenes import SCENES, scene
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file
-from antway.web.lane import Lane, Message, shades, short
 from antway.web.tab import Tab
+from antway.web.view import Lane, Message, shades, short
 from antway.world import policy
 from antway.world.episode import Episode
 from antway.world.motions import Bounce, Line, Waypoints

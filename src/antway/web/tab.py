@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.web.lane import Message
+from antway.web.view import Message
 
 
 class Tab(ABC):

@@ -18,8 +18,8 @@ from antway.ants.tsp import labour_for
 from antway.ants.tsplib import Tsp, parse
 from antway.errors import BadParameter, TooLarge
 from antway.web.files import decoded, stem
-from antway.web.lane import Message, short
 from antway.web.tab import Tab
+from antway.web.view import Message, short
 
 MAX_CITIES = 5000
 SEARCHES = ("none", "2opt", "oropt", "3opt")
