@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, World
-from antway.kernels.robot.dynamics import advance, drive, first_wall, wrap
+from antway.kernels.base.geometry import first_wall, wrap
+from antway.kernels.robot.contact import advance
+from antway.kernels.robot.dynamics import drive
 from antway.world.motions import Line
 from antway.world.world import Obstacle
 from common import cases

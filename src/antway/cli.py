@@ -41,7 +41,7 @@ PolicyName = Annotated[
 def top(context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
     """Robot path planning among moving obstacles."""
     if version:
-        from antway import __version__
+        from antway.version import __version__
 
         print(f"antway {__version__}")
     elif context.invoked_subcommand is None:

@@ -17,12 +17,12 @@ from typing import Any, cast
 
 from numba.core import event
 
-import antway
 from antway import checks
 from antway.arena import metrics
 from antway.arena.store import Results, Row
 from antway.arena.suites import Episode, stage
 from antway.errors import BadParameter
+from antway.version import __version__
 from antway.world.episode import run
 from antway.world.policy import Policy, make_policy
 from antway.world.trace import Outcome
@@ -42,7 +42,7 @@ class Job:
     @property
     def key(self) -> tuple[str, str, str, int, str]:
         """The key of its row."""
-        return self.episode.suite, self.episode.name, self.policy, self.episode.seed, antway.__version__
+        return self.episode.suite, self.episode.name, self.policy, self.episode.seed, __version__
 
     def failed(self, outcome: Outcome, reason: str) -> Answer:
         """Return the row of an episode that nothing came of."""

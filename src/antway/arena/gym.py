@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.arena.suites import Chance, load_suite
-from antway.kernels.robot.dynamics import first_wall
+from antway.kernels.base.geometry import first_wall
 from antway.world.episode import Stage
 from antway.world.policy import Observation
 from antway.world.trace import Outcome

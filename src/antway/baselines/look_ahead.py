@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from antway.baselines.replan import clear
-from antway.kernels.robot.dynamics import first_wall
+from antway.kernels.base.geometry import first_wall
 from antway.planning import TimedPath
 from antway.world.policy import XY, Command, Observation, Task
 

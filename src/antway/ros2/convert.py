@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter, TooLarge
 from antway.grid import Grid
-from antway.kernels.robot.dynamics import drive, wrap
+from antway.kernels.base.geometry import wrap
+from antway.kernels.robot.dynamics import drive
 from antway.maps.limits import DEFAULT, Limits
 from antway.planning import Plan, Status
 from antway.world.policy import XY, Command, RobotSpec, Tracks

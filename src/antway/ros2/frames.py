@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway.grid import Grid
-from antway.kernels.robot.dynamics import wrap
+from antway.kernels.base.geometry import wrap
 from antway.planning import TimedPath
 from antway.world.policy import XY, Decision, Tracks
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from antway.grid import Grid
-from antway.kernels.robot.dynamics import wrap
+from antway.kernels.base.geometry import wrap
 from antway.world.policy import XY
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from antway.errors import BadInput
 from antway.grid import Grid
-from antway.kernels.robot.dynamics import wrap
+from antway.kernels.base.geometry import wrap
 from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from antway import __version__
 from antway.grid import Grid
 from antway.planning import Plan
+from antway.version import __version__
 from antway.world.policy import Decision
 from antway.world.trace import Trace
 

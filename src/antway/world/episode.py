@@ -11,11 +11,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-import antway
 from antway import checks
 from antway.errors import BadScenario
-from antway.kernels.robot.dynamics import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, REST, advance
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
+from antway.kernels.robot.dynamics import REST
 from antway.planning import TimedPath
+from antway.version import __version__
 from antway.world.policy import Command, Decision, Observation, Policy, Task, make_policy
 from antway.world.pursuit import Pursuit
 from antway.world.scenario import MAX_STEPS, Scenario
@@ -246,7 +247,7 @@ class Episode:
         stage, scenario, outcome = self.stage, self.scenario, self.outcome
         assert outcome is not None, "the episode goes on"
         config = {
-            "version": antway.__version__,
+            "version": __version__,
             "horizon": stage.horizon,
             "sensor": asdict(scenario.sensor),
             "guard": "" if self.guard is None else type(self.guard).__name__,

@@ -16,7 +16,7 @@ from antway import checks
 from antway.errors import BadParameter, BadScenario
 from antway.grid import Grid
 from antway.kernels.base.rng import stream, uniform
-from antway.kernels.robot.dynamics import bounce
+from antway.kernels.robot.motions import bounce
 
 XY = tuple[float, float]  # m
 Span = float | tuple[float, float]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.robot.dynamics import first_wall
+from antway.kernels.base.geometry import first_wall
 from antway.world.motions import Draw, Pursue
 from antway.world.policy import Task
 from antway.world.timeline import Timeline

@@ -220,3 +220,99 @@ def segment_hits_cells(
             if blocked[row, col] and segment_hits_square(ar, ac, br, bc, row, col, radius):
                 return True
     return False
+
+
+@kernel
+def wrap(angle: float) -> float:
+    """Return `angle` in rad as the same direction within [-pi, pi]."""
+    return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
+
+
+@kernel
+def first_wall(
+    blocked: NDArray[np.bool_], row: float, col: float, dr: float, dc: float, radius: float
+) -> tuple[float, float, float]:
+    """First contact of a disc that goes from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
+
+    All in cells, integers at cell centres. The way is scanned in pieces of a few cells, so that a long one costs what it needs.
+
+    Returns
+    -------
+    share : float
+        Share of the way gone at contact, in [0, 1]; infinite if there is none. A disc that already touches what it does not
+        move towards has no contact with it.
+    n_row, n_col : float
+        Unit normal there, from the wall to the disc.
+    """
+    rows, cols = blocked.shape
+    r = max(radius - TOUCH, 0.0)
+    best, n_row, n_col = math.inf, 0.0, 0.0
+    for axis in range(2):
+        p, d, most = (row, dr, rows - 0.5 - r) if axis == 0 else (col, dc, cols - 0.5 - r)
+        for side in (1.0, -1.0):
+            limit = most if side > 0.0 else r - 0.5
+            if side * d > 0.0 and side * (p + d - limit) > 0.0:
+                share = max((limit - p) / d, 0.0)
+                if share < best:
+                    best = share
+                    n_row, n_col = (-side, 0.0) if axis == 0 else (0.0, -side)
+    pieces = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
+    margin = r + 0.5
+    for piece in range(pieces):
+        if best <= piece / pieces:
+            break
+        r0, c0 = row + dr * (piece / pieces), col + dc * (piece / pieces)
+        r1, c1 = row + dr * ((piece + 1) / pieces), col + dc * ((piece + 1) / pieces)
+        for i in range(max(math.ceil(min(r0, r1) - margin), 0), min(math.floor(max(r0, r1) + margin), rows - 1) + 1):
+            for j in range(max(math.ceil(min(c0, c1) - margin), 0), min(math.floor(max(c0, c1) + margin), cols - 1) + 1):
+                if blocked[i, j]:
+                    share, n0, n1 = _first_square(row - i, col - j, dr, dc, r)
+                    if share < best:
+                        best, n_row, n_col = share, n0, n1
+    return best, n_row, n_col
+
+
+@kernel
+def _first_square(p: float, q: float, dp: float, dq: float, r: float) -> tuple[float, float, float]:
+    """First contact of a point going from (p, q) by (dp, dq) with the unit square around 0 rounded by r, and its normal."""
+    n0, n1, depth = _square_normal(p, q)
+    if depth < r:
+        return (0.0, n0, n1) if n0 * dp + n1 * dq < 0.0 else (math.inf, 0.0, 0.0)
+    share = min(_enter_box(p, q, dp, dq, 0.5 + r, 0.5), _enter_box(p, q, dp, dq, 0.5, 0.5 + r))
+    dd = dp * dp + dq * dq
+    for corner in range(4):
+        u, v = p - (0.5 if corner & 1 else -0.5), q - (0.5 if corner & 2 else -0.5)
+        b, c = u * dp + v * dq, u * u + v * v - r * r
+        under = b * b - dd * c
+        if b < 0.0 and under > 0.0 and c >= 0.0:
+            share = min(share, c / (-b + math.sqrt(under)))
+    if share > 1.0:
+        return math.inf, 0.0, 0.0
+    n0, n1, _ = _square_normal(p + share * dp, q + share * dq)
+    return (share, n0, n1) if n0 * dp + n1 * dq < 0.0 else (math.inf, 0.0, 0.0)
+
+
+@kernel
+def _square_normal(p: float, q: float) -> tuple[float, float, float]:
+    """Unit normal of the unit square around 0 towards (p, q), and the distance from the square (not above 0 inside)."""
+    u, v = p - min(max(p, -0.5), 0.5), q - min(max(q, -0.5), 0.5)
+    distance = math.hypot(u, v)
+    if distance > 0.0:
+        return u / distance, v / distance, distance
+    if abs(p) >= abs(q):
+        return math.copysign(1.0, p), 0.0, abs(p) - 0.5
+    return 0.0, math.copysign(1.0, q), abs(q) - 0.5
+
+
+@kernel
+def _enter_box(p: float, q: float, dp: float, dq: float, a: float, b: float) -> float:
+    """Share of the way (dp, dq) from (p, q) at which it enters the open box |p| < a, |q| < b; infinite if it never does."""
+    enter, leave = 0.0, math.inf
+    for x, d, half in ((p, dp, a), (q, dq, b)):
+        if d == 0.0:
+            if abs(x) >= half:
+                return math.inf
+        else:
+            s, t = (-half - x) / d, (half - x) / d
+            enter, leave = max(enter, min(s, t)), min(leave, max(s, t))
+    return enter if enter < leave else math.inf

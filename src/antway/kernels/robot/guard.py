@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH, segment_hits_cells, swept_discs
+from antway.kernels.base.geometry import TOUCH, first_wall, segment_hits_cells, swept_discs, wrap
 from antway.kernels.base.jit import kernel
-from antway.kernels.robot.dynamics import drive, first_wall, wrap
+from antway.kernels.robot.dynamics import drive
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
 _FRACTIONS = 10  # speeds tried along the commanded direction

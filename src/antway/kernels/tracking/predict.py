@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.geometry import first_wall
 from antway.kernels.base.jit import kernel
-from antway.kernels.robot.dynamics import first_wall
 
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of a belief, one row a track
 MIRRORS = 4  # at most, of one track

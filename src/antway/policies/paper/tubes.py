@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.rng import stream
-from antway.kernels.robot.dynamics import bounce
+from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
 from antway.world.policy import XY, Observation
 

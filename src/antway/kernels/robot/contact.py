@@ -1,0 +1,97 @@
+"""One control step of the simulated robot: it drives, and the first contact on the path ends the step."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import first_wall, swept_discs, swept_timeline
+from antway.kernels.base.jit import bare_kernel
+from antway.kernels.robot.dynamics import REST, drive
+
+# What ended a step, in the order that decides ties.
+GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED = 0, 1, 2, 3, 4
+
+
+@bare_kernel
+def advance(
+    i: int,
+    cx: float,
+    cy: float,
+    dt: float,
+    robot: NDArray[np.float64],
+    aim: NDArray[np.float64],
+    t: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    heading: NDArray[np.float64],
+    blocked: NDArray[np.bool_],
+    frame: NDArray[np.float64],
+    knot_t: NDArray[np.float64],
+    knot_xy: NDArray[np.float64],
+    first: NDArray[np.int64],
+    radius: NDArray[np.float64],
+) -> tuple[int, int, float]:
+    """Drive control step i under the command (cx, cy) and write row i + 1 of the robot's record.
+
+    The robot goes straight at constant speed from t[i] to (i + 1) dt, or to whatever comes first on the way: contact with an
+    obstacle, contact with a wall, the goal. Row i + 1 is then that instant.
+
+    Parameters
+    ----------
+    robot : float64[5]
+        Limits as in `drive`, and the robot's radius in m.
+    aim : float64[3]
+        Goal x, y and tolerance, m.
+    t, xy, velocity, heading
+        The record; rows up to i are given.
+    blocked, frame : bool[H, W], float64[3]
+        The map; x and y of its corner and the edge of a cell, m.
+    knot_t, knot_xy, first, radius
+        The obstacles (kernels/base/geometry.py).
+
+    Returns
+    -------
+    what : int
+        `GOES_ON`, `HIT_MOVING`, `HIT_STANDING`, `HIT_WALL` or `REACHED`.
+    who : int
+        Index of the obstacle touched, else -1.
+    clearance : float
+        Least distance between robot and obstacle edges up to row i + 1, m; infinite without obstacles.
+    """
+    vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, robot, dt)
+    t0, t1 = t[i], (i + 1) * dt
+    h = t1 - t0
+    ax, ay = xy[i, 0], xy[i, 1]
+    bx, by = ax + vx * h, ay + vy * h
+    what, who, when, clearance = GOES_ON, -1, t1, math.inf
+    for k in range(len(radius)):
+        reach = robot[4] + radius[k]
+        hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, reach, knot_t, knot_xy, first[k], first[k + 1])
+        clearance = min(clearance, distance - reach)
+        if hit < when or (hit == when and what == GOES_ON):
+            when, who = hit, k
+            what = HIT_MOVING if math.hypot(vx, vy) > REST else HIT_STANDING
+    s = frame[2]
+    row0, col0 = (ay - frame[1]) / s - 0.5, (ax - frame[0]) / s - 0.5
+    wall, _, _ = first_wall(blocked, row0, col0, vy * h / s, vx * h / s, robot[4] / s)
+    if t0 + wall * h < when:
+        what, who, when = HIT_WALL, -1, t0 + wall * h
+    arrival, _, _ = swept_discs(aim[0] - ax, aim[1] - ay, -vx, -vy, aim[2], h)
+    if t0 + arrival < when:
+        what, who, when = REACHED, -1, t0 + arrival
+    if what != GOES_ON:
+        when = max(when, np.nextafter(t0, math.inf))
+        bx, by = ax + vx * (when - t0), ay + vy * (when - t0)
+        clearance = math.inf
+        for k in range(len(radius)):
+            reach = robot[4] + radius[k]
+            _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, reach, knot_t, knot_xy, first[k], first[k + 1])
+            clearance = min(clearance, distance - reach)
+    t[i + 1] = when
+    xy[i + 1, 0], xy[i + 1, 1] = bx, by
+    velocity[i + 1, 0], velocity[i + 1, 1] = vx, vy
+    heading[i + 1] = new_heading
+    return what, who, clearance

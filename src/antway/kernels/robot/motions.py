@@ -1,0 +1,78 @@
+"""How moving obstacles go: straight, mirrored at walls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import first_wall
+from antway.kernels.base.jit import kernel
+from antway.kernels.base.rng import State, uniform
+
+
+@kernel
+def bounce(
+    blocked: NDArray[np.bool_],
+    row: float,
+    col: float,
+    speed: float,
+    angle: float,
+    radius: float,
+    turn_every: float,
+    horizon: float,
+    state: State,
+    knot_t: NDArray[np.float64],
+    knot_rc: NDArray[np.float64],
+) -> int:
+    """Course of a disc that goes straight, is mirrored at walls and edges, and now and then turns at random.
+
+    Parameters
+    ----------
+    blocked, row, col, radius
+        The map, and the disc's centre at time 0 and radius, in cells.
+    speed, angle : float
+        Speed in cells/s; direction of the start, atan2(d_row, d_col), rad.
+    turn_every : float
+        Time between random changes of direction, s; infinite for none.
+    horizon : float
+        s.
+    state : uint64[1]
+        Of the random generator.
+    knot_t, knot_rc : float64[M], float64[M, 2]
+        Filled with the knots.
+
+    Returns
+    -------
+    int
+        Number of knots; M + 1 if they did not fit.
+    """
+    vr, vc = speed * math.sin(angle), speed * math.cos(angle)
+    t, turn, n = 0.0, turn_every, 1
+    knot_t[0], knot_rc[0, 0], knot_rc[0, 1] = 0.0, row, col
+    standing = 0  # mirrorings without a way gone between them: more than a few and the disc is wedged until its next turn
+    while t < horizon:
+        end = min(turn, horizon)
+        if standing > 8:
+            vr, vc = 0.0, 0.0
+        share, n_row, n_col = first_wall(blocked, row, col, vr * (end - t), vc * (end - t), radius)
+        mirrored = share <= 1.0
+        later = t + share * (end - t) if mirrored else end
+        if later > t:
+            if n == len(knot_t):
+                return n + 1
+            row, col, t = row + vr * (later - t), col + vc * (later - t), later
+            knot_t[n], knot_rc[n, 0], knot_rc[n, 1] = t, row, col
+            n += 1
+            standing = 0
+        if mirrored:
+            standing += 1
+            into = vr * n_row + vc * n_col
+            vr, vc = vr - 2.0 * into * n_row, vc - 2.0 * into * n_col
+        elif t >= turn:
+            angle = 2.0 * math.pi * uniform(state)
+            vr, vc = speed * math.sin(angle), speed * math.cos(angle)
+            turn += turn_every
+            standing = 0
+    return n
