@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.kernels.robot.guard import BRAKED, guarded, within_reach
-from antway.kernels.tracking.kalman import fault
+from antway.kernels.robot.guard import BRAKED, fault, guarded, within_reach
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 
 DID = ("free", "slowed", "braked", "stepped-aside")

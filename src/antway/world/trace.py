@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from antway import checks
 from antway.world.policy import Decision, Task
 from antway.world.timeline import Timeline
+from antway.world.tracefile import read_fields, to_json
 
 
 class Outcome(Enum):
@@ -119,14 +121,10 @@ class Trace:
 
     def digest(self) -> str:
         """Return the SHA-256 of everything but `cycle_ms`: two runs are the same exactly if these agree."""
-        from antway.world.tracefile import to_json
-
         return hashlib.sha256(to_json(self, timing=False).encode()).hexdigest()
 
     def save(self, path: str | Path) -> None:
         """Write the trace as JSON; every number is kept exactly."""
-        from antway.world.tracefile import to_json
-
         Path(path).write_text(to_json(self) + "\n", encoding="utf-8")
 
     @staticmethod
@@ -138,6 +136,6 @@ class Trace:
         BadScenario, TooLarge
             If the file cannot be read as a trace, naming the key, or is larger than the limit.
         """
-        from antway.world.tracefile import read_trace
-
-        return read_trace(Path(path))
+        fields = read_fields(Path(path))
+        outcome = checks.choice("outcome", fields["outcome"], [o.value for o in Outcome], where=str(path))
+        return Trace(**fields | {"outcome": Outcome(outcome)})

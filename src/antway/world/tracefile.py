@@ -8,7 +8,7 @@ import math
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,9 @@ from antway.grid import Grid
 from antway.planning import TimedPath
 from antway.world.policy import Decision, RobotSpec, Task
 from antway.world.timeline import Timeline
-from antway.world.trace import Outcome, Trace
+
+if TYPE_CHECKING:
+    from antway.world.trace import Trace
 
 FORMAT = "antway-trace"
 VERSION = 2
@@ -100,8 +102,8 @@ def _pack(array: NDArray[Any]) -> dict[str, Any]:
     return {"dtype": little.dtype.str, "shape": list(array.shape), "zlib": data}
 
 
-def read_trace(path: Path) -> Trace:
-    """Read a trace file; every fault is a `BadInput` that names the file and the key, `BadScenario` unless a value is wrong."""
+def read_fields(path: Path) -> dict[str, Any]:
+    """Read the fields of a `Trace` from a file, the outcome as text; every fault is a `BadInput` that names the file and the key, `BadScenario` unless a value is wrong."""
     where = str(path)
     try:
         size = path.stat().st_size if path.is_file() else -1
@@ -114,7 +116,7 @@ def read_trace(path: Path) -> Trace:
         if isinstance(error, BadInput):
             raise
         raise BadScenario("trace", str(error), "JSON text in UTF-8", where=where) from None
-    return _Reader(where).trace(record)
+    return _Reader(where).fields(record)
 
 
 def _no_constant(name: str) -> NoReturn:
@@ -122,12 +124,12 @@ def _no_constant(name: str) -> NoReturn:
 
 
 class _Reader:
-    """Turns a parsed record into a trace; `where` is the file that errors name."""
+    """Turns a parsed record into the fields of a trace; `where` is the file that errors name."""
 
     def __init__(self, where: str) -> None:
         self.where = where
 
-    def trace(self, record: object) -> Trace:
+    def fields(self, record: object) -> dict[str, Any]:
         top = self.table(
             "trace", record, "format version policy scenario seed outcome reason config task timeline sensed decisions"
         )
@@ -147,7 +149,7 @@ class _Reader:
         cycle_ms = self.floats("cycle_ms", top.get("cycle_ms", [0.0] * (rows - 1)), (rows - 1,))
         if not isinstance(top["decisions"], list):
             raise self.bad("decisions", top["decisions"], "a list")
-        return Trace(
+        return dict(
             task=self.task(top["task"]),
             policy=self.text("policy", top["policy"]),
             seed=checks.integer("seed", top["seed"], low=0, high=2**64 - 1, where=self.where),
@@ -156,7 +158,7 @@ class _Reader:
             sensed=sensed,
             decisions=tuple(self.decision(f"decisions[{i}]", one, rows) for i, one in enumerate(top["decisions"])),
             cycle_ms=cycle_ms,
-            outcome=Outcome(checks.choice("outcome", top["outcome"], [o.value for o in Outcome], where=self.where)),
+            outcome=self.text("outcome", top["outcome"]),
             reason=self.text("reason", top["reason"]),
             config=self.table("config", top["config"], ""),
             **arrays,

@@ -20,33 +20,6 @@ _LOST = 1.0  # s; how long a track is believed in that is not seen
 
 
 @kernel
-def fault(
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    heading: float,
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    radius: NDArray[np.float64],
-) -> int:
-    """Return what is wrong with the robot's state or a scan of K tracks: 0 nothing, 1 the state, 2 xy, 3 velocity, 4 radius.
-
-    All must be finite and radii not negative; a velocity may be NaN (unknown).
-    """
-    if not math.isfinite(x + y + vx + vy + heading):
-        return 1
-    for k in range(len(radius)):
-        if not math.isfinite(xy[k, 0] + xy[k, 1]):
-            return 2
-        if math.isinf(velocity[k, 0]) or math.isinf(velocity[k, 1]):
-            return 3
-        if not (math.isfinite(radius[k]) and radius[k] >= 0.0):
-            return 4
-    return 0
-
-
-@kernel
 def _row(book: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
     """Row of the track called `name`, or, where sensors give no names (-1), the one whose prediction is nearest; -1 if none."""
     if name >= 0.0:
