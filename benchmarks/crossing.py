@@ -51,13 +51,13 @@ def local(seeds: int) -> list[dict[str, object]]:
     ms: dict[str, list[float]] = {name: [] for name in (*COLONIES, "SIPP")}
     unsound = 0
     for seed in range(seeds):
-        grid, robot, start, goal, place, pieces = local_problem(rng)
+        grid, robot, start, goal, place, segments = local_problem(rng)
         x, y = grid.centre(start)
         sipp = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=robot.v_max)
         exact, best = None, math.inf
         for _ in range(3):
             begun = time.process_time()
-            exact = sipp.search((x, y), 0.0, pieces)
+            exact = sipp.search((x, y), 0.0, segments)
             best = min(best, time.process_time() - begun)
         solvable = exact.status is Status.FOUND and exact.arrival < HORIZON - 1.0
         if solvable:
@@ -71,7 +71,7 @@ def local(seeds: int) -> list[dict[str, object]]:
                     memory,
                     trails,
                     place,
-                    pieces,
+                    segments,
                     0.0,
                     x,
                     y,

@@ -18,7 +18,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, Moves, Status
-from antway.kernels.spacetime.prepare import timeline_pieces
+from antway.kernels.spacetime.prepare import timeline_segments
 from antway.kernels.spacetime.segments import unsafe_departures, unsafe_stay
 from antway.search.sipp import Sipp
 from antway.world.timeline import Timeline
@@ -43,12 +43,12 @@ def world(rng: np.random.Generator, resolution: float, density: float) -> tuple[
 
 def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: tuple[int, int], timeline: Timeline) -> float:
     """The peer: SIPP as one writes it in Python, cell by cell as needed, with the same field and the same compiled tests."""
-    pieces = timeline_pieces(timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first, RADIUS, 0.0, np.inf)
+    segments = timeline_segments(timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first, RADIUS, 0.0, np.inf)
     moves, work = list(enumerate(search.moves.offsets.tolist())), np.empty(2)
 
     @cache
     def safe(cell: tuple[int, int]) -> list[tuple[float, float]]:
-        return naive.gaps(*zip(*(unsafe_stay(*centre[cell], pieces, p) for p in range(len(pieces)))), 0.0)
+        return naive.gaps(*zip(*(unsafe_stay(*centre[cell], segments, p) for p in range(len(segments)))), 0.0)
 
     @cache
     def leave(cell: tuple[int, int]) -> list[tuple[tuple[int, int], float, list[tuple[float, float]]]]:
@@ -60,7 +60,8 @@ def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: 
                 dx, dy = centre[to] - centre[cell]
                 duration = math.hypot(dx, dy) / SPEED
                 spans = [
-                    unsafe_departures(x, y, dx / duration, dy / duration, duration, pieces, p, work) for p in range(len(pieces))
+                    unsafe_departures(x, y, dx / duration, dy / duration, duration, segments, p, work)
+                    for p in range(len(segments))
                 ]
                 found.append((to, duration, naive.gaps(*zip(*spans), 0.0)))
         return found
@@ -99,8 +100,8 @@ def measure(moves: Moves, resolution: float, density: float, queries: int, peers
         runs = []
         for _ in range(5):
             begun = time.perf_counter()
-            pieces = timeline_pieces(*courses, RADIUS, 0.0, np.inf)
-            plan = search.search(xy, 0.0, pieces)
+            segments = timeline_segments(*courses, RADIUS, 0.0, np.inf)
+            plan = search.search(xy, 0.0, segments)
             runs.append(time.perf_counter() - begun)
         times.append(min(runs[1:]))
         cold.append(runs[0])

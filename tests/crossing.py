@@ -30,18 +30,18 @@ def local_problem(rng: np.random.Generator):
     count = int(rng.integers(3, 15))
     angle, speed = rng.uniform(0.0, 2 * math.pi, count), rng.uniform(0.2, 1.0, count)
     xy, reach = rng.uniform(0.0, 6.2, (count, 2)), rng.uniform(0.2, 0.45, count)
-    pieces = np.column_stack(
+    segments = np.column_stack(
         (np.zeros(count), np.full(count, 20.0), xy, speed * np.cos(angle), speed * np.sin(angle), reach, reach)
     )
-    return grid, robot, start, goal, place, pieces
+    return grid, robot, start, goal, place, segments
 
 
-def colony(place, pieces, x, y, *, reach=0, gain=0.001, tests=10**6, horizon=20.0, lag=0.0, seed=1, states=1 << 16):
+def colony(place, segments, x, y, *, reach=0, gain=0.001, tests=10**6, horizon=20.0, lag=0.0, seed=1, states=1 << 16):
     """Search a local problem; returns memory, end state, arrival, bound."""
     cells = place.field.size
     memory = make_memory(cells, states, 1 << 18)
     end, arrival, bound = spacetime.search(
-        memory, make_trails(cells), place, pieces, lag, x, y, 0.0, horizon, reach, BETAS, SLACK, gain, math.inf, tests, 1.0,
+        memory, make_trails(cells), place, segments, lag, x, y, 0.0, horizon, reach, BETAS, SLACK, gain, math.inf, tests, 1.0,
         np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound

@@ -68,11 +68,11 @@ def test_earliest_departure_is_safe_and_earliest() -> None:
     """The departure found is safe by sampling, also with lag, and no sampled earlier one is."""
     rng = np.random.default_rng(2)
     for _ in range(cases(200, 10**4)):
-        pieces = np.vstack([random_piece(rng) for _ in range(6)])
+        segments = np.vstack([random_piece(rng) for _ in range(6)])
         (x, y), v, duration, lag = rng.uniform(-2, 2, 2), rng.uniform(-1, 1, 2), rng.uniform(0.1, 1.0), rng.choice([0.0, 0.1])
-        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, pieces, lag, WORK)
+        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, segments, lag, WORK)
         departures = np.arange(0.0, 9.0, 0.01)
-        moved = pieces + np.array([lag, lag, 0, 0, 0, 0, 0, 0])
+        moved = segments + np.array([lag, lag, 0, 0, 0, 0, 0, 0])
         hit = np.any([naive.unsafe_departures(x, y, v, duration, piece, departures) for piece in moved], axis=0)
         missed = departures[(departures < s - 1e-6) & ~hit]  # grazes between samples of the way
         assert all(np.abs(departures[hit] - m).min() < 0.03 for m in missed)
@@ -111,10 +111,10 @@ def test_colony_reaches_the_exact_optimum() -> None:
     rng = np.random.default_rng(5)
     solved = 0
     for _ in range(cases(60, 2000)):
-        grid, robot, start, goal, place, pieces = local_problem(rng)
+        grid, robot, start, goal, place, segments = local_problem(rng)
         x, y = grid.centre(start)
-        _, _, arrival, bound = colony(place, pieces, x, y)
-        exact = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=1.0).search((x, y), 0.0, pieces)
+        _, _, arrival, bound = colony(place, segments, x, y)
+        exact = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=1.0).search((x, y), 0.0, segments)
         if exact.status is Status.FOUND and exact.arrival < 19.0:
             solved += 1
             assert exact.arrival - 1e-6 <= arrival <= exact.arrival + 0.001 + 1e-6
@@ -129,22 +129,22 @@ def test_motions_keep_clear_of_everything() -> None:
     rng = np.random.default_rng(6)
     shorter = 0
     for _ in range(cases(60, 2000)):
-        grid, robot, start, goal, place, pieces = local_problem(rng)
+        grid, robot, start, goal, place, segments = local_problem(rng)
         x, y = grid.centre(start)
-        memory, end, arrival, _ = colony(place, pieces, x, y, tests=2000, gain=0.02)
+        memory, end, arrival, _ = colony(place, segments, x, y, tests=2000, gain=0.02)
         if end < 0:
             continue
         raw, short = np.empty((600, 3)), np.empty((600, 3))
-        n = trace_back(memory, place, pieces, 0.0, x, y, end, 20.0, 30.0, raw)
-        m = shorten(place, pieces, 0.0, raw, n, short)
+        n = trace_back(memory, place, segments, 0.0, x, y, end, 20.0, 30.0, raw)
+        m = shorten(place, segments, 0.0, raw, n, short)
         assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
         shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
         for knots in (raw[:n], short[:m]):
             assert (knots[0, 1:] == (x, y)).all() and np.allclose(knots[-1, 1:], grid.centre(goal))
             steps = np.diff(knots, axis=0)
             assert (steps[:, 0] > 0).all() and (np.hypot(steps[:, 1], steps[:, 2]) <= steps[:, 0] + 1e-9).all()
-            assert first_conflict(knots, 0.0, pieces, 0.0, WORK) == math.inf
-            assert naive.closest(knots, pieces) > -1e-6
+            assert first_conflict(knots, 0.0, segments, 0.0, WORK) == math.inf
+            assert naive.closest(knots, segments) > -1e-6
             t = np.arange(0.0, knots[-1, 0], 0.01)
             path = np.column_stack([np.interp(t, knots[:, 0], knots[:, k]) for k in (1, 2)])
             p = grid.to_points(path)
@@ -156,8 +156,8 @@ def test_motions_keep_clear_of_everything() -> None:
 
 def test_same_seed_same_search() -> None:
     """The colony's result, budget spent or not, depends on nothing but its input and seed."""
-    grid, _, start, _, place, pieces = local_problem(np.random.default_rng(7))
-    results = [colony(place, pieces, *grid.centre(start), tests=300, seed=9) for _ in range(2)]
+    grid, _, start, _, place, segments = local_problem(np.random.default_rng(7))
+    results = [colony(place, segments, *grid.centre(start), tests=300, seed=9) for _ in range(2)]
     assert results[0][1:] == results[1][1:]
     for a, b in zip(results[0][0], results[1][0]):
         assert a.tobytes() == b.tobytes()

@@ -22,7 +22,7 @@ AROUND = [(1.0, 1.0), (3.8, 1.0), (3.8, 3.8), (1.0, 3.8)]
 TURN, TWIST = 2.0, 4.0  # rad/s, rad/s^2; the limits that `smooth` has for wheels
 
 
-def checked(answer, grid: Grid, radius: float, v: float, a: float, pieces: np.ndarray, drive: str) -> None:
+def checked(answer, grid: Grid, radius: float, v: float, a: float, segments: np.ndarray, drive: str) -> None:
     """Sample the path at less than a tenth of a cell: no wall or disc within the radius; all limits hold to 1e-6.
 
     Where the polyline is not free of what moves, nothing is: then `clear` says so.
@@ -35,7 +35,7 @@ def checked(answer, grid: Grid, radius: float, v: float, a: float, pieces: np.nd
     gap = np.hypot(np.maximum(np.abs(p[:, :1] - r) - 0.5, 0), np.maximum(np.abs(p[:, 1:] - c) - 0.5, 0)) * grid.resolution
     free = gap.min(initial=np.inf) - radius
     assert free >= -1e-6
-    for _, _, x, y, vx, vy, reach, _ in pieces:
+    for _, _, x, y, vx, vy, reach, _ in segments:
         free = min(free, (np.hypot(xy[:, 0] - x - vx * t, xy[:, 1] - y - vy * t) - reach).min())
     assert free >= -1e-6 or not answer.clear
     dt = np.diff(path.t)
@@ -78,14 +78,14 @@ def test_ways_are_bent_and_stay_legal(drive: str) -> None:
     rng = np.random.default_rng(0)
     bent, asked, worst = 0, cases(10, 2500), ""
     for case in range(asked):
-        grid, points, pieces = place(rng)
+        grid, points, segments = place(rng)
         stops = speed_profile(points, 1.0, 1.0)
-        answer = smooth(points, grid, radius=0.3, v_max=1.0, a_max=1.0, drive=drive, pieces=pieces, knots=30)
-        checked(answer, grid, 0.3, 1.0, 1.0, pieces, drive)
+        answer = smooth(points, grid, radius=0.3, v_max=1.0, a_max=1.0, drive=drive, segments=segments, knots=30)
+        checked(answer, grid, 0.3, 1.0, 1.0, segments, drive)
         assert answer.path.xy[[0, -1]] == pytest.approx(points[[0, -1]])
         assert answer.smooth or (answer.reason and (answer.path.xy == stops.xy).all())
-        assert answer.clear == nlp.is_clear(answer.path, grid, 0.3, pieces), case
-        if drive == "holonomic" and nlp.is_clear(stops, grid, 0.3, pieces):
+        assert answer.clear == nlp.is_clear(answer.path, grid, 0.3, segments), case
+        if drive == "holonomic" and nlp.is_clear(stops, grid, 0.3, segments):
             assert answer.clear and answer.path.t[-1] <= stops.t[-1] + 1e-6
         bent += answer.smooth
         worst = answer.reason or worst
@@ -96,9 +96,9 @@ def test_ways_are_bent_and_stay_legal(drive: str) -> None:
 def test_obstacles_are_kept_clear_of_or_the_answer_says_not() -> None:
     """With a disc on the way the smooth answer is free by the swept test; what is not free is never called clear."""
     pytest.importorskip("casadi")
-    pieces = np.array([[0.0, 99.0, 4.5, 4.5, 0.0, -0.3, 0.5, 0.5]])
-    answer = smooth(AROUND, GRID, radius=0.25, v_max=1.0, a_max=1.0, pieces=pieces, knots=30)
-    assert answer.clear == nlp.is_clear(answer.path, GRID, 0.25, pieces)
+    segments = np.array([[0.0, 99.0, 4.5, 4.5, 0.0, -0.3, 0.5, 0.5]])
+    answer = smooth(AROUND, GRID, radius=0.25, v_max=1.0, a_max=1.0, segments=segments, knots=30)
+    assert answer.clear == nlp.is_clear(answer.path, GRID, 0.25, segments)
     assert answer.clear or not answer.smooth
 
 

@@ -56,7 +56,7 @@ def test_the_swept_test_is_what_dense_sampling_says() -> None:
         grid = Grid(rng.random((20, 20)) < 0.03, 0.25)
         path = speed_profile(rng.uniform(0.3, 4.7, (3, 2)), 1.0, 1.0, corner=0.1)
         speed, angle = rng.uniform(0, 1, 3), rng.uniform(-3, 3, 3)
-        pieces = np.column_stack(
+        segments = np.column_stack(
             (np.zeros(3), np.full(3, 99.0), rng.uniform(0, 5, (3, 2)), speed * np.cos(angle), speed * np.sin(angle),
              np.full(3, 0.5), np.full(3, 0.5))
         )  # fmt: skip
@@ -66,9 +66,9 @@ def test_the_swept_test_is_what_dense_sampling_says() -> None:
         for r, c in np.argwhere(grid.blocked):
             gap = np.hypot(np.maximum(np.abs(p[:, 0] - r) - 0.5, 0), np.maximum(np.abs(p[:, 1] - c) - 0.5, 0)) * 0.25
             least = min(least, float(gap.min()))
-        least = min(least - 0.25, naive.closest(np.column_stack((path.t, path.xy)), pieces))
+        least = min(least - 0.25, naive.closest(np.column_stack((path.t, path.xy)), segments))
         if abs(least) > 0.01:
-            assert is_clear(path, grid, 0.25, pieces) == (least > 0)
+            assert is_clear(path, grid, 0.25, segments) == (least > 0)
             clear += least > 0
     assert clear > 0
 

@@ -101,7 +101,7 @@ def test_mirrored_predictions_are_better():
     for predictions in ("constant", "mirrored", "frozen"):
         policy = Sipp(predictions=predictions)
         policy.reset(task, 0)
-        piece = policy._pieces(seen, 0.0)[-1]
+        piece = policy._segments(seen, 0.0)[-1]
         ends[predictions] = piece[3] + piece[5] * (piece[1] - piece[0])
     assert ends["constant"] == pytest.approx(11.0)
     assert ends["mirrored"] == pytest.approx(2 * 7.7 - 11.0)

@@ -95,12 +95,12 @@ def test_preparation_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "STEPS", 1 << 8)
     grid = Grid(blocked)
     problem = Problem(grid, (0, 0), (59, 59))
-    pieces = 0
+    segments = 0
     for done in kept(grid, "subgoals", lambda: Hierarchy(grid)).making:
         assert not done
         assert subgoals(problem, budget=Budget(seconds=0)).status is Status.BUDGET
-        pieces += 1
-    assert pieces > 10
+        segments += 1
+    assert segments > 10
     assert np.array_equal(subgoals(problem).cells, whole.cells)
 
 

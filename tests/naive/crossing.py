@@ -31,12 +31,12 @@ def gap_to_reach(a: np.ndarray, w: np.ndarray, reach: float, growth: float, t: f
     return float((np.hypot(a[0] + w[0] * s, a[1] + w[1] * s) - reach - growth * s).min())
 
 
-def closest(knots: np.ndarray, pieces: np.ndarray, step: float = 0.005) -> float:
+def closest(knots: np.ndarray, segments: np.ndarray, step: float = 0.005) -> float:
     """Least sampled distance of a motion, rows (t, x, y), from contact with pieces: gap of the centres less `reach`."""
     t = np.arange(knots[0, 0], knots[-1, 0], step)
     x, y = np.interp(t, knots[:, 0], knots[:, 1]), np.interp(t, knots[:, 0], knots[:, 2])
     least = math.inf
-    for p in pieces:
+    for p in segments:
         at = (t >= p[0]) & (t <= p[1])
         w = t[at] - p[0]
         if at.any():

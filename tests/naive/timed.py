@@ -57,9 +57,9 @@ def course_pieces(radius, knot_t, knot_xy, first, t0, horizon):
     return np.array(rows).reshape(-1, 7)
 
 
-def nearest(a, b, duration, depart, pieces):
+def nearest(a, b, duration, depart, segments):
     """Least distance of a disc going from a to b from `depart` on from each piece while it lasts; broadcasts."""
-    begin, end, x, y, vx, vy, _ = np.moveaxis(pieces, -1, 0)
+    begin, end, x, y, vx, vy, _ = np.moveaxis(segments, -1, 0)
     low, high = np.maximum(depart, begin), np.minimum(depart + duration, end)
     ux, uy = (b - a)[..., 0] / np.maximum(duration, 1e-12), (b - a)[..., 1] / np.maximum(duration, 1e-12)
     px = x + vx * (low - begin) - a[..., 0] - ux * (low - depart)
@@ -71,28 +71,28 @@ def nearest(a, b, duration, depart, pieces):
     return np.hypot(px + wx * when, py + wy * when)
 
 
-def unsafe(a, b, duration, pieces, reach):
+def unsafe(a, b, duration, segments, reach):
     """The unsafe departures of each move past each piece, [low, high] (low > high: none).
 
     The least distance is a convex function of the departure (least distances over convex sets are), so ternary search finds
     its minimum and bisection where it crosses the reach on both sides.
     """
-    low, high = np.broadcast_arrays(pieces[:, 0] - duration, pieces[:, 1] + 0 * duration)
+    low, high = np.broadcast_arrays(segments[:, 0] - duration, segments[:, 1] + 0 * duration)
     low, high = low.copy(), high.copy()
     first, last = low.copy(), high.copy()
     for _ in range(75):
         p, q = low + (high - low) / 3, high - (high - low) / 3
-        left = nearest(a, b, duration, p, pieces) <= nearest(a, b, duration, q, pieces)
+        left = nearest(a, b, duration, p, segments) <= nearest(a, b, duration, q, segments)
         low, high = np.where(left, low, p), np.where(left, q, high)
     middle = (low + high) / 2
-    contact = nearest(a, b, duration, middle, pieces) < reach
+    contact = nearest(a, b, duration, middle, segments) < reach
 
     def cross(outer, inner):
-        ends_in_contact = nearest(a, b, duration, outer, pieces) < reach
+        ends_in_contact = nearest(a, b, duration, outer, segments) < reach
         edge = outer
         for _ in range(60):
             half = (outer + inner) / 2
-            hit = nearest(a, b, duration, half, pieces) < reach
+            hit = nearest(a, b, duration, half, segments) < reach
             outer, inner = np.where(hit, outer, half), np.where(hit, half, inner)
         return np.where(ends_in_contact, edge, inner)
 
@@ -104,14 +104,14 @@ def sipp(mask, offsets, centre, speed, radius, start, goal, courses, t0=0.0, hor
 
     `centre` are the cells' centres in m, [H, W, 2]; `courses` the arrays (radius, knot_t, knot_xy, first).
     """
-    pieces = course_pieces(*courses, t0, horizon)
-    reach = radius + pieces[:, 6] - 1e-9
+    segments = course_pieces(*courses, t0, horizon)
+    reach = radius + segments[:, 6] - 1e-9
     cells = list(np.ndindex(mask.shape))
-    stays = unsafe(*(np.array([centre[c] for c in cells])[:, None],) * 2, np.zeros((len(cells), 1)), pieces, reach)
+    stays = unsafe(*(np.array([centre[c] for c in cells])[:, None],) * 2, np.zeros((len(cells), 1)), segments, reach)
     moves = [(c, (c[0] + dr, c[1] + dc)) for c in cells for k, (dr, dc) in enumerate(offsets) if int(mask[c]) >> k & 1]
     a, b = (np.array([centre[m[i]] for m in moves]).reshape(-1, 1, 2) for i in (0, 1))
     duration = np.hypot(*np.moveaxis(b - a, -1, 0)) / speed
-    leaves = unsafe(a, b, duration, pieces, reach)
+    leaves = unsafe(a, b, duration, segments, reach)
     safe = {c: gaps(stays[0][i], stays[1][i], t0) for i, c in enumerate(cells)}
     outgoing = {c: [] for c in cells}
     for i, (c, d) in enumerate(moves):
@@ -173,14 +173,14 @@ def unit_steps(blocked, walks, start, goal):
 
 def ticks(mask, offsets, centre, radius, start, goal, courses, per_step, slack, limit):
     """Breadth first over (cell, tick) at 1 cell a second with `per_step` ticks a move; discs of radius less `slack`."""
-    pieces = course_pieces(*courses, 0.0, np.inf)
-    reach = radius + pieces[:, 6] - 1e-9 - slack
+    segments = course_pieces(*courses, 0.0, np.inf)
+    reach = radius + segments[:, 6] - 1e-9 - slack
 
     def free(a, b, duration, depart):
         a, b = np.array([[a]]), np.array([[b]])
-        begin, end = pieces[:, 0], pieces[:, 1]
+        begin, end = segments[:, 0], segments[:, 1]
         lasts = (depart + duration > begin) & (depart < end)
-        return not (lasts & (nearest(a, b, np.array([[duration]]), depart, pieces)[0] < reach)).any()
+        return not (lasts & (nearest(a, b, np.array([[duration]]), depart, segments)[0] < reach)).any()
 
     layers = [set() for _ in range(limit + per_step + 1)]
     if free(centre[start], centre[start], 1e-9, 0.0):

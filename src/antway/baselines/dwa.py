@@ -12,7 +12,7 @@ from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, now
 from antway.kernels.baselines.dwa import roll_out
 
-from antway.search.sipp import NO_PIECES  # isort: skip
+from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
 
 
@@ -80,7 +80,7 @@ class Dwa(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
-        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
         if not len(path.t):
             self.decide("stuck", "the map has no way for this robot")
             return STOP

@@ -13,7 +13,7 @@ from antway.baselines.replan import STOP, Follow, now
 from antway.errors import BadParameter
 from antway.grid import Grid
 
-from antway.search.sipp import NO_PIECES  # isort: skip
+from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
 
 AWAY = 1e6  # m; where agents stand that no track is given to
@@ -74,7 +74,7 @@ class Orca(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot, mind = observation, self.task.robot, self.mind
-        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
         if not len(path.t):
             self.decide("stuck", "the map has no way for this robot")
             return STOP

@@ -17,7 +17,7 @@ from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
 
-from antway.search.sipp import NO_PIECES, Sipp as SpaceTime  # isort: skip
+from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 STOP = Command((0.0, 0.0))
@@ -37,7 +37,7 @@ class Follow:
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        path = self.search.search(observation.xy, observation.t, NO_PIECES).path
+        path = self.search.search(observation.xy, observation.t, NO_SEGMENTS).path
         return drive(self.task, observation, path)
 
     def explain(self) -> Decision:
@@ -70,7 +70,7 @@ class Stop(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
-        path = self.search.search(o.xy, o.t, NO_PIECES).path
+        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
         n, ends = len(o.tracks), np.array([o.t, o.t + self.lookahead])
         xy, velocity = now(o)
         knots = np.stack((xy, xy + velocity * self.lookahead), axis=1).reshape(-1, 2)
@@ -113,14 +113,14 @@ class Sipp(Follow):
         """Return the command for the next control period."""
         o = observation
         for margin in (self.room, 0.0):
-            path = self.search.search(o.xy, o.t, self._pieces(o, margin)).path
+            path = self.search.search(o.xy, o.t, self._segments(o, margin)).path
             if len(path.t):
                 self.decide("avoid", "the way that arrives first, as the obstacles are predicted")
                 return drive(self.task, o, path)
         self.decide("brake", "there is no way")
         return STOP
 
-    def _pieces(self, o: Observation, margin: float) -> NDArray[np.float64]:
+    def _segments(self, o: Observation, margin: float) -> NDArray[np.float64]:
         """Return the predictions as pieces (kernels/spacetime/segments.py); a margin that is broken already is cut to what there is."""
         robot, horizon = self.task.robot, min(self.horizon, 1e6)
         xy, velocity = now(o)

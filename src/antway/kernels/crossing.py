@@ -75,18 +75,21 @@ class Plan(NamedTuple):
 
 
 @kernel
-def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, pieces: NDArray[np.float64]) -> bool:
-    """Tell whether all that an earlier prediction, `pieces`, is about are where they were to be now, and move as they were to.
+def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, segments: NDArray[np.float64]) -> bool:
+    """Tell whether all that an earlier prediction, `segments`, is about are where they were to be now, and move as they were to.
 
     Others may have come: they make no way faster.
     """
-    for p in range(len(pieces)):
-        if pieces[p, 0] <= now < pieces[p, 1]:
-            x, y = pieces[p, 2] + pieces[p, 4] * (now - pieces[p, 0]), pieces[p, 3] + pieces[p, 5] * (now - pieces[p, 0])
+    for p in range(len(segments)):
+        if segments[p, 0] <= now < segments[p, 1]:
+            x, y = (
+                segments[p, 2] + segments[p, 4] * (now - segments[p, 0]),
+                segments[p, 3] + segments[p, 5] * (now - segments[p, 0]),
+            )
             for k in range(len(beliefs)):
                 vx, vy = beliefs[k, VX], beliefs[k, VY]
                 off = max(abs(beliefs[k, X] + vx * age - x), abs(beliefs[k, Y] + vy * age - y))
-                if max(off, abs(vx - pieces[p, 4]), abs(vy - pieces[p, 5])) < _SAME:
+                if max(off, abs(vx - segments[p, 4]), abs(vy - segments[p, 5])) < _SAME:
                     break
             else:
                 return False
@@ -94,9 +97,11 @@ def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, pieces: N
 
 
 @kernel
-def _grazes(knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], lag: float, work: NDArray[np.float64]) -> bool:
+def _grazes(
+    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], lag: float, work: NDArray[np.float64]
+) -> bool:
     """Tell whether a plan that is in conflict only grazes what is foreseen: a few centimetres may well come right by then."""
-    spared = pieces.copy()
+    spared = segments.copy()
     for p in range(len(spared)):
         if spared[p, 0] > now + _SOON - 1e-9:
             spared[p, 7] = max(spared[p, 7] - _GRAZE, spared[p, 6])
@@ -117,16 +122,16 @@ def cycle(
     x: float,
     y: float,
     frame: NDArray[np.float64],
-    pieces: NDArray[np.float64],
+    segments: NDArray[np.float64],
     state: State,
 ) -> tuple[float, float, int, float, float]:
     """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival).
 
-    Arrivals are absolute, s; `beliefs` are as kernels/tracking/kalman.py leaves them, `age` s old; `pieces` is room for the prediction.
+    Arrivals are absolute, s; `beliefs` are as kernels/tracking/kalman.py leaves them, `age` s old; `segments` is room for the prediction.
     """
     s = settings
     crowd.known[0] = foresee(crowd.rows, crowd.known[0], beliefs, now - age, s.usual, crowd.course)
-    foreseen = _as_foreseen(beliefs, now, age, pieces[: int(plan.state[FORESEEN])])
+    foreseen = _as_foreseen(beliefs, now, age, segments[: int(plan.state[FORESEEN])])
     count = predict(
         beliefs,
         now,
@@ -143,10 +148,10 @@ def cycle(
         place.blocked,
         frame,
         crowd.course[: len(beliefs)],
-        pieces,
+        segments,
     )
     plan.state[FORESEEN] = count
-    ahead = pieces[:count]
+    ahead = segments[:count]
     work = np.empty(2)
     n = int(plan.state[COUNT])
     valid = grazes = False

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
-from antway.kernels.spacetime.memory import PIECES
+from antway.kernels.spacetime.memory import SEGMENTS
 from antway.kernels.tracking.predict import STRAIGHT, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
@@ -95,7 +95,7 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
     rows = np.column_stack(
         (tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius, np.zeros((len(tracks), 2)), tracks.id)
     ).astype(np.float64)
-    pieces, lines = np.empty((PIECES, 8)), []
+    segments, lines = np.empty((SEGMENTS, 8)), []
     for k in range(len(rows)):
         n = predict(
             rows[k : k + 1],
@@ -113,9 +113,9 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
             grid.blocked,
             frame,
             STRAIGHT,
-            pieces,
+            segments,
         )
-        t, until, x, y, vx, vy = pieces[:n, :6].T
+        t, until, x, y, vx, vy = segments[:n, :6].T
         ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))
         lines.append(np.vstack((np.column_stack((t, x, y)), ends[-1:])))
     return lines

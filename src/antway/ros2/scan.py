@@ -71,34 +71,34 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
     if len(xy) == 0:
         return np.empty((0, 2)), np.empty(0)
     breaks = np.flatnonzero(np.hypot(*np.diff(xy, axis=0).T) > gap) + 1
-    pieces = np.split(xy, breaks)
-    if len(pieces) > 1 and math.dist(xy[0], xy[-1]) <= gap:  # the scan goes all the way round
-        pieces[0] = np.vstack((pieces.pop(), pieces[0]))
+    clusters = np.split(xy, breaks)
+    if len(clusters) > 1 and math.dist(xy[0], xy[-1]) <= gap:  # the scan goes all the way round
+        clusters[0] = np.vstack((clusters.pop(), clusters[0]))
     found = []
-    while pieces:
-        piece = pieces.pop()
-        if len(piece) < 2:
+    while clusters:
+        cluster = clusters.pop()
+        if len(cluster) < 2:
             continue
-        middle = (piece[0] + piece[-1]) / 2
-        reach = float(np.hypot(*(piece - middle).T).max())
-        if reach > largest and len(piece) > 3:
-            pieces += [piece[: len(piece) // 2 + 1], piece[len(piece) // 2 :]]
+        middle = (cluster[0] + cluster[-1]) / 2
+        reach = float(np.hypot(*(cluster - middle).T).max())
+        if reach > largest and len(cluster) > 3:
+            clusters += [cluster[: len(cluster) // 2 + 1], cluster[len(cluster) // 2 :]]
             continue
-        spacing = float(np.median(np.hypot(*np.diff(piece, axis=0).T)))
-        found.append(_circle(piece, largest) or (middle[0], middle[1], reach + spacing / 2))
+        spacing = float(np.median(np.hypot(*np.diff(cluster, axis=0).T)))
+        found.append(_circle(cluster, largest) or (middle[0], middle[1], reach + spacing / 2))
     rows = np.array(found[::-1], np.float64).reshape(-1, 3)
     return rows[:, :2].copy(), rows[:, 2].copy()
 
 
-def _circle(piece: NDArray[np.float64], largest: float) -> tuple[float, float, float] | None:
+def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float, float] | None:
     """Return x, y and radius of the circle on which the points lie, or None if they lie on no arc of a quarter or more.
 
     The circle is the least squares solution of x^2 + y^2 = 2 a x + 2 b y + c (Kasa: A curve fitting procedure, 1976).
     """
-    if len(piece) < 5:
+    if len(cluster) < 5:
         return None
-    offset = piece.mean(axis=0)
-    p = piece - offset
+    offset = cluster.mean(axis=0)
+    p = cluster - offset
     (a, b, c), *_ = np.linalg.lstsq(np.column_stack((2.0 * p, np.ones(len(p)))), (p**2).sum(axis=1), rcond=None)
     radius = math.sqrt(c + a * a + b * b)
     error = np.abs(np.hypot(p[:, 0] - a, p[:, 1] - b) - radius).max()

@@ -21,7 +21,7 @@ from antway.search.distance_field import dijkstra
 from antway.search.jps import jumps_pay
 from antway.search.subgoals import hierarchy_of
 
-PIECE = 256  # queries between two looks of Python at its signals
+CHUNK = 256  # queries between two looks of Python at its signals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     ends = np.hstack((sources, targets))
     begins, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
     if moves is Moves.EIGHT and hierarchy_of(grid).ready:
-        cells = hierarchy_of(grid).plan_all(ends, begins, diagonals, PIECE)
+        cells = hierarchy_of(grid).plan_all(ends, begins, diagonals, CHUNK)
     else:
         cells = _search_all(searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid)), ends, begins, diagonals)
     lengths = np.where(diagonals < 0, np.inf, np.diff(begins) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
@@ -113,8 +113,8 @@ def _search_all(
     work = search.workspace()
     try:
         while query < len(ends):
-            piece: tuple[Any, ...] = (work.base, ends[: query + PIECE], query, begins, cells, diagonals)
-            query, work.base, code = solve_all(*search.net, *work.arrays, *piece)
+            chunk: tuple[Any, ...] = (work.base, ends[: query + CHUNK], query, begins, cells, diagonals)
+            query, work.base, code = solve_all(*search.net, *work.arrays, *chunk)
             if code == FULL:
                 work.grow()
             elif code == NO_ROOM:

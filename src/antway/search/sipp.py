@@ -23,7 +23,7 @@ from antway.kernels.spacetime import sipp as kernels
 from antway.planning import Status, TimedPath
 
 TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)
-NO_PIECES = np.empty((0, 8))
+NO_SEGMENTS = np.empty((0, 8))
 
 
 class Courses(Protocol):
@@ -240,30 +240,30 @@ class Sipp:
         """
         t = checks.number("t", t, low=-1e8, high=1e8, unit="s")
         horizon = checks.number("horizon", horizon, low=t, infinite=True, unit="s")
-        pieces = NO_PIECES if obstacles is None else _pieces(obstacles, self.radius, t, horizon)
-        return self.search(start, t, pieces, max_expanded)
+        segments = NO_SEGMENTS if obstacles is None else _segments(obstacles, self.radius, t, horizon)
+        return self.search(start, t, segments, max_expanded)
 
     def search(
-        self, start: Iterable[float], t: float, pieces: NDArray[np.float64], max_expanded: int | None = None
+        self, start: Iterable[float], t: float, segments: NDArray[np.float64], max_expanded: int | None = None
     ) -> TimedPlan:
-        """Return the same from prepared pieces, float64[P, 8] (see `kernels.pieces`), for every control cycle."""
+        """Return the same from prepared pieces, float64[P, 8] (see `kernels.segments`), for every control cycle."""
         begun = time.perf_counter()
         x, y = checks.point("start", start)
         self._check_start((x, y))
         most = 2**62 if max_expanded is None else checks.integer("max_expanded", max_expanded, low=0)
         grid, speed = self.grid, self.v_max
         frame = (grid.origin[0] + grid.resolution / 2, grid.origin[1] + grid.resolution / 2, grid.resolution)
-        if len(pieces) > len(self._workspace.spans):
-            self._workspace = _workspace(self.mask.size, len(self._workspace.cell), 2 * len(pieces))
+        if len(segments) > len(self._workspace.spans):
+            self._workspace = _workspace(self.mask.size, len(self._workspace.cell), 2 * len(segments))
         while True:
             code, state, expanded, bound = kernels.sipp(
                 grid.blocked, self.mask, self.field, self.moves.offsets, self.moves.lengths,
-                frame, self.radius, speed, (x, y), t, pieces, most, self._workspace,
+                frame, self.radius, speed, (x, y), t, segments, most, self._workspace,
             )  # fmt: skip
             if code != kernels.FULL:
                 break
             self._workspace = _workspace(
-                self.mask.size, 2 * len(self._workspace.cell) + len(pieces), len(self._workspace.spans)
+                self.mask.size, 2 * len(self._workspace.cell) + len(segments), len(self._workspace.spans)
             )
         path, arrival = TimedPath(np.empty(0), np.empty((0, 2))), math.inf
         if code == kernels.FOUND:
@@ -338,7 +338,7 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
     )  # fmt: skip
 
 
-def _pieces(obstacles: Courses, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
+def _segments(obstacles: Courses, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
     """Check the courses and return their pieces from t to the horizon."""
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
         raise BadParameter("obstacles", obstacles, "courses such as a Timeline: radius, knot_t, knot_xy, first; or None")
@@ -358,4 +358,4 @@ def _pieces(obstacles: Courses, robot_radius: float, t: float, horizon: float) -
         raise BadParameter(
             "obstacles.knot_t", float(knot_t[np.argmin(rising) + 1]), "strictly increasing within an obstacle (s)"
         )
-    return timed.timeline_pieces(radius, knot_t, knot_xy, first.astype(np.int64), robot_radius, t, horizon)
+    return timed.timeline_segments(radius, knot_t, knot_xy, first.astype(np.int64), robot_radius, t, horizon)

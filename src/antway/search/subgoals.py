@@ -80,7 +80,7 @@ class Hierarchy:
     """
 
     def __init__(self, grid: Grid) -> None:
-        self.lock, self.making, self.made, self.pays = threading.Lock(), self._pieces(grid), False, True
+        self.lock, self.making, self.made, self.pays = threading.Lock(), self._chunks(grid), False, True
         self.arrays: tuple[Any, ...] = ()
         self.sizes = (0, 0, 0, 0)
         self.spare: list[tuple[Any, ...]] = []
@@ -97,7 +97,7 @@ class Hierarchy:
         """Whether it is made and pays."""
         return self.made and self.pays
 
-    def _pieces(self, grid: Grid) -> Iterator[bool]:
+    def _chunks(self, grid: Grid) -> Iterator[bool]:
         """Make the hierarchy, and yield False after every piece of the work."""
         net = lattice(grid, Moves.EIGHT)
         is_corner = corners(net.around).reshape(grid.shape)
@@ -146,14 +146,14 @@ class Hierarchy:
         return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
 
     def plan_all(
-        self, ends: NDArray[np.int64], begins: NDArray[np.int64], diagonals: NDArray[np.int64], piece: int
+        self, ends: NDArray[np.int64], begins: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
     ) -> NDArray[np.int32]:
-        """Solve queries, `piece` of them between two looks of Python at its signals; see `kernels.climb.route_all`."""
+        """Solve queries, `chunk` of them between two looks of Python at its signals; see `kernels.climb.route_all`."""
         paths, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
         work = self.spare.pop() if self.spare else self._workspace()
         try:
             while query < len(ends):
-                last = min(query + piece, len(ends))
+                last = min(query + chunk, len(ends))
                 queries: tuple[Any, ...] = (ends[:last], query, begins, paths, diagonals)
                 query = route_all(*self.arrays, *work, *queries)
                 if query < last:

@@ -62,7 +62,7 @@ def smooth(
     turn_rate: float = 2.0,
     turn_acceleration: float = 4.0,
     margin: float = 0.02,
-    pieces: NDArray[np.float64] | None = None,
+    segments: NDArray[np.float64] | None = None,
     knots: int = 40,
     weights: tuple[float, float, float] = (1.0, 0.1, 0.01),
 ) -> Smoothed:
@@ -81,7 +81,7 @@ def smooth(
     drive, turn_rate, turn_acceleration
         "holonomic" or "differential"; of the latter rad/s and rad/s^2, > 0. It begins and ends in the directions of the
         polyline and never reverses.
-    pieces : float64[P, 8] or None
+    segments : float64[P, 8] or None
         Predicted obstacles, the robot's radius included (`antway.kernels.spacetime.segments`); time 0 is the begin of the motion.
     knots : int
         Intervals of the program, 4 to 200.
@@ -116,25 +116,25 @@ def smooth(
     n = checks.integer("knots", knots, low=4, high=200)
     weights = checks.point("weights", weights, size=3)  # type: ignore[assignment]
     checks.instance("grid", grid, Grid)
-    if pieces is not None:
-        checks.array("pieces", pieces, (None, 8), finite=False)
+    if segments is not None:
+        checks.array("pieces", segments, (None, 8), finite=False)
     guess = speed_profile(xy, v_max, a_max)
     solved, reason = None, ""
     turning = (turn_rate, turn_acceleration) if differential else None
     try:
-        solved = _solve(casadi, guess, grid, radius + margin, margin, v_max, a_max, turning, pieces, n, weights)
+        solved = _solve(casadi, guess, grid, radius + margin, margin, v_max, a_max, turning, segments, n, weights)
     except RuntimeError as error:  # how CasADi says that IPOPT found no solution
         reason = f"no solution: {str(error).splitlines()[0][:80]}"
     if solved is not None:
-        if not is_clear(solved, grid, radius, pieces):
+        if not is_clear(solved, grid, radius, segments):
             reason = "the solution touches something between its knots"
         elif not _within_limits(solved, v_max, a_max, turning):
             reason = "the solution exceeds a limit"
-        elif float(solved.t[-1]) > float(guess.t[-1]) and is_clear(guess, grid, radius, pieces) and not differential:
+        elif float(solved.t[-1]) > float(guess.t[-1]) and is_clear(guess, grid, radius, segments) and not differential:
             reason = "the solution is slower than the polyline"
         else:
             return Smoothed(solved, True, True)
-    return Smoothed(guess, False, is_clear(guess, grid, radius, pieces), reason)
+    return Smoothed(guess, False, is_clear(guess, grid, radius, segments), reason)
 
 
 def _within_limits(path: TimedPath, v_max: float, a_max: float, turning: tuple[float, float] | None) -> bool:
@@ -169,7 +169,7 @@ def _solve(
     v_max: float,
     a_max: float,
     turning: tuple[float, float] | None,
-    pieces: NDArray[np.float64] | None,
+    segments: NDArray[np.float64] | None,
     n: int,
     weights: tuple[float, float, float],
 ) -> TimedPath:
@@ -198,7 +198,7 @@ def _solve(
         for share in (0.5, 1.0) if k < n - 1 else (0.5,):
             place, at = p[:, k] + share * step, now + share * dt[k]
             opti.subject_to(distance(place) >= room)
-            for t0, t1, x, y, ux, uy, reach, _ in pieces if pieces is not None else ():
+            for t0, t1, x, y, ux, uy, reach, _ in segments if segments is not None else ():
                 if t0 <= times[k] + share * (times[k + 1] - times[k]) <= t1:  # the piece that holds by the guess
                     gap = place - casadi.vertcat(x + ux * (at - t0), y + uy * (at - t0))
                     opti.subject_to(casadi.sumsqr(gap) >= (reach + margin) ** 2)

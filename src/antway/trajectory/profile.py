@@ -109,21 +109,21 @@ def _leg(
     return np.concatenate(gone) / way, np.concatenate(since)
 
 
-def is_clear(path: TimedPath, grid: Grid, radius: float, pieces: NDArray[np.float64] | None = None) -> bool:
+def is_clear(path: TimedPath, grid: Grid, radius: float, segments: NDArray[np.float64] | None = None) -> bool:
     """Tell, by the exact swept test, whether a disc of `radius` m on `path` touches neither walls nor moving obstacles.
 
-    `pieces` is float64[P, 8] as in `antway.kernels.spacetime.segments`, radii included.
+    `segments` is float64[P, 8] as in `antway.kernels.spacetime.segments`, radii included.
     """
     checks.instance("path", path, TimedPath)
     checks.instance("grid", grid, Grid)
     radius = checks.number("radius", radius, low=0.0, unit="m")
-    if pieces is not None:
-        checks.array("pieces", pieces, (None, 8), finite=False)
+    if segments is not None:
+        checks.array("pieces", segments, (None, 8), finite=False)
     points = grid.to_points(path.xy).tolist()
     for (ar, ac), (br, bc) in pairwise(points):
         if segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True):
             return False
-    if pieces is None or not len(pieces):
+    if segments is None or not len(segments):
         return True
     knots = np.column_stack((path.t, path.xy))
-    return first_conflict(knots, float(path.t[0]), pieces, 0.0, np.empty(2)) == math.inf
+    return first_conflict(knots, float(path.t[0]), segments, 0.0, np.empty(2)) == math.inf

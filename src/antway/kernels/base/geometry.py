@@ -256,13 +256,13 @@ def first_wall(
                 if share < best:
                     best = share
                     n_row, n_col = (-side, 0.0) if axis == 0 else (0.0, -side)
-    pieces = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
+    parts = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
     margin = r + 0.5
-    for piece in range(pieces):
-        if best <= piece / pieces:
+    for part in range(parts):
+        if best <= part / parts:
             break
-        r0, c0 = row + dr * (piece / pieces), col + dc * (piece / pieces)
-        r1, c1 = row + dr * ((piece + 1) / pieces), col + dc * ((piece + 1) / pieces)
+        r0, c0 = row + dr * (part / parts), col + dc * (part / parts)
+        r1, c1 = row + dr * ((part + 1) / parts), col + dc * ((part + 1) / parts)
         for i in range(max(math.ceil(min(r0, r1) - margin), 0), min(math.floor(max(r0, r1) + margin), rows - 1) + 1):
             for j in range(max(math.ceil(min(c0, c1) - margin), 0), min(math.floor(max(c0, c1) + margin), cols - 1) + 1):
                 if blocked[i, j]:

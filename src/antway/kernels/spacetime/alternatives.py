@@ -16,22 +16,22 @@ _SAMPLES = 100
 
 @kernel
 def passing(
-    knots: NDArray[np.float64], pieces: NDArray[np.float64], now: float, until: float
+    knots: NDArray[np.float64], segments: NDArray[np.float64], now: float, until: float
 ) -> tuple[float, float, float, float]:
     """Return where the robot on knots (t, x, y) is as seen from an obstacle when it is nearest to it, and that one's velocity.
 
-    Looks from `now` to `until` s, in steps; `pieces` predict the one obstacle, in order of time.
+    Looks from `now` to `until` s, in steps; `segments` predict the one obstacle, in order of time.
     """
     best, p = (math.inf, 0.0, 0.0, 0.0, 0.0), 0
     for i in range(_SAMPLES + 1):
         t = now + (until - now) * i / _SAMPLES
-        while p < len(pieces) - 1 and pieces[p, 1] <= t:
+        while p < len(segments) - 1 and segments[p, 1] <= t:
             p += 1
         x, y, _ = place_at(knots, len(knots), t)
-        x -= pieces[p, 2] + (t - pieces[p, 0]) * pieces[p, 4]
-        y -= pieces[p, 3] + (t - pieces[p, 0]) * pieces[p, 5]
+        x -= segments[p, 2] + (t - segments[p, 0]) * segments[p, 4]
+        y -= segments[p, 3] + (t - segments[p, 0]) * segments[p, 5]
         if math.hypot(x, y) < best[0]:
-            best = math.hypot(x, y), x, y, float(pieces[p, 4]), float(pieces[p, 5])
+            best = math.hypot(x, y), x, y, float(segments[p, 4]), float(segments[p, 5])
     return best[1], best[2], best[3], best[4]
 
 

@@ -36,7 +36,7 @@ def _expand(
     stretch: float,
     t0: float,
     horizon: float,
-    pieces: NDArray[np.float64],
+    segments: NDArray[np.float64],
     lag: float,
     work: NDArray[np.float64],
 ) -> int:
@@ -47,7 +47,7 @@ def _expand(
     soonest = -1
     gx, gy = centre(place, cell)
     if memory.stamp[cell] != memory.counter[0]:
-        open_cell(memory, cell, gx, gy, stretch, t0, horizon, pieces)
+        open_cell(memory, cell, gx, gy, stretch, t0, horizon, segments)
     memory.counter[2] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
@@ -60,7 +60,7 @@ def _expand(
             break
         if soon + duration >= memory.arrival[c] - TOUCH:
             continue
-        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, pieces, lag, work)
+        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, segments, lag, work)
         if depart == math.inf:
             break
         arrival = depart + duration
@@ -152,7 +152,7 @@ def search(
     memory: Memory,
     trails: Trails,
     place: Place,
-    pieces: NDArray[np.float64],
+    segments: NDArray[np.float64],
     lag: float,
     x: float,
     y: float,
@@ -171,7 +171,7 @@ def search(
 
     Parameters
     ----------
-    pieces, lag : float64[P, 8], float
+    segments, lag : float64[P, 8], float
         Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/spacetime/segments.py.
     horizon : float
         Absolute time after which obstacles are forgotten: a way that ends then is charged the field from there.
@@ -204,9 +204,9 @@ def search(
         here = min(here, memory.leg_time[k] + place.field[memory.leg_cell[k]])
     if here == math.inf or t0 + here >= limit - gain:
         return -1, limit, t0 + here
-    for p in range(len(pieces)):
-        note_box(memory, pieces, p)
-    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * place.speed, t0, horizon, pieces)
+    for p in range(len(segments)):
+        note_box(memory, segments, p)
+    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * place.speed, t0, horizon, segments)
     if memory.counter[1] == 0 or memory.low[0] > t0:
         return -1, math.inf, t0 + here
     work, weight, cost, move = np.empty(2), np.empty(LEGS), np.empty(LEGS), np.empty(LEGS, np.int64)
@@ -293,7 +293,7 @@ def search(
                 target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + place.offset[k], time[k])
                 if s == 0 and not clear(place, x, y, *centre(place, target)):
                     continue
-                then = _expand(memory, place, s, target, duration, sx, sy, stretch, t0, horizon, pieces, lag, work)
+                then = _expand(memory, place, s, target, duration, sx, sy, stretch, t0, horizon, segments, lag, work)
             memory.key[s], least = math.inf, cost[:n].min() if n else math.inf
             if least < math.inf:
                 push(memory, least, s)

@@ -51,10 +51,10 @@ def clear(place: Place, ax: float, ay: float, bx: float, by: float) -> bool:
 
 
 @bare_kernel
-def can_stay(x: float, y: float, t0: float, t1: float, pieces: NDArray[np.float64]) -> bool:
+def can_stay(x: float, y: float, t0: float, t1: float, segments: NDArray[np.float64]) -> bool:
     """Tell whether a robot may stand at (x, y) from t0 to t1."""
-    for p in range(len(pieces)):
-        low, high = unsafe_stay(x, y, pieces, p)
+    for p in range(len(segments)):
+        low, high = unsafe_stay(x, y, segments, p)
         if low < t1 - TOUCH and high > t0 + TOUCH:
             return False
     return True

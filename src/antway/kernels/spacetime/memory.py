@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.spacetime.segments import TOUCH, delayed, unsafe_stay, within
 
-PIECES = 2048  # of all predictions at most
+SEGMENTS = 2048  # of all predictions at most
 NEAR = 1 << 16  # pieces that come near a cell, over all cells of a search
 STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
 HEAP = 1 << 15
@@ -26,7 +26,7 @@ class Memory(NamedTuple):
     intervals: NDArray[np.int32]  # [cells] how many
     latest: NDArray[np.float64]  # [cells] greatest arrival among its states, s: who comes later has nothing to gain there
     near: NDArray[np.int32]  # [cells + 1, 2] pieces near a cell: rows [first, last) below; those of the start come last
-    near_piece: NDArray[np.int32]  # [NEAR]
+    near_segment: NDArray[np.int32]  # [NEAR]
     near_time: NDArray[np.float64]  # [NEAR, 2] from when to when, s
     box: NDArray[np.float64]  # [PIECES, 4] least and greatest x and y in m that a piece reaches
     cell: NDArray[np.int32]  # [STATES] -1: the start
@@ -42,21 +42,21 @@ class Memory(NamedTuple):
     leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
     span: NDArray[np.float64]  # [2, PIECES] scratch
-    counter: NDArray[np.int64]  # [6] searches, states, moves tested, ant steps, heap entries, rows of `near_piece`
+    counter: NDArray[np.int64]  # [6] searches, states, moves tested, ant steps, heap entries, rows of `near_segment`
 
 
 @bare_kernel
-def note_box(memory: Memory, pieces: NDArray[np.float64], p: int) -> None:
+def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
     """Note the box that piece p sweeps."""
-    x, y, span, reach = pieces[p, 2], pieces[p, 3], pieces[p, 1] - pieces[p, 0], pieces[p, 7]
-    ex, ey = x + pieces[p, 4] * span, y + pieces[p, 5] * span
+    x, y, span, reach = segments[p, 2], segments[p, 3], segments[p, 1] - segments[p, 0], segments[p, 7]
+    ex, ey = x + segments[p, 4] * span, y + segments[p, 5] * span
     memory.box[p, 0], memory.box[p, 1] = min(x, ex) - reach, max(x, ex) + reach
     memory.box[p, 2], memory.box[p, 3] = min(y, ey) - reach, max(y, ey) + reach
 
 
 @bare_kernel
 def open_cell(
-    memory: Memory, cell: int, x: float, y: float, stretch: float, t0: float, horizon: float, pieces: NDArray[np.float64]
+    memory: Memory, cell: int, x: float, y: float, stretch: float, t0: float, horizon: float, segments: NDArray[np.float64]
 ) -> None:
     """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
 
@@ -64,10 +64,10 @@ def open_cell(
     """
     lows, highs = memory.span[0], memory.span[1]
     n, near = 0, memory.counter[5]
-    if near + len(pieces) > len(memory.near_piece):  # full: the cell stays closed
+    if near + len(segments) > len(memory.near_segment):  # full: the cell stays closed
         memory.stamp[cell], memory.intervals[cell] = memory.counter[0], 0
         return
-    for p in range(len(pieces)):
+    for p in range(len(segments)):
         if (
             x + stretch < memory.box[p, 0]
             or x - stretch > memory.box[p, 1]
@@ -75,12 +75,12 @@ def open_cell(
             or y - stretch > memory.box[p, 3]
         ):
             continue
-        since, until = within(x, y, pieces[p, 7] + stretch, pieces, p)
+        since, until = within(x, y, segments[p, 7] + stretch, segments, p)
         if since >= until:
             continue
-        memory.near_piece[near], memory.near_time[near, 0], memory.near_time[near, 1] = p, since, until
+        memory.near_segment[near], memory.near_time[near, 0], memory.near_time[near, 1] = p, since, until
         near += 1
-        low, high = unsafe_stay(x, y, pieces, p)
+        low, high = unsafe_stay(x, y, segments, p)
         if high <= t0 or low >= high:
             continue
         i = n  # insert in order of `low`
@@ -122,7 +122,7 @@ def leave(
     duration: float,
     s: float,
     limit: float,
-    pieces: NDArray[np.float64],
+    segments: NDArray[np.float64],
     lag: float,
     work: NDArray[np.float64],
 ) -> float:
@@ -132,7 +132,7 @@ def leave(
     while clear < last - first and s <= limit:
         later = s
         if memory.near_time[i, 0] <= s - lag + duration and memory.near_time[i, 1] >= s - lag:
-            later = delayed(x, y, vx, vy, duration, s, pieces, memory.near_piece[i], lag, work)
+            later = delayed(x, y, vx, vy, duration, s, segments, memory.near_segment[i], lag, work)
         clear = clear + 1 if later == s else 1
         s, i = later, i + 1 if i + 1 < last else first
     return s if s <= limit else math.inf

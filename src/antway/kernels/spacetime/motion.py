@@ -19,7 +19,7 @@ LOOK = 10  # vertices ahead that a shortcut may reach
 def trace_back(
     memory: Memory,
     place: Place,
-    pieces: NDArray[np.float64],
+    segments: NDArray[np.float64],
     lag: float,
     x: float,
     y: float,
@@ -53,7 +53,7 @@ def trace_back(
             continue
         limit = memory.depart[c]
         vx, vy = (gx - px) / duration, (gy - py) / duration
-        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, pieces, lag, work)
+        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, segments, lag, work)
         depart = min(depart, limit)
         if depart > t + TOUCH:
             out[n, 0], out[n, 1], out[n, 2] = depart, px, py
@@ -87,7 +87,7 @@ def trace_back(
 
 @kernel
 def first_conflict(
-    knots: NDArray[np.float64], now: float, pieces: NDArray[np.float64], lag: float, work: NDArray[np.float64]
+    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], lag: float, work: NDArray[np.float64]
 ) -> float:
     """Time at which the rest of a motion, rows (t, x, y), first has a leg or wait that meets a piece; infinite if never."""
     for i in range(len(knots) - 1):
@@ -98,9 +98,9 @@ def first_conflict(
         vx, vy = (knots[i + 1, 1] - knots[i, 1]) / span, (knots[i + 1, 2] - knots[i, 2]) / span
         x, y = knots[i, 1] + vx * (t0 - knots[i, 0]), knots[i, 2] + vy * (t0 - knots[i, 0])
         if vx == 0.0 and vy == 0.0:
-            if not can_stay(x, y, t0, t1, pieces):
+            if not can_stay(x, y, t0, t1, segments):
                 return t0
-        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, pieces, lag, work) == math.inf:
+        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, segments, lag, work) == math.inf:
             return t0
     return math.inf
 
@@ -123,7 +123,7 @@ def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float
 
 @kernel
 def shorten(
-    place: Place, pieces: NDArray[np.float64], lag: float, knots: NDArray[np.float64], n: int, out: NDArray[np.float64]
+    place: Place, segments: NDArray[np.float64], lag: float, knots: NDArray[np.float64], n: int, out: NDArray[np.float64]
 ) -> int:
     """Write a motion to `out` that is nowhere later than knots[:n], rows (t, x, y), and as free; returns its knots.
 
@@ -149,8 +149,8 @@ def shorten(
             leave = math.inf
             if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(place, x[i], y[i], x[j], y[j])):
                 vx, vy = (x[j] - x[i]) / duration, (y[j] - y[i]) / duration
-                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], pieces, lag, work)
-            if leave + duration <= arrive[j] + TOUCH and can_stay(x[j], y[j], leave + duration, depart[j], pieces):
+                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], segments, lag, work)
+            if leave + duration <= arrive[j] + TOUCH and can_stay(x[j], y[j], leave + duration, depart[j], segments):
                 break
             if j == i + 1:
                 leave, duration = depart[i], arrive[j] - depart[i]  # as before

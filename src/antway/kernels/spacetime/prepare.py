@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_square, timeline_at
 from antway.kernels.base.jit import kernel
-from antway.kernels.spacetime.segments import Pieces
+from antway.kernels.spacetime.segments import Segments
 
 NEVER = 1e9  # s; a time that is not lived to see
 
@@ -141,7 +141,7 @@ def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.i
 
 
 @kernel
-def timeline_pieces(
+def timeline_segments(
     radius: NDArray[np.float64],
     knot_t: NDArray[np.float64],
     knot_xy: NDArray[np.float64],
@@ -149,9 +149,9 @@ def timeline_pieces(
     robot_radius: float,
     begin: float,
     horizon: float,
-) -> Pieces:
-    """Return the pieces (see `pieces.py`) of K timelines between `begin` and `horizon`, in s; then they are forgotten."""
-    pieces = np.empty((len(knot_t) + len(radius), 8))
+) -> Segments:
+    """Return the pieces (see `segments.py`) of K timelines between `begin` and `horizon`, in s; then they are forgotten."""
+    segments = np.empty((len(knot_t) + len(radius), 8))
     n = 0
     for k in range(len(radius)):
         low, high = first[k], first[k + 1]
@@ -161,6 +161,6 @@ def timeline_pieces(
             if t0 < t1:
                 x, y, vx, vy = timeline_at(t0, knot_t, knot_xy, low, high)
                 reach = robot_radius + radius[k]
-                pieces[n] = (t0, t1, x, y, vx, vy, reach, reach)
+                segments[n] = (t0, t1, x, y, vx, vy, reach, reach)
                 n += 1
-    return pieces[:n]
+    return segments[:n]

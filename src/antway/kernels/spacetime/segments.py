@@ -16,31 +16,31 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel
 
 TOUCH = 1e-9
-Pieces = NDArray[np.float64]  # [P, 8]
+Segments = NDArray[np.float64]  # [P, 8]
 
 
 @bare_kernel
-def unsafe_stay(x: float, y: float, pieces: Pieces, p: int) -> tuple[float, float]:
+def unsafe_stay(x: float, y: float, segments: Segments, p: int) -> tuple[float, float]:
     """Return the open interval of times in s at which a robot at (x, y) is in contact with piece p; (inf, -inf) if none."""
-    return within(x, y, pieces[p, 6] - TOUCH, pieces, p)
+    return within(x, y, segments[p, 6] - TOUCH, segments, p)
 
 
 @bare_kernel
-def within(x: float, y: float, distance: float, pieces: Pieces, p: int) -> tuple[float, float]:
+def within(x: float, y: float, distance: float, segments: Segments, p: int) -> tuple[float, float]:
     """Return the open interval of times in s at which piece p is less than `distance` m from (x, y); (inf, -inf) if none."""
-    ax, ay = pieces[p, 2] - x, pieces[p, 3] - y
-    vx, vy = pieces[p, 4], pieces[p, 5]
+    ax, ay = segments[p, 2] - x, segments[p, 3] - y
+    vx, vy = segments[p, 4], segments[p, 5]
     room = ax * ax + ay * ay - distance * distance
     vv = vx * vx + vy * vy
     if vv == 0.0:
-        return (pieces[p, 0], pieces[p, 1]) if room < 0.0 else (math.inf, -math.inf)
+        return (segments[p, 0], segments[p, 1]) if room < 0.0 else (math.inf, -math.inf)
     av = ax * vx + ay * vy
     root = av * av - vv * room
     if root <= 0.0:
         return math.inf, -math.inf
     root = math.sqrt(root)
-    low = max(pieces[p, 0], pieces[p, 0] + (-av - root) / vv)
-    high = min(pieces[p, 1], pieces[p, 0] + (-av + root) / vv)
+    low = max(segments[p, 0], segments[p, 0] + (-av - root) / vv)
+    high = min(segments[p, 1], segments[p, 0] + (-av + root) / vv)
     return (low, high) if low < high else (math.inf, -math.inf)
 
 
@@ -64,7 +64,7 @@ def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, r
 
 @bare_kernel
 def unsafe_departures(
-    x: float, y: float, vx: float, vy: float, duration: float, pieces: Pieces, p: int, work: NDArray[np.float64]
+    x: float, y: float, vx: float, vy: float, duration: float, segments: Segments, p: int, work: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return the interval of departure times in s for which a uniform move meets piece p (without lag); (inf, -inf) if none.
 
@@ -73,10 +73,10 @@ def unsafe_departures(
     departures s = t - z that lead into it are one interval. Its ends lie on an edge of the rectangle or where a line of
     constant s touches the ellipse. `work` is float64[2].
     """
-    t0, t1 = pieces[p, 0], pieces[p, 1]
-    ax, ay = x - pieces[p, 2], y - pieces[p, 3]
-    ux, uy = pieces[p, 4], pieces[p, 5]
-    reach = pieces[p, 7] - TOUCH
+    t0, t1 = segments[p, 0], segments[p, 1]
+    ax, ay = x - segments[p, 2], y - segments[p, 3]
+    ux, uy = segments[p, 4], segments[p, 5]
+    reach = segments[p, 7] - TOUCH
     span = t1 - t0
     low, high = math.inf, -math.inf
     for k in range(2):  # edges of constant z: at departure and at arrival
@@ -111,25 +111,25 @@ def delayed(
     vy: float,
     duration: float,
     s: float,
-    pieces: Pieces,
+    segments: Segments,
     p: int,
     lag: float,
     work: NDArray[np.float64],
 ) -> float:
     """Return s, or where piece p forbids to leave (x, y) then with (vx, vy) for `duration` s, when it no longer does."""
-    t0, t1 = max(s - lag, pieces[p, 0]), min(s - lag + duration, pieces[p, 1])
+    t0, t1 = max(s - lag, segments[p, 0]), min(s - lag + duration, segments[p, 1])
     if t0 > t1:
         return s
     # culling: the boxes of both sweeps
-    reach = pieces[p, 7]
+    reach = segments[p, 7]
     ex, ey = x + vx * duration, y + vy * duration
-    ox, px = pieces[p, 2] + pieces[p, 4] * (t0 - pieces[p, 0]), pieces[p, 2] + pieces[p, 4] * (t1 - pieces[p, 0])
+    ox, px = segments[p, 2] + segments[p, 4] * (t0 - segments[p, 0]), segments[p, 2] + segments[p, 4] * (t1 - segments[p, 0])
     if min(ox, px) - reach > max(x, ex) or max(ox, px) + reach < min(x, ex):
         return s
-    oy, py = pieces[p, 3] + pieces[p, 5] * (t0 - pieces[p, 0]), pieces[p, 3] + pieces[p, 5] * (t1 - pieces[p, 0])
+    oy, py = segments[p, 3] + segments[p, 5] * (t0 - segments[p, 0]), segments[p, 3] + segments[p, 5] * (t1 - segments[p, 0])
     if min(oy, py) - reach > max(y, ey) or max(oy, py) + reach < min(y, ey):
         return s
-    low, high = unsafe_departures(x, y, vx, vy, duration, pieces, p, work)
+    low, high = unsafe_departures(x, y, vx, vy, duration, segments, p, work)
     return high + lag if low + TOUCH < s - lag < high - TOUCH else s
 
 
@@ -142,14 +142,14 @@ def earliest_departure(
     duration: float,
     s: float,
     limit: float,
-    pieces: Pieces,
+    segments: Segments,
     lag: float,
     work: NDArray[np.float64],
 ) -> float:
     """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
     p = clear = 0  # pieces in turn, until all in a row allow the same time
-    while clear < len(pieces) and s <= limit:
-        later = delayed(x, y, vx, vy, duration, s, pieces, p, lag, work)
+    while clear < len(segments) and s <= limit:
+        later = delayed(x, y, vx, vy, duration, s, segments, p, lag, work)
         clear = clear + 1 if later == s else 1
-        s, p = later, p + 1 if p + 1 < len(pieces) else 0
+        s, p = later, p + 1 if p + 1 < len(segments) else 0
     return s if s <= limit else math.inf

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import kernel
 from antway.kernels.spacetime.prepare import NEVER
-from antway.kernels.spacetime.segments import Pieces, earliest_departure, unsafe_stay
+from antway.kernels.spacetime.segments import Segments, earliest_departure, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
 SLACK = 1e-9  # s; costs closer than this are equal
@@ -58,7 +58,7 @@ def sipp(
     speed: float,
     start: tuple[float, float],
     now: float,
-    pieces: Pieces,
+    segments: Segments,
     max_expanded: int,
     ws: Workspace,
 ) -> tuple[int, int, int, float]:
@@ -84,8 +84,8 @@ def sipp(
         m. A start off the centres of cells first goes straight to a centre at most 3 rows and columns from its cell.
     now : float
         Time at the start, s.
-    pieces : float64[P, 8]
-        The moving discs, see `pieces.py`; the robot's radius is in their reach.
+    segments : float64[P, 8]
+        The moving discs, see `segments.py`; the robot's radius is in their reach.
     max_expanded : int
     ws : Workspace
 
@@ -101,10 +101,10 @@ def sipp(
     """
     rows, cols = mask.shape
     x0, y0, cell_size = frame
-    if len(ws.cell) <= len(pieces) or len(ws.spans) < len(pieces):
+    if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
     ws.query[0] += 1
-    states = _open(-1, start[0], start[1], now, 0, pieces, ws)
+    states = _open(-1, start[0], start[1], now, 0, segments, ws)
     if states == 0 or ws.begin[0] > now:
         return NO_PATH, -1, 0, np.inf
     ws.arrival[0] = now
@@ -121,7 +121,7 @@ def sipp(
                 duration = math.hypot(dx, dy) / speed
                 bound = min(bound, now + duration + field[r, c])
                 states, entries = _reach(
-                    0, start, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, pieces, states, entries, ws
+                    0, start, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, segments, states, entries, ws
                 )
                 if states < 0:
                     return FULL, -1, 0, bound
@@ -152,7 +152,7 @@ def sipp(
                 elif extra > ws.done[i]:
                     dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
                     states, entries = _reach(
-                        i, at, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, pieces, states, entries, ws
+                        i, at, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, segments, states, entries, ws
                     )
                     if states < 0:
                         return FULL, -1, expanded, bound
@@ -174,7 +174,7 @@ def _reach(
     frame: tuple[float, float, float],
     cols: int,
     now: float,
-    pieces: Pieces,
+    segments: Segments,
     states: int,
     entries: int,
     ws: Workspace,
@@ -184,10 +184,10 @@ def _reach(
     Returns the new numbers of states and heap entries; both are -1 where the workspace is full.
     """
     if ws.stamp[cell] != ws.query[0]:
-        if states + len(pieces) + 1 > len(ws.cell):
+        if states + len(segments) + 1 > len(ws.cell):
             return -1, -1
         row, col = divmod(cell, cols)
-        n = _open(cell, frame[0] + col * frame[2], frame[1] + row * frame[2], now, states, pieces, ws)
+        n = _open(cell, frame[0] + col * frame[2], frame[1] + row * frame[2], now, states, segments, ws)
         ws.stamp[cell], ws.first[cell], ws.size[cell] = ws.query[0], states, n
         states += n
     if entries + ws.size[cell] + 1 > len(ws.heap_key):
@@ -200,7 +200,7 @@ def _reach(
         latest = min(ws.end[i], ws.end[j] - duration)
         if depart > latest:
             continue
-        depart = earliest_departure(at[0], at[1], vx, vy, duration, depart, latest, pieces, 0.0, ws.work)
+        depart = earliest_departure(at[0], at[1], vx, vy, duration, depart, latest, segments, 0.0, ws.work)
         arrival = max(depart + duration, ws.begin[j])
         if arrival < ws.arrival[j]:
             ws.arrival[j], ws.depart[j], ws.parent[j] = arrival, depart, i
@@ -210,11 +210,11 @@ def _reach(
 
 
 @kernel
-def _open(cell: int, x: float, y: float, now: float, states: int, pieces: Pieces, ws: Workspace) -> int:
+def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segments, ws: Workspace) -> int:
     """Append the safe intervals from `now` on of a robot standing at (x, y) as states; return how many."""
     spans, n = ws.spans, 0
-    for p in range(len(pieces)):
-        low, high = unsafe_stay(x, y, pieces, p)
+    for p in range(len(segments)):
+        low, high = unsafe_stay(x, y, segments, p)
         if low < high:
             i = n
             while i > 0 and spans[i - 1, 0] > low:

@@ -42,13 +42,13 @@ class Situation:
     xy: XY  # m, of the robot
     beliefs: NDArray[np.float64]  # [K, 8]
     course: NDArray[np.float64]  # [K, STEPS, 2]
-    pieces: NDArray[np.float64]  # [P, 8]
+    segments: NDArray[np.float64]  # [P, 8]
 
     def free(self) -> float:
         """Return the time to the goal if nothing moved, s."""
         return float(free_time(self.place, *self.xy, self.settings.reach))
 
-    def pieces_of(self, k: int) -> NDArray[np.float64]:
+    def segments_of(self, k: int) -> NDArray[np.float64]:
         """Return the prediction of track k alone, in order of time."""
         s, out = self.settings, np.empty((256, 8))
         count = predict(
@@ -70,8 +70,8 @@ class Situation:
         )
         return out[:count]
 
-    def way(self, pieces: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
-        """Return the way among `pieces` that the colony finds, or None; without a `memory` to work in it makes one."""
+    def way(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
+        """Return the way among `segments` that the colony finds, or None; without a `memory` to work in it makes one."""
         place, s, (x, y) = self.place, self.settings, self.xy
         memory = make_memory(place.field.size) if memory is None else memory
         trails, state = make_trails(place.field.size), np.zeros(1, np.uint64)
@@ -80,7 +80,7 @@ class Situation:
             memory,
             trails,
             place,
-            pieces,
+            segments,
             s.lag,
             x,
             y,
@@ -98,22 +98,22 @@ class Situation:
         if last < 0:
             return None
         scratch, knots = np.empty((2048, 3)), np.empty((2048, 3))
-        n = trace_back(memory, place, pieces, s.lag, x, y, last, end, end + s.horizon, scratch)
-        n = shorten(place, pieces, s.lag, scratch, n, knots)
+        n = trace_back(memory, place, segments, s.lag, x, y, last, end, end + s.horizon, scratch)
+        n = shorten(place, segments, s.lag, scratch, n, knots)
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
         """Return the way as if nothing moved, in legs so short that they tell when there would be a conflict."""
-        path = self.way(self.pieces[:0], memory)
+        path = self.way(self.segments[:0], memory)
         if path is None:
             return None
         t = np.union1d(path.t, np.arange(self.now, float(path.t[-1]), _LEG))
         return TimedPath(t, np.column_stack([np.interp(t, path.t, path.xy[:, k]) for k in (0, 1)]))
 
-    def conflict(self, path: TimedPath, pieces: NDArray[np.float64]) -> float:
-        """Return when a robot on `path` first meets one of `pieces`, s; infinite if never."""
+    def conflict(self, path: TimedPath, segments: NDArray[np.float64]) -> float:
+        """Return when a robot on `path` first meets one of `segments`, s; infinite if never."""
         knots = np.column_stack((path.t, path.xy))
-        return float(first_conflict(knots, self.now, pieces, self.settings.lag, np.empty(2)))
+        return float(first_conflict(knots, self.now, segments, self.settings.lag, np.empty(2)))
 
     def cost(self, path: TimedPath) -> float:
         """Return how much later than if nothing moved a robot on `path` is at the goal, s."""
@@ -124,10 +124,10 @@ class Situation:
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 
 
-def manner(encounter: str, course: XY, path: TimedPath, pieces: NDArray[np.float64], now: float) -> str:
-    """Name how `path` passes the obstacle that `pieces` predict: by where the robot is when it is nearest."""
-    until = min(float(path.t[-1]), float(pieces[-1, 1]))
-    ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), pieces, now, until)
+def manner(encounter: str, course: XY, path: TimedPath, segments: NDArray[np.float64], now: float) -> str:
+    """Name how `path` passes the obstacle that `segments` predict: by where the robot is when it is nearest."""
+    until = min(float(path.t[-1]), float(segments[-1, 1]))
+    ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), segments, now, until)
     if encounter.startswith("crossing"):
         return CROSSING[0] if ax * vx + ay * vy > 0.0 else CROSSING[1]
     return ELSE[0] if course[0] * ay - course[1] * ax > 0.0 else ELSE[1]
@@ -161,10 +161,10 @@ class Weighed(Sequence[tuple[str, float]]):
     @cached_property
     def _all(self) -> tuple[tuple[str, float], ...]:
         now, k, encounter, course, how = self._asked
-        own = now.pieces_of(k)
+        own = now.segments_of(k)
         sides = CROSSING if encounter.startswith("crossing") else ELSE
         other = sides[1 - sides.index(how)]
-        path = now.way(np.vstack((now.pieces, _wall(own, other, course, now.xy, now.now))))
+        path = now.way(np.vstack((now.segments, _wall(own, other, course, now.xy, now.now))))
         found = path is not None and manner(encounter, course, path, own, now.now) == other
         return self._done, (other, now.cost(path) if found and path is not None else math.inf), _wait(now)
 
@@ -209,7 +209,7 @@ def _wait(now: Situation) -> tuple[str, float]:
         return "wait, then straight on", math.inf
     for wait in np.arange(0.0, now.settings.horizon, _WAITS).tolist():
         t, xy = np.concatenate((path.t[:1], path.t + wait)), np.vstack((path.xy[:1], path.xy))
-        when = now.conflict(TimedPath(t, xy), now.pieces) - wait
+        when = now.conflict(TimedPath(t, xy), now.segments) - wait
         if when < math.inf:
             farthest = max(farthest, when)
         elif farthest + wait + _PAST <= now.now + now.settings.horizon:

@@ -64,7 +64,7 @@ def explain(
     if k is not None:
         name = int(now.beliefs[k, NAME])
         kind = encounter(course, (float(now.beliefs[k, VX]), float(now.beliefs[k, VY])))
-        how = manner(kind, course, path, now.pieces_of(k), now.now)
+        how = manner(kind, course, path, now.segments_of(k), now.now)
         does = f"wait {waiting:.1f} s, {how}" if waiting > 0.0 else how
         if action == "follow":
             action = "avoid"
@@ -130,10 +130,10 @@ def _nearest(now: Situation, course: XY, ahead: float) -> tuple[int | None, floa
 def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
     """Of the tracks that would be met on the straight way the first: row, when in s, the robot's velocity then."""
     path, best, first = now.straight(memory), None, math.inf
-    if path is None or now.conflict(path, now.pieces) == math.inf:
+    if path is None or now.conflict(path, now.segments) == math.inf:
         return None, math.nan, (0.0, 0.0)
     for k in range(len(now.beliefs)):
-        when = now.conflict(path, now.pieces_of(k))
+        when = now.conflict(path, now.segments_of(k))
         if when < first:
             best, first = k, when
     return best, first, _course(path, min(first, float(path.t[-1])))

@@ -15,7 +15,7 @@ from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.crossing import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
-from antway.kernels.spacetime.memory import PIECES
+from antway.kernels.spacetime.memory import SEGMENTS
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd
@@ -117,7 +117,7 @@ class AntwayPolicy:
         self.memory, self.trails = make_memory(cells), make_trails(cells)
         self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
         self.plan = Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0]))
-        self.pieces = np.empty((PIECES, 8))
+        self.segments = np.empty((SEGMENTS, 8))
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         self.settings = Settings(
             dt=robot.dt,
@@ -212,7 +212,7 @@ class AntwayPolicy:
             float(o.xy[0]),
             float(o.xy[1]),
             self.frame,
-            self.pieces,
+            self.segments,
             self.state,
         )
         vx, vy, what, arrival, bound = entry(cycle, *arguments)(*arguments)
@@ -255,7 +255,7 @@ class AntwayPolicy:
                 (float(self.now.xy[0]), float(self.now.xy[1])),
                 self.beliefs[: self.known].copy(),
                 self.crowd.course[: self.known].copy(),
-                self.pieces[: int(self.plan.state[FORESEEN])].copy(),
+                self.segments[: int(self.plan.state[FORESEEN])].copy(),
             )
             cost, bound = self.arrival - now, self.bound - now
             self.decision = explain(known, self.path, cost, bound, self.did, self.pheromone(), self.memory)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid, Moves
 from antway.kernels.spacetime.context import Place
-from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, PIECES, STATES, Memory
+from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import RobotSpec
@@ -25,9 +25,9 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         intervals=ints(cells),
         latest=np.zeros(cells),
         near=np.zeros((cells + 1, 2), np.int32),
-        near_piece=ints(NEAR),
+        near_segment=ints(NEAR),
         near_time=np.zeros((NEAR, 2)),
-        box=np.zeros((PIECES, 4)),
+        box=np.zeros((SEGMENTS, 4)),
         cell=ints(states),
         low=np.zeros(states),
         high=np.zeros(states),
@@ -40,7 +40,7 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         heap_state=ints(heap),
         leg_cell=np.zeros(LEGS, np.int64),
         leg_time=np.zeros(LEGS),
-        span=np.zeros((2, PIECES)),
+        span=np.zeros((2, SEGMENTS)),
         counter=np.zeros(6, np.int64),
     )
 
