@@ -51,7 +51,7 @@ def local(seeds: int) -> list[dict[str, object]]:
     ms: dict[str, list[float]] = {name: [] for name in (*COLONIES, "SIPP")}
     unsound = 0
     for seed in range(seeds):
-        grid, robot, start, goal, place, segments = local_problem(rng)
+        grid, robot, start, goal, context, segments = local_problem(rng)
         x, y = grid.centre(start)
         sipp = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=robot.v_max)
         exact, best = None, math.inf
@@ -70,7 +70,7 @@ def local(seeds: int) -> list[dict[str, object]]:
                 end, arrival, bound = spacetime.search(
                     memory,
                     trails,
-                    place,
+                    context,
                     segments,
                     0.0,
                     x,

@@ -8,7 +8,7 @@ import numpy as np
 
 from antway import Grid, RobotSpec, Scenario, World
 from antway.kernels.spacetime import ants as spacetime
-from antway.policies.antway.state import make_memory, make_place, make_trails
+from antway.policies.antway.state import make_context, make_memory, make_trails
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -23,8 +23,8 @@ def local_problem(rng: np.random.Generator):
         free = np.argwhere(grid.clearance() >= 0.09)
         start, goal = (tuple(map(int, cell)) for cell in free[rng.integers(len(free), size=2)])
         robot = RobotSpec(radius=0.09)
-        place = make_place(grid, robot, goal)
-        field = place.field[start[0] * 31 + start[1]]
+        context = make_context(grid, robot, goal)
+        field = context.field[start[0] * 31 + start[1]]
         if 2.0 < field < 20.0:
             break
     count = int(rng.integers(3, 15))
@@ -33,15 +33,15 @@ def local_problem(rng: np.random.Generator):
     segments = np.column_stack(
         (np.zeros(count), np.full(count, 20.0), xy, speed * np.cos(angle), speed * np.sin(angle), reach, reach)
     )
-    return grid, robot, start, goal, place, segments
+    return grid, robot, start, goal, context, segments
 
 
-def colony(place, segments, x, y, *, reach=0, gain=0.001, tests=10**6, horizon=20.0, lag=0.0, seed=1, states=1 << 16):
+def colony(context, segments, x, y, *, reach=0, gain=0.001, tests=10**6, horizon=20.0, lag=0.0, seed=1, states=1 << 16):
     """Search a local problem; returns memory, end state, arrival, bound."""
-    cells = place.field.size
+    cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
     end, arrival, bound = spacetime.search(
-        memory, make_trails(cells), place, segments, lag, x, y, 0.0, horizon, reach, BETAS, SLACK, gain, math.inf, tests, 1.0,
+        memory, make_trails(cells), context, segments, lag, x, y, 0.0, horizon, reach, BETAS, SLACK, gain, math.inf, tests, 1.0,
         np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound

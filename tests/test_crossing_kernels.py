@@ -111,9 +111,9 @@ def test_colony_reaches_the_exact_optimum() -> None:
     rng = np.random.default_rng(5)
     solved = 0
     for _ in range(cases(60, 2000)):
-        grid, robot, start, goal, place, segments = local_problem(rng)
+        grid, robot, start, goal, context, segments = local_problem(rng)
         x, y = grid.centre(start)
-        _, _, arrival, bound = colony(place, segments, x, y)
+        _, _, arrival, bound = colony(context, segments, x, y)
         exact = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=1.0).search((x, y), 0.0, segments)
         if exact.status is Status.FOUND and exact.arrival < 19.0:
             solved += 1
@@ -129,14 +129,14 @@ def test_motions_keep_clear_of_everything() -> None:
     rng = np.random.default_rng(6)
     shorter = 0
     for _ in range(cases(60, 2000)):
-        grid, robot, start, goal, place, segments = local_problem(rng)
+        grid, robot, start, goal, context, segments = local_problem(rng)
         x, y = grid.centre(start)
-        memory, end, arrival, _ = colony(place, segments, x, y, tests=2000, gain=0.02)
+        memory, end, arrival, _ = colony(context, segments, x, y, tests=2000, gain=0.02)
         if end < 0:
             continue
         raw, short = np.empty((600, 3)), np.empty((600, 3))
-        n = trace_back(memory, place, segments, 0.0, x, y, end, 20.0, 30.0, raw)
-        m = shorten(place, segments, 0.0, raw, n, short)
+        n = trace_back(memory, context, segments, 0.0, x, y, end, 20.0, 30.0, raw)
+        m = shorten(context, segments, 0.0, raw, n, short)
         assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
         shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
         for knots in (raw[:n], short[:m]):
@@ -156,8 +156,8 @@ def test_motions_keep_clear_of_everything() -> None:
 
 def test_same_seed_same_search() -> None:
     """The colony's result, budget spent or not, depends on nothing but its input and seed."""
-    grid, _, start, _, place, segments = local_problem(np.random.default_rng(7))
-    results = [colony(place, segments, *grid.centre(start), tests=300, seed=9) for _ in range(2)]
+    grid, _, start, _, context, segments = local_problem(np.random.default_rng(7))
+    results = [colony(context, segments, *grid.centre(start), tests=300, seed=9) for _ in range(2)]
     assert results[0][1:] == results[1][1:]
     for a, b in zip(results[0][0], results[1][0]):
         assert a.tobytes() == b.tobytes()

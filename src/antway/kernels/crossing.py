@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State
 from antway.kernels.spacetime.ants import search
-from antway.kernels.spacetime.context import Place, clear
+from antway.kernels.spacetime.context import PlanningContext, clear
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
@@ -112,7 +112,7 @@ def _grazes(
 def cycle(
     memory: Memory,
     trails: Trails,
-    place: Place,
+    context: PlanningContext,
     settings: Settings,
     plan: Plan,
     crowd: Crowd,
@@ -145,7 +145,7 @@ def cycle(
         s.surge,
         s.lag,
         s.quantile,
-        place.blocked,
+        context.blocked,
         frame,
         crowd.course[: len(beliefs)],
         segments,
@@ -169,7 +169,7 @@ def cycle(
         end, arrival, plan.state[BOUND] = search(
             memory,
             trails,
-            place,
+            context,
             ahead,
             s.lag,
             x,
@@ -189,9 +189,9 @@ def cycle(
     what = KEPT if valid or grazes else NONE
     if end >= 0:
         what = IMPROVED if valid else NEW
-        m = trace_back(memory, place, ahead, s.lag, x, y, end, horizon, horizon + s.horizon, plan.scratch)
+        m = trace_back(memory, context, ahead, s.lag, x, y, end, horizon, horizon + s.horizon, plan.scratch)
         late = plan.scratch[m - 1, 0]
-        n = shorten(place, ahead, s.lag, plan.scratch, m, plan.knots)
+        n = shorten(context, ahead, s.lag, plan.scratch, m, plan.knots)
         plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
         plan.state[PLANNED] += 1
         evaporate(trails, now, s.low, s.high, plan.state[PLANNED])
@@ -201,11 +201,11 @@ def cycle(
     tx, ty, knot = place_at(plan.knots, n, now + s.dt)
     if plan.knots[n - 1, 0] <= now + s.dt:  # the plan ends at the goal's cell; the goal itself is a little way off
         tx, ty = s.goal_x, s.goal_y
-    if not clear(place, x, y, tx, ty):  # the chord cuts a corner of the plan that hugs a wall: go to the corner
+    if not clear(context, x, y, tx, ty):  # the chord cuts a corner of the plan that hugs a wall: go to the corner
         _, _, knot = place_at(plan.knots, n, now)
         tx, ty = plan.knots[knot, 1], plan.knots[knot, 2]
     vx, vy = (tx - x) / s.dt, (ty - y) / s.dt
     speed = math.hypot(vx, vy)
-    if speed > place.speed:
-        vx, vy = vx * place.speed / speed, vy * place.speed / speed
+    if speed > context.speed:
+        vx, vy = vx * context.speed / speed, vy * context.speed / speed
     return vx, vy, what, plan.state[ARRIVAL], plan.state[BOUND]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.spacetime.context import Place, centre
+from antway.kernels.spacetime.context import PlanningContext, centre
 from antway.kernels.spacetime.motion import place_at
 
 _SAMPLES = 100
@@ -36,13 +36,16 @@ def passing(
 
 
 @kernel
-def free_time(place: Place, x: float, y: float, reach: int) -> float:
+def free_time(context: PlanningContext, x: float, y: float, reach: int) -> float:
     """Return the time to the goal from (x, y) if nothing moved, s: by way of a cell at most `reach` cells around."""
-    rows, cols = place.blocked.shape
-    col0, row0 = math.floor((x - place.x0) / place.resolution + 0.5), math.floor((y - place.y0) / place.resolution + 0.5)
+    rows, cols = context.blocked.shape
+    col0, row0 = (
+        math.floor((x - context.x0) / context.resolution + 0.5),
+        math.floor((y - context.y0) / context.resolution + 0.5),
+    )
     best = math.inf
     for row in range(max(row0 - reach, 0), min(row0 + reach, rows - 1) + 1):
         for col in range(max(col0 - reach, 0), min(col0 + reach, cols - 1) + 1):
-            cx, cy = centre(place, row * cols + col)
-            best = min(best, math.hypot(cx - x, cy - y) / place.speed + place.field[row * cols + col])
+            cx, cy = centre(context, row * cols + col)
+            best = min(best, math.hypot(cx - x, cy - y) / context.speed + context.field[row * cols + col])
     return best

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.rng import uniform
-from antway.kernels.spacetime.context import Place, centre, clear
+from antway.kernels.spacetime.context import PlanningContext, centre, clear
 from antway.kernels.spacetime.memory import LEGS, Memory, leave, note_box, open_cell, pop, push
 from antway.kernels.spacetime.pheromone import Trails, edge, lay, slot
 from antway.kernels.spacetime.segments import TOUCH
@@ -27,7 +27,7 @@ _EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, 
 @inner_kernel
 def _expand(
     memory: Memory,
-    place: Place,
+    context: PlanningContext,
     s: int,
     cell: int,
     duration: float,
@@ -45,7 +45,7 @@ def _expand(
     Returns the first state that is reached earlier than before, or -1.
     """
     soonest = -1
-    gx, gy = centre(place, cell)
+    gx, gy = centre(context, cell)
     if memory.stamp[cell] != memory.counter[0]:
         open_cell(memory, cell, gx, gy, stretch, t0, horizon, segments)
     memory.counter[2] += 1
@@ -67,7 +67,7 @@ def _expand(
         if arrival < memory.high[c] and arrival < memory.arrival[c] - TOUCH:
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
             memory.tried[c] = np.uint64(0)
-            push(memory, arrival + place.field[cell], c)
+            push(memory, arrival + context.field[cell], c)
             if soonest < 0:
                 soonest = c
     if soonest >= 0:
@@ -76,31 +76,31 @@ def _expand(
 
 
 @kernel
-def deposit(memory: Memory, trails: Trails, place: Place, end: int, amount: float) -> None:
+def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, amount: float) -> None:
     """Lay `amount` on each edge (cell, move, bin of arrival) of the way that leads to state `end`, Eq. (2)."""
     s = end
     while memory.cell[s] >= 0 and memory.cell[memory.parent[s]] >= 0:
         p = memory.parent[s]
-        for k in range(len(place.offset)):
-            if memory.cell[p] + place.offset[k] == memory.cell[s]:
+        for k in range(len(context.offset)):
+            if memory.cell[p] + context.offset[k] == memory.cell[s]:
                 lay(trails, edge(trails, memory.cell[p], k, memory.arrival[p]), amount)
         s = p
 
 
 @kernel
-def _legs(memory: Memory, place: Place, x: float, y: float, reach: int) -> int:
+def _legs(memory: Memory, context: PlanningContext, x: float, y: float, reach: int) -> int:
     """Fill in the first moves: straight legs from (x, y) to the cells at most `reach` cells around; returns how many."""
-    rows, cols = place.blocked.shape
-    col0 = math.floor((x - place.x0) / place.resolution + 0.5)
-    row0 = math.floor((y - place.y0) / place.resolution + 0.5)
+    rows, cols = context.blocked.shape
+    col0 = math.floor((x - context.x0) / context.resolution + 0.5)
+    row0 = math.floor((y - context.y0) / context.resolution + 0.5)
     n = 0
     for row in range(max(row0 - reach, 0), min(row0 + reach, rows - 1) + 1):
         for col in range(max(col0 - reach, 0), min(col0 + reach, cols - 1) + 1):
             cell = row * cols + col
-            if place.field[cell] < math.inf and n < LEGS:
+            if context.field[cell] < math.inf and n < LEGS:
                 memory.leg_cell[n] = cell
-                gx, gy = centre(place, cell)
-                memory.leg_time[n] = math.hypot(gx - x, gy - y) / place.speed
+                gx, gy = centre(context, cell)
+                memory.leg_time[n] = math.hypot(gx - x, gy - y) / context.speed
                 n += 1
     return n
 
@@ -109,7 +109,7 @@ def _legs(memory: Memory, place: Place, x: float, y: float, reach: int) -> int:
 def _weigh(
     memory: Memory,
     trails: Trails,
-    place: Place,
+    context: PlanningContext,
     base: int,
     offset: NDArray[np.int64],
     time: NDArray[np.float64],
@@ -133,7 +133,7 @@ def _weigh(
         k = ctz(moves)
         moves &= moves - np.uint64(1)
         target, then = base + offset[k], now + time[k]
-        move[n], cost[n] = k, then + place.field[target]
+        move[n], cost[n] = k, then + context.field[target]
         if (cost[n] < limit) & ((memory.stamp[target] != memory.counter[0]) | (then < memory.latest[target])):
             n += 1
     trail = edge(trails, base, 0, now)
@@ -151,7 +151,7 @@ def _weigh(
 def search(
     memory: Memory,
     trails: Trails,
-    place: Place,
+    context: PlanningContext,
     segments: NDArray[np.float64],
     lag: float,
     x: float,
@@ -198,20 +198,20 @@ def search(
     """
     memory.counter[0] += 1
     memory.counter[1:] = 0
-    legs = _legs(memory, place, x, y, reach)
+    legs = _legs(memory, context, x, y, reach)
     here = math.inf  # static bound at the start
     for k in range(legs):
-        here = min(here, memory.leg_time[k] + place.field[memory.leg_cell[k]])
+        here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])
     if here == math.inf or t0 + here >= limit - gain:
         return -1, limit, t0 + here
     for p in range(len(segments)):
         note_box(memory, segments, p)
-    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * place.speed, t0, horizon, segments)
+    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, segments)
     if memory.counter[1] == 0 or memory.low[0] > t0:
         return -1, math.inf, t0 + here
     work, weight, cost, move = np.empty(2), np.empty(LEGS), np.empty(LEGS), np.empty(LEGS, np.int64)
-    time, all_legs = place.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    stretch = time.max() * place.speed
+    time, all_legs = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
+    stretch = time.max() * context.speed
     memory.counter[1] = 1  # the start's later intervals cannot be reached without leaving it
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, t0 + here, 0)
@@ -232,11 +232,11 @@ def search(
         while memory.counter[2] < max_tests:
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until obstacles are forgotten can go on along the field then.
-            done = now if cell == place.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
-            if cell >= 0 and done + place.field[cell] < best_cost - gain:
-                best, best_cost = s, done + place.field[cell]
-                deposit(memory, trails, place, s, amount / (best_cost - t0))
-            if cell == place.goal or now >= horizon:
+            done = now if cell == context.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
+            if cell >= 0 and done + context.field[cell] < best_cost - gain:
+                best, best_cost = s, done + context.field[cell]
+                deposit(memory, trails, context, s, amount / (best_cost - t0))
+            if cell == context.goal or now >= horizon:
                 memory.key[s] = math.inf
                 break
             memory.counter[3] += 1
@@ -244,7 +244,7 @@ def search(
                 n, total = _weigh(
                     memory,
                     trails,
-                    place,
+                    context,
                     0,
                     memory.leg_cell,
                     memory.leg_time,
@@ -262,13 +262,13 @@ def search(
                 n, total = _weigh(
                     memory,
                     trails,
-                    place,
+                    context,
                     cell,
-                    place.offset,
+                    context.offset,
                     time,
-                    place.legal[cell] & ~memory.tried[s],
+                    context.legal[cell] & ~memory.tried[s],
                     now,
-                    now + place.field[cell],
+                    now + context.field[cell],
                     beta,
                     best_cost - gain,
                     trails.mark[cell],
@@ -276,7 +276,7 @@ def search(
                     cost,
                     weight,
                 )
-            sx, sy = (x, y) if s == 0 else centre(place, cell)
+            sx, sy = (x, y) if s == 0 else centre(context, cell)
             then = -1
             while then < 0 and total > 1e-9:
                 spin, i = uniform(state) * total, -1
@@ -290,10 +290,10 @@ def search(
                 memory.tried[s] |= one << np.uint64(k)
                 total -= weight[i]
                 weight[i], cost[i] = 0.0, math.inf
-                target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + place.offset[k], time[k])
-                if s == 0 and not clear(place, x, y, *centre(place, target)):
+                target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + context.offset[k], time[k])
+                if s == 0 and not clear(context, x, y, *centre(context, target)):
                     continue
-                then = _expand(memory, place, s, target, duration, sx, sy, stretch, t0, horizon, segments, lag, work)
+                then = _expand(memory, context, s, target, duration, sx, sy, stretch, t0, horizon, segments, lag, work)
             memory.key[s], least = math.inf, cost[:n].min() if n else math.inf
             if least < math.inf:
                 push(memory, least, s)

@@ -12,7 +12,7 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
 
 
-class Place(NamedTuple):
+class PlanningContext(NamedTuple):
     """The static side: the map, its moves for this robot, and the exact field over them."""
 
     blocked: NDArray[np.bool_]  # [H, W]
@@ -29,23 +29,23 @@ class Place(NamedTuple):
 
 
 @bare_kernel
-def centre(place: Place, cell: int) -> tuple[float, float]:
+def centre(context: PlanningContext, cell: int) -> tuple[float, float]:
     """Return the x, y in m of the centre of a flat cell."""
-    cols = place.blocked.shape[1]
-    return place.x0 + (cell % cols) * place.resolution, place.y0 + (cell // cols) * place.resolution
+    cols = context.blocked.shape[1]
+    return context.x0 + (cell % cols) * context.resolution, context.y0 + (cell // cols) * context.resolution
 
 
 @bare_kernel
-def clear(place: Place, ax: float, ay: float, bx: float, by: float) -> bool:
+def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) -> bool:
     """Tell whether the robot can go straight from (ax, ay) to (bx, by) m without contact with walls."""
-    s = place.resolution
+    s = context.resolution
     return not segment_hits_cells(
-        place.blocked,
-        (ay - place.y0) / s,
-        (ax - place.x0) / s,
-        (by - place.y0) / s,
-        (bx - place.x0) / s,
-        place.radius / s,
+        context.blocked,
+        (ay - context.y0) / s,
+        (ax - context.x0) / s,
+        (by - context.y0) / s,
+        (bx - context.x0) / s,
+        context.radius / s,
         True,
     )
 

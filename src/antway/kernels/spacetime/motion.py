@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.spacetime.context import Place, can_stay, centre, clear
+from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
@@ -18,7 +18,7 @@ LOOK = 10  # vertices ahead that a shortcut may reach
 @kernel
 def trace_back(
     memory: Memory,
-    place: Place,
+    context: PlanningContext,
     segments: NDArray[np.float64],
     lag: float,
     x: float,
@@ -47,8 +47,8 @@ def trace_back(
     for i in range(length - 2, -1, -1):
         c = chain[i]
         px, py = out[n - 1, 1], out[n - 1, 2]
-        gx, gy = centre(place, memory.cell[c])
-        duration = math.hypot(gx - px, gy - py) / place.speed
+        gx, gy = centre(context, memory.cell[c])
+        duration = math.hypot(gx - px, gy - py) / context.speed
         if duration == 0.0:
             continue
         limit = memory.depart[c]
@@ -64,23 +64,23 @@ def trace_back(
         if n + 3 > len(out):
             return n
     cell = memory.cell[end]
-    if cell != place.goal and t < horizon:
+    if cell != context.goal and t < horizon:
         t = horizon
         out[n, 0], out[n, 1], out[n, 2] = t, out[n - 1, 1], out[n - 1, 2]
         n += 1
-    while cell >= 0 and cell != place.goal and t < until and n < len(out):
+    while cell >= 0 and cell != context.goal and t < until and n < len(out):
         least, move = math.inf, -1
-        for k in range(len(place.offset)):
-            if (place.legal[cell] >> np.uint32(k)) & np.uint32(1):
-                cost = place.step[k, 2] + place.field[cell + place.offset[k]]
+        for k in range(len(context.offset)):
+            if (context.legal[cell] >> np.uint32(k)) & np.uint32(1):
+                cost = context.step[k, 2] + context.field[cell + context.offset[k]]
                 if cost < least:
                     least, move = cost, k
         if move < 0:
             break
-        cell += place.offset[move]
-        t += place.step[move, 2]
+        cell += context.offset[move]
+        t += context.step[move, 2]
         out[n, 0] = t
-        out[n, 1], out[n, 2] = centre(place, cell)
+        out[n, 1], out[n, 2] = centre(context, cell)
         n += 1
     return n
 
@@ -123,7 +123,12 @@ def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float
 
 @kernel
 def shorten(
-    place: Place, segments: NDArray[np.float64], lag: float, knots: NDArray[np.float64], n: int, out: NDArray[np.float64]
+    context: PlanningContext,
+    segments: NDArray[np.float64],
+    lag: float,
+    knots: NDArray[np.float64],
+    n: int,
+    out: NDArray[np.float64],
 ) -> int:
     """Write a motion to `out` that is nowhere later than knots[:n], rows (t, x, y), and as free; returns its knots.
 
@@ -145,9 +150,9 @@ def shorten(
     while i < m - 1 and rows + 2 < len(out):
         j = min(i + LOOK, m - 1)
         while True:
-            duration = math.hypot(x[j] - x[i], y[j] - y[i]) / place.speed
+            duration = math.hypot(x[j] - x[i], y[j] - y[i]) / context.speed
             leave = math.inf
-            if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(place, x[i], y[i], x[j], y[j])):
+            if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(context, x[i], y[i], x[j], y[j])):
                 vx, vy = (x[j] - x[i]) / duration, (y[j] - y[i]) / duration
                 leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], segments, lag, work)
             if leave + duration <= arrive[j] + TOUCH and can_stay(x[j], y[j], leave + duration, depart[j], segments):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from antway.kernels.crossing import Settings
 from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
-from antway.kernels.spacetime.context import Place
+from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
 from antway.kernels.tracking.predict import predict
@@ -34,7 +34,7 @@ _APART = 1.5  # times their radius: so close together discs leave no gap
 class Situation:
     """What a cycle knew; enough to weigh later on what else could have been done."""
 
-    place: Place
+    context: PlanningContext
     settings: Settings
     frame: NDArray[np.float64]
     now: float  # s
@@ -46,7 +46,7 @@ class Situation:
 
     def free(self) -> float:
         """Return the time to the goal if nothing moved, s."""
-        return float(free_time(self.place, *self.xy, self.settings.reach))
+        return float(free_time(self.context, *self.xy, self.settings.reach))
 
     def segments_of(self, k: int) -> NDArray[np.float64]:
         """Return the prediction of track k alone, in order of time."""
@@ -63,7 +63,7 @@ class Situation:
             s.surge,
             s.lag,
             s.quantile,
-            self.place.blocked,
+            self.context.blocked,
             self.frame,
             self.course[k : k + 1],
             out,
@@ -72,14 +72,14 @@ class Situation:
 
     def way(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
         """Return the way among `segments` that the colony finds, or None; without a `memory` to work in it makes one."""
-        place, s, (x, y) = self.place, self.settings, self.xy
-        memory = make_memory(place.field.size) if memory is None else memory
-        trails, state = make_trails(place.field.size), np.zeros(1, np.uint64)
+        context, s, (x, y) = self.context, self.settings, self.xy
+        memory = make_memory(context.field.size) if memory is None else memory
+        trails, state = make_trails(context.field.size), np.zeros(1, np.uint64)
         end = self.now + s.horizon
         last, _, _ = search(
             memory,
             trails,
-            place,
+            context,
             segments,
             s.lag,
             x,
@@ -98,8 +98,8 @@ class Situation:
         if last < 0:
             return None
         scratch, knots = np.empty((2048, 3)), np.empty((2048, 3))
-        n = trace_back(memory, place, segments, s.lag, x, y, last, end, end + s.horizon, scratch)
-        n = shorten(place, segments, s.lag, scratch, n, knots)
+        n = trace_back(memory, context, segments, s.lag, x, y, last, end, end + s.horizon, scratch)
+        n = shorten(context, segments, s.lag, scratch, n, knots)
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
@@ -118,9 +118,12 @@ class Situation:
     def cost(self, path: TimedPath) -> float:
         """Return how much later than if nothing moved a robot on `path` is at the goal, s."""
         x, y = path.xy[-1].tolist()
-        place = self.place
-        row, col = math.floor((y - place.y0) / place.resolution + 0.5), math.floor((x - place.x0) / place.resolution + 0.5)
-        rest = float(place.field[row * place.blocked.shape[1] + col])
+        context = self.context
+        row, col = (
+            math.floor((y - context.y0) / context.resolution + 0.5),
+            math.floor((x - context.x0) / context.resolution + 0.5),
+        )
+        rest = float(context.field[row * context.blocked.shape[1] + col])
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 
 

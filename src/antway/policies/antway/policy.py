@@ -24,7 +24,7 @@ from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.state import make_memory, make_place, make_trails
+from antway.policies.antway.state import make_context, make_memory, make_trails
 from antway.policies.guard import Guard, check_observation
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 
@@ -112,7 +112,7 @@ class AntwayPolicy:
         room = replace(grid, blocked=stands == 0)
         standing_cell("start", task.start, grid, room, robot.radius)
         goal = standing_cell("goal", task.goal, grid, room, robot.radius)
-        place = make_place(grid, robot, goal, self.moves)
+        context = make_context(grid, robot, goal, self.moves)
         cells = grid.blocked.size
         self.memory, self.trails = make_memory(cells), make_trails(cells)
         self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
@@ -146,9 +146,9 @@ class AntwayPolicy:
         # The room that a braking path needs grows with the square of the speed: slower, a robot gets through where it waited.
         slow = min(robot.v_max, _BRAKES * robot.a_max)
         share = robot.v_max / slow
-        careful = place._replace(field=place.field * share, step=place.step * [1.0, 1.0, share], speed=slow)
+        careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
         lag = robot.dt + slow / robot.a_max if self.guard else 0.0
-        self.paces = (place, self.settings.lag), (careful, lag)
+        self.paces = (context, self.settings.lag), (careful, lag)
         self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
         self.book, self.count = np.zeros((256, track.COLUMNS)), 0
         self.beliefs, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
@@ -193,7 +193,7 @@ class AntwayPolicy:
             _NEAR,
             self.beliefs,
         )
-        self.place, lag = self.paces[known > 0]
+        self.context, lag = self.paces[known > 0]
         if math.isnan(self.begun):
             self.begun = o.t
         horizon = min(self.horizon, _NEARBY) if o.t < self.begun + _OUTSET - 1e-6 else self.horizon
@@ -202,7 +202,7 @@ class AntwayPolicy:
         arguments = (
             self.memory,
             self.trails,
-            self.place,
+            self.context,
             self.settings,
             self.plan,
             self.crowd,
@@ -247,7 +247,7 @@ class AntwayPolicy:
             wait = 0.0 if self.path is None else wait_of(self.path, now)
             self.until = now + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
             known = Situation(
-                self.place,
+                self.context,
                 self.settings,
                 self.frame,
                 float(now),

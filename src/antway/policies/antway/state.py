@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid, Moves
-from antway.kernels.spacetime.context import Place
+from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.search.sipp import timed_field, timed_moves
@@ -50,13 +50,13 @@ def make_trails(cells: int, bin: float = 0.5) -> Trails:
     return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
 
 
-def make_place(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO) -> Place:
+def make_context(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO) -> PlanningContext:
     """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them."""
     (x, y, _), size, cols = grid.origin, grid.resolution, grid.shape[1]
     mask = timed_moves(grid, robot.radius, moves)
     field = timed_field(mask, moves, goal, scale=size / robot.v_max)
     offsets = moves.offsets.astype(np.int64)
-    return Place(
+    return PlanningContext(
         blocked=grid.blocked,
         legal=mask.ravel(),
         field=field.ravel(),
