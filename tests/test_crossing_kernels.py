@@ -69,10 +69,15 @@ def test_earliest_departure_is_safe_and_earliest() -> None:
     rng = np.random.default_rng(2)
     for _ in range(cases(200, 10**4)):
         segments = np.vstack([random_piece(rng) for _ in range(6)])
-        (x, y), v, duration, lag = rng.uniform(-2, 2, 2), rng.uniform(-1, 1, 2), rng.uniform(0.1, 1.0), rng.choice([0.0, 0.1])
-        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, segments, lag, WORK)
+        (x, y), v, duration, stopping_time = (
+            rng.uniform(-2, 2, 2),
+            rng.uniform(-1, 1, 2),
+            rng.uniform(0.1, 1.0),
+            rng.choice([0.0, 0.1]),
+        )
+        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, segments, stopping_time, WORK)
         departures = np.arange(0.0, 9.0, 0.01)
-        moved = segments + np.array([lag, lag, 0, 0, 0, 0, 0, 0])
+        moved = segments + np.array([stopping_time, stopping_time, 0, 0, 0, 0, 0, 0])
         hit = np.any([naive.unsafe_departures(x, y, v, duration, piece, departures) for piece in moved], axis=0)
         missed = departures[(departures < s - 1e-6) & ~hit]  # grazes between samples of the way
         assert all(np.abs(departures[hit] - m).min() < 0.03 for m in missed)

@@ -144,9 +144,9 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     ways = np.vstack(([0.0, 0.0], np.cumsum(course[0] * COURSE, axis=0)))
     beliefs, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
     blocked, frame = np.zeros((60, 60), bool), np.array([-30.0, -30.0, 1.0])
-    lag, bound = 0.25, 1.0
-    n = predict(beliefs, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, lag, 0.0, blocked, frame, course, out)
-    assert out[0, 0] == 5.0 - lag and out[n - 1, 1] == pytest.approx(11.0)
+    stopping_time, bound = 0.25, 1.0
+    n = predict(beliefs, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, course, out)
+    assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)
     for begin, end, x, y, vx, vy, stand, drive in out[:n]:
         if begin >= 5.0 - 1e-9:
             i = round((begin - 5.0) / COURSE)

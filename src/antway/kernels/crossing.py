@@ -37,7 +37,7 @@ class Settings(NamedTuple):
     bound: float  # m/s
     usual: float  # m/s
     surge: float  # m/s^2
-    lag: float  # s
+    stopping_time: float  # s
     quantile: float  # 1
     gain: float  # s
     commitment: float  # s
@@ -98,14 +98,14 @@ def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, segments:
 
 @kernel
 def _grazes(
-    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], lag: float, work: NDArray[np.float64]
+    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], stopping_time: float, work: NDArray[np.float64]
 ) -> bool:
     """Tell whether a plan that is in conflict only grazes what is foreseen: a few centimetres may well come right by then."""
     spared = segments.copy()
     for p in range(len(spared)):
         if spared[p, 0] > now + _SOON - 1e-9:
             spared[p, 7] = max(spared[p, 7] - _GRAZE, spared[p, 6])
-    return first_conflict(knots, now, spared, lag, work) == math.inf
+    return first_conflict(knots, now, spared, stopping_time, work) == math.inf
 
 
 @kernel
@@ -143,7 +143,7 @@ def cycle(
         s.margin,
         s.bound,
         s.surge,
-        s.lag,
+        s.stopping_time,
         s.quantile,
         context.blocked,
         frame,
@@ -159,8 +159,8 @@ def cycle(
     if far > now + s.dt and (far > now + s.horizon - 1e-6 or far > plan.state[ARRIVAL] - 1e-6):  # it sees as far as it can
         px, py, _ = place_at(plan.knots, n, now)
         on_course = math.hypot(px - x, py - y) <= s.stray
-        valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.lag, work) == math.inf
-        grazes = on_course and not valid and _grazes(plan.knots[:n], now, ahead, s.lag, work)
+        valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.stopping_time, work) == math.inf
+        grazes = on_course and not valid and _grazes(plan.knots[:n], now, ahead, s.stopping_time, work)
     limit = plan.state[ARRIVAL] - s.commitment if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
     horizon = now + s.horizon
     end = -1
@@ -171,7 +171,7 @@ def cycle(
             trails,
             context,
             ahead,
-            s.lag,
+            s.stopping_time,
             x,
             y,
             now,
@@ -189,9 +189,9 @@ def cycle(
     what = KEPT if valid or grazes else NONE
     if end >= 0:
         what = IMPROVED if valid else NEW
-        m = trace_back(memory, context, ahead, s.lag, x, y, end, horizon, horizon + s.horizon, plan.scratch)
+        m = trace_back(memory, context, ahead, s.stopping_time, x, y, end, horizon, horizon + s.horizon, plan.scratch)
         late = plan.scratch[m - 1, 0]
-        n = shorten(context, ahead, s.lag, plan.scratch, m, plan.knots)
+        n = shorten(context, ahead, s.stopping_time, plan.scratch, m, plan.knots)
         plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
         plan.state[PLANNED] += 1
         evaporate(trails, now, s.low, s.high, plan.state[PLANNED])

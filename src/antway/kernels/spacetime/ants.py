@@ -37,7 +37,7 @@ def _expand(
     t0: float,
     horizon: float,
     segments: NDArray[np.float64],
-    lag: float,
+    stopping_time: float,
     work: NDArray[np.float64],
 ) -> int:
     """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what is earlier than known.
@@ -60,7 +60,7 @@ def _expand(
             break
         if soon + duration >= memory.arrival[c] - TOUCH:
             continue
-        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, segments, lag, work)
+        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, segments, stopping_time, work)
         if depart == math.inf:
             break
         arrival = depart + duration
@@ -153,7 +153,7 @@ def search(
     trails: Trails,
     context: PlanningContext,
     segments: NDArray[np.float64],
-    lag: float,
+    stopping_time: float,
     x: float,
     y: float,
     t0: float,
@@ -171,7 +171,7 @@ def search(
 
     Parameters
     ----------
-    segments, lag : float64[P, 8], float
+    segments, stopping_time : float64[P, 8], float
         Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/spacetime/segments.py.
     horizon : float
         Absolute time after which obstacles are forgotten: a way that ends then is charged the field from there.
@@ -293,7 +293,9 @@ def search(
                 target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + context.offset[k], time[k])
                 if s == 0 and not clear(context, x, y, *centre(context, target)):
                     continue
-                then = _expand(memory, context, s, target, duration, sx, sy, stretch, t0, horizon, segments, lag, work)
+                then = _expand(
+                    memory, context, s, target, duration, sx, sy, stretch, t0, horizon, segments, stopping_time, work
+                )
             memory.key[s], least = math.inf, cost[:n].min() if n else math.inf
             if least < math.inf:
                 push(memory, least, s)

@@ -123,7 +123,7 @@ def leave(
     s: float,
     limit: float,
     segments: NDArray[np.float64],
-    lag: float,
+    stopping_time: float,
     work: NDArray[np.float64],
 ) -> float:
     """Do as `earliest_departure` does, for a cell that is open: from among the pieces near it."""
@@ -131,8 +131,8 @@ def leave(
     i, clear = first, 0
     while clear < last - first and s <= limit:
         later = s
-        if memory.near_time[i, 0] <= s - lag + duration and memory.near_time[i, 1] >= s - lag:
-            later = delayed(x, y, vx, vy, duration, s, segments, memory.near_segment[i], lag, work)
+        if memory.near_time[i, 0] <= s - stopping_time + duration and memory.near_time[i, 1] >= s - stopping_time:
+            later = delayed(x, y, vx, vy, duration, s, segments, memory.near_segment[i], stopping_time, work)
         clear = clear + 1 if later == s else 1
         s, i = later, i + 1 if i + 1 < last else first
     return s if s <= limit else math.inf

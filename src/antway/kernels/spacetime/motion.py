@@ -20,7 +20,7 @@ def trace_back(
     memory: Memory,
     context: PlanningContext,
     segments: NDArray[np.float64],
-    lag: float,
+    stopping_time: float,
     x: float,
     y: float,
     end: int,
@@ -53,7 +53,9 @@ def trace_back(
             continue
         limit = memory.depart[c]
         vx, vy = (gx - px) / duration, (gy - py) / duration
-        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, segments, lag, work)
+        depart = earliest_departure(
+            px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, segments, stopping_time, work
+        )
         depart = min(depart, limit)
         if depart > t + TOUCH:
             out[n, 0], out[n, 1], out[n, 2] = depart, px, py
@@ -87,7 +89,7 @@ def trace_back(
 
 @kernel
 def first_conflict(
-    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], lag: float, work: NDArray[np.float64]
+    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], stopping_time: float, work: NDArray[np.float64]
 ) -> float:
     """Time at which the rest of a motion, rows (t, x, y), first has a leg or wait that meets a piece; infinite if never."""
     for i in range(len(knots) - 1):
@@ -100,7 +102,7 @@ def first_conflict(
         if vx == 0.0 and vy == 0.0:
             if not can_stay(x, y, t0, t1, segments):
                 return t0
-        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, segments, lag, work) == math.inf:
+        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, segments, stopping_time, work) == math.inf:
             return t0
     return math.inf
 
@@ -125,7 +127,7 @@ def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float
 def shorten(
     context: PlanningContext,
     segments: NDArray[np.float64],
-    lag: float,
+    stopping_time: float,
     knots: NDArray[np.float64],
     n: int,
     out: NDArray[np.float64],
@@ -154,7 +156,7 @@ def shorten(
             leave = math.inf
             if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(context, x[i], y[i], x[j], y[j])):
                 vx, vy = (x[j] - x[i]) / duration, (y[j] - y[i]) / duration
-                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], segments, lag, work)
+                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], segments, stopping_time, work)
             if leave + duration <= arrive[j] + TOUCH and can_stay(x[j], y[j], leave + duration, depart[j], segments):
                 break
             if j == i + 1:

@@ -2,7 +2,7 @@
 
 A *piece* is a row (t0, t1, x, y, vx, vy, reach, berth): from t0 to t1 s an obstacle moves uniformly from (x, y) m with
 (vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `reach` m, one that moves below `berth`
-m, and that of where the obstacle was `lag` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
+m, and that of where the obstacle was `stopping_time` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
 piecewise linear prediction is a list of pieces, and a tube that widens over time is one whose later pieces reach farther.
 """
 
@@ -113,11 +113,11 @@ def delayed(
     s: float,
     segments: Segments,
     p: int,
-    lag: float,
+    stopping_time: float,
     work: NDArray[np.float64],
 ) -> float:
     """Return s, or where piece p forbids to leave (x, y) then with (vx, vy) for `duration` s, when it no longer does."""
-    t0, t1 = max(s - lag, segments[p, 0]), min(s - lag + duration, segments[p, 1])
+    t0, t1 = max(s - stopping_time, segments[p, 0]), min(s - stopping_time + duration, segments[p, 1])
     if t0 > t1:
         return s
     # culling: the boxes of both sweeps
@@ -130,7 +130,7 @@ def delayed(
     if min(oy, py) - reach > max(y, ey) or max(oy, py) + reach < min(y, ey):
         return s
     low, high = unsafe_departures(x, y, vx, vy, duration, segments, p, work)
-    return high + lag if low + TOUCH < s - lag < high - TOUCH else s
+    return high + stopping_time if low + TOUCH < s - stopping_time < high - TOUCH else s
 
 
 @bare_kernel
@@ -143,13 +143,13 @@ def earliest_departure(
     s: float,
     limit: float,
     segments: Segments,
-    lag: float,
+    stopping_time: float,
     work: NDArray[np.float64],
 ) -> float:
     """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
     p = clear = 0  # pieces in turn, until all in a row allow the same time
     while clear < len(segments) and s <= limit:
-        later = delayed(x, y, vx, vy, duration, s, segments, p, lag, work)
+        later = delayed(x, y, vx, vy, duration, s, segments, p, stopping_time, work)
         clear = clear + 1 if later == s else 1
         s, p = later, p + 1 if p + 1 < len(segments) else 0
     return s if s <= limit else math.inf

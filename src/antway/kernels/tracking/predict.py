@@ -31,7 +31,7 @@ def predict(
     margin: float,
     bound: float,
     surge: float,
-    lag: float,
+    stopping_time: float,
     quantile: float,
     blocked: NDArray[np.bool_],
     frame: NDArray[np.float64],
@@ -48,9 +48,9 @@ def predict(
         Time now; how old the beliefs are; how far ahead to predict; s.
     margin, quantile : float
         Added to the radii, m; times the standard deviation at each time.
-    bound, surge, lag : float
+    bound, surge, stopping_time : float
         No obstacle is faster than `bound` m/s, nor faster than now by more than `surge` m/s^2 for each s. A moving robot keeps
-        clear of all that an obstacle could reach from where it was `lag` s before; pieces begin so much earlier.
+        clear of all that an obstacle could reach from where it was `stopping_time` s before; pieces begin so much earlier.
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
     course : float64[N, S, 2]
@@ -61,7 +61,7 @@ def predict(
     -------
     int
         Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that it
-        may stand there; its body never is. So is the room that a moving robot keeps, for the first `lag` s: it may leave at
+        may stand there; its body never is. So is the room that a moving robot keeps, for the first `stopping_time` s: it may leave at
         once if it comes no nearer meanwhile and has its full room then, which is what a guard asks of the first period. Later
         on a robot keeps less of that room to one who moves on a course: by then there is a newer plan.
     """
@@ -71,11 +71,11 @@ def predict(
         x, y, vx, vy = beliefs[k, X], beliefs[k, Y], beliefs[k, VX], beliefs[k, VY]
         body = robot_radius + beliefs[k, RADIUS]
         room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
-        runs = min(bound, math.hypot(vx, vy) + surge * lag) * lag
-        held = min(room + body, math.hypot(x + vx * (age - lag) - robot_x, y + vy * (age - lag) - robot_y))
+        runs = min(bound, math.hypot(vx, vy) + surge * stopping_time) * stopping_time
+        held = min(room + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
         spread = math.hypot(beliefs[k, SIGMA], beliefs[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
-        x, y, t, mirrors = x - vx * lag, y - vy * lag, -age - lag, 0
+        x, y, t, mirrors = x - vx * stopping_time, y - vy * stopping_time, -age - stopping_time, 0
         turns = k < len(course) and not math.isnan(course[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon

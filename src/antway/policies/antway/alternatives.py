@@ -61,7 +61,7 @@ class Situation:
             s.margin,
             s.bound,
             s.surge,
-            s.lag,
+            s.stopping_time,
             s.quantile,
             self.context.blocked,
             self.frame,
@@ -81,7 +81,7 @@ class Situation:
             trails,
             context,
             segments,
-            s.lag,
+            s.stopping_time,
             x,
             y,
             self.now,
@@ -98,8 +98,8 @@ class Situation:
         if last < 0:
             return None
         scratch, knots = np.empty((2048, 3)), np.empty((2048, 3))
-        n = trace_back(memory, context, segments, s.lag, x, y, last, end, end + s.horizon, scratch)
-        n = shorten(context, segments, s.lag, scratch, n, knots)
+        n = trace_back(memory, context, segments, s.stopping_time, x, y, last, end, end + s.horizon, scratch)
+        n = shorten(context, segments, s.stopping_time, scratch, n, knots)
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
@@ -113,7 +113,7 @@ class Situation:
     def conflict(self, path: TimedPath, segments: NDArray[np.float64]) -> float:
         """Return when a robot on `path` first meets one of `segments`, s; infinite if never."""
         knots = np.column_stack((path.t, path.xy))
-        return float(first_conflict(knots, self.now, segments, self.settings.lag, np.empty(2)))
+        return float(first_conflict(knots, self.now, segments, self.settings.stopping_time, np.empty(2)))
 
     def cost(self, path: TimedPath) -> float:
         """Return how much later than if nothing moved a robot on `path` is at the goal, s."""

@@ -127,7 +127,7 @@ class AntwayPolicy:
             bound=float(task.obstacle_speed) if self.guard else 0.0,
             usual=float(task.obstacle_speed),
             surge=float(task.obstacle_surge) if self.guard else 0.0,
-            lag=stopping if self.guard else 0.0,
+            stopping_time=stopping if self.guard else 0.0,
             quantile=self.quantile,
             gain=self.gain,
             commitment=self.commitment,
@@ -147,8 +147,8 @@ class AntwayPolicy:
         slow = min(robot.v_max, _BRAKES * robot.a_max)
         share = robot.v_max / slow
         careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
-        lag = robot.dt + slow / robot.a_max if self.guard else 0.0
-        self.paces = (context, self.settings.lag), (careful, lag)
+        stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
+        self.paces = (context, self.settings.stopping_time), (careful, stopping_time)
         self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
         self.book, self.count = np.zeros((256, track.COLUMNS)), 0
         self.beliefs, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
@@ -193,12 +193,12 @@ class AntwayPolicy:
             _NEAR,
             self.beliefs,
         )
-        self.context, lag = self.paces[known > 0]
+        self.context, stopping_time = self.paces[known > 0]
         if math.isnan(self.begun):
             self.begun = o.t
         horizon = min(self.horizon, _NEARBY) if o.t < self.begun + _OUTSET - 1e-6 else self.horizon
-        if lag != self.settings.lag or horizon != self.settings.horizon:
-            self.settings = self.settings._replace(lag=lag, horizon=horizon)
+        if stopping_time != self.settings.stopping_time or horizon != self.settings.horizon:
+            self.settings = self.settings._replace(stopping_time=stopping_time, horizon=horizon)
         arguments = (
             self.memory,
             self.trails,
