@@ -188,9 +188,9 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
         world = World(grid, (Obstacle(0.25, Bounce((4.0, 4.0), speed, heading)),))
         line = world.timeline(0, 5.0)
         _, velocity = line.at(0.0)
-        beliefs = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
+        estimates = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
         frame = np.array([0.0, 0.0, 0.2])
-        n = predict(beliefs, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, frame, STRAIGHT, out)
+        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, frame, STRAIGHT, out)
         for piece in out[:n]:
             for t in np.linspace(max(piece[0], 0.0), piece[1], 5):
                 at = piece[2:4] + piece[4:6] * (t - piece[0])
@@ -202,45 +202,45 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
 def test_filter_is_the_textbook_one() -> None:
     """Without velocities the tracker equals a Kalman filter with matrices to 1e-12, for each axis."""
     rng = np.random.default_rng(9)
-    book, beliefs, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
     twins: list[naive.Kalman] = []
     nan = np.full((1, 2), math.nan)
     t, dt = 0.0, 0.0
     for _ in range(200):
         xy = np.array([[t * 0.5, 1.0 - t * 0.2]]) + rng.normal(0.0, 0.05, (1, 2))
         variance = np.array([[0.0025, 0.0]])
-        count, n = track.update(book, count, t, np.array([3]), xy, nan, np.array([0.3]), variance, 1.0, 0.8, beliefs)
+        count, n = track.update(table, count, t, np.array([3]), xy, nan, np.array([0.3]), variance, 1.0, 0.8, estimates)
         if not twins:
             twins = [naive.Kalman(z, 0.0, 0.0025, 1.0) for z in xy[0]]
         else:
             for twin, z in zip(twins, xy[0]):
                 twin.step(dt, 1.0, z, 0.0025)
         assert n == 1
-        assert beliefs[0, :4] == pytest.approx(
+        assert estimates[0, :4] == pytest.approx(
             [twins[0].m[0], twins[1].m[0], twins[0].m[1], twins[1].m[1]], rel=1e-9, abs=1e-12
         )
-        assert beliefs[0, 5] == pytest.approx(math.sqrt(twins[0].p[0, 0]), rel=1e-9)
+        assert estimates[0, 5] == pytest.approx(math.sqrt(twins[0].p[0, 0]), rel=1e-9)
         dt = float(rng.uniform(0.05, 0.3))
         t += dt
-    assert abs(beliefs[0, 2] - 0.5) < 0.2
+    assert abs(estimates[0, 2] - 0.5) < 0.2
 
 
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:
     """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
-    book, beliefs, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
     names, nan, radius, variance = np.array([-1, -1]), np.full((2, 2), math.nan), np.full(2, 0.3), np.full((2, 2), 1e-4)
     for i in range(40):
         t = i * 0.1
         xy = np.array([[-2.0 + t, 0.0], [0.6, -2.0 + t]])
         if i % 2:
             xy = xy[::-1].copy()
-        count, n = track.update(book, count, t, names, xy, nan, radius, variance, 1.0, 0.8, beliefs)
+        count, n = track.update(table, count, t, names, xy, nan, radius, variance, 1.0, 0.8, estimates)
         assert n == 2
-    speeds = {tuple(np.round(row[2:4], 1) + 0.0) for row in beliefs[:2]}
+    speeds = {tuple(np.round(row[2:4], 1) + 0.0) for row in estimates[:2]}
     assert speeds == {(1.0, 0.0), (0.0, 1.0)}
     empty = (np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty(0), np.empty((0, 2)))
     for t, left in ((4.5, 2), (6.0, 0)):
-        count, n = track.update(book, count, t, *empty[:4], empty[4], 1.0, 0.8, beliefs)
+        count, n = track.update(table, count, t, *empty[:4], empty[4], 1.0, 0.8, estimates)
         assert n == left
 
 

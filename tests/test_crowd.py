@@ -66,8 +66,8 @@ def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarr
         t = i * COURSE + 1e-6
         xy, velocity = line.at(t - 1e-9)[0], line.at(t - 1e-3)[1]
         velocity = np.zeros_like(velocity) if i == 0 else velocity
-        beliefs = np.column_stack((xy, velocity, line.radius, np.zeros((len(xy), 2)), line.id))
-        n = crowd.foresee(rows, n, beliefs, t, 1.0, course)
+        estimates = np.column_stack((xy, velocity, line.radius, np.zeros((len(xy), 2)), line.id))
+        n = crowd.foresee(rows, n, estimates, t, 1.0, course)
         ways.append(xy + course[:n, :8].sum(axis=1) * COURSE)
         straight.append(xy + velocity * 2.0)
     return ways, straight
@@ -100,8 +100,8 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
             if turns and i % 10 == 5:
                 heading[rng.integers(8)] = rng.uniform(-math.pi, math.pi)
             velocity = 0.6 * np.column_stack((np.cos(heading), np.sin(heading)))
-            beliefs = np.column_stack((xy, velocity, np.full(8, 0.3), np.zeros((8, 2)), np.arange(8)))
-            n = crowd.foresee(rows, n, beliefs, i * 0.1, 0.9, course)
+            estimates = np.column_stack((xy, velocity, np.full(8, 0.3), np.zeros((8, 2)), np.arange(8)))
+            n = crowd.foresee(rows, n, estimates, i * 0.1, 0.9, course)
             followed += bool(np.isfinite(course[:n, 0, 0]).any())
             xy = xy + velocity * 0.1
         assert followed <= (2 if turns else 0)
@@ -142,10 +142,12 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     angle = np.linspace(0.0, 3.0, crowd.STEPS)
     course = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
     ways = np.vstack(([0.0, 0.0], np.cumsum(course[0] * COURSE, axis=0)))
-    beliefs, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
+    estimates, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
     blocked, frame = np.zeros((60, 60), bool), np.array([-30.0, -30.0, 1.0])
     stopping_time, bound = 0.25, 1.0
-    n = predict(beliefs, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, course, out)
+    n = predict(
+        estimates, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, course, out
+    )
     assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)
     for begin, end, x, y, vx, vy, stand, drive in out[:n]:
         if begin >= 5.0 - 1e-9:
@@ -161,6 +163,6 @@ def test_the_nameless_have_no_past() -> None:
     """Without names nobody is told from another, and none is predicted but straight on."""
     rows, course, n = np.zeros((4, crowd.COLUMNS)), np.empty((4, crowd.STEPS, 2)), 0
     for i in range(10):
-        beliefs = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
-        n = crowd.foresee(rows, n, beliefs, i * 0.1, 1.0, course)
+        estimates = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
+        n = crowd.foresee(rows, n, estimates, i * 0.1, 1.0, course)
         assert n == 2 and np.isnan(course[:2, 0, 0]).all() and (rows[:2, 8:13] >= 0.0).all()

@@ -154,14 +154,14 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
 def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
     """Seen tracks, and lost ones while they are held, come out with the radius that covers what they could have moved."""
     rng = np.random.default_rng(4)
-    book, count, out, slow = np.zeros((64, 8)), 0, np.empty((64, 6)), naive.Book()
+    table, count, out, slow = np.zeros((64, 8)), 0, np.empty((64, 6)), naive.Book()
     for i in range(cases(200)):
         now, age = i * 0.1, 0.05 * float(rng.integers(3))
         name = np.flatnonzero(rng.random(8) < 0.6)
         xy, velocity = rng.uniform(-5, 5, (len(name), 2)), rng.uniform(-1, 1, (len(name), 2))
         velocity[rng.random(len(name)) < 0.2] = math.nan
         radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name))
-        count, n = within_reach(book, count, now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3, out)
+        count, n = within_reach(table, count, now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3, out)
         expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3)
         rows = out[:n][np.lexsort(out[:n].T)]
         np.testing.assert_allclose(rows, expected[np.lexsort(expected.T)], atol=1e-12)

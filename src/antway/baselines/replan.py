@@ -127,10 +127,10 @@ class Sipp(Follow):
         n = len(xy)
         if self.predictions == "mirrored":
             out = np.empty((16 * n + 1, 8))
-            beliefs = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
+            estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
             return out[
                 : predict(
-                    beliefs, o.t, 0.0, horizon, *o.xy, robot.radius, margin, 0.0, 0.0, 0.0, 0.0,
+                    estimates, o.t, 0.0, horizon, *o.xy, robot.radius, margin, 0.0, 0.0, 0.0, 0.0,
                     self.task.grid.blocked, self.frame, STRAIGHT, out,
                 )
             ]  # fmt: skip

@@ -75,7 +75,7 @@ class Plan(NamedTuple):
 
 
 @kernel
-def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, segments: NDArray[np.float64]) -> bool:
+def _as_foreseen(estimates: NDArray[np.float64], now: float, age: float, segments: NDArray[np.float64]) -> bool:
     """Tell whether all that an earlier prediction, `segments`, is about are where they were to be now, and move as they were to.
 
     Others may have come: they make no way faster.
@@ -86,9 +86,9 @@ def _as_foreseen(beliefs: NDArray[np.float64], now: float, age: float, segments:
                 segments[p, 2] + segments[p, 4] * (now - segments[p, 0]),
                 segments[p, 3] + segments[p, 5] * (now - segments[p, 0]),
             )
-            for k in range(len(beliefs)):
-                vx, vy = beliefs[k, VX], beliefs[k, VY]
-                off = max(abs(beliefs[k, X] + vx * age - x), abs(beliefs[k, Y] + vy * age - y))
+            for k in range(len(estimates)):
+                vx, vy = estimates[k, VX], estimates[k, VY]
+                off = max(abs(estimates[k, X] + vx * age - x), abs(estimates[k, Y] + vy * age - y))
                 if max(off, abs(vx - segments[p, 4]), abs(vy - segments[p, 5])) < _SAME:
                     break
             else:
@@ -116,7 +116,7 @@ def cycle(
     settings: Settings,
     plan: Plan,
     crowd: Crowd,
-    beliefs: NDArray[np.float64],
+    estimates: NDArray[np.float64],
     now: float,
     age: float,
     x: float,
@@ -127,13 +127,13 @@ def cycle(
 ) -> tuple[float, float, int, float, float]:
     """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival).
 
-    Arrivals are absolute, s; `beliefs` are as kernels/tracking/kalman.py leaves them, `age` s old; `segments` is room for the prediction.
+    Arrivals are absolute, s; `estimates` are as kernels/tracking/kalman.py leaves them, `age` s old; `segments` is room for the prediction.
     """
     s = settings
-    crowd.known[0] = foresee(crowd.rows, crowd.known[0], beliefs, now - age, s.usual, crowd.course)
-    foreseen = _as_foreseen(beliefs, now, age, segments[: int(plan.state[FORESEEN])])
+    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.usual, crowd.course)
+    foreseen = _as_foreseen(estimates, now, age, segments[: int(plan.state[FORESEEN])])
     count = predict(
-        beliefs,
+        estimates,
         now,
         age,
         s.horizon,
@@ -147,7 +147,7 @@ def cycle(
         s.quantile,
         context.blocked,
         frame,
-        crowd.course[: len(beliefs)],
+        crowd.course[: len(estimates)],
         segments,
     )
     plan.state[FORESEEN] = count

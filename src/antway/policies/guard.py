@@ -66,7 +66,7 @@ class Guard:
         robot, (x, y, _) = task.robot, task.grid.origin
         self.task, self.corner = task, (x, y)
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
-        self.book, self.count = np.zeros((128, 8)), 0
+        self.table, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
         self.last_stamp = -math.inf
         self.did = ""
@@ -119,13 +119,13 @@ class Guard:
         # What the robot may drive after this command, it can brake from.
         stopping = robot.dt + min(math.hypot(*o.velocity) / robot.a_max + robot.dt, robot.stop_time)
         most = self.count + len(t)
-        if most > len(self.book):
-            self.book = np.resize(self.book, (2 * most, 8))
+        if most > len(self.table):
+            self.table = np.resize(self.table, (2 * most, 8))
             self.tracks, self.spread = np.empty((2 * most, 6)), np.zeros(2 * most)
         if t.covariance is not None:
             self.spread[: len(t)] = 2.0 * np.sqrt(t.covariance[:, 0, 0])
         self.count, n = within_reach(
-            self.book,
+            self.table,
             self.count,
             o.t,
             stamp,

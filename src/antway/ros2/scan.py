@@ -123,7 +123,7 @@ class Tracker:
 
     def __init__(self, noise: float = 0.05, agility: float = 1.0, near: float = 0.8) -> None:
         self.noise, self.agility, self.near = noise, agility, near
-        self.book, self.beliefs = np.zeros((256, track.COLUMNS)), np.zeros((256, 8))
+        self.table, self.estimates = np.zeros((256, track.COLUMNS)), np.zeros((256, 8))
         self.count, self.named, self.t = 0, 0, -math.inf
 
     def update(self, t: float, seen: Tracks) -> Tracks:
@@ -146,7 +146,7 @@ class Tracker:
         self.t = t
         variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
         self.count, known = track.update(
-            self.book,
+            self.table,
             self.count,
             t,
             seen.id,
@@ -156,21 +156,25 @@ class Tracker:
             variance,
             self.agility,
             self.near,
-            self.beliefs,
+            self.estimates,
         )
-        book, belief = self.book[:known], self.beliefs[:known]
-        fresh = np.flatnonzero(book[:, track.ID] < 0.0)
-        book[fresh, track.ID] = np.arange(self.named, self.named + len(fresh))
+        table, estimate = self.table[:known], self.estimates[:known]
+        fresh = np.flatnonzero(table[:, track.ID] < 0.0)
+        table[fresh, track.ID] = np.arange(self.named, self.named + len(fresh))
         self.named += len(fresh)
-        belief[:, NAME] = book[:, track.ID]
+        estimate[:, NAME] = table[:, track.ID]
         covariance = np.zeros((known, 4, 4))
-        age = t - book[:, track.T]
+        age = t - table[:, track.T]
         for place, speed in ((0, 2), (1, 3)):
-            covariance[:, place, place] = belief[:, SIGMA] ** 2
-            covariance[:, speed, speed] = belief[:, SIGMA_V] ** 2
-            covariance[:, place, speed] = covariance[:, speed, place] = book[:, track.P12] + age * book[:, track.P22]
+            covariance[:, place, place] = estimate[:, SIGMA] ** 2
+            covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
+            covariance[:, place, speed] = covariance[:, speed, place] = table[:, track.P12] + age * table[:, track.P22]
         return Tracks(
-            belief[:, NAME].astype(np.int64), belief[:, :2].copy(), belief[:, 2:4].copy(), belief[:, RADIUS].copy(), covariance
+            estimate[:, NAME].astype(np.int64),
+            estimate[:, :2].copy(),
+            estimate[:, 2:4].copy(),
+            estimate[:, RADIUS].copy(),
+            covariance,
         )
 
 

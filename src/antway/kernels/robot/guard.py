@@ -45,7 +45,7 @@ def fault(
 
 @kernel
 def within_reach(
-    book: NDArray[np.float64],
+    table: NDArray[np.float64],
     count: int,
     now: float,
     stamp: float,
@@ -64,7 +64,7 @@ def within_reach(
 
     Parameters
     ----------
-    book : float64[M, 8]
+    table : float64[M, 8]
         The tracks of late, rows below `count`: id, when seen, and the row, its speed then last; M is at least `count` + K.
     now, stamp, hold : float
         Time now and of the scan; how long a lost track counts; s.
@@ -87,20 +87,20 @@ def within_reach(
         if math.isnan(speed):
             vx, vy, speed = 0.0, 0.0, fastest
         i = 0
-        while i < count and (book[i, 0] != name[k] or name[k] < 0):
+        while i < count and (table[i, 0] != name[k] or name[k] < 0):
             i += 1
         if i == count:
             count += 1
-        book[i, 0], book[i, 1], book[i, 2], book[i, 3] = name[k], stamp, xy[k, 0], xy[k, 1]
-        book[i, 4], book[i, 5], book[i, 6], book[i, 7] = vx, vy, radius[k] + spread[k], speed
+        table[i, 0], table[i, 1], table[i, 2], table[i, 3] = name[k], stamp, xy[k, 0], xy[k, 1]
+        table[i, 4], table[i, 5], table[i, 6], table[i, 7] = vx, vy, radius[k] + spread[k], speed
     kept = 0
     for i in range(count):
-        age = now - book[i, 1]
-        if book[i, 1] < stamp and age > hold:
+        age = now - table[i, 1]
+        if table[i, 1] < stamp and age > hold:
             continue
-        book[kept] = book[i]
-        out[n] = book[i, 2:]
-        out[n, 5] = min(fastest, book[i, 7] + surge * (age + stopping))
+        table[kept] = table[i]
+        out[n] = table[i, 2:]
+        out[n, 5] = min(fastest, table[i, 7] + surge * (age + stopping))
         out[n, 4] += out[n, 5] * age
         kept, n = kept + 1, n + 1
     return kept, n

@@ -152,7 +152,7 @@ def _straighten(course: NDArray[np.float64], first: int, last: int) -> None:
 def foresee(
     rows: NDArray[np.float64],
     count: int,
-    beliefs: NDArray[np.float64],
+    estimates: NDArray[np.float64],
     t: float,
     usual: float,
     course: NDArray[np.float64],
@@ -163,14 +163,14 @@ def foresee(
     ----------
     rows : float64[M, COLUMNS]
         What is known, M >= K; rows below `count`.
-    beliefs : float64[K, 8]
+    estimates : float64[K, 8]
         As of kernels/tracking/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
     usual : float
         Speed of whoever walks freely, m/s.
     course : float64[N, STEPS, 2]
         N >= K. Filled with the velocities, m/s, of each in steps of COURSE s from `t` on; NaN for who is not predicted here.
     """
-    n = len(beliefs)
+    n = len(estimates)
     course[:n, 0, 0] = math.nan
     if n > _MOST:
         return 0
@@ -180,19 +180,19 @@ def foresee(
         row = fresh[k]
         before = -1
         for i in range(count):
-            if rows[i, NAME] == beliefs[k, NAME] and rows[i, NAME] >= 0.0:
+            if rows[i, NAME] == estimates[k, NAME] and rows[i, NAME] >= 0.0:
                 before = i
         if before >= 0:
             row[:] = rows[before]
             dt = t - row[_SEEN]
             if dt > 0.0:
-                vx, vy = beliefs[k, VX], beliefs[k, VY]
+                vx, vy = estimates[k, VX], estimates[k, VY]
                 bound = _lines(rows[:count], before, max(dt, 0.01), lines)
                 if row[_A11] + row[_A22] > 0.0:  # its prediction came from knowledge
                     row[_STRAIGHT] = _FADES * row[_STRAIGHT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_TURNING] = _FADES * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
                 _learn(row, vx, vy, usual, lines, bound)
-        row[:8], row[_SEEN] = beliefs[k], t
+        row[:8], row[_SEEN] = estimates[k], t
     follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _STRAIGHT].sum()
     rows[:n] = fresh
     at, then = fresh, fresh.copy()

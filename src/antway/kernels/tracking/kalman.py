@@ -20,17 +20,17 @@ _LOST = 1.0  # s; how long a track is believed in that is not seen
 
 
 @kernel
-def _row(book: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
+def _row(table: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
     """Row of the track called `name`, or, where sensors give no names (-1), the one whose prediction is nearest; -1 if none."""
     if name >= 0.0:
         for i in range(count):
-            if book[i, ID] == name:
+            if table[i, ID] == name:
                 return i
         return -1
     best, row = near, -1
     for i in range(count):
-        dt = t - book[i, T]
-        gap = math.hypot(book[i, X] + book[i, VX] * dt - x, book[i, Y] + book[i, VY] * dt - y)
+        dt = t - table[i, T]
+        gap = math.hypot(table[i, X] + table[i, VX] * dt - x, table[i, Y] + table[i, VY] * dt - y)
         if dt > 0.0 and gap < best:
             best, row = gap, i
     return row
@@ -38,7 +38,7 @@ def _row(book: NDArray[np.float64], count: int, name: float, x: float, y: float,
 
 @kernel
 def update(
-    book: NDArray[np.float64],
+    table: NDArray[np.float64],
     count: int,
     t: float,
     name: NDArray[np.int64],
@@ -48,13 +48,13 @@ def update(
     variance: NDArray[np.float64],
     agility: float,
     near: float,
-    beliefs: NDArray[np.float64],
+    estimates: NDArray[np.float64],
 ) -> tuple[int, int]:
     """Take in one scan; returns (tracks in the book, beliefs written).
 
     Parameters
     ----------
-    book : float64[M, COLUMNS]
+    table : float64[M, COLUMNS]
         What is known, rows below `count`.
     t : float
         Time of the scan, s.
@@ -67,32 +67,32 @@ def update(
         Standard deviation of the obstacles' acceleration, m/s^2, for the filter.
     near : float
         How far from its prediction a nameless track may be found, m.
-    beliefs : float64[N, 8]
+    estimates : float64[N, 8]
         Filled with the tracks of this scan, and those seen so lately that they must still be about, moved on to `t`.
     """
     for k in range(len(name)):
-        i = _row(book, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
+        i = _row(table, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
         known = not math.isnan(velocity[k, 0])
         filtered = variance[k, 0] < 0.0
         if i < 0 or filtered:
             if i < 0:
-                i = count if count < len(book) else int(np.argmin(book[:count, T]))  # the one unseen for longest makes room
-                count = min(count + 1, len(book))
-            book[i, ID], book[i, T] = float(name[k]), t
-            book[i, X], book[i, Y] = xy[k, 0], xy[k, 1]
-            book[i, VX], book[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
-            book[i, P11], book[i, P12] = abs(variance[k, 0]), 0.0
-            book[i, P22] = abs(variance[k, 1]) if known else 1.0
+                i = count if count < len(table) else int(np.argmin(table[:count, T]))  # the one unseen for longest makes room
+                count = min(count + 1, len(table))
+            table[i, ID], table[i, T] = float(name[k]), t
+            table[i, X], table[i, Y] = xy[k, 0], xy[k, 1]
+            table[i, VX], table[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
+            table[i, P11], table[i, P12] = abs(variance[k, 0]), 0.0
+            table[i, P22] = abs(variance[k, 1]) if known else 1.0
         else:
-            dt = t - book[i, T]
+            dt = t - table[i, T]
             if dt <= 0.0:
                 continue  # a scan that was taken in already
             q = agility * agility
-            x, y = book[i, X] + book[i, VX] * dt, book[i, Y] + book[i, VY] * dt
-            p11 = book[i, P11] + 2 * dt * book[i, P12] + dt * dt * book[i, P22] + q * dt**4 / 4
-            p12 = book[i, P12] + dt * book[i, P22] + q * dt**3 / 2
-            p22 = book[i, P22] + q * dt * dt
-            vx, vy = book[i, VX], book[i, VY]
+            x, y = table[i, X] + table[i, VX] * dt, table[i, Y] + table[i, VY] * dt
+            p11 = table[i, P11] + 2 * dt * table[i, P12] + dt * dt * table[i, P22] + q * dt**4 / 4
+            p12 = table[i, P12] + dt * table[i, P22] + q * dt**3 / 2
+            p22 = table[i, P22] + q * dt * dt
+            vx, vy = table[i, VX], table[i, VY]
             # place
             s = p11 + variance[k, 0]
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
@@ -110,24 +110,24 @@ def update(
                 g1, g2 = (p12 / s, p22 / s) if s > 0.0 else (0.0, 1.0)
                 x, y, vx, vy = x + g1 * wx, y + g1 * wy, vx + g2 * wx, vy + g2 * wy
                 p11, p12, p22 = p11 - g1 * p12, (1 - g2) * p12, (1 - g2) * p22
-            book[i, X], book[i, Y], book[i, VX], book[i, VY], book[i, T] = x, y, vx, vy, t
-            book[i, P11], book[i, P12], book[i, P22] = p11, p12, p22
-        book[i, RADIUS] = radius[k]
+            table[i, X], table[i, Y], table[i, VX], table[i, VY], table[i, T] = x, y, vx, vy, t
+            table[i, P11], table[i, P12], table[i, P22] = p11, p12, p22
+        table[i, RADIUS] = radius[k]
     n, kept = 0, 0
     for i in range(count):
-        age = t - book[i, T]
+        age = t - table[i, T]
         if age > _LOST:
             continue
         if kept != i:
-            book[kept] = book[i]
+            table[kept] = table[i]
         kept += 1
-        if n == len(beliefs):
+        if n == len(estimates):
             continue
-        b = book[kept - 1]
-        beliefs[n, X], beliefs[n, Y] = b[X] + b[VX] * age, b[Y] + b[VY] * age
-        beliefs[n, VX], beliefs[n, VY], beliefs[n, RADIUS] = b[VX], b[VY], b[RADIUS]
-        beliefs[n, SIGMA] = math.sqrt(max(b[P11] + 2 * age * b[P12] + age * age * b[P22], 0.0))
-        beliefs[n, SIGMA_V] = math.sqrt(max(b[P22], 0.0))
-        beliefs[n, NAME] = b[ID]
+        b = table[kept - 1]
+        estimates[n, X], estimates[n, Y] = b[X] + b[VX] * age, b[Y] + b[VY] * age
+        estimates[n, VX], estimates[n, VY], estimates[n, RADIUS] = b[VX], b[VY], b[RADIUS]
+        estimates[n, SIGMA] = math.sqrt(max(b[P11] + 2 * age * b[P12] + age * age * b[P22], 0.0))
+        estimates[n, SIGMA_V] = math.sqrt(max(b[P22], 0.0))
+        estimates[n, NAME] = b[ID]
         n += 1
     return kept, n

@@ -21,7 +21,7 @@ _KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a 
 
 @kernel
 def predict(
-    beliefs: NDArray[np.float64],
+    estimates: NDArray[np.float64],
     now: float,
     age: float,
     horizon: float,
@@ -42,7 +42,7 @@ def predict(
 
     Parameters
     ----------
-    beliefs : float64[K, 8]
+    estimates : float64[K, 8]
         x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's id.
     now, age, horizon : float
         Time now; how old the beliefs are; how far ahead to predict; s.
@@ -67,19 +67,19 @@ def predict(
     """
     n = 0
     size = frame[2]
-    for k in range(len(beliefs)):
-        x, y, vx, vy = beliefs[k, X], beliefs[k, Y], beliefs[k, VX], beliefs[k, VY]
-        body = robot_radius + beliefs[k, RADIUS]
+    for k in range(len(estimates)):
+        x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
+        body = robot_radius + estimates[k, RADIUS]
         room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
         runs = min(bound, math.hypot(vx, vy) + surge * stopping_time) * stopping_time
         held = min(room + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
-        spread = math.hypot(beliefs[k, SIGMA], beliefs[k, SIGMA_V] * (_TIERS[0] + age))
+        spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
         x, y, t, mirrors = x - vx * stopping_time, y - vy * stopping_time, -age - stopping_time, 0
         turns = k < len(course) and not math.isnan(course[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon
-            sure = beliefs[k, SIGMA] == 0.0 and beliefs[k, SIGMA_V] == 0.0
+            sure = estimates[k, SIGMA] == 0.0 and estimates[k, SIGMA_V] == 0.0
             if not sure:
                 for tier in _TIERS:
                     if tier > t + 1e-9:
@@ -101,12 +101,12 @@ def predict(
                 end = min(end, 0.0)
             col, row = (x - frame[0]) / size - 0.5, (y - frame[1]) / size - 0.5
             share, n_row, n_col = first_wall(
-                blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, beliefs[k, RADIUS] / size
+                blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, estimates[k, RADIUS] / size
             )
             hit = share <= 1.0 and mirrors < MIRRORS
             until = t + share * (end - t) if hit else end
             if until > t:
-                variance = beliefs[k, SIGMA] ** 2 + (beliefs[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
+                variance = estimates[k, SIGMA] ** 2 + (estimates[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
                 wide = margin + quantile * math.sqrt(variance)
                 out[n, 0], out[n, 1] = now + t, now + until
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy

@@ -40,7 +40,7 @@ class Situation:
     now: float  # s
     age: float  # s, of the beliefs
     xy: XY  # m, of the robot
-    beliefs: NDArray[np.float64]  # [K, 8]
+    estimates: NDArray[np.float64]  # [K, 8]
     course: NDArray[np.float64]  # [K, STEPS, 2]
     segments: NDArray[np.float64]  # [P, 8]
 
@@ -52,7 +52,7 @@ class Situation:
         """Return the prediction of track k alone, in order of time."""
         s, out = self.settings, np.empty((256, 8))
         count = predict(
-            self.beliefs[k : k + 1],
+            self.estimates[k : k + 1],
             self.now,
             self.age,
             s.horizon,

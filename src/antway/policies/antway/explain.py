@@ -58,12 +58,12 @@ def explain(
         k, when, course = _hindrance(now, memory)
         met = f"in {when - now.now:.1f} s on the straight way"
         if k is not None:
-            t, gap = _approach(now, now.beliefs[k].tolist(), course)
+            t, gap = _approach(now, now.estimates[k].tolist(), course)
     reason, kind, name = "the way is free", "", None
     alternatives: Sequence[tuple[str, float]] = (("on along the way", late),)
     if k is not None:
-        name = int(now.beliefs[k, NAME])
-        kind = encounter(course, (float(now.beliefs[k, VX]), float(now.beliefs[k, VY])))
+        name = int(now.estimates[k, NAME])
+        kind = encounter(course, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
         how = manner(kind, course, path, now.segments_of(k), now.now)
         does = f"wait {waiting:.1f} s, {how}" if waiting > 0.0 else how
         if action == "follow":
@@ -120,7 +120,7 @@ def _approach(now: Situation, row: Sequence[float], course: XY) -> tuple[float, 
 def _nearest(now: Situation, course: XY, ahead: float) -> tuple[int | None, float, float]:
     """Of the tracks that would come within half a metre on the present course, the first: row, time, gap."""
     best: tuple[int | None, float, float] = (None, math.nan, math.nan)
-    for k, row in enumerate(now.beliefs.tolist()):
+    for k, row in enumerate(now.estimates.tolist()):
         when, gap = _approach(now, row, course)
         if 0.0 < when < min(ahead, 5.0) and gap < 0.5 and not when >= best[1]:
             best = (k, when, gap)
@@ -132,7 +132,7 @@ def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
     path, best, first = now.straight(memory), None, math.inf
     if path is None or now.conflict(path, now.segments) == math.inf:
         return None, math.nan, (0.0, 0.0)
-    for k in range(len(now.beliefs)):
+    for k in range(len(now.estimates)):
         when = now.conflict(path, now.segments_of(k))
         if when < first:
             best, first = k, when

@@ -150,8 +150,8 @@ class AntwayPolicy:
         stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
         self.paces = (context, self.settings.stopping_time), (careful, stopping_time)
         self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
-        self.book, self.count = np.zeros((256, track.COLUMNS)), 0
-        self.beliefs, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
+        self.table, self.count = np.zeros((256, track.COLUMNS)), 0
+        self.estimates, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
         self.crowd = Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)))
         if self.guard:
             self.guard.reset(task)
@@ -181,7 +181,7 @@ class AntwayPolicy:
         else:
             variance[:] = 0.0
         self.count, known = track.update(
-            self.book,
+            self.table,
             self.count,
             stamp,
             t.id,
@@ -191,7 +191,7 @@ class AntwayPolicy:
             variance,
             _AGILITY,
             _NEAR,
-            self.beliefs,
+            self.estimates,
         )
         self.context, stopping_time = self.paces[known > 0]
         if math.isnan(self.begun):
@@ -206,7 +206,7 @@ class AntwayPolicy:
             self.settings,
             self.plan,
             self.crowd,
-            self.beliefs[:known],
+            self.estimates[:known],
             float(o.t),
             float(o.t - stamp),
             float(o.xy[0]),
@@ -218,7 +218,7 @@ class AntwayPolicy:
         vx, vy, what, arrival, bound = entry(cycle, *arguments)(*arguments)
         command = Command((vx, vy))
         if self.guard:
-            command = self.guard.passed(o if t.covariance is None else self._believed(o, known), command)
+            command = self.guard.passed(o if t.covariance is None else self._estimated(o, known), command)
         did = self.guard.did if self.guard else ""
         if what != KEPT or did != self.did or o.t >= self.until:
             self.decision, self.until = None, math.inf
@@ -229,9 +229,9 @@ class AntwayPolicy:
             self.now, self.known, self.age, self.did, self.arrival, self.bound = o, known, o.t - stamp, did, arrival, bound
         return command
 
-    def _believed(self, o: Observation, known: int) -> Observation:
+    def _estimated(self, o: Observation, known: int) -> Observation:
         """Return what is seen, as the filter sees it."""
-        b = self.beliefs[:known]
+        b = self.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
@@ -253,7 +253,7 @@ class AntwayPolicy:
                 float(now),
                 float(self.age),
                 (float(self.now.xy[0]), float(self.now.xy[1])),
-                self.beliefs[: self.known].copy(),
+                self.estimates[: self.known].copy(),
                 self.crowd.course[: self.known].copy(),
                 self.segments[: int(self.plan.state[FORESEEN])].copy(),
             )
