@@ -34,11 +34,11 @@ def world(rng: np.random.Generator, resolution: float, density: float) -> tuple[
         r, c = rng.integers(0, SIZE - 3, 2)
         blocked[r : r + 3, c : c + 3] = True
     side = SIZE * resolution
-    courses = []
+    trajectories = []
     for _ in range(DISCS):
         a, angle, pace = rng.uniform(0, side, 2), rng.uniform(0, 2 * np.pi), rng.uniform(0.3, 0.9)
-        courses.append(([0.0, 100.0], [a, a + 100 * pace * np.array([np.cos(angle), np.sin(angle)])]))
-    return Grid(blocked, resolution), Timeline.of(list(range(DISCS)), list(rng.uniform(0.2, 0.45, DISCS)), courses)
+        trajectories.append(([0.0, 100.0], [a, a + 100 * pace * np.array([np.cos(angle), np.sin(angle)])]))
+    return Grid(blocked, resolution), Timeline.of(list(range(DISCS)), list(rng.uniform(0.2, 0.45, DISCS)), trajectories)
 
 
 def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: tuple[int, int], timeline: Timeline) -> float:
@@ -96,11 +96,11 @@ def measure(moves: Moves, resolution: float, density: float, queries: int, peers
         prepare.append(time.perf_counter() - begun)
         if not search.field[start] * SPEED > SIZE * resolution / 2:
             continue  # only ways of half the map and more
-        xy, courses = grid.centre(start), (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
+        xy, trajectories = grid.centre(start), (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
         runs = []
         for _ in range(5):
             begun = time.perf_counter()
-            segments = timeline_segments(*courses, RADIUS, 0.0, np.inf)
+            segments = timeline_segments(*trajectories, RADIUS, 0.0, np.inf)
             plan = search.search(xy, 0.0, segments)
             runs.append(time.perf_counter() - begun)
         times.append(min(runs[1:]))

@@ -19,11 +19,11 @@ def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample",
     share = np.maximum.accumulate(share)
     xy = np.column_stack((0.5 + 18 * share, 0.5 + 18 * share**1.3))
     velocity = np.vstack((np.zeros((1, 2)), np.diff(xy, axis=0) / 0.1))
-    courses = []
+    trajectories = []
     for k in range(obstacles):
         a, b = np.array([17.5 - k % 7, 2.0 + 1.7 * (k % 9)]), np.array([2.5 + k % 5, 9.0 + 0.4 * k])
-        courses.append((np.array([0.0, t[-1] / 2, t[-1]]), np.array([a, b, a])))
-    timeline = Timeline.of(list(range(1, obstacles + 1)), [0.5] * obstacles, courses)
+        trajectories.append((np.array([0.0, t[-1] / 2, t[-1]]), np.array([a, b, a])))
+    timeline = Timeline.of(list(range(1, obstacles + 1)), [0.5] * obstacles, trajectories)
     places = timeline.places(t)
     sensed = np.hypot(*(places - xy[:, None]).transpose(2, 0, 1)) < 5.0 if obstacles else np.zeros((steps + 1, 0), bool)
     decisions = [(0, Decision("follow", "The way is free: on along the global path."))]

@@ -13,7 +13,7 @@ from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, t
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import STRAIGHT, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
 from antway.policies.antway.state import make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
@@ -190,7 +190,7 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
         _, velocity = line.at(0.0)
         estimates = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
         frame = np.array([0.0, 0.0, 0.2])
-        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, frame, STRAIGHT, out)
+        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, frame, NO_PREDICTIONS, out)
         for piece in out[:n]:
             for t in np.linspace(max(piece[0], 0.0), piece[1], 5):
                 at = piece[2:4] + piece[4:6] * (t - piece[0])

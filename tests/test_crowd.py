@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway.kernels.tracking import crowd, orca
-from antway.kernels.tracking.predict import COURSE, LATER, predict
+from antway.kernels.tracking.predict import LATER, STEP_TIME, predict
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive
@@ -61,14 +61,14 @@ def circle(seed: int) -> Timeline:
 
 def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Places 2 s after each scan: as predicted (NaN: not), and on at the velocity seen."""
-    rows, course, n, ways, straight = np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0, [], []
+    rows, trajectory, n, ways, straight = np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0, [], []
     for i in range(steps):
-        t = i * COURSE + 1e-6
+        t = i * STEP_TIME + 1e-6
         xy, velocity = line.at(t - 1e-9)[0], line.at(t - 1e-3)[1]
         velocity = np.zeros_like(velocity) if i == 0 else velocity
         estimates = np.column_stack((xy, velocity, line.radius, np.zeros((len(xy), 2)), line.id))
-        n = crowd.foresee(rows, n, estimates, t, 1.0, course)
-        ways.append(xy + course[:n, :8].sum(axis=1) * COURSE)
+        n = crowd.foresee(rows, n, estimates, t, 1.0, trajectory)
+        ways.append(xy + trajectory[:n, :8].sum(axis=1) * STEP_TIME)
         straight.append(xy + velocity * 2.0)
     return ways, straight
 
@@ -82,7 +82,7 @@ def test_a_crowd_is_predicted_better_than_straight_on() -> None:
         ways, on = watched(line, 20)
         for i in range(2, 20):
             if np.isfinite(ways[i]).all():
-                then = line.at(i * COURSE + 2.0)[0]
+                then = line.at(i * STEP_TIME + 2.0)[0]
                 learnt.append(np.hypot(*(ways[i] - then).T).mean())
                 straight.append(np.hypot(*(on[i] - then).T).mean())
     assert len(learnt) > 12 * cases(4, 100)
@@ -94,15 +94,15 @@ def test_discs_that_never_yield_are_not_taken_for_people() -> None:
     rng = np.random.default_rng(2)
     for turns in (False, True):
         heading = rng.uniform(-math.pi, math.pi, 8)
-        xy, rows, course, n = rng.uniform(0.0, 4.0, (8, 2)), np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0
+        xy, rows, trajectory, n = rng.uniform(0.0, 4.0, (8, 2)), np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0
         followed = 0
         for i in range(100):
             if turns and i % 10 == 5:
                 heading[rng.integers(8)] = rng.uniform(-math.pi, math.pi)
             velocity = 0.6 * np.column_stack((np.cos(heading), np.sin(heading)))
             estimates = np.column_stack((xy, velocity, np.full(8, 0.3), np.zeros((8, 2)), np.arange(8)))
-            n = crowd.foresee(rows, n, estimates, i * 0.1, 0.9, course)
-            followed += bool(np.isfinite(course[:n, 0, 0]).any())
+            n = crowd.foresee(rows, n, estimates, i * 0.1, 0.9, trajectory)
+            followed += bool(np.isfinite(trajectory[:n, 0, 0]).any())
             xy = xy + velocity * 0.1
         assert followed <= (2 if turns else 0)
 
@@ -112,14 +112,14 @@ def test_courses_are_straightened_by_no_more_than_a_centimetre() -> None:
     rng = np.random.default_rng(3)
     for _ in range(cases(50, 2000)):
         angle = np.cumsum(rng.normal(0.0, rng.choice([0.0, 0.02, 0.2]), crowd.STEPS))
-        course = np.column_stack((np.cos(angle), np.sin(angle)))
-        straight, first = course.copy(), int(rng.integers(0, 10))
+        trajectory = np.column_stack((np.cos(angle), np.sin(angle)))
+        straight, first = trajectory.copy(), int(rng.integers(0, 10))
         crowd._straighten(straight, first, crowd.STEPS)
-        off = np.hypot(*np.cumsum((straight - course) * COURSE, axis=0).T)
+        off = np.hypot(*np.cumsum((straight - trajectory) * STEP_TIME, axis=0).T)
         changes = np.flatnonzero((np.diff(straight, axis=0) != 0.0).any(axis=1))
         assert off.max() <= 0.01 + 1e-12 and off[[*changes, -1]].max() < 1e-12
-        assert (straight[:first] == course[:first]).all() and len(changes) < crowd.STEPS - 1
-        assert len(changes) <= first + (1 if (course == course[0]).all() else crowd.STEPS)
+        assert (straight[:first] == trajectory[:first]).all() and len(changes) < crowd.STEPS - 1
+        assert len(changes) <= first + (1 if (trajectory == trajectory[0]).all() else crowd.STEPS)
 
 
 def test_lines_of_all_are_those_of_each() -> None:
@@ -130,9 +130,9 @@ def test_lines_of_all_are_those_of_each() -> None:
         rows = np.zeros((n, crowd.COLUMNS))
         rows[:, :2], rows[:, 2:4], rows[:, 4] = rng.uniform(-4.0, 4.0, (n, 2)), rng.uniform(-1.0, 1.0, (n, 2)), 0.3
         every, many, alone = np.empty((n, n, 4)), np.empty(n, np.int64), np.empty((n, 4))
-        crowd._all_lines(rows, COURSE, every, many)
+        crowd._all_lines(rows, STEP_TIME, every, many)
         for k in range(n):
-            count = crowd._lines(rows, k, COURSE, alone)
+            count = crowd._lines(rows, k, STEP_TIME, alone)
             assert many[k] == count and (every[k, :count] == alone[:count]).all()
 
 
@@ -140,29 +140,29 @@ def test_lines_of_all_are_those_of_each() -> None:
 def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     """Pieces lead along the course; what the guard asks for is spared in part once the first seconds are over, to who moves."""
     angle = np.linspace(0.0, 3.0, crowd.STEPS)
-    course = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
-    ways = np.vstack(([0.0, 0.0], np.cumsum(course[0] * COURSE, axis=0)))
+    trajectory = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
+    ways = np.vstack(([0.0, 0.0], np.cumsum(trajectory[0] * STEP_TIME, axis=0)))
     estimates, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
     blocked, frame = np.zeros((60, 60), bool), np.array([-30.0, -30.0, 1.0])
     stopping_time, bound = 0.25, 1.0
     n = predict(
-        estimates, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, course, out
+        estimates, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, trajectory, out
     )
     assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)
     for begin, end, x, y, vx, vy, stand, drive in out[:n]:
         if begin >= 5.0 - 1e-9:
-            i = round((begin - 5.0) / COURSE)
+            i = round((begin - 5.0) / STEP_TIME)
             assert (x, y) == pytest.approx(tuple(ways[i]), abs=1e-9)
-            assert end - begin == pytest.approx(COURSE if speed else LATER if begin < 5.0 + LATER else 6.0 - LATER)
-            assert (vx, vy) == pytest.approx(tuple(course[0, i]))
+            assert end - begin == pytest.approx(STEP_TIME if speed else LATER if begin < 5.0 + LATER else 6.0 - LATER)
+            assert (vx, vy) == pytest.approx(tuple(trajectory[0, i]))
         assert stand == pytest.approx(0.61)
         assert drive == pytest.approx(0.86 if speed == 0.0 or begin < 5.0 + LATER - 1e-9 else 0.76)
 
 
 def test_the_nameless_have_no_past() -> None:
     """Without names nobody is told from another, and none is predicted but straight on."""
-    rows, course, n = np.zeros((4, crowd.COLUMNS)), np.empty((4, crowd.STEPS, 2)), 0
+    rows, trajectory, n = np.zeros((4, crowd.COLUMNS)), np.empty((4, crowd.STEPS, 2)), 0
     for i in range(10):
         estimates = np.array([[i * 0.1, 0.0, 1.0, 0.0, 0.3, 0.0, 0.0, -1.0], [3.0, 0.1, -1.0, 0.0, 0.3, 0.0, 0.0, -1.0]])
-        n = crowd.foresee(rows, n, estimates, i * 0.1, 1.0, course)
-        assert n == 2 and np.isnan(course[:2, 0, 0]).all() and (rows[:2, 8:13] >= 0.0).all()
+        n = crowd.foresee(rows, n, estimates, i * 0.1, 1.0, trajectory)
+        assert n == 2 and np.isnan(trajectory[:2, 0, 0]).all() and (rows[:2, 8:13] >= 0.0).all()

@@ -167,8 +167,8 @@ def test_random_episodes_pass_the_verifier_and_replay() -> None:
         check_episode(result)
         outcomes.add(result.outcome)
         trace = result.trace
-        courses = [trace.timeline.course(k) for k in range(len(trace.timeline))]
-        again = [Replay(tuple(t.tolist()), tuple(map(tuple, xy.tolist()))) for t, xy in courses]
+        trajectories = [trace.timeline.trajectory(k) for k in range(len(trace.timeline))]
+        again = [Replay(tuple(t.tolist()), tuple(map(tuple, xy.tolist()))) for t, xy in trajectories]
         world = World(ROOM, [Obstacle(float(r), m) for r, m in zip(trace.obstacle_radius, again)])
         commands = iter(trace.command.tolist())
         replay = run(replace(scenario, world=world), Steer(lambda o, c=commands: tuple(next(c))), seed=seed).trace

@@ -16,23 +16,23 @@ from naive.world import wall_distance
 ROOM = Grid(np.zeros((20, 30), dtype=bool), 0.5)
 
 
-def course(motion, seed: int = 0, horizon: float = 60.0, grid: Grid = ROOM, radius: float = 0.3):
+def trajectory(motion, seed: int = 0, horizon: float = 60.0, grid: Grid = ROOM, radius: float = 0.3):
     return World(grid, [Obstacle(radius, motion)]).timeline(seed, horizon)
 
 
 def test_scripted_motions_are_where_arithmetic_says() -> None:
     """Line, back-and-forth, waypoints and replay are at hand-computed places."""
-    line = course(Line((1, 1), (5, 4), speed=1.0, delay=2.0))
+    line = trajectory(Line((1, 1), (5, 4), speed=1.0, delay=2.0))
     assert [line.at(t)[0][0].tolist() for t in (0, 2, 4.5, 7, 99)] == [[1, 1], [1, 1], [3, 2.5], [5, 4], [5, 4]]
-    shuttle = course(BackAndForth((2, 3), (6, 3), speed=2.0, phase=0.25))
+    shuttle = trajectory(BackAndForth((2, 3), (6, 3), speed=2.0, phase=0.25))
     np.testing.assert_allclose([shuttle.at(t)[0][0, 0] for t in (0, 1, 2, 3, 4, 40)], [4, 6, 4, 2, 4, 4], atol=1e-9)
-    loop = course(Waypoints(((1, 1), (3, 1), (3, 2)), speed=1.0, pause=1.0))
+    loop = trajectory(Waypoints(((1, 1), (3, 1), (3, 2)), speed=1.0, pause=1.0))
     np.testing.assert_allclose(
         [loop.at(t)[0][0].tolist() for t in (1, 2, 2.9, 3.5, 4.5)], [[2, 1], [3, 1], [3, 1], [3, 1.5], [3, 2]]
     )
-    once = course(Waypoints(((1, 1), (3, 1)), speed=1.0, loop=False))
+    once = trajectory(Waypoints(((1, 1), (3, 1)), speed=1.0, loop=False))
     assert once.at(50)[0][0].tolist() == [3, 1] and once.at(1)[1][0].tolist() == [1, 0]
-    track = course(Replay((1.0, 2.0), ((1, 1), (2, 1))))
+    track = trajectory(Replay((1.0, 2.0), ((1, 1), (2, 1))))
     assert [track.at(t)[0][0, 0] for t in (0, 1.5, 9)] == [1, 1.5, 2]
 
 
@@ -49,7 +49,7 @@ def test_bouncing_discs_keep_clear_of_walls_and_keep_their_speed() -> None:
             continue
         done += 1
         motion = Bounce(tuple(start), (0.3, 2.0)) if case % 2 else RandomWalk(tuple(start), (0.3, 2.0), turn_every=1.7)
-        line = course(motion, seed=case, horizon=20.0, grid=grid, radius=radius)
+        line = trajectory(motion, seed=case, horizon=20.0, grid=grid, radius=radius)
         speeds = np.hypot(*np.diff(line.knot_xy, axis=0).T) / np.diff(line.knot_t)
         moving = speeds > 1e-6
         np.testing.assert_allclose(speeds[moving], speeds[moving][0], rtol=1e-4)
@@ -62,7 +62,7 @@ def test_bouncing_discs_keep_clear_of_walls_and_keep_their_speed() -> None:
 
 def test_a_bounce_is_a_mirror() -> None:
     """A disc that runs at an edge at 45 degrees leaves it mirrored at the distance of its radius."""
-    line = course(Bounce((5.0, 1.3), speed=math.sqrt(2.0), heading=-math.pi / 4))
+    line = trajectory(Bounce((5.0, 1.3), speed=math.sqrt(2.0), heading=-math.pi / 4))
     np.testing.assert_allclose(line.at(1.0)[0][0], [6.0, 0.3], atol=1e-8)
     np.testing.assert_allclose(line.at(2.0)[0][0], [7.0, 1.3], atol=1e-8)
 
@@ -71,8 +71,8 @@ def test_chance_depends_on_seed_and_obstacle_alone() -> None:
     """The same obstacle at the same index gets the same course whatever else there is; other seeds differ."""
     walk, other = Obstacle(0.3, RandomWalk((5, 5), (0.2, 1.0))), Obstacle(0.2, Line((1, 1), (2, 2), (0.1, 1.0)))
     alone, both = World(ROOM, [walk]).timeline(7, 30.0), World(ROOM, [walk, other]).timeline(7, 30.0)
-    assert alone.course(0)[1].tobytes() == both.course(0)[1].tobytes()
-    assert alone.course(0)[1].tobytes() != World(ROOM, [walk]).timeline(8, 30.0).course(0)[1].tobytes()
+    assert alone.trajectory(0)[1].tobytes() == both.trajectory(0)[1].tobytes()
+    assert alone.trajectory(0)[1].tobytes() != World(ROOM, [walk]).timeline(8, 30.0).trajectory(0)[1].tobytes()
     draws = [Draw(1, k).of((0.0, 1.0)) for k in range(1000)]
     assert 0.45 < np.mean(draws) < 0.55 and max(draws) < 1.0 <= 2 * max(draws)
 
@@ -100,6 +100,6 @@ def test_wrong_motions_are_refused(make, field: str) -> None:
 def test_too_many_knots_are_refused() -> None:
     """A course of absurd detail raises in place of taking memory."""
     with pytest.raises(BadScenario, match=r"obstacles\[0\]\.speed"):
-        course(BackAndForth((0, 0), (1e-3, 0), 1e3))
+        trajectory(BackAndForth((0, 0), (1e-3, 0), 1e3))
     with pytest.raises(BadScenario, match=r"obstacles\[0\]\.speed"):
-        course(Bounce((5, 5), 1e6))
+        trajectory(Bounce((5, 5), 1e6))

@@ -65,7 +65,7 @@ def test_it_keeps_its_bounds_whatever_the_robot_does():
         result = chase(Obstacle(0.3, motion), still, kind=seed % 4, seed=seed, walls=walls)
         check_episode(result)
         line = result.trace.timeline
-        t, xy = line.course(0)
+        t, xy = line.trajectory(0)
         speeds = np.hypot(*np.diff(xy, axis=0).T) / np.diff(t)
         assert speeds.max() <= 1.5 + 1e-9
         assert (speeds[t[:-1] < 0.999] == 0).all() and (speeds[t[:-1] > 7.001] == 0).all()
@@ -105,7 +105,7 @@ def test_every_kind_of_encounter_is_met():
         met[episode.group] += result.outcome.value.startswith("hit")
         line = result.trace.timeline
         for k in range(len(line)):
-            t, xy = line.course(k)
+            t, xy = line.trajectory(k)
             assert (np.hypot(*np.diff(xy, axis=0).T) <= scenario.obstacle_speed * np.diff(t) + 1e-9).all()
         assert math.isnan(known.bound) == (episode.group == "pursuer") and math.isfinite(known.shortest)
         way = np.subtract(scenario.goal, scenario.start)

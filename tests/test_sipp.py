@@ -66,13 +66,13 @@ def random_world(rng, low, high, count):
     grid = Grid(rng.random(rng.integers(low, high + 1, 2)) < rng.uniform(0.0, 0.3), resolution=rng.choice([0.5, 1.0]))
     rows, cols = grid.shape
     size = np.array([cols, rows]) * grid.resolution
-    ids, radii, courses = [], [], []
+    ids, radii, trajectories = [], [], []
     for k in range(rng.integers(1, count + 1)):
         t = np.cumsum(rng.uniform(0.3, 4.0, rng.integers(1, 4))) - 1.0
         ids.append(k)
         radii.append(rng.uniform(0.2, 0.6) * grid.resolution)
-        courses.append((t, rng.uniform(-0.1, 1.1, (len(t), 2)) * size))
-    return grid, Timeline.of(ids, radii, courses)
+        trajectories.append((t, rng.uniform(-0.1, 1.1, (len(t), 2)) * size))
+    return grid, Timeline.of(ids, radii, trajectories)
 
 
 def check(grid, plan, timeline, radius, speed, start, goal, horizon=math.inf):
@@ -109,8 +109,8 @@ def test_sipp_against_naive(moves, size, worlds):
             continue
         start, goal = (tuple(int(i) for i in rng.choice(cells)) for _ in range(2))
         centre = grid.to_xy(list(np.ndindex(grid.shape))).reshape(*grid.shape, 2)
-        courses = (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
-        arrival = naive.sipp(mask, moves.offsets, centre, speed, radius, start, goal, courses, t, horizon)
+        trajectories = (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
+        arrival = naive.sipp(mask, moves.offsets, centre, speed, radius, start, goal, trajectories, t, horizon)
         plan = sipp(grid, centre[start], centre[goal], timeline, radius=radius, v_max=speed, moves=moves, t=t, horizon=horizon)
         assert (plan.status is Status.FOUND) == (arrival < np.inf)
         if arrival < np.inf:
@@ -132,7 +132,7 @@ def test_sipp_against_unit_steps():
         if not free:
             continue
         start, goal = free[rng.integers(len(free))], free[rng.integers(len(free))]
-        walks, courses = [], []
+        walks, trajectories = [], []
         for _ in range(rng.integers(0, 9)):
             walk = [free[rng.integers(len(free))]]
             for _ in range(rng.integers(0, 15)):
@@ -144,8 +144,8 @@ def test_sipp_against_unit_steps():
                 continue
             walks.append(walk)
             times = np.column_stack((np.arange(len(walk)), np.arange(1, len(walk) + 1) - hop)).ravel()
-            courses.append((times, np.repeat(grid.to_xy(walk), 2, axis=0)))
-        timeline = Timeline.of(list(range(len(walks))), [reach / 2] * len(walks), courses)
+            trajectories.append((times, np.repeat(grid.to_xy(walk), 2, axis=0)))
+        timeline = Timeline.of(list(range(len(walks))), [reach / 2] * len(walks), trajectories)
         steps = naive.unit_steps(grid.blocked, walks, start, goal)
         plan = sipp(grid, grid.centre(start), grid.centre(goal), timeline, radius=reach / 2, v_max=1.0, moves=Moves.FOUR)
         assert (plan.status is Status.FOUND) == (steps < np.inf)
@@ -165,9 +165,10 @@ def test_sipp_between_searches_over_ticks():
             continue
         start, goal = (tuple(int(i) for i in rng.choice(cells)) for _ in range(2))
         centre = grid.to_xy(list(np.ndindex(grid.shape))).reshape(*grid.shape, 2)
-        courses = (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
+        trajectories = (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
         above, below = (
-            naive.ticks(mask, Moves.FOUR.offsets, centre, 0.3, start, goal, courses, 8, slack, 400) for slack in (0.0, 0.125)
+            naive.ticks(mask, Moves.FOUR.offsets, centre, 0.3, start, goal, trajectories, 8, slack, 400)
+            for slack in (0.0, 0.125)
         )
         plan = sipp(grid, centre[start], centre[goal], timeline, radius=0.3, v_max=1.0, moves=Moves.FOUR)
         assert below - 1e-6 <= plan.arrival <= above + 1e-6
@@ -287,9 +288,9 @@ def test_bad_numbers(name, bad):
 def test_bad_courses(field, value):
     """Arrays of obstacles that do not fit together or are not finite raise an error that names the obstacles."""
     good = {"radius": [0.2, 0.2], "knot_t": [0.0, 1.0, 0.0], "knot_xy": [[0.0, 0.0]] * 3, "first": [0, 2, 3]}
-    courses = SimpleNamespace(**{k: np.array(v) for k, v in (good | {field: value}).items()})
+    trajectories = SimpleNamespace(**{k: np.array(v) for k, v in (good | {field: value}).items()})
     with pytest.raises(BadParameter, match="obstacles"):
-        sipp(Grid(np.zeros((3, 3), dtype=bool)), (0.5, 0.5), (2.5, 2.5), courses, radius=0.3, v_max=1.0)
+        sipp(Grid(np.zeros((3, 3), dtype=bool)), (0.5, 0.5), (2.5, 2.5), trajectories, radius=0.3, v_max=1.0)
 
 
 def test_bad_places():

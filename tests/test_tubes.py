@@ -23,13 +23,13 @@ def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
     return Tubes.predict(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 8.0)
 
 
-def gap(course: Tubes, t: float, x: float, y: float, growth: float) -> float:
+def gap(trajectory: Tubes, t: float, x: float, y: float, growth: float) -> float:
     """Least distance of the point (x, y) from the edges of the tubes at time t."""
     gaps = []
-    for k in range(len(course.radius)):
-        part = slice(course.first[k], course.first[k + 1])
-        px, py = (np.interp(t, course.knot_t[part], course.knot_xy[part, i]) for i in (0, 1))
-        gaps.append(math.hypot(px - x, py - y) - course.radius[k] - growth * t)
+    for k in range(len(trajectory.radius)):
+        part = slice(trajectory.first[k], trajectory.first[k + 1])
+        px, py = (np.interp(t, trajectory.knot_t[part], trajectory.knot_xy[part, i]) for i in (0, 1))
+        gaps.append(math.hypot(px - x, py - y) - trajectory.radius[k] - growth * t)
     return min(gaps)
 
 
@@ -37,10 +37,10 @@ def test_where_the_robot_can_stand_is_what_sampling_finds() -> None:
     """A place is free exactly if no sampled instant from arrival on finds it in a tube, but for a hair's breadth."""
     rng = np.random.default_rng(3)
     for _ in range(cases(40, 2000)):
-        course, t, xy = tubes(rng), rng.uniform(0, 5, 8), rng.uniform(1, 9, (8, 2))
-        free = course.standing(t, xy, 6.0, 0.4, 0.0)
+        trajectory, t, xy = tubes(rng), rng.uniform(0, 5, 8), rng.uniform(1, 9, (8, 2))
+        free = trajectory.standing(t, xy, 6.0, 0.4, 0.0)
         for i in range(8):
-            least = min(gap(course, s, *xy[i], 0.0) for s in np.linspace(t[i], 6.0, 400)) - 0.4
+            least = min(gap(trajectory, s, *xy[i], 0.0) for s in np.linspace(t[i], 6.0, 400)) - 0.4
             assert abs(least) < 0.02 or free[i] == (least > 0.0)
 
 
@@ -48,16 +48,16 @@ def test_conflicts_are_those_that_sampling_finds() -> None:
     """The first conflict of a timed path is the first sampled instant within a tube; without one there is none."""
     rng = np.random.default_rng(4)
     for _ in range(cases(40, 2000)):
-        course, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
+        trajectory, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
         t = np.cumsum(rng.uniform(0.5, 2.0, 4))
-        when, who = course.conflict(t, xy, 7.0, 0.3)
+        when, who = trajectory.conflict(t, xy, 7.0, 0.3)
         times = np.linspace(t[0], max(7.0, t[0]), 1500)
-        gaps = np.array([gap(course, s, np.interp(s, t, xy[:, 0]), np.interp(s, t, xy[:, 1]), 0.0) for s in times]) - 0.3
+        gaps = np.array([gap(trajectory, s, np.interp(s, t, xy[:, 0]), np.interp(s, t, xy[:, 1]), 0.0) for s in times]) - 0.3
         inside = np.flatnonzero(gaps < -0.01)
         if when == math.inf:
             assert who == -1 and not len(inside)
         else:
-            assert gap(course, when, np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1]), 0.0) < 0.3 + 1e-6
+            assert gap(trajectory, when, np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1]), 0.0) < 0.3 + 1e-6
             assert not len(inside) or when <= times[inside[0]]
 
 
@@ -105,5 +105,5 @@ def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
 def test_a_standing_obstacle_has_a_standing_tube() -> None:
     """What does not move is predicted to stay."""
     tracks = Tracks(np.array([1]), np.array([[5.0, 5.0]]), np.zeros((1, 2)), np.array([0.3]))
-    course = Tubes.predict(Observation(2.0, (1.0, 1.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 5.0)
-    assert np.allclose(course.knot_xy, (5.0, 5.0))
+    trajectory = Tubes.predict(Observation(2.0, (1.0, 1.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 5.0)
+    assert np.allclose(trajectory.knot_xy, (5.0, 5.0))

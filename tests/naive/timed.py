@@ -99,12 +99,12 @@ def unsafe(a, b, duration, segments, reach):
     return np.where(contact, cross(first, middle), np.inf), np.where(contact, cross(last, middle), -np.inf)
 
 
-def sipp(mask, offsets, centre, speed, radius, start, goal, courses, t0=0.0, horizon=np.inf):
+def sipp(mask, offsets, centre, speed, radius, start, goal, trajectories, t0=0.0, horizon=np.inf):
     """Earliest arrival by Dijkstra over (cell, safe interval); every unsafe interval of every move is computed beforehand.
 
-    `centre` are the cells' centres in m, [H, W, 2]; `courses` the arrays (radius, knot_t, knot_xy, first).
+    `centre` are the cells' centres in m, [H, W, 2]; `trajectories` the arrays (radius, knot_t, knot_xy, first).
     """
-    segments = course_pieces(*courses, t0, horizon)
+    segments = course_pieces(*trajectories, t0, horizon)
     reach = radius + segments[:, 6] - 1e-9
     cells = list(np.ndindex(mask.shape))
     stays = unsafe(*(np.array([centre[c] for c in cells])[:, None],) * 2, np.zeros((len(cells), 1)), segments, reach)
@@ -171,9 +171,9 @@ def unit_steps(blocked, walks, start, goal):
     return np.inf
 
 
-def ticks(mask, offsets, centre, radius, start, goal, courses, per_step, slack, limit):
+def ticks(mask, offsets, centre, radius, start, goal, trajectories, per_step, slack, limit):
     """Breadth first over (cell, tick) at 1 cell a second with `per_step` ticks a move; discs of radius less `slack`."""
-    segments = course_pieces(*courses, 0.0, np.inf)
+    segments = course_pieces(*trajectories, 0.0, np.inf)
     reach = radius + segments[:, 6] - 1e-9 - slack
 
     def free(a, b, duration, depart):

@@ -120,9 +120,9 @@ class Dwa(Follow):
 
     def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
         moved = ends[:, 3:] - o.xy
-        course = np.where(ends[:, 2] > 0.0, np.arctan2(moved[:, 1], moved[:, 0]), o.heading)
+        direction = np.where(ends[:, 2] > 0.0, np.arctan2(moved[:, 1], moved[:, 0]), o.heading)
         ahead = np.subtract(target, ends[:, 3:])
-        off = np.abs((course - np.arctan2(ahead[:, 1], ahead[:, 0]) + math.pi) % (2 * math.pi) - math.pi)
+        off = np.abs((direction - np.arctan2(ahead[:, 1], ahead[:, 0]) + math.pi) % (2 * math.pi) - math.pi)
         speed = ends[:, 2] / self.task.robot.v_max
         value: NDArray[np.float64] = self.heading * (1 - off / math.pi) + self.dist * free / self.horizon + self.vel * speed
         return value

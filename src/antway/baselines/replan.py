@@ -12,7 +12,7 @@ from antway import checks
 from antway.errors import OutOfBounds
 from antway.grid import Cell, Moves
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.tracking.predict import STRAIGHT, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
@@ -131,7 +131,7 @@ class Sipp(Follow):
             return out[
                 : predict(
                     estimates, o.t, 0.0, horizon, *o.xy, robot.radius, margin, 0.0, 0.0, 0.0, 0.0,
-                    self.task.grid.blocked, self.frame, STRAIGHT, out,
+                    self.task.grid.blocked, self.frame, NO_PREDICTIONS, out,
                 )
             ]  # fmt: skip
         body = o.tracks.radius + robot.radius

@@ -59,7 +59,7 @@ class Crowd(NamedTuple):
 
     rows: NDArray[np.float64]
     known: NDArray[np.int64]  # [1] rows in use
-    course: NDArray[np.float64]
+    prediction: NDArray[np.float64]
 
 
 class Plan(NamedTuple):
@@ -130,7 +130,7 @@ def cycle(
     Arrivals are absolute, s; `estimates` are as kernels/tracking/kalman.py leaves them, `age` s old; `segments` is room for the prediction.
     """
     s = settings
-    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.usual, crowd.course)
+    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.usual, crowd.prediction)
     foreseen = _as_foreseen(estimates, now, age, segments[: int(plan.state[FORESEEN])])
     count = predict(
         estimates,
@@ -147,7 +147,7 @@ def cycle(
         s.quantile,
         context.blocked,
         frame,
-        crowd.course[: len(estimates)],
+        crowd.prediction[: len(estimates)],
         segments,
     )
     plan.state[FORESEEN] = count

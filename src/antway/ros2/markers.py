@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.spacetime.memory import SEGMENTS
-from antway.kernels.tracking.predict import STRAIGHT, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
 
@@ -112,7 +112,7 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
             0.0,
             grid.blocked,
             frame,
-            STRAIGHT,
+            NO_PREDICTIONS,
             segments,
         )
         t, until, x, y, vx, vy = segments[:n, :6].T

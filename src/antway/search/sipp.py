@@ -26,7 +26,7 @@ TIMED_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO)
 NO_SEGMENTS = np.empty((0, 8))
 
 
-class Courses(Protocol):
+class Trajectories(Protocol):
     """The courses of K moving discs, as `antway.world.timeline.Timeline` has them.
 
     Disc k, of radius[k] m, is at knot_xy[i] m at knot_t[i] s for first[k] <= i < first[k + 1], moves straight and at constant
@@ -207,7 +207,7 @@ class Sipp:
     def plan(
         self,
         start: Iterable[float],
-        obstacles: Courses | None = None,
+        obstacles: Trajectories | None = None,
         *,
         t: float = 0.0,
         horizon: float = math.inf,
@@ -296,7 +296,7 @@ def sipp(
     grid: Grid,
     start: Iterable[float],
     goal: Iterable[float],
-    obstacles: Courses | None = None,
+    obstacles: Trajectories | None = None,
     *,
     radius: float,
     v_max: float,
@@ -338,7 +338,7 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
     )  # fmt: skip
 
 
-def _segments(obstacles: Courses, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
+def _segments(obstacles: Trajectories, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
     """Check the courses and return their pieces from t to the horizon."""
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
         raise BadParameter("obstacles", obstacles, "courses such as a Timeline: radius, knot_t, knot_xy, first; or None")

@@ -216,13 +216,13 @@ def _solve(
 
 def _wheels(casadi: Any, opti: Any, v: Any, dt: Any, places: NDArray[np.float64], turning: tuple[float, float], n: int) -> None:
     """Tie velocities to a heading that turns within its limits of rate and acceleration."""
-    course = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))
+    heading = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))
     theta, speed = opti.variable(n), opti.variable(n)
-    opti.set_initial(theta, course)
+    opti.set_initial(theta, heading)
     opti.set_initial(speed, 0.5)
     opti.subject_to(speed >= _SLOWEST)
-    opti.subject_to(theta[0] == course[0])
-    opti.subject_to(theta[n - 1] == course[-1])
+    opti.subject_to(theta[0] == heading[0])
+    opti.subject_to(theta[n - 1] == heading[-1])
     rate = 0.0
     for k in range(n):
         opti.subject_to(v[:, k] == speed[k] * casadi.vertcat(casadi.cos(theta[k]), casadi.sin(theta[k])))

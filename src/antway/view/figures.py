@@ -326,8 +326,8 @@ def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:
 
 def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
     """Return the outline of what a disc of `radius` sweeps from `a` to `b`, float64[50, 2]."""
-    course = np.arctan2(*(b - a)[::-1])
-    angle = course + np.linspace(-0.5, 0.5, 25) * np.pi
+    heading = np.arctan2(*(b - a)[::-1])
+    angle = heading + np.linspace(-0.5, 0.5, 25) * np.pi
     ahead = np.column_stack((np.cos(angle), np.sin(angle))) * radius
     return np.vstack((b + ahead, a - ahead))
 

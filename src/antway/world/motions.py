@@ -20,7 +20,7 @@ from antway.kernels.robot.motions import bounce
 
 XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
-Course = tuple[NDArray[np.float64], NDArray[np.float64]]  # t float64[M] in s, xy float64[M, 2] in m
+Trajectory = tuple[NDArray[np.float64], NDArray[np.float64]]  # t float64[M] in s, xy float64[M, 2] in m
 
 MAX_KNOTS = 100_000  # of one obstacle
 
@@ -41,7 +41,7 @@ class Draw:
 class Motion(Protocol):
     """What moves an obstacle."""
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         """Return the course of a disc of `radius` m from 0 to at least `horizon` s, or to where it stands for good."""
 
 
@@ -58,7 +58,7 @@ class Line:
         _points(self, "start", "end")
         _spans(self, speed="m/s", delay="s")
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         speed, delay = draw.of(self.speed), draw.of(self.delay)
         way = math.dist(self.start, self.end)
         if way == 0.0 or speed == 0.0:
@@ -80,8 +80,8 @@ class BackAndForth:
         _points(self, "start", "end")
         _spans(self, speed="m/s", phase="")
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
-        return Waypoints((self.start, self.end), self.speed, phase=self.phase).course(draw, horizon, grid, radius)
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
+        return Waypoints((self.start, self.end), self.speed, phase=self.phase).trajectory(draw, horizon, grid, radius)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,7 @@ class Waypoints:
             raise BadParameter("loop", self.loop, "true or false")
         _spans(self, speed="m/s", pause="s", phase="")
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         speed, pause, phase = draw.of(self.speed), draw.of(self.pause), draw.of(self.phase)
         stops = np.array(self.points)
         if self.loop:
@@ -140,7 +140,7 @@ class Bounce:
         _spans(self, speed="m/s")
         _spans(self, low=-math.inf, heading="rad")
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         return _bounce(self.start, draw.of(self.speed), draw.of(self.heading), math.inf, draw, horizon, grid, radius)
 
 
@@ -159,7 +159,7 @@ class RandomWalk:
         _spans(self, low=1e-3, turn_every="s")
         _spans(self, low=-math.inf, heading="rad")
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         speed, heading, every = draw.of(self.speed), draw.of(self.heading), draw.of(self.turn_every)
         return _bounce(self.start, speed, heading, every, draw, horizon, grid, radius)
 
@@ -170,7 +170,7 @@ class Replay:
 
     t: tuple[float, ...]
     points: tuple[XY, ...]
-    _arrays: Course = field(init=False, repr=False, compare=False)
+    _arrays: Trajectory = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         _track(self, "points")
@@ -180,7 +180,7 @@ class Replay:
         object.__setattr__(self, "t", tuple(t.tolist()))
         object.__setattr__(self, "_arrays", (t, np.array(self.points)))
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         return self._arrays
 
 
@@ -189,7 +189,7 @@ class Pursue:
     """From `start` (m) after the robot: straight to where it is, at `speed` (m/s), from `delay` s on for `patience` s.
 
     It keeps `gap` m between its edge and the robot's, and so never drives into one that stands; it slides along walls in its
-    way. As its course depends on the robot, none can be told beforehand: `course` is that of standing at the start, and an
+    way. As its course depends on the robot, none can be told beforehand: `trajectory` is that of standing at the start, and an
     episode lays down the true one period by period.
     """
 
@@ -207,7 +207,7 @@ class Pursue:
         """Return the numbers of an episode."""
         return Pursuer(self.start, draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.patience))
 
-    def course(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Course:
+    def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         return _standing(self.start)
 
 
@@ -234,7 +234,7 @@ MOTIONS: dict[str, type[Line | BackAndForth | Waypoints | Bounce | RandomWalk | 
 
 def _bounce(
     start: XY, speed: float, heading: float, turn_every: float, draw: Draw, horizon: float, grid: Grid, radius: float
-) -> Course:
+) -> Trajectory:
     row, col = grid.to_points(start)[0].tolist()
     scale = grid.resolution
     size = 256
@@ -250,11 +250,11 @@ def _bounce(
         size *= 8
 
 
-def _standing(place: XY) -> Course:
+def _standing(place: XY) -> Trajectory:
     return np.zeros(1), np.array([place])
 
 
-def _from(t: NDArray[np.float64], xy: NDArray[np.float64], begin: float) -> Course:
+def _from(t: NDArray[np.float64], xy: NDArray[np.float64], begin: float) -> Trajectory:
     """Cut off what comes before time `begin`, which becomes 0."""
     i = int(np.searchsorted(t, begin, side="right"))
     here = [np.interp(begin, t, xy[:, 0]), np.interp(begin, t, xy[:, 1])]

@@ -30,11 +30,11 @@ class Pursuit:
         if not chosen:
             return
         line = self.timeline
-        courses = [line.course(k) for k in range(len(line))]
+        trajectories = [line.trajectory(k) for k in range(len(line))]
         t = np.arange(steps + 1, dtype=np.float64) * task.robot.dt
         for k, _, motion in chosen:
-            courses[k] = t, np.full((steps + 1, 2), motion.start)
-        whole = Timeline.of(line.id.tolist(), line.radius.tolist(), courses)
+            trajectories[k] = t, np.full((steps + 1, 2), motion.start)
+        whole = Timeline.of(line.id.tolist(), line.radius.tolist(), trajectories)
         self.xy = whole.knot_xy.copy()
         live = self.xy.view()  # the timeline makes its own array read-only, and not what it is a view of
         self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)

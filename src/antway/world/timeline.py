@@ -75,11 +75,11 @@ class Timeline:
     def of(
         ids: Sequence[int],
         radii: Sequence[float],
-        courses: Sequence[tuple[ArrayLike, ArrayLike]],
+        trajectories: Sequence[tuple[ArrayLike, ArrayLike]],
     ) -> Timeline:
         """Return the timeline of discs with these ids, radii (m) and courses (t in s, xy in m), each a list of knots."""
-        t = [np.asarray(course[0], np.float64) for course in courses]
-        xy = [np.asarray(course[1], np.float64).reshape(-1, 2) for course in courses]
+        t = [np.asarray(trajectory[0], np.float64) for trajectory in trajectories]
+        xy = [np.asarray(trajectory[1], np.float64).reshape(-1, 2) for trajectory in trajectories]
         return Timeline(
             np.array(ids, np.int64),
             np.array(radii, np.float64),
@@ -91,7 +91,7 @@ class Timeline:
     def __len__(self) -> int:
         return len(self.id)
 
-    def course(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def trajectory(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the knots of disc number k: t float64[m] in s, xy float64[m, 2] in m."""
         low, high = self.first[k], self.first[k + 1]
         return self.knot_t[low:high], self.knot_xy[low:high]
@@ -108,7 +108,7 @@ class Timeline:
         """Return the places at all times `t`, float64[N, K, 2] in m."""
         out = np.empty((len(t), len(self), 2))
         for k in range(len(self)):
-            knot_t, knot_xy = self.course(k)
+            knot_t, knot_xy = self.trajectory(k)
             for axis in (0, 1):
                 out[:, k, axis] = np.interp(t, knot_t, knot_xy[:, axis])
         return out

@@ -65,10 +65,10 @@ class World:
 
         Obstacle k depends on the seed and on k alone, not on the other obstacles.
         """
-        courses = []
+        trajectories = []
         for k, obstacle in enumerate(self.obstacles):
             try:
-                courses.append(obstacle.motion.course(Draw(seed, k), horizon, self.grid, obstacle.radius))
+                trajectories.append(obstacle.motion.trajectory(Draw(seed, k), horizon, self.grid, obstacle.radius))
             except BadScenario as error:
                 raise BadScenario(f"obstacles[{k}].{error.field}", error.value, error.allowed) from None
-        return Timeline.of(list(range(len(courses))), [o.radius for o in self.obstacles], courses)
+        return Timeline.of(list(range(len(trajectories))), [o.radius for o in self.obstacles], trajectories)

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
-from antway.kernels.tracking.predict import COURSE, LATER, NAME, RADIUS, VX, VY, X, Y
+from antway.kernels.tracking.predict import LATER, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
 
 # columns of a row: the belief last seen, its goal and the information on it, the next velocity predicted, both models' errors
-_SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _STRAIGHT, _TURNING = range(8, 18)
+_SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _DIRECT, _TURNING = range(8, 18)
 COLUMNS = 18
 STEPS = 36  # of a predicted course
 _HORIZON, _SKIN, _NEAR = 5.0, 0.01, 10.0  # s, m, m: for how long and with how much room whom does one avoid
@@ -28,7 +28,7 @@ _AHEAD, _DOUBT = 10.0, 0.2  # m; at first a goal is taken to be so far ahead, gi
 _SURE = 0.01  # rad; of an exact bearing
 _ON = 0.005  # m/s; a velocity so near to a line lies on it
 _EXACT, _STRAY = 4, 0.01  # steps, m; later ones may be that far off
-_SPARED = round(LATER / COURSE)  # steps; from then on less room is kept
+_SPARED = round(LATER / STEP_TIME)  # steps; from then on less room is kept
 _BETTER, _FADES = 0.8, 0.8  # the crowd's errors, which fade so a scan, must be so much smaller than those of going straight
 
 
@@ -121,7 +121,7 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, usual: float, lines: 
 
 
 @bare_kernel
-def _straighten(course: NDArray[np.float64], first: int, last: int) -> None:
+def _straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
     """Make steps [first, last) of a course straight where that leaves nobody more than _STRAY m from where he was to be.
 
     What is uniform for many steps is one piece for those who plan (kernels/tracking/predict.py), in place of many.
@@ -131,20 +131,20 @@ def _straighten(course: NDArray[np.float64], first: int, last: int) -> None:
         while until < last:
             mx, my = 0.0, 0.0
             for s in range(first, until + 1):
-                mx, my = mx + course[s, 0], my + course[s, 1]
+                mx, my = mx + prediction[s, 0], my + prediction[s, 1]
             mx, my = mx / (until + 1 - first), my / (until + 1 - first)
             dx, dy, off = 0.0, 0.0, 0.0
             for s in range(first, until):
-                dx, dy = dx + (course[s, 0] - mx) * COURSE, dy + (course[s, 1] - my) * COURSE
+                dx, dy = dx + (prediction[s, 0] - mx) * STEP_TIME, dy + (prediction[s, 1] - my) * STEP_TIME
                 off = max(off, math.hypot(dx, dy))
             if off > _STRAY:
                 break
             until += 1
         mx, my = 0.0, 0.0
         for s in range(first, until):
-            mx, my = mx + course[s, 0], my + course[s, 1]
+            mx, my = mx + prediction[s, 0], my + prediction[s, 1]
         for s in range(first, until):
-            course[s, 0], course[s, 1] = mx / (until - first), my / (until - first)
+            prediction[s, 0], prediction[s, 1] = mx / (until - first), my / (until - first)
         first = until
 
 
@@ -155,7 +155,7 @@ def foresee(
     estimates: NDArray[np.float64],
     t: float,
     usual: float,
-    course: NDArray[np.float64],
+    prediction: NDArray[np.float64],
 ) -> int:
     """Take in one scan and predict; returns how many rows there are now: one for each belief, in order, or none of too many.
 
@@ -167,11 +167,11 @@ def foresee(
         As of kernels/tracking/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
     usual : float
         Speed of whoever walks freely, m/s.
-    course : float64[N, STEPS, 2]
+    prediction : float64[N, STEPS, 2]
         N >= K. Filled with the velocities, m/s, of each in steps of COURSE s from `t` on; NaN for who is not predicted here.
     """
     n = len(estimates)
-    course[:n, 0, 0] = math.nan
+    prediction[:n, 0, 0] = math.nan
     if n > _MOST:
         return 0
     fresh, lines, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, count), 4)), np.empty((n, 4)), np.empty(2)
@@ -189,16 +189,16 @@ def foresee(
                 vx, vy = estimates[k, VX], estimates[k, VY]
                 bound = _lines(rows[:count], before, max(dt, 0.01), lines)
                 if row[_A11] + row[_A22] > 0.0:  # its prediction came from knowledge
-                    row[_STRAIGHT] = _FADES * row[_STRAIGHT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
+                    row[_DIRECT] = _FADES * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_TURNING] = _FADES * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
                 _learn(row, vx, vy, usual, lines, bound)
         row[:8], row[_SEEN] = estimates[k], t
-    follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _STRAIGHT].sum()
+    follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _DIRECT].sum()
     rows[:n] = fresh
     at, then = fresh, fresh.copy()
     for s in range(STEPS):
         if s == 0 or follows:
-            _all_lines(at, COURSE, binding, many)
+            _all_lines(at, STEP_TIME, binding, many)
         for k in range(n):
             vx, vy = at[k, VX], at[k, VY]
             if s == 0 or follows:
@@ -215,14 +215,14 @@ def foresee(
                 if not follows:
                     vx, vy = at[k, VX], at[k, VY]
             if follows:
-                course[k, s, 0], course[k, s, 1] = vx, vy
+                prediction[k, s, 0], prediction[k, s, 1] = vx, vy
             then[k, VX], then[k, VY] = vx, vy
-            then[k, X], then[k, Y] = at[k, X] + vx * COURSE, at[k, Y] + vy * COURSE
+            then[k, X], then[k, Y] = at[k, X] + vx * STEP_TIME, at[k, Y] + vy * STEP_TIME
         if not follows:
             break
         at, then = then, at
     if follows:
         for k in range(n):
-            _straighten(course[k], _EXACT, _SPARED)
-            _straighten(course[k], _SPARED, STEPS)
+            _straighten(prediction[k], _EXACT, _SPARED)
+            _straighten(prediction[k], _SPARED, STEPS)
     return n

@@ -12,8 +12,8 @@ from antway.kernels.base.jit import kernel
 
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of a belief, one row a track
 MIRRORS = 4  # at most, of one track
-COURSE = 0.25  # s; a course is a velocity for each such step
-STRAIGHT = np.empty((0, 1, 2))  # no courses
+STEP_TIME = 0.25  # s; a course is a velocity for each such step
+NO_PREDICTIONS = np.empty((0, 1, 2))  # no courses
 _TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube that widens does so in steps
 LATER, _SPARED = 2.5, 0.1  # s, m; of a course that turns, what is so far ahead is not worth the whole berth
 _KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a wider tube would close every way
@@ -35,7 +35,7 @@ def predict(
     quantile: float,
     blocked: NDArray[np.bool_],
     frame: NDArray[np.float64],
-    course: NDArray[np.float64],
+    prediction: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> int:
     """Turn beliefs about tracks into pieces (kernels/spacetime/segments.py) for a robot at (robot_x, robot_y).
@@ -53,7 +53,7 @@ def predict(
         clear of all that an obstacle could reach from where it was `stopping_time` s before; pieces begin so much earlier.
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
-    course : float64[N, S, 2]
+    prediction : float64[N, S, 2]
         Velocities of the first N tracks in steps of COURSE s, m/s; NaN for those that go straight on, as the rest do.
     out : float64[P, 8]
 
@@ -76,7 +76,7 @@ def predict(
         spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
         x, y, t, mirrors = x - vx * stopping_time, y - vy * stopping_time, -age - stopping_time, 0
-        turns = k < len(course) and not math.isnan(course[k, 0, 0])
+        turns = k < len(prediction) and not math.isnan(prediction[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon
             sure = estimates[k, SIGMA] == 0.0 and estimates[k, SIGMA_V] == 0.0
@@ -86,16 +86,16 @@ def predict(
                         end = min(tier, horizon)
                         break
             if turns and mirrors == 0:
-                i = int((t + age + 1e-9) / COURSE)
+                i = int((t + age + 1e-9) / STEP_TIME)
                 if t < -age - 1e-9:
                     end = min(end, -age)
-                elif i < len(course[k]):
-                    vx, vy = course[k, i, 0], course[k, i, 1]
-                    while i + 1 < len(course[k]) and course[k, i + 1, 0] == vx and course[k, i + 1, 1] == vy:
-                        if abs((i + 1) * COURSE - LATER) < 1e-9:
+                elif i < len(prediction[k]):
+                    vx, vy = prediction[k, i, 0], prediction[k, i, 1]
+                    while i + 1 < len(prediction[k]) and prediction[k, i + 1, 0] == vx and prediction[k, i + 1, 1] == vy:
+                        if abs((i + 1) * STEP_TIME - LATER) < 1e-9:
                             break
                         i += 1
-                    end = min(end, (i + 1) * COURSE - age)
+                    end = min(end, (i + 1) * STEP_TIME - age)
             past = within and t < -1e-9
             if past:
                 end = min(end, 0.0)

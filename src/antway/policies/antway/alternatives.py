@@ -41,7 +41,7 @@ class Situation:
     age: float  # s, of the beliefs
     xy: XY  # m, of the robot
     estimates: NDArray[np.float64]  # [K, 8]
-    course: NDArray[np.float64]  # [K, STEPS, 2]
+    velocity: NDArray[np.float64]  # [K, STEPS, 2]
     segments: NDArray[np.float64]  # [P, 8]
 
     def free(self) -> float:
@@ -65,7 +65,7 @@ class Situation:
             s.quantile,
             self.context.blocked,
             self.frame,
-            self.course[k : k + 1],
+            self.velocity[k : k + 1],
             out,
         )
         return out[:count]
@@ -127,13 +127,13 @@ class Situation:
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 
 
-def manner(encounter: str, course: XY, path: TimedPath, segments: NDArray[np.float64], now: float) -> str:
+def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.float64], now: float) -> str:
     """Name how `path` passes the obstacle that `segments` predict: by where the robot is when it is nearest."""
     until = min(float(path.t[-1]), float(segments[-1, 1]))
     ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), segments, now, until)
     if encounter.startswith("crossing"):
         return CROSSING[0] if ax * vx + ay * vy > 0.0 else CROSSING[1]
-    return ELSE[0] if course[0] * ay - course[1] * ax > 0.0 else ELSE[1]
+    return ELSE[0] if velocity[0] * ay - velocity[1] * ax > 0.0 else ELSE[1]
 
 
 class Weighed(Sequence[tuple[str, float]]):
@@ -146,7 +146,7 @@ class Weighed(Sequence[tuple[str, float]]):
         The track that matters.
     encounter : str
         With it.
-    course : (vx, vy)
+    velocity : (vx, vy)
         On which the robot would meet it.
     done : (name, cost in s)
         What is done.
@@ -154,8 +154,8 @@ class Weighed(Sequence[tuple[str, float]]):
         The side on which that passes.
     """
 
-    def __init__(self, situation: Situation, k: int, encounter: str, course: XY, done: tuple[str, float], how: str) -> None:
-        self._asked = situation, k, encounter, course, how
+    def __init__(self, situation: Situation, k: int, encounter: str, velocity: XY, done: tuple[str, float], how: str) -> None:
+        self._asked = situation, k, encounter, velocity, how
         self._done = done
 
     def __deepcopy__(self, memo: object) -> Weighed:
@@ -163,12 +163,12 @@ class Weighed(Sequence[tuple[str, float]]):
 
     @cached_property
     def _all(self) -> tuple[tuple[str, float], ...]:
-        now, k, encounter, course, how = self._asked
+        now, k, encounter, velocity, how = self._asked
         own = now.segments_of(k)
         sides = CROSSING if encounter.startswith("crossing") else ELSE
         other = sides[1 - sides.index(how)]
-        path = now.way(np.vstack((now.segments, _wall(own, other, course, now.xy, now.now))))
-        found = path is not None and manner(encounter, course, path, own, now.now) == other
+        path = now.way(np.vstack((now.segments, _wall(own, other, velocity, now.xy, now.now))))
+        found = path is not None and manner(encounter, velocity, path, own, now.now) == other
         return self._done, (other, now.cost(path) if found and path is not None else math.inf), _wait(now)
 
     @overload
@@ -185,9 +185,9 @@ class Weighed(Sequence[tuple[str, float]]):
         return iter(self._all)
 
 
-def _wall(own: NDArray[np.float64], leaving: str, course: XY, robot: XY, now: float) -> NDArray[np.float64]:
+def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: float) -> NDArray[np.float64]:
     """Return discs that move along with an obstacle, side by side, and leave one side of it open; none where the robot is."""
-    left = np.array((-course[1], course[0])) / max(math.hypot(*course), 1e-9)
+    left = np.array((-velocity[1], velocity[0])) / max(math.hypot(*velocity), 1e-9)
     rows = []
     for d in np.arange(1.0, _WALL / (_APART * float(own[0, 6])) + 1.0):
         row = own.copy()

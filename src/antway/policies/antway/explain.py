@@ -47,30 +47,30 @@ def explain(
     """
     if path is None:
         return Decision("wait", "no way is safe at the moment: stand", guard=guard, pheromone=pheromone)
-    course = _course(path, now.now)
+    velocity = _velocity(path, now.now)
     bound = min(cost, bound)  # which holds over the grid's moves: a way at any angle may be faster
     late = max(cost - now.free(), 0.0)
     waiting = wait_of(path, now.now)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
-    k, t, gap = _nearest(now, course, float(path.t[-1]) - now.now)
+    k, t, gap = _nearest(now, velocity, float(path.t[-1]) - now.now)
     met = f"closest in {t:.1f} s at {max(gap, 0.0):.1f} m"
     if k is None and (waiting > 0.0 or late > _LATE):
-        k, when, course = _hindrance(now, memory)
+        k, when, velocity = _hindrance(now, memory)
         met = f"in {when - now.now:.1f} s on the straight way"
         if k is not None:
-            t, gap = _approach(now, now.estimates[k].tolist(), course)
+            t, gap = _approach(now, now.estimates[k].tolist(), velocity)
     reason, kind, name = "the way is free", "", None
     alternatives: Sequence[tuple[str, float]] = (("on along the way", late),)
     if k is not None:
         name = int(now.estimates[k, NAME])
-        kind = encounter(course, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
-        how = manner(kind, course, path, now.segments_of(k), now.now)
+        kind = encounter(velocity, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
+        how = manner(kind, velocity, path, now.segments_of(k), now.now)
         does = f"wait {waiting:.1f} s, {how}" if waiting > 0.0 else how
         if action == "follow":
             action = "avoid"
         whom = f"obstacle {name}" if name >= 0 else "an obstacle"
         reason = f"{kind} with {whom}, {met}: {does}, +{late:.1f} s"
-        alternatives = Weighed(now, k, kind, course, (does, late), how)
+        alternatives = Weighed(now, k, kind, velocity, (does, late), how)
     elif late > _LATE:
         reason = "a way round what moves"
     if guard in _STEPS or guard == "slowed":
@@ -91,7 +91,7 @@ def explain(
     )
 
 
-def _course(path: TimedPath, now: float) -> XY:
+def _velocity(path: TimedPath, now: float) -> XY:
     """Velocity at which the plan next moves, m/s."""
     i = max(int(np.searchsorted(path.t, now, side="right")), 1)
     while i < len(path.t) - 1 and (path.xy[i] == path.xy[i - 1]).all():
@@ -110,18 +110,18 @@ def wait_of(path: TimedPath, now: float) -> float:
     return 0.0
 
 
-def _approach(now: Situation, row: Sequence[float], course: XY) -> tuple[float, float]:
+def _approach(now: Situation, row: Sequence[float], velocity: XY) -> tuple[float, float]:
     """When a track, a row of beliefs, would come closest on a course, in s, and how near, in m between the discs' edges."""
     at = (row[X] + row[VX] * now.age, row[Y] + row[VY] * now.age)
-    when, distance = closest_approach(now.xy, course, at, (row[VX], row[VY]))
+    when, distance = closest_approach(now.xy, velocity, at, (row[VX], row[VY]))
     return when, distance - row[RADIUS] - now.settings.robot_radius
 
 
-def _nearest(now: Situation, course: XY, ahead: float) -> tuple[int | None, float, float]:
+def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, float, float]:
     """Of the tracks that would come within half a metre on the present course, the first: row, time, gap."""
     best: tuple[int | None, float, float] = (None, math.nan, math.nan)
     for k, row in enumerate(now.estimates.tolist()):
-        when, gap = _approach(now, row, course)
+        when, gap = _approach(now, row, velocity)
         if 0.0 < when < min(ahead, 5.0) and gap < 0.5 and not when >= best[1]:
             best = (k, when, gap)
     return best
@@ -136,4 +136,4 @@ def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
         when = now.conflict(path, now.segments_of(k))
         if when < first:
             best, first = k, when
-    return best, first, _course(path, min(first, float(path.t[-1])))
+    return best, first, _velocity(path, min(first, float(path.t[-1])))

@@ -283,9 +283,11 @@ class PaperPolicy:
         seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
         aim = self.nodes[0].tolist()
         way = math.dist(seen.xy, aim)
-        course = ((aim[0] - seen.xy[0]) / way * spec.v_max, (aim[1] - seen.xy[1]) / way * spec.v_max) if way else seen.velocity
+        velocity = (
+            ((aim[0] - seen.xy[0]) / way * spec.v_max, (aim[1] - seen.xy[1]) / way * spec.v_max) if way else seen.velocity
+        )
         (x, y), (vx, vy) = tracks.xy[who].tolist(), ahead.velocity[who].tolist()
-        time, distance = closest_approach(seen.xy, course, (x, y), (vx, vy))
+        time, distance = closest_approach(seen.xy, velocity, (x, y), (vx, vy))
         more: dict[str, Any] = {}
         if detour is not None:
             row, col = detour.found.window[:2]
@@ -300,7 +302,7 @@ class PaperPolicy:
             action,
             reason,
             obstacle=int(tracks.id[who]),
-            encounter=encounter(course, (vx, vy)),
+            encounter=encounter(velocity, (vx, vy)),
             time_to_closest=time,
             distance_at_closest=distance - spec.radius - float(tracks.radius[who]),
             alternatives=costs,
