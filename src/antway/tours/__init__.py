@@ -1,0 +1,1 @@
+"""Tours: many stops in the best order, some of them only at certain times."""

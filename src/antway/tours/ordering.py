@@ -1,0 +1,179 @@
+"""The best order of stops, from a matrix of travel times alone: the one function that tours on maps call."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from antway import checks
+from antway.planning import Budget, Clock
+from antway.tours.stops import Floats, Order, Stops, checked
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ordering:
+    """What `order_stops` found.
+
+    Attributes
+    ----------
+    orders : tuple of int32[m]
+        For each robot the stops in the order it visits them, as rows of the matrix: first `start`, last the given end (for a
+        closed tour `start` once more). A robot that stays has an order of `start` alone, or of start and end.
+    arrival, waiting : tuple of float64[m]
+        When it gets to each of them, and how long it waits there until the window opens, in s.
+    cost : float
+        The objective: the sum of travel times, or when the last robot is done, in s.
+    lateness : float
+        By how much service begins after the ends of windows and the robots are done after the deadline, summed, in s.
+    feasible : bool
+        Whether lateness is 0 and every stop that must be visited is.
+    collected : float
+        The sum of the priorities of the stops visited; 0.0 where none were given.
+    bound : float
+        No feasible answer costs less (with priorities: none collects more than `bound`).
+    pheromone : float64[n, n] or None
+        What the colony learned; the whole answer goes back in as `initial` after a small change.
+    """
+
+    orders: tuple[Order, ...]
+    arrival: tuple[Floats, ...]
+    waiting: tuple[Floats, ...]
+    cost: float
+    lateness: float
+    feasible: bool
+    collected: float
+    bound: float
+    pheromone: Floats | None = None
+
+    @property
+    def gap(self) -> float:
+        """cost / bound - 1 (with priorities bound / collected - 1): at most so far from the best."""
+        high, low = (self.bound, self.collected) if self.collected > 0.0 else (self.cost, self.bound)
+        if high <= low:
+            return 0.0
+        return high / low - 1.0 if low > 0.0 else math.inf
+
+
+def order_stops(
+    matrix: object,
+    *,
+    start: int = 0,
+    end: int | Literal["start"] | None = None,
+    windows: object = None,
+    service: object = None,
+    priorities: object = None,
+    deadline: float = math.inf,
+    robots: int = 1,
+    objective: str = "travel time",
+    seconds: float | None = None,
+    cycles: int | None = None,
+    seed: int = 0,
+    initial: Ordering | object = None,
+) -> Ordering:
+    """Look for the best order in which to visit all stops, or with `priorities` the best of them.
+
+    Parameters
+    ----------
+    matrix : array_like[n, n]
+        Travel time in s from row to column, in [0, 1e9]; it may be asymmetric, infinite where there is no path.
+    start : int
+        Where every robot starts at t = 0 s (or when the window of `start` opens).
+    end : int, "start" or None
+        Where it ends: at that stop, back at the start, or wherever its last stop is.
+    windows : array_like[n, 2] or None
+        Earliest and latest time in s at which service may begin; a robot that comes early waits. Infinite where there is none.
+    service : array_like[n] or None
+        How long each stop takes, in s.
+    priorities : array_like[n] or None
+        What each stop is worth, >= 0: as much as possible is collected by `deadline`, then as cheaply as possible. None: every
+        stop must be visited.
+    deadline : float
+        By when each robot must be done, in s.
+    robots : int
+        How many share the stops.
+    objective : str
+        "travel time" (the sum over all robots) or "makespan" (when the last one is done).
+    seconds, cycles : float, int or None
+        When to stop, whichever comes first; with neither, after 1 s.
+    seed : int
+        In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
+    initial : Ordering, sequence of int, or None
+        A former answer or order to go on from.
+
+    Returns
+    -------
+    Ordering
+
+    Raises
+    ------
+    BadParameter, TooLarge
+
+    Examples
+    --------
+    >>> away = [[0, 1, 2, 3], [1, 0, 1, 2], [2, 1, 0, 1], [3, 2, 1, 0]]
+    >>> order_stops(away, end="start", cycles=10).cost
+    6.0
+    """
+    stops = checked(matrix, start, end, windows, service, priorities, deadline, robots, objective)
+    checks.seed(seed)
+    clock = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles).start()
+    orders = _insertion(stops, clock)
+    return finished(stops, orders, 0.0)
+
+
+def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats | None = None) -> Ordering:
+    """Return the `Ordering` of `orders`, timed anew from the matrix."""
+    timings = [stops.timing(order) for order in orders]
+    if stops.objective == "makespan":
+        cost = float(max(done for _, _, done, _ in timings))
+    else:
+        cost = sum(stops.travel(order) for order in orders)
+    late = sum(lateness for _, _, _, lateness in timings)
+    visited = np.unique(np.concatenate(orders))
+    collected = 0.0 if stops.priorities is None else float(stops.priorities[visited].sum())
+    whole = stops.priorities is not None or len(visited) == len(stops.matrix)
+    return Ordering(
+        tuple(orders),
+        tuple(arrival for arrival, _, _, _ in timings),
+        tuple(waiting for _, waiting, _, _ in timings),
+        cost,
+        late,
+        late == 0.0 and math.isfinite(cost) and whole,
+        collected,
+        bound,
+        pheromone,
+    )
+
+
+def _insertion(stops: Stops, clock: Clock) -> list[Order]:
+    """Insert stop after stop where that costs least; without windows move single stops to better places after that."""
+    tail = [] if stops.end is None else [stops.end]
+    orders = [[stops.start, *tail] for _ in range(stops.robots)]
+
+    def cost(trial: list[list[int]]) -> tuple[float, float]:
+        timed = [stops.timing(np.array(order, dtype=np.int32)) for order in trial]
+        spans = [done for _, _, done, _ in timed]
+        travel = sum(stops.travel(np.array(order, dtype=np.int32)) for order in trial)
+        return sum(late for _, _, _, late in timed), max(spans) + 1e-6 * travel if stops.objective == "makespan" else travel
+
+    def best_place(stop: int) -> tuple[tuple[float, float], list[list[int]]]:
+        trials = []
+        for r, order in enumerate(orders):
+            for p in range(1, len(order) + 1 - len(tail)):
+                trial = [*orders[:r], [*order[:p], stop, *order[p:]], *orders[r + 1 :]]
+                trials.append((cost(trial), trial))
+        return min(trials, key=lambda pair: pair[0])
+
+    inner = stops.inner.tolist()
+    if stops.priorities is not None:
+        inner.sort(key=lambda stop: -float(stops.priorities[stop]))
+    else:
+        inner.sort(key=lambda stop: (float(stops.windows[stop, 1]), float(-stops.matrix[stops.start, stop])))
+    for stop in inner:
+        found, trial = best_place(stop)
+        if stops.priorities is None or found[0] == 0.0:
+            orders = trial
+    return [np.array(order, dtype=np.int32) for order in orders]

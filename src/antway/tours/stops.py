@@ -1,0 +1,131 @@
+"""What is to be visited: travel times, windows, service, priorities, robots; checked once, and timed as it is driven."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter, TooLarge
+
+MAX_STOPS = 5_000
+OBJECTIVES = ("travel time", "makespan")
+Floats = NDArray[np.float64]
+Order = NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stops:
+    """A checked task of `order_stops`; `end` is None for an open tour, `start` for a closed one."""
+
+    matrix: Floats  # [n, n] travel time in s, infinite where there is no path
+    start: int
+    end: int | None
+    windows: Floats  # [n, 2] earliest and latest begin of service in s
+    service: Floats  # [n] s
+    priorities: Floats | None  # [n]
+    deadline: float  # s
+    robots: int
+    objective: str
+
+    @property
+    def closed(self) -> bool:
+        """Whether the tour comes back to its start."""
+        return self.end == self.start
+
+    @property
+    def timed(self) -> bool:
+        """Whether there is a window or a deadline."""
+        return bool(np.isfinite(self.windows[:, 1]).any() or (self.windows[:, 0] > 0.0).any() or self.deadline < math.inf)
+
+    @property
+    def inner(self) -> Order:
+        """The stops but the start and the end, int32[m]."""
+        ends = {self.start, self.end}
+        return np.array([i for i in range(len(self.matrix)) if i not in ends], dtype=np.int32)
+
+    def timing(self, order: Order) -> tuple[Floats, Floats, float, float]:
+        """Return arrival and waiting at each stop of `order`, when the robot is done, and its lateness, in s.
+
+        Lateness sums what service begins after the ends of windows, and what the end is after the deadline.
+        """
+        arrival, waiting, now, late = np.empty(len(order)), np.empty(len(order)), 0.0, 0.0
+        for p, stop in enumerate(order):
+            if p > 0:
+                now += self.matrix[order[p - 1], stop]
+            # Of a closed tour the window of the start says when to leave; the deadline says when to be back.
+            home = p > 0 and p == len(order) - 1 and self.closed
+            earliest, latest = (0.0, math.inf) if home else self.windows[stop]
+            arrival[p], waiting[p] = now, max(0.0, earliest - now)
+            now += waiting[p]
+            late += max(0.0, now - latest)
+            now += 0.0 if home else self.service[stop]
+        return arrival, waiting, now, late + max(0.0, now - self.deadline)
+
+    def travel(self, order: Order) -> float:
+        """Return the sum of the travel times along `order`, in s."""
+        return float(self.matrix[order[:-1], order[1:]].sum())
+
+
+def checked(
+    matrix: object,
+    start: object,
+    end: object,
+    windows: object,
+    service: object,
+    priorities: object,
+    deadline: object,
+    robots: object,
+    objective: object,
+) -> Stops:
+    """Return the arguments of `order_stops` as `Stops`, or raise a `BadInput` that names the stop."""
+    times = checks.array("matrix", matrix, (None, None), finite=False)
+    n = len(times)
+    if n == 0 or times.shape != (n, n):
+        raise BadParameter("matrix.shape", times.shape, "square and not empty")
+    if n > MAX_STOPS:
+        raise TooLarge("matrix", n, f"of at most {MAX_STOPS} stops")
+    times = times.copy()
+    np.fill_diagonal(times, 0.0)
+    for i, j in np.argwhere(~((times >= 0.0) & ((times <= 1e9) | np.isposinf(times))))[:1]:
+        raise BadParameter(f"matrix[{i}, {j}]", float(times[i, j]), "in [0, 1e9], or infinite where there is no path (s)")
+    first = checks.integer("start", start, low=0, high=n - 1)
+    if isinstance(end, str) and end == "start":
+        last: int | None = first
+    else:
+        last = None if end is None else checks.integer("end", end, low=0, high=n - 1)
+    opens = checked_windows(windows, n)
+    stays = np.zeros(n) if service is None else checks.array("service", service, (n,))
+    worth = None if priorities is None else checks.array("priorities", priorities, (n,))
+    for name, values in (("service", stays), ("priorities", worth)):
+        for i in [] if values is None else np.flatnonzero((values < 0.0) | (values > 1e9))[:1]:
+            assert values is not None
+            raise BadParameter(f"{name}[{i}]", float(values[i]), "in [0, 1e9]")
+    return Stops(
+        times,
+        first,
+        last,
+        opens,
+        stays,
+        worth,
+        checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
+        checks.integer("robots", robots, low=1, high=1_000),
+        checks.choice("objective", objective, OBJECTIVES),
+    )
+
+
+def checked_windows(windows: object, n: int) -> Floats:
+    """Return `windows` as float64[n, 2], each from a time >= 0 to a later one, or infinite."""
+    if windows is None:
+        return np.tile([0.0, math.inf], (n, 1))
+    result = checks.array("windows", windows, (n, 2), finite=False)
+    if np.isnan(result).any():
+        raise BadParameter(f"windows[{int(np.argwhere(np.isnan(result))[0, 0])}]", math.nan, "two numbers (s)")
+    for i in np.flatnonzero((result[:, 0] > result[:, 1]) | (result[:, 1] < 0.0) | (result[:, 0] > 1e9))[:1]:
+        raise BadParameter(
+            f"windows[{i}]", tuple(result[i].tolist()), "an earliest time in [-inf, 1e9] and a latest no earlier, >= 0 (s)"
+        )
+    return np.maximum(result, 0.0)
