@@ -83,9 +83,9 @@ def speed_profile(
     return TimedPath(np.array(times), np.vstack(places))
 
 
-def _corner_speeds(points: NDArray[np.float64], v_max: float, change: float) -> NDArray[np.float64]:
+def _corner_speeds(directions: NDArray[np.float64], v_max: float, change: float) -> NDArray[np.float64]:
     """Return the greatest speed at each vertex: 0 at the ends, and what a jump of velocity by `change` m/s allows."""
-    jump = np.hypot(*np.diff(points, axis=0).T)  # 2 sin(phi / 2)
+    jump = np.hypot(*np.diff(directions, axis=0).T)  # 2 sin(phi / 2)
     straight = jump < 1e-9
     inner = np.where(straight, v_max, np.minimum(change / np.where(straight, 1.0, jump), v_max))
     return np.concatenate(([0.0], inner, [0.0]))

@@ -22,7 +22,7 @@ class Obstacle:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius", checks.number("radius", self.radius, low=0.0, open_low=True, unit="m"))
-        if not callable(getattr(self.motion, "course", None)):
+        if not callable(getattr(self.motion, "trajectory", None)):
             raise BadParameter("motion", self.motion, f"a motion: {', '.join(kind.__name__ for kind in MOTIONS.values())}")
 
 

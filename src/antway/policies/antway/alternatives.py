@@ -41,7 +41,7 @@ class Situation:
     age: float  # s, of the beliefs
     xy: XY  # m, of the robot
     estimates: NDArray[np.float64]  # [K, 8]
-    velocity: NDArray[np.float64]  # [K, STEPS, 2]
+    prediction: NDArray[np.float64]  # [K, STEPS, 2]
     segments: NDArray[np.float64]  # [P, 8]
 
     def free(self) -> float:
@@ -65,7 +65,7 @@ class Situation:
             s.quantile,
             self.context.blocked,
             self.frame,
-            self.velocity[k : k + 1],
+            self.prediction[k : k + 1],
             out,
         )
         return out[:count]

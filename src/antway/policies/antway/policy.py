@@ -254,7 +254,7 @@ class AntwayPolicy:
                 float(self.age),
                 (float(self.now.xy[0]), float(self.now.xy[1])),
                 self.estimates[: self.known].copy(),
-                self.crowd.course[: self.known].copy(),
+                self.crowd.prediction[: self.known].copy(),
                 self.segments[: int(self.plan.state[FORESEEN])].copy(),
             )
             cost, bound = self.arrival - now, self.bound - now
