@@ -21,7 +21,7 @@ from numba import njit
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Budget, Grid, Moves, Problem
 from antway.ants.front import pareto
-from antway.ants.grid_walk import Ground, Squad, Trail
+from antway.ants.grid_walk import Ants, Graph, Trail
 from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
@@ -37,14 +37,14 @@ def shared(name: str, moves: Moves) -> Problem:
     return Problem(grid, (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1), moves)
 
 
-def scattered(size: int = 50, density: float = 0.25) -> Ground:
+def scattered(size: int = 50, density: float = 0.25) -> Graph:
     """A seeded random square with the ends in its corners."""
     for seed in range(100):
         blocked = np.random.default_rng(seed).random((size, size)) < density
         blocked[0, 0] = blocked[-1, -1] = False
-        ground = Ground(Problem(Grid(blocked), (0, 0), (size - 1, size - 1)))
-        if np.isfinite(ground.bound):
-            return ground
+        graph = Graph(Problem(Grid(blocked), (0, 0), (size - 1, size - 1)))
+        if np.isfinite(graph.bound):
+            return graph
     raise AssertionError("no map")
 
 
@@ -96,7 +96,7 @@ def casual(blocked, goal, tau, distance, alpha, beta, ants, limit):  # type: ign
     return steps
 
 
-def routing(ground: Ground) -> Callable[[], int] | None:
+def routing(graph: Graph) -> Callable[[], int] | None:
     """A walk of ten ants of the package aco-routing on the same graph, None if it is not installed."""
     try:
         import networkx as nx
@@ -105,14 +105,14 @@ def routing(ground: Ground) -> Callable[[], int] | None:
     except ImportError:
         return None
     graph = nx.DiGraph()
-    for cell, bits in enumerate(ground.net.legal.tolist()):
+    for cell, bits in enumerate(graph.net.legal.tolist()):
         for k in range(8):
             if bits >> k & 1:
-                graph.add_edge(str(cell), str(cell + int(ground.offsets[k])), cost=float(ground.lengths[k]))
+                graph.add_edge(str(cell), str(cell + int(graph.offsets[k])), cost=float(graph.lengths[k]))
     colony = ACO(graph, ant_max_steps=100, num_iterations=1, ant_random_spawn=False)
 
     def run() -> int:
-        colony.search_ants = [Ant(colony.graph_api, str(ground.start), str(ground.goal)) for _ in range(10)]
+        colony.search_ants = [Ant(colony.graph_api, str(graph.start), str(graph.goal)) for _ in range(10)]
         colony._deploy_forward_search_ants()
         return sum(len(ant.path) - 1 for ant in colony.search_ants)
 
@@ -121,26 +121,26 @@ def routing(ground: Ground) -> Callable[[], int] | None:
 
 def speed(repeats: int) -> dict[str, float]:
     """Million ant steps a second on one core: the walk alone, peers, and whole cycles by rule."""
-    ground, clock = scattered(), Budget().start()
+    graph, clock = scattered(), Budget().start()
     runs: dict[str, Callable[[], int]] = {}
 
     def walker(heuristic: str, rule: str) -> Callable[[], int]:
-        trail = Trail(ground, make_rule(rule, beta=8.0 if heuristic == "field" else 7.0), 2000, heuristic)
-        squad, number = Squad(ground, 2000, 700), count(0, 2000)
-        return lambda: squad.walk(trail.weights(), 1, next(number), clock, greedy=trail.numbers.q0)
+        trail = Trail(graph, make_rule(rule, beta=8.0 if heuristic == "field" else 7.0), 2000, heuristic)
+        ants, number = Ants(graph, 2000, 700), count(0, 2000)
+        return lambda: ants.walk(trail.weights(), 1, next(number), clock, greedy=trail.numbers.q0)
 
     runs["walk, field"] = walker("field", "as")
     runs["walk, distance"] = walker("distance", "as")
     runs["walk, field, greed of acs"] = walker("field", "acs")
-    distance = ground.distance.reshape(-1, ground.net.width)[1:-1, 1:-1].copy()
+    distance = graph.distance.reshape(-1, graph.net.width)[1:-1, 1:-1].copy()
     tau = np.ones((*distance.shape, 8))
-    blocked, goal = ground.problem.grid.blocked, ground.problem.goal
+    blocked, goal = graph.problem.grid.blocked, graph.problem.goal
     runs["casual Numba, distance"] = lambda: casual(blocked, goal, tau, distance, 1.0, 7.0, 500, 700)
-    peer = routing(ground)
+    peer = routing(graph)
     if peer:
         runs["aco-routing"] = peer
     for rule in RULES:
-        runs[f"20 cycles of 500 ants, {rule}"] = partial(cycles_of, ground.problem, rule)
+        runs[f"20 cycles of 500 ants, {rule}"] = partial(cycles_of, graph.problem, rule)
     return best_rates(runs, repeats)
 
 

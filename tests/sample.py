@@ -27,7 +27,7 @@ def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample",
     places = timeline.places(t)
     sensed = np.hypot(*(places - xy[:, None]).transpose(2, 0, 1)) < 5.0 if obstacles else np.zeros((steps + 1, 0), bool)
     decisions = [(0, Decision("follow", "The way is free: on along the global path."))]
-    heat = np.exp(-0.05 * ((np.arange(12)[:, None] - np.arange(12)[None, :]) ** 2)).astype(np.float32)
+    temperature = np.exp(-0.05 * ((np.arange(12)[:, None] - np.arange(12)[None, :]) ** 2)).astype(np.float32)
     for step in range(steps // 3, 2 * steps // 3):
         here, there = xy[step], xy[min(step + 30, steps)]
         way = TimedPath(t[step] + np.array([0.0, 1.0, 3.0]), np.array([here, (here + there) / 2 + [0.6, -0.6], there]))
@@ -45,7 +45,7 @@ def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample",
                     local_target=(float(there[0]), float(there[1])),
                     path=way,
                     alternatives=(("pass behind", 0.4), ("wait", 1.1)),
-                    pheromone=(row, col, heat * (1 + step % 3)),
+                    pheromone=(row, col, temperature * (1 + step % 3)),
                 ),
             )
         )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from antway.ants.front import OBJECTIVES, alternatives, pareto
-from antway.ants.grid_walk import Squad
+from antway.ants.grid_walk import Ants
 from antway.errors import BadInput
 from antway.grid import Grid, Moves
 from antway.kernels.colony import grid_walk as kernel
@@ -24,28 +24,28 @@ def test_the_guide_is_the_fixed_point_of_bellmans_equation():
     """Least costs over cells and headings agree with the naive sweeps, whatever the costs of cells and turns."""
     rng = np.random.default_rng(1)
     for _ in range(cases(15, 300)):
-        ground = random_ground(rng, 3, 8)
-        cost, turn = rng.random(ground.distance.size) + 0.1, float(rng.choice([0.0, 0.3, 5.0]))
-        args = (ground.net.legal, ground.offsets, ground.lengths, cost, turn, ground.goal)
+        graph = random_ground(rng, 3, 8)
+        cost, turn = rng.random(graph.distance.size) + 0.1, float(rng.choice([0.0, 0.3, 5.0]))
+        args = (graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
         np.testing.assert_allclose(kernel.guide(*args), naive.guide(*args), rtol=1e-9)
-    plain = kernel.guide(ground.net.legal, ground.offsets, ground.lengths, np.ones(cost.size), 0.0, ground.goal)
-    assert plain[ground.start].min() == pytest.approx(ground.bound)
+    plain = kernel.guide(graph.net.legal, graph.offsets, graph.lengths, np.ones(cost.size), 0.0, graph.goal)
+    assert plain[graph.start].min() == pytest.approx(graph.bound)
 
 
 def test_scores_are_those_of_each_path():
     """Length, turns, narrowest clearance and integrals of the ants' paths agree with the naive twin."""
     rng = np.random.default_rng(2)
     for _ in range(cases(20, 300)):
-        ground = random_ground(rng)
-        squad = Squad(ground, 6, 40)
-        squad.walk(random_weights(rng, ground), 1, 0, Budget().start())
-        clearance, danger = rng.random((2, ground.distance.size))
-        found = kernel.score(ground.offsets, ground.lengths, ground.start, squad.moves, squad.depth, clearance, danger)
+        graph = random_ground(rng)
+        ants = Ants(graph, 6, 40)
+        ants.walk(random_weights(rng, graph), 1, 0, Budget().start())
+        clearance, danger = rng.random((2, graph.distance.size))
+        found = kernel.score(graph.offsets, graph.lengths, graph.start, ants.moves, ants.depth, clearance, danger)
         for ant in range(6):
-            if squad.depth[ant] < 0:
+            if ants.depth[ant] < 0:
                 assert np.isinf(found[ant]).all()
             else:
-                args = (ground.offsets, ground.lengths, ground.start, squad.path(ant).tolist(), clearance, danger)
+                args = (graph.offsets, graph.lengths, graph.start, ants.path(ant).tolist(), clearance, danger)
                 np.testing.assert_allclose(found[ant], naive.score(*args), rtol=1e-12)
 
 
@@ -72,12 +72,12 @@ def test_fronts_of_small_maps_are_exact():
     rng = np.random.default_rng(3)
     whole, number = 0, cases(30, 500)
     for seed in range(number):
-        ground = random_ground(rng, 3, 12)
-        front = pareto(ground.problem, seed=seed)
-        exact = naive.front(ground.net.legal, ground.offsets, ground.lengths, ground.start, ground.goal)
+        graph = random_ground(rng, 3, 12)
+        front = pareto(graph.problem, seed=seed)
+        exact = naive.front(graph.net.legal, graph.offsets, graph.lengths, graph.start, graph.goal)
         whole += len(exact) == len(front.values) and np.allclose(front.values, exact)
         for plan in front.plans:
-            check_plan(ground.problem, plan)
+            check_plan(graph.problem, plan)
     assert whole >= 0.95 * number
 
 

@@ -53,11 +53,11 @@ def test_pheromone_keeps_its_invariants(rule, policy):
 
 def test_adaptive_persistence_is_a_share():
     """0 < lo <= rho <= hi < 1 whatever pheromone and time are."""
-    fade = Adaptive().numbers()
+    persistence_rule = Adaptive().numbers()
     for tau in np.geomspace(1e-150, 1e150, 61):
         for tau_min in tau * np.array([0.0, 1e-9, 0.5, 1.0]):
             for t in (0, 1, 10, 10_000):
-                assert 0.1 <= kernel.persistence(fade, tau, tau_min, t, 0.0) <= 0.9
+                assert 0.1 <= kernel.persistence(persistence_rule, tau, tau_min, t, 0.0) <= 0.9
 
 
 def test_printed_persistence_diverges():

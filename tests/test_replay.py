@@ -32,9 +32,11 @@ def test_a_minute_among_twenty_obstacles_takes_less_than_two_megabytes() -> None
     """60 s at 10 Hz with 20 obstacles and fresh pheromone every cycle fit into 2 MB."""
     trace = sample_trace(600, 20)
     rng = np.random.default_rng(0)
-    heat = [(2, 3, rng.random((40, 40)).astype(np.float32)) for _ in range(600)]
+    temperature = [(2, 3, rng.random((40, 40)).astype(np.float32)) for _ in range(600)]
     path = trace.decisions[1][1].path
-    decisions = tuple((i, Decision("avoid", f"{i} " + 100 * "x", obstacle=1, path=path, pheromone=heat[i])) for i in range(600))
+    decisions = tuple(
+        (i, Decision("avoid", f"{i} " + 100 * "x", obstacle=1, path=path, pheromone=temperature[i])) for i in range(600)
+    )
     object.__setattr__(trace, "decisions", decisions)
     assert len(replay_page(trace, shortest=shortest(trace.task)).encode()) < 2_000_000
 
@@ -114,7 +116,7 @@ def test_colours_are_told_apart_and_texts_read(theme: str) -> None:
         dark, light = sorted(float(XYZ[1] @ colour[name]) for name in (one, other))
         return (light + 0.05) / (dark + 0.05)
 
-    texts = [(text, ground) for text in ("ink", "quiet") for ground in ("panel", "page")]
+    texts = [(text, graph) for text in ("ink", "quiet") for graph in ("panel", "page")]
     texts += [("good", "panel"), ("bad", "panel"), ("accent", "panel"), ("on-accent", "accent"), ("on-moving", "moving")]
     assert all(contrast(*pair) >= 4.5 for pair in (*texts, ("panel", "planned"), ("ink", "calm")))
     lines = ("robot", "moving", "planned", "pheromone", "trails", "braking", "wall", "ink")

@@ -19,7 +19,7 @@ from antway.kernels.colony import tour as cities_kernel
 from antway.kernels.colony import tsp as kernel
 from antway.kernels.colony.pheromone import Numbers
 
-NO_LABOUR = kernel.Labour(-1, 0, 0, 0)
+NO_LOCAL_SEARCH = kernel.LocalSearchOptions(-1, 0, 0, 0)
 
 
 class Colony:
@@ -63,12 +63,12 @@ class Colony:
         seed: int = 0,
         candidates: int = 20,
         pheromone: object = None,
-        labour: kernel.Labour = NO_LABOUR,
+        options: kernel.LocalSearchOptions = NO_LOCAL_SEARCH,
         immune: Immune | None = None,
     ) -> None:
         self.instance = checks.instance("instance", instance, Tsp)
         self.rule = make_rule(rule, ants=ants, persistence=persistence)
-        self.labour = labour
+        self.options = options
         self._immunity = (
             None if immune is None else Immunity(checks.instance("immune", immune, Immune), True, checks.seed(seed), [])
         )
@@ -131,7 +131,7 @@ class Colony:
     @property
     def tours(self) -> int:
         """Tours made in a cycle; a change of an ant's last tour counts as one in focused construction."""
-        return len(self.state.lengths) * (1 if self.labour.anew else max(self.labour.attempts, 1))
+        return len(self.state.lengths) * (1 if self.options.anew else max(self.options.attempts, 1))
 
     @property
     def pheromone(self) -> NDArray[np.float64]:
@@ -173,7 +173,7 @@ class Colony:
         Notes (cycle, best length) in `history`, float64[cycles, 2], whenever the best is better; returns how often that was.
         """
         if threads == 1 and self._immunity is None:
-            return int(kernel.cycles(self.cities, self.state, self.numbers, self.labour, self._seed, cycles, target, history))
+            return int(kernel.cycles(self.cities, self.state, self.numbers, self.options, self._seed, cycles, target, history))
         noted = 0
         for _ in range(cycles):
             self._construct(pool, threads)
@@ -199,15 +199,17 @@ class Colony:
         unchanged = self.cycle - int(state.record[kernel.IMPROVED])
         if policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
             kernel.deposit(self.cities.near, state.tau, state.bests[1], policy.suppression, 0.0)
-        share = self.numbers.share * scale[np.argsort(costs, kind="stable")]
-        total = float(share.sum())
-        return self.numbers._replace(share=share * (float(self.numbers.share.sum()) / total if total > 0.0 else 1.0))
+        deposit_weight = self.numbers.deposit_weight * scale[np.argsort(costs, kind="stable")]
+        total = float(deposit_weight.sum())
+        return self.numbers._replace(
+            deposit_weight=deposit_weight * (float(self.numbers.deposit_weight.sum()) / total if total > 0.0 else 1.0)
+        )
 
     def _construct(self, pool: Executor | None, threads: int) -> None:
         """Build the cycle's tours, ants spread over threads; those of ACS change pheromone as they walk and keep to one."""
         m = len(self.state.lengths)
         kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight, self.state.whole)
-        whole = (self.cities, self.state, self.numbers, self.labour, self._seed)
+        whole = (self.cities, self.state, self.numbers, self.options, self._seed)
         if pool is None or threads == 1 or self.numbers.xi > 0.0:
             kernel.build(*whole, 0, m)
             return

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
 from antway import checks
-from antway.ants.grid_walk import NO_PATH, Ground, Squad, plan_of
+from antway.ants.grid_walk import NO_PATH, Ants, Graph, plan_of
 from antway.errors import BadParameter
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
@@ -103,25 +103,25 @@ def pareto(
         risk = checks.array("exposure", exposure, grid.shape)
         checks.number("exposure", float(risk.min()), low=0.0)
     mixed = Mixed(problem, seed, ants, threads, clock)
-    ground, archive = mixed.ground, _Archive([OBJECTIVES.index(name) for name in names])
+    graph, archive = mixed.graph, _Archive([OBJECTIVES.index(name) for name in names])
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
     status = mixed.status()
     if status is Status.FOUND:
-        clearance = ground.flat(grid.clearance() / grid.resolution)
-        danger = ground.flat(risk)
+        clearance = graph.flat(grid.clearance() / grid.resolution)
+        danger = graph.flat(risk)
         danger[~np.isfinite(danger)] = 0.0
-        with mixed.squad:
+        with mixed.ants:
             aims = _weightings(mixed, archive, names, clearance, danger)
             for t in range(cycles):
                 for value, turn in aims:
                     if mixed.walk(value, turn, KEEN[t % len(KEEN)]):
-                        archive.take(mixed.score(clearance, danger), mixed.squad)
+                        archive.take(mixed.score(clearance, danger), mixed.ants)
     spent = status is Status.FOUND and clock.spent()
     order = np.argsort(archive.scores[:, 0], kind="stable")
     values = archive.scores[order] * np.array(
         [{"turns": 1.0, "clearance": -grid.resolution}.get(n, grid.resolution) for n in names]
     )
-    plans = tuple(plan_of(problem, Status.FOUND, archive.paths[i], ground.bound, 0, clock) for i in order)
+    plans = tuple(plan_of(problem, Status.FOUND, archive.paths[i], graph.bound, 0, clock) for i in order)
     return Front(Status.BUDGET if spent or (status is Status.FOUND and not plans) else status, names, values, plans)
 
 
@@ -182,29 +182,29 @@ def alternatives(
     stretch = checks.number("stretch", stretch, low=1.0)
     mixed = Mixed(problem, seed, ants, threads, clock)
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
-    status, ground = mixed.status(), mixed.ground
-    if status is not Status.FOUND or ground.bound == 0.0:
+    status, graph = mixed.status(), mixed.graph
+    if status is not Status.FOUND or graph.bound == 0.0:
         return (plan_of(problem, status, NO_PATH if status is Status.FOUND else None, 0.0, 0, clock),)
     ways: list[NDArray[np.uint8]] = []
     near: list[NDArray[np.bool_]] = []  # the ground near each way
 
     def new_way(dearer: float) -> NDArray[np.uint8] | None:
         """Return the shortest way of a cycle that is none of those there are."""
-        cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(ground.distance.size))
+        cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(graph.distance.size))
         value = mixed.guide(cost, 0.0)
-        found, longest = None, stretch * ground.bound * (1 + 1e-9)
+        found, longest = None, stretch * graph.bound * (1 + 1e-9)
         for beta in KEEN:
             mixed.walk(value, 0.0, beta)
-            for ant in np.argsort(mixed.squad.length, kind="stable"):
-                if mixed.squad.length[ant] > longest:
+            for ant in np.argsort(mixed.ants.length, kind="stable"):
+                if mixed.ants.length[ant] > longest:
                     break
-                path = mixed.squad.path(ant)
-                if all(zone[ground.cells(path)].mean() <= overlap for zone in near):
-                    found, longest = path, float(mixed.squad.length[ant]) * (1 - 1e-9)
+                path = mixed.ants.path(ant)
+                if all(zone[graph.cells(path)].mean() <= overlap for zone in near):
+                    found, longest = path, float(mixed.ants.length[ant]) * (1 - 1e-9)
                     break
         return found
 
-    with mixed.squad:
+    with mixed.ants:
         for _ in range(k):
             tries = (new_way(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
             way = next((way for way in tries if way is not None), None)
@@ -212,11 +212,11 @@ def alternatives(
                 break
             ways.append(way)
             zone = np.zeros(problem.grid.shape, dtype=bool)
-            zone[tuple(np.array(np.divmod(ground.cells(way), ground.net.width)) - 1)] = True
-            near.append(ground.flat(maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
+            zone[tuple(np.array(np.divmod(graph.cells(way), graph.net.width)) - 1)] = True
+            near.append(graph.flat(maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
     if not ways:
-        return (plan_of(problem, Status.BUDGET, None, ground.bound, 0, clock),)
-    plans = (plan_of(problem, Status.FOUND, way, ground.bound, 0, clock) for way in ways)
+        return (plan_of(problem, Status.BUDGET, None, graph.bound, 0, clock),)
+    plans = (plan_of(problem, Status.FOUND, way, graph.bound, 0, clock) for way in ways)
     return tuple(sorted(plans, key=lambda plan: plan.length))
 
 
@@ -224,7 +224,7 @@ class Mixed:
     """A squad on a problem's ground that walks by one weighting after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
-        self.ground, self.clock, self.seed = Ground(problem), clock, checks.seed(seed)
+        self.graph, self.clock, self.seed = Graph(problem), clock, checks.seed(seed)
         self._ants = checks.integer("ants", ants, low=1, high=10_000)
         self._threads = checks.integer("threads", threads, low=1, high=256)
         self._walked = 0
@@ -233,29 +233,29 @@ class Mixed:
         """Return NO_PATH or BUDGET where there is nothing to search, else FOUND and be ready."""
         if self.clock.spent():
             return Status.BUDGET
-        bound = self.ground.bound
+        bound = self.graph.bound
         if bound == math.inf:
             return Status.NO_PATH
-        self.squad = Squad(self.ground, self._ants, int(8 * bound) + 64, threads=self._threads)
+        self.ants = Ants(self.graph, self._ants, int(8 * bound) + 64, threads=self._threads)
         return Status.FOUND
 
     def guide(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
         """Return what `kernels.walk.guide` does for this ground."""
-        ground = self.ground
-        return kernel.guide(ground.net.legal, ground.offsets, ground.lengths, cost, turn, ground.goal)
+        graph = self.graph
+        return kernel.guide(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
 
     def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
         """Let the squad walk by the costs of `guide`; tell whether any ant arrived."""
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
-        self.squad.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
+        self.ants.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
         self._walked += self._ants
-        return bool((self.squad.depth >= 0).any())
+        return bool((self.ants.depth >= 0).any())
 
     def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what `kernels.walk.score` does for the ants that walked last."""
-        ground, squad = self.ground, self.squad
-        return kernel.score(ground.offsets, ground.lengths, ground.start, squad.moves, squad.depth, clearance, danger)
+        graph, ants = self.graph, self.ants
+        return kernel.score(graph.offsets, graph.lengths, graph.start, ants.moves, ants.depth, clearance, danger)
 
 
 class _Archive:
@@ -266,14 +266,14 @@ class _Archive:
         self.scores = np.empty((0, len(columns)))
         self.paths: list[NDArray[np.uint8]] = []
 
-    def take(self, scores: NDArray[np.float64], squad: Squad) -> None:
+    def take(self, scores: NDArray[np.float64], ants: Ants) -> None:
         """Take in the paths that no other beats; of equal ones the first."""
         for ant, own in enumerate(scores[:, self.columns]):
             if math.isinf(own[0]) or (self.scores <= own + _SAME).all(axis=1).any():
                 continue
             keep = ~(self.scores >= own - _SAME).all(axis=1)
             self.scores = np.vstack((self.scores[keep], own))
-            self.paths = [path for path, kept in zip(self.paths, keep) if kept] + [squad.path(ant)]
+            self.paths = [path for path, kept in zip(self.paths, keep) if kept] + [ants.path(ant)]
 
 
 def _weightings(
@@ -288,8 +288,8 @@ def _weightings(
     def aim(turn: float, exposure: float, level: float) -> tuple[NDArray[np.float64], float]:
         return mixed.guide(1.0 + exposure * danger + PURE * (clearance < level), turn), turn
 
-    ground = mixed.ground
-    widest = min(clearance[ground.start], clearance[ground.goal])
+    graph = mixed.graph
+    widest = min(clearance[graph.start], clearance[graph.goal])
     most = {"turns": PURE, "exposure": PURE / max(float(danger.max()), 1e-300), "clearance": widest}
     extra = [name for name in most if name in names]
     ends = []
@@ -297,13 +297,13 @@ def _weightings(
         value, turn = aim(*(most[name] * (1.0 if name == end else 1e-5) for name in most))  # the others break ties
         if mixed.walk(value, turn, KEEN[-1]):
             scores = mixed.score(clearance, danger)
-            archive.take(scores, mixed.squad)
+            archive.take(scores, mixed.ants)
             column = OBJECTIVES.index(end or "length")
             ends.append(scores[np.lexsort((scores[:, 0], scores[:, column]))[0]])
     span = np.ptp(np.array(ends), axis=0) if ends else np.zeros(len(OBJECTIVES))
     number = WEIGHTS[len(extra)]
     rates = np.geomspace(1 / SPREAD, SPREAD, number)
-    levels = np.unique(clearance[np.isfinite(ground.distance) & (clearance <= widest)])
+    levels = np.unique(clearance[np.isfinite(graph.distance) & (clearance <= widest)])
     choices = {"clearance": levels[np.linspace(0, len(levels) - 1, number).round().astype(int)]}
     for name, column in (("turns", 1), ("exposure", 3)):
         known = span[0] > _SAME and span[column] > _SAME

@@ -42,7 +42,7 @@ def parts(cells: int, clock: Clock) -> Iterator[slice]:
 
 
 @dataclass(frozen=True)
-class Ground:
+class Graph:
     """A problem as the kernels take it: flat with a margin of one cell (`search.derived.Graph`), lengths in cells."""
 
     problem: Problem
@@ -133,15 +133,15 @@ class Ground:
         return seen
 
 
-class Squad:
+class Ants:
     """Ants that walk at once, each row its own; threads share them out and change nothing but the time it takes."""
 
-    def __init__(self, ground: Ground, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
-        self.ground, self.limit, self.retreat, self.threads = ground, limit, retreat, threads
+    def __init__(self, graph: Graph, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
+        self.graph, self.limit, self.retreat, self.threads = graph, limit, retreat, threads
         self.moves = np.empty((ants, limit), dtype=np.uint8)
         self.depth = np.full(ants, -1, dtype=np.int32)
         self.length = np.full(ants, np.inf)
-        self._stamps = [np.zeros(ground.distance.size, dtype=np.int32) for _ in range(threads)]
+        self._stamps = [np.zeros(graph.distance.size, dtype=np.int32) for _ in range(threads)]
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def __enter__(self) -> Self:
@@ -165,7 +165,7 @@ class Squad:
 
         No ant sets out once the clock is spent; those that did not die.
         """
-        ants, ground = self.depth.size, self.ground
+        ants, graph = self.depth.size, self.graph
         block = max(1, min(STEPS // max(self.limit, 1), -(-ants // self.threads)))
 
         def share(worker: int) -> int:
@@ -175,7 +175,7 @@ class Squad:
                 self.depth[part] = -1
                 if not clock.spent():
                     steps += kernel.walk(
-                        weights, ground.offsets, ground.start, ground.goal, self.limit, self.retreat, greedy, turn,
+                        weights, graph.offsets, graph.start, graph.goal, self.limit, self.retreat, greedy, turn,
                         np.uint64(seed), first + begin, self.moves[part], self.depth[part], self._stamps[worker],
                     )  # fmt: skip
             return steps
@@ -202,9 +202,9 @@ class Trail:
         Length of `path` in cells; infinite while there is none.
     """
 
-    def __init__(self, ground: Ground, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
-        self.ground, self.numbers, self.clock = ground, rule.numbers(ants), clock
-        self.visibility = visibility = ground.visibility(heuristic, self.numbers.beta, clock)
+    def __init__(self, graph: Graph, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
+        self.graph, self.numbers, self.clock = graph, rule.numbers(ants), clock
+        self.visibility = visibility = graph.visibility(heuristic, self.numbers.beta, clock)
         self.best, self.path = math.inf, NO_PATH
         self._improved = self._restarted = -1  # cycles
         self._weights = np.zeros(visibility.shape, np.float32)
@@ -215,7 +215,7 @@ class Trail:
         self._choices = moves / max(cells, 1)
         self.low, self.high = self._limits()
         limited = self.numbers.p_best > 0
-        self.first = self.high if limited else rule.initial(ants, max(round(ground.bound), 1), ground.bound)
+        self.first = self.high if limited else rule.initial(ants, max(round(graph.bound), 1), graph.bound)
         self.tau = np.zeros(visibility.shape)
         for part in parts(len(visibility), clock):
             self.tau[part] = np.where(visibility[part] > 0, min(max(self.first, self.low), self.high), 0.0)
@@ -226,46 +226,46 @@ class Trail:
             kernel.weigh(self.tau[part], self.visibility[part], self.numbers.alpha, self._weights[part])
         return self._weights
 
-    def learn(self, squad: Squad, t: int, immunity: Immunity | None = None) -> None:
+    def learn(self, ants: Ants, t: int, immunity: Immunity | None = None) -> None:
         """Take the paths of cycle `t` (0, 1, ...) in: the best so far and, Eq. (2), the pheromone."""
-        numbers = self.numbers if immunity is None else self._immunise(squad, t, immunity)
-        order = np.argsort(squad.length, kind="stable")
-        if squad.length[order[0]] < self.best:
-            self.best, self.path, self._improved = float(squad.length[order[0]]), squad.path(int(order[0])), t
+        numbers = self.numbers if immunity is None else self._immunise(ants, t, immunity)
+        order = np.argsort(ants.length, kind="stable")
+        if ants.length[order[0]] < self.best:
+            self.best, self.path, self._improved = float(ants.length[order[0]]), ants.path(int(order[0])), t
             self.low, self.high = self._limits()
         if self.clock.spent():
             return
         kernel.update(
-            numbers, self.tau, self.visibility, self.first, self.low, self.high, self.ground.offsets, self.ground.start,
-            squad.moves, squad.depth, squad.length, order, self.path, self.best, t, t - self._restarted - 1,
+            numbers, self.tau, self.visibility, self.first, self.low, self.high, self.graph.offsets, self.graph.start,
+            ants.moves, ants.depth, ants.length, order, self.path, self.best, t, t - self._restarted - 1,
         )  # fmt: skip
         if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
             self._restarted = t
             self.tau[self.visibility > 0] = self.high
 
-    def _immunise(self, squad: Squad, t: int, immunity: Immunity) -> Numbers:
+    def _immunise(self, ants: Ants, t: int, immunity: Immunity) -> Numbers:
         """Let the paths pass the immune operator; return the rule, its deposits shifted by concentration."""
-        ground, policy = self.ground, immunity.policy
-        arrived = np.flatnonzero(squad.depth >= 0)
+        graph, policy = self.graph, immunity.policy
+        arrived = np.flatnonzero(ants.depth >= 0)
         if len(arrived) == 0:
             return self.numbers
         paths, costs, scale = immunity.respond(
             t,
-            [ground.cells(squad.path(int(ant))) for ant in arrived],
-            squad.length[arrived],
-            lambda cells: length_of(ground.moves(cells)) if len(cells) <= squad.limit else math.inf,
+            [graph.cells(ants.path(int(ant))) for ant in arrived],
+            ants.length[arrived],
+            lambda cells: length_of(graph.moves(cells)) if len(cells) <= ants.limit else math.inf,
             vaccinate_path,
         )
         for ant, cells in zip(arrived, paths):
-            squad.depth[ant] = len(cells) - 1
-            squad.moves[ant, : len(cells) - 1] = ground.moves(cells)
-        squad.length[arrived] = costs
+            ants.depth[ant] = len(cells) - 1
+            ants.moves[ant, : len(cells) - 1] = graph.moves(cells)
+        ants.length[arrived] = costs
         unchanged = t - self._improved
         if self.best < math.inf and policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
-            self.tau[ground.cells(self.path)[:-1], self.path] *= policy.suppression
-        factor = np.zeros(squad.depth.size)
+            self.tau[graph.cells(self.path)[:-1], self.path] *= policy.suppression
+        factor = np.zeros(ants.depth.size)
         factor[arrived] = scale
-        share = self.numbers.share * factor[np.argsort(squad.length, kind="stable")]
+        share = self.numbers.share * factor[np.argsort(ants.length, kind="stable")]
         whole = float(self.numbers.share[: len(arrived)].sum())
         return self.numbers._replace(share=share * (whole / share.sum() if share.any() else 1.0))
 
@@ -273,8 +273,8 @@ class Trail:
         """Return the least and the most pheromone a move may have."""
         if self.numbers.p_best == 0:
             return kernel.LOW, kernel.HIGH
-        strongest = rho(self.numbers.fade, 1.0, 0.0, 0, 0.0)
-        length = self.best if self.best < math.inf else self.ground.bound
+        strongest = rho(self.numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
+        length = self.best if self.best < math.inf else self.graph.bound
         return limits(self.numbers, strongest, length, max(round(length), 1), self._choices)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.ants.grid_walk import NO_PATH, Ground, Squad, Trail, crop, plan_of
+from antway.ants.grid_walk import NO_PATH, Ants, Graph, Trail, crop, plan_of
 from antway.ants.immune import Immune, Immunity
 from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
@@ -49,10 +49,10 @@ class Exploration:
     window: Window
 
     @property
-    def heat(self) -> NDArray[np.float32]:
+    def by_cell(self) -> NDArray[np.float32]:
         """Pheromone of each cell of the window, float32[h, w]: the sum over its moves."""
-        heat: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
-        return heat
+        by_cell: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
+        return by_cell
 
 
 class Options(TypedDict, total=False):
@@ -211,32 +211,32 @@ def explore(
     history: list[tuple[float, float, float, float]] = []
     if local is None:
         return result(Status.NO_PATH)
-    ground = Ground(local)
-    if clock.spent() or not ground.known(clock):
+    graph = Graph(local)
+    if clock.spent() or not graph.known(clock):
         return result(Status.BUDGET)
-    if ground.bound == math.inf:
+    if graph.bound == math.inf:
         return result(Status.NO_PATH)
-    if ground.bound == 0.0:
+    if graph.bound == 0.0:
         return result(Status.FOUND, NO_PATH)
     if clock.spent():
-        return result(Status.BUDGET, bound=ground.bound)
-    trail = Trail(ground, colony, number, heuristic, clock)
+        return result(Status.BUDGET, bound=graph.bound)
+    trail = Trail(graph, colony, number, heuristic, clock)
     _lay_first(trail, pheromone)
     steps, proved, spent = 0, False, False
-    with Squad(ground, number, _limit(step_limit, ground), retreat=retreat, threads=threads) as squad:
+    with Ants(graph, number, _limit(step_limit, graph), retreat=retreat, threads=threads) as ants:
         for t in range(cycles):
             weights, spent = trail.weights(), clock.spent()
             if spent:
                 break
-            steps += squad.walk(weights, seed, t * number, clock, greedy=trail.numbers.q0)
-            trail.learn(squad, t, immunity)
+            steps += ants.walk(weights, seed, t * number, clock, greedy=trail.numbers.q0)
+            trail.learn(ants, t, immunity)
             if record:
-                history.append(_row(squad, trail, local.grid.resolution))
-            proved, spent = trail.best <= ground.bound * (1 + 1e-9), clock.spent()
+                history.append(_row(ants, trail, local.grid.resolution))
+            proved, spent = trail.best <= graph.bound * (1 + 1e-9), clock.spent()
             if spent or (proved and stop_at_bound):
                 break
     done = trail.best < math.inf and (proved or not spent)
-    return result(Status.FOUND if done else Status.BUDGET, trail.path if trail.best < math.inf else None, ground.bound, steps)
+    return result(Status.FOUND if done else Status.BUDGET, trail.path if trail.best < math.inf else None, graph.bound, steps)
 
 
 def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None) -> tuple[Problem | None, Window]:
@@ -264,32 +264,32 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
     return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
 
 
-def _limit(step_limit: int | None, ground: Ground) -> int:
+def _limit(step_limit: int | None, graph: Graph) -> int:
     """Return the step limit."""
-    return int(8 * ground.bound) + 64 if step_limit is None else step_limit
+    return int(8 * graph.bound) + 64 if step_limit is None else step_limit
 
 
 def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
     """Lay the pheromone that a colony begins with, where it is other than uniform."""
     if isinstance(pheromone, str) and checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "uniform":
         return
-    ground = trail.ground
+    graph = trail.graph
     legal = trail.tau > 0
     if isinstance(pheromone, str):
-        begin = ground.distance_from(ground.problem.start)
+        begin = graph.distance_from(graph.problem.start)
         cell, move = np.nonzero(legal)
-        over = begin[cell] + ground.lengths[move] + ground.distance[cell + ground.offsets[move]]
-        trail.tau[cell, move] *= np.exp(ground.bound - over)
+        over = begin[cell] + graph.lengths[move] + graph.distance[cell + graph.offsets[move]]
+        trail.tau[cell, move] *= np.exp(graph.bound - over)
     else:
-        left = checks.array("pheromone", pheromone, (*ground.problem.grid.shape, 8))
-        trail.tau = np.where(legal, ground.flat(left), 0.0)
+        left = checks.array("pheromone", pheromone, (*graph.problem.grid.shape, 8))
+        trail.tau = np.where(legal, graph.flat(left), 0.0)
         if not (trail.tau[legal] > 0).all():
             raise BadParameter("pheromone", float(trail.tau[legal].min()), "> 0 on every legal move")
     trail.tau[legal] = trail.tau[legal].clip(trail.low, trail.high)
 
 
-def _row(squad: Squad, trail: Trail, resolution: float) -> tuple[float, float, float, float]:
+def _row(ants: Ants, trail: Trail, resolution: float) -> tuple[float, float, float, float]:
     """Return a row of the history."""
-    arrived = squad.length[squad.depth >= 0]
+    arrived = ants.length[ants.depth >= 0]
     mean = float(arrived.mean()) * resolution if arrived.size else math.nan
-    return trail.best * resolution, mean, arrived.size / squad.length.size, entropy(trail.tau)
+    return trail.best * resolution, mean, arrived.size / ants.length.size, entropy(trail.tau)

@@ -48,7 +48,7 @@ class AntSystem:
         _check(self)
 
     def numbers(self, ants: int) -> Numbers:
-        return _numbers(self, share=np.ones(ants))
+        return _numbers(self, deposit_weight=np.ones(ants))
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
         return ants * self.q / length
@@ -71,7 +71,7 @@ class ElitistAntSystem:
             object.__setattr__(self, "elite", checks.number("elite", self.elite, low=0.0))
 
     def numbers(self, ants: int) -> Numbers:
-        return _numbers(self, share=np.ones(ants), elite=self._weight(ants))
+        return _numbers(self, deposit_weight=np.ones(ants), elite=self._weight(ants))
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
         return (self._weight(ants) + ants) * self.q / length
@@ -96,7 +96,7 @@ class RankBasedAntSystem:
         checks.integer("ranks", self.ranks, low=1)
 
     def numbers(self, ants: int) -> Numbers:
-        return _numbers(self, share=np.maximum(self.ranks - 1.0 - np.arange(ants), 0.0), elite=float(self.ranks))
+        return _numbers(self, deposit_weight=np.maximum(self.ranks - 1.0 - np.arange(ants), 0.0), elite=float(self.ranks))
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
         return 0.5 * self.ranks * (self.ranks - 1.0 if self.ranks > 1 else 1.0) * self.q / length
@@ -142,8 +142,10 @@ class MaxMinAntSystem:
 
     def numbers(self, ants: int) -> Numbers:
         schedule = np.array(self.schedule, dtype=np.int64)
-        share = (np.arange(ants) == 0).astype(np.float64)
-        return _numbers(self, share=share, elite=1.0, schedule=schedule, p_best=self.p_best, restart=self.restart)
+        deposit_weight = (np.arange(ants) == 0).astype(np.float64)
+        return _numbers(
+            self, deposit_weight=deposit_weight, elite=1.0, schedule=schedule, p_best=self.p_best, restart=self.restart
+        )
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
         return self.q / length
@@ -171,7 +173,7 @@ class AntColonySystem:
             object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=1.0))
 
     def numbers(self, ants: int) -> Numbers:
-        return _numbers(self, share=np.zeros(ants), elite=1.0, q0=self.q0, xi=self.xi, best_only=True)
+        return _numbers(self, deposit_weight=np.zeros(ants), elite=1.0, q0=self.q0, xi=self.xi, best_only=True)
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
         return self.q / (nodes * length)
@@ -223,4 +225,4 @@ def _numbers(rule: Any, **own: Any) -> Numbers:
         "xi": 0.0,
         "best_only": False,
     }
-    return Numbers(alpha=rule.alpha, beta=rule.beta, q=rule.q, fade=rule.persistence.numbers(), **(fields | own))
+    return Numbers(alpha=rule.alpha, beta=rule.beta, q=rule.q, persistence_rule=rule.persistence.numbers(), **(fields | own))

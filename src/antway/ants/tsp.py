@@ -20,7 +20,7 @@ from antway.ants.rules import MaxMinAntSystem, Rule
 from antway.ants.tsplib import Tsp as Tsp
 from antway.ants.tsplib import load_tsp as load_tsp
 from antway.errors import BadParameter
-from antway.kernels.colony.tsp import Labour
+from antway.kernels.colony.tsp import LocalSearchOptions
 from antway.planning import Budget
 
 # The local searches: candidates tried for a third edge, and cities in the part that a move displaces (None: all).
@@ -28,7 +28,7 @@ _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3),
 # With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
 _MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
 # Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
-_HEAT, _FOCUSED_HEAT = 0.05, 0.8
+_TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
 _FOCUSED_FROM = 2000  # cities from which changing a tour beats building one anew
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
@@ -157,7 +157,7 @@ def solve_tsp(
         raise BadParameter("progress", progress, "a function of tours made, best length and seconds, or None")
     if focused is not None:
         checks.instance("focused", focused, bool)
-    labour, chosen = labour_for(n, rule, local_search, focused)
+    options, chosen = local_search_options(n, rule, local_search, focused)
     clock = Budget(seconds=seconds, cancel=cancel).start()
     if n < 4 or (not np.any(instance.cities(1).gap > 0.0) and instance.length(np.arange(n)) == 0.0):
         order = np.arange(n, dtype=np.int32)
@@ -166,12 +166,12 @@ def solve_tsp(
     colony = Colony(
         instance,
         chosen,
-        ants=ants if ants is not None or labour.attempts == 0 else 10 if labour.anew else 4,
+        ants=ants if ants is not None or options.attempts == 0 else 10 if options.anew else 4,
         persistence=persistence,
         seed=seed,
         candidates=(20 if local_search is None else 10) if candidates is None else candidates,
         pheromone=pheromone,
-        labour=labour,
+        options=options,
         immune=immune,
     )
     per_cycle = colony.tours
@@ -204,17 +204,21 @@ def solve_tsp(
     )
 
 
-def labour_for(n: int, rule: str | Rule, local_search: str | None, focused: bool | None) -> tuple[Labour, str | Rule]:
+def local_search_options(
+    n: int, rule: str | Rule, local_search: str | None, focused: bool | None
+) -> tuple[LocalSearchOptions, str | Rule]:
     """Return what ants do besides walking, and the rule they follow."""
     if local_search is None or n < _SEARCHED_FROM:
         if focused and local_search is None:
             raise BadParameter("focused", focused, "False without a local_search")
-        return Labour(-1, 0, 0, 0), rule
+        return LocalSearchOptions(-1, 0, 0, 0), rule
     breadth, longest = _SEARCHES[local_search]
     anew = focused is None and n < _FOCUSED_FROM
     attempts = 2 * n if anew else 0 if focused is False else min(10 * n, 5000)
-    labour = Labour(breadth, n if longest is None else longest, attempts, 30, _HEAT if anew else _FOCUSED_HEAT, anew)
-    return labour, _MMAS_WITH_SEARCH if rule == "mmas" else rule
+    options = LocalSearchOptions(
+        breadth, n if longest is None else longest, attempts, 30, _TEMPERATURE if anew else _FOCUSED_TEMPERATURE, anew
+    )
+    return options, _MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 
 def _cycles(cycles: int | None, tours: int | None, seconds: float | None, per_cycle: int) -> int:

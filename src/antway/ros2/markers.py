@@ -132,6 +132,8 @@ def predictions_message(
         writer.add("ways", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=(0.8, 0.3, 0.1), points=line[:, 1:].tolist())
         for when in np.arange(step, line[-1, 0] + 1e-9, step):
             x, y = (float(np.interp(when, line[:, 0], line[:, i])) for i in (1, 2))
-            fade = 0.5 * (1.0 - when / (line[-1, 0] + step))
-            writer.add("places", CYLINDER, (x, y), (2 * radius, 2 * radius, 0.02), colour=(0.8, 0.3, 0.1), alpha=float(fade))
+            faintness = 0.5 * (1.0 - when / (line[-1, 0] + step))
+            writer.add(
+                "places", CYLINDER, (x, y), (2 * radius, 2 * radius, 0.02), colour=(0.8, 0.3, 0.1), alpha=float(faintness)
+            )
     return writer.message()

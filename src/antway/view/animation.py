@@ -123,11 +123,11 @@ class _Painter:
 
 
 def _frames(traces: Sequence[Trace], times: NDArray[np.float64], shortest: Plan | None, width: int) -> Iterator[Image.Image]:
-    lanes = [(trace, painter := _Painter(trace, width), _ground(trace, painter, shortest)) for trace in traces]
+    views = [(trace, painter := _Painter(trace, width), _backdrop(trace, painter, shortest)) for trace in traces]
     for time in times:
         parts = [
-            _frame(trace, int(np.searchsorted(trace.t, time + 1e-9, side="right")) - 1, painter, ground, len(lanes) > 1)
-            for trace, painter, ground in lanes
+            _frame(trace, int(np.searchsorted(trace.t, time + 1e-9, side="right")) - 1, painter, backdrop, len(views) > 1)
+            for trace, painter, backdrop in views
         ]
         if len(parts) == 1:
             yield parts[0]
@@ -138,7 +138,7 @@ def _frames(traces: Sequence[Trace], times: NDArray[np.float64], shortest: Plan 
         yield whole
 
 
-def _ground(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
+def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
     """What does not change: the map, the global path, the goal's place."""
     grid = trace.task.grid
     shade = np.full(grid.shape, 255, np.uint8)[..., None] * np.ones(3, np.uint8)
@@ -156,8 +156,8 @@ def _ground(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Ima
     return picture
 
 
-def _frame(trace: Trace, step: int, painter: _Painter, ground: Image.Image, named: bool) -> Image.Image:
-    picture = ground.copy()
+def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, named: bool) -> Image.Image:
+    picture = backdrop.copy()
     decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
     if decision is not None and decision.pheromone is not None:
         _paste_pheromone(picture, trace, painter, *decision.pheromone)

@@ -14,7 +14,7 @@ from antway import checks
 from antway.ants.colony import Colony
 from antway.ants.persistence import Adaptive
 from antway.ants.rules import RULES
-from antway.ants.tsp import labour_for
+from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp, parse
 from antway.errors import BadParameter, TooLarge
 from antway.web.files import decoded, stem
@@ -153,15 +153,15 @@ class Tours(Tab):
         if instance.size > MAX_CITIES:
             raise TooLarge("DIMENSION", instance.size, f"at most {MAX_CITIES} cities on the page", where=instance.name)
         search = None if settings["search"] == "none" else settings["search"]
-        labour, rule = labour_for(instance.size, settings["rule"], search, None)
+        options, rule = local_search_options(instance.size, settings["rule"], search, None)
         colony = Colony(
             instance,
             rule,
-            ants=4 if labour.attempts and not labour.anew else settings["ants"],
+            ants=4 if options.attempts and not options.anew else settings["ants"],
             persistence=Adaptive() if settings["persistence"] == "adaptive" else None,
             seed=settings["seed"],
             candidates=20 if search is None else 10,
-            labour=labour,
+            options=options,
         )
         self.instance, self.settings, self.colony, self.playing = instance, settings, colony, False
         self.curve: list[tuple[float, float, float]] = []

@@ -247,13 +247,13 @@ def update(
     shortest = length[order[0]]
     excess = shortest / best - 1.0 if shortest < math.inf else math.inf
     if rule.best_only:
-        rho = persistence(rule.fade, 1.0, 1.0, t, excess)
+        rho = persistence(rule.evaporate, 1.0, 1.0, t, excess)
         cell = start
         for k in best_path:
             tau[cell, k] = rho * tau[cell, k] + (1.0 - rho) * rule.q / best
             cell += offsets[k]
     else:
-        fade(tau, seen, rule.fade, t, excess)
+        evaporate(tau, seen, rule.evaporate, t, excess)
         champion = best_deposits(rule.schedule, since)
         if rule.elite > 0.0 and (champion or len(rule.schedule) == 0):
             _lay(tau, offsets, start, best_path, len(best_path), rule.elite * rule.q / best)
@@ -268,7 +268,7 @@ def update(
 
 
 @kernel
-def fade(tau: NDArray[np.float64], seen: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
+def evaporate(tau: NDArray[np.float64], seen: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
     """tau <- rho tau on every legal move (`seen` > 0); see `kernels.colony.persistence`."""
     by_edge = policy[0] == ADAPTIVE or policy[0] == PRINTED
     rho, least = 1.0, math.inf

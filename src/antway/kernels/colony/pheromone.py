@@ -20,12 +20,12 @@ class Numbers(NamedTuple):
     alpha: float  # exponent of pheromone, Eq. (1)
     beta: float  # exponent of the heuristic, Eq. (1)
     q: float  # Q of the deposit Q / L_k, Eq. (2)
-    fade: NDArray[np.float64]  # [4] persistence policy: kind and its parameters
-    share: NDArray[np.float64]  # [ants] times Q / L_r that the r-th best ant of a cycle deposits
+    persistence_rule: NDArray[np.float64]  # [4] persistence policy: kind and its parameters
+    deposit_weight: NDArray[np.float64]  # [ants] times Q / L_r that the r-th best ant of a cycle deposits
     elite: float  # times Q / L_best that the best so far deposits, every cycle
     schedule: NDArray[
         np.int64
-    ]  # [s, 2] MMAS: from this cycle on, the best so far deposits in place of `share` every so many cycles
+    ]  # [s, 2] MMAS: from this cycle on, the best so far deposits in place of `deposit_weight` every so many cycles
     p_best: float  # MMAS: > 0 where pheromone has limits
     restart: int  # MMAS: cycles without a better solution before pheromone is reset; 0: never
     q0: float  # ACS: probability of taking the best edge
@@ -34,12 +34,17 @@ class Numbers(NamedTuple):
 
 
 @kernel
-def persistence(fade: NDArray[np.float64], tau: float, tau_min: float, t: int, excess: float) -> float:
+def persistence(persistence_rule: NDArray[np.float64], tau: float, tau_min: float, t: int, excess: float) -> float:
     """Return rho of an edge with pheromone `tau` after `t` cycles.
 
     tau_min is the least pheromone on any edge; excess is L_cycle / L_best - 1 >= 0.
     """
-    kind, a, b, c = float(fade[0]), float(fade[1]), float(fade[2]), float(fade[3])
+    kind, a, b, c = (
+        float(persistence_rule[0]),
+        float(persistence_rule[1]),
+        float(persistence_rule[2]),
+        float(persistence_rule[3]),
+    )
     if kind == CONSTANT:
         return a
     if kind == ADAPTIVE:
@@ -52,15 +57,15 @@ def persistence(fade: NDArray[np.float64], tau: float, tau_min: float, t: int, e
 
 
 @kernel
-def evaporate(tau: NDArray[np.float64], fade: NDArray[np.float64], t: int, excess: float) -> None:
+def evaporate(tau: NDArray[np.float64], persistence_rule: NDArray[np.float64], t: int, excess: float) -> None:
     """tau <- max(rho tau, FLOOR) on all edges (tau: [n, k], in place); see `persistence`."""
     flat = tau.reshape(tau.size)
-    if fade[0] == ADAPTIVE or fade[0] == PRINTED:
+    if persistence_rule[0] == ADAPTIVE or persistence_rule[0] == PRINTED:
         tau_min = flat.min()
         for e in range(flat.size):
-            flat[e] = max(flat[e] * persistence(fade, flat[e], tau_min, t, excess), FLOOR)
+            flat[e] = max(flat[e] * persistence(persistence_rule, flat[e], tau_min, t, excess), FLOOR)
     else:
-        rho = persistence(fade, 1.0, 1.0, t, excess)
+        rho = persistence(persistence_rule, 1.0, 1.0, t, excess)
         for e in range(flat.size):
             flat[e] = max(flat[e] * rho, FLOOR)
 

@@ -32,14 +32,14 @@ class Colony(NamedTuple):
     record: Floats  # [8] see BEST ... TAU_MAX
 
 
-class Labour(NamedTuple):
+class LocalSearchOptions(NamedTuple):
     """What an ant does to its tour besides walking."""
 
     breadth: int  # of the local search, see `local_search.improve`; -1: none
     longest: int  # of the local search
     attempts: int  # > 0: focused construction, so many changes a cycle
     window: int  # how many cities a part of a change spans at most
-    heat: float = 0.0  # temperature at which a cycle's changes begin, in mean edges of the best tour
+    temperature: float = 0.0  # temperature at which a cycle's changes begin, in mean edges of the best tour
     anew: bool = False  # whether an ant builds its tour anew before it changes it, instead of taking its last one
 
 
@@ -208,10 +208,10 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
     excess = max(shortest, 1e-300) / best - 1.0
     since = t - int(record[RESTARTED])
     if numbers.best_only:
-        rho = persistence(numbers.fade, 1.0, 0.0, since, excess)
+        rho = persistence(numbers.persistence_rule, 1.0, 0.0, since, excess)
         deposit(near, tau, colony.bests[1], rho, (1.0 - rho) * numbers.elite * numbers.q / best)
     else:
-        evaporate(tau, numbers.fade, since, excess)
+        evaporate(tau, numbers.persistence_rule, since, excess)
         alone = best_deposits(numbers.schedule, since)
         if not alone:
             ranking = np.argsort(lengths, kind="mergesort") if np.any(numbers.share[1:] > 0.0) else np.array([first])
@@ -222,7 +222,7 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
         if numbers.elite > 0.0 and (alone or len(numbers.schedule) == 0):
             deposit(near, tau, colony.bests[1], 1.0, numbers.elite * numbers.q / best)
     if numbers.p_best > 0.0:
-        rho = persistence(numbers.fade, 1.0, 0.0, since, excess)
+        rho = persistence(numbers.persistence_rule, 1.0, 0.0, since, excess)
         low, high = limits(numbers, rho, best, near.shape[0], 0.5 * near.shape[1])
         record[TAU_MIN], record[TAU_MAX] = low, high
         if numbers.restart > 0 and t - record[IMPROVED] >= numbers.restart:
@@ -234,7 +234,9 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
 
 
 @kernel
-def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: np.uint64, first: int, last: int) -> None:
+def build(
+    cities: Cities, colony: Colony, numbers: Numbers, plan: LocalSearchOptions, seed: np.uint64, first: int, last: int
+) -> None:
     """Let ants `first` to `last` - 1 make their tours; each draws from its own stream, whoever runs it."""
     m, n = colony.orders.shape
     search = workspace(n, 0 if plan.attempts == 0 else 500)
@@ -258,7 +260,9 @@ def build(cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: 
 
 
 @bare_kernel
-def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, search: Search, sums: NDArray[np.float32]) -> float:
+def refine(
+    cities: Cities, colony: Colony, plan: LocalSearchOptions, state: rng.State, search: Search, sums: NDArray[np.float32]
+) -> float:
     """Focused construction: copy a tour, change four edges, repair around them, keep what is no longer.
 
     A longer tour is kept by Metropolis' rule at a temperature that falls to 0 within the cycle (simulated annealing).
@@ -269,7 +273,7 @@ def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, searc
     n, k = cities.near.shape
     window = min(plan.window, (n - 2) // 3)
     total = 0.0
-    heat = plan.heat * colony.record[BEST] / n
+    temperature = plan.temperature * colony.record[BEST] / n
     for a in range(plan.attempts):
         p = np.int64(rng.below(state, n))
         u = search.order[p]
@@ -297,7 +301,7 @@ def refine(cities: Cities, colony: Colony, plan: Labour, state: rng.State, searc
             continue
         gain = bridge(cities, search, p, b, q - 1, d)
         gain += settle(cities, search, plan.breadth, plan.longest)
-        if gain < 0.0 and gain <= heat * (1.0 - a / plan.attempts) * math.log(1.0 - rng.uniform(state)):
+        if gain < 0.0 and gain <= temperature * (1.0 - a / plan.attempts) * math.log(1.0 - rng.uniform(state)):
             undo(search)
         else:
             search.counts[LOGGED] = 0
@@ -325,7 +329,14 @@ def bridge(cities: Cities, search: Search, p: Index, b: Index, c: Index, d: Inde
 
 @kernel
 def cycles(
-    cities: Cities, colony: Colony, numbers: Numbers, plan: Labour, seed: np.uint64, count: int, target: float, history: Floats
+    cities: Cities,
+    colony: Colony,
+    numbers: Numbers,
+    plan: LocalSearchOptions,
+    seed: np.uint64,
+    count: int,
+    target: float,
+    history: Floats,
 ) -> int:
     """Run up to `count` cycles of construct, improve, deposit, until one finds a tour of at most `target`.
 
@@ -354,5 +365,5 @@ def walk_once(cities: Cities, colony: Colony, numbers: Numbers, seed: np.uint64)
 @kernel
 def first_limit(numbers: Numbers, best: float) -> float:
     """Return MMAS's tau_max before the first cycle, for a greedy tour of length `best`."""
-    rho = persistence(numbers.fade, 1.0, 0.0, 0, 0.0)
+    rho = persistence(numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
     return limits(numbers, rho, best, 2, 2.0)[1]
