@@ -50,7 +50,7 @@ def tune(rival: str) -> list[tuple[str, Summary]]:
 
 def _score(rows: list[Row]) -> tuple[int, float]:
     """Least is best: episodes not reached, and mean time over the optimum of the others."""
-    return (sum(not row.reached for row in rows), summarise(rows)[-1].regret) if rows else (0, 0.0)
+    return (sum(not row.reached for row in rows), summarise(rows)[-1].time_ratio) if rows else (0, 0.0)
 
 
 def main() -> None:
@@ -62,8 +62,8 @@ def main() -> None:
     for rival in wanted:
         best = tune(rival)[:5]
         for spec, one in best:
-            print(f"{spec}: {100 * one.success:.1f} % of {one.episodes}, {one.regret:.3f} of the optimum", flush=True)
-        found[rival] = {"best": best[0][0], "success": best[0][1].success, "regret": best[0][1].regret}
+            print(f"{spec}: {100 * one.success:.1f} % of {one.episodes}, {one.time_ratio:.3f} of the optimum", flush=True)
+        found[rival] = {"best": best[0][0], "success": best[0][1].success, "regret": best[0][1].time_ratio}
         out.parent.mkdir(exist_ok=True)
         out.write_text(json.dumps(found, indent=1) + "\n")
 

@@ -63,7 +63,7 @@ def every_figure() -> dict[str, Figure]:
         ),
         "sensitivity": colonies.sensitivity_figure("beta", [1, 2, 5], [[9, 8.5], [8, 8], [8, 9]], optimum=8.0),
         "success": charts.success_figure(summarise(ROWS)),
-        "regret": charts.regret_figure(ROWS),
+        "regret": charts.time_ratio_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),
         "chart 2": diagrams.improved_chart(),
         "chart 3": diagrams.avoidance_chart(),

@@ -128,7 +128,7 @@ def test_alternatives_are_different_short_and_legal():
     assert rows[0] < 3 and 9 <= rows[1] < 12 and rows[2] >= 18  # above, between and below the blocks
     for way in ways:
         check_plan(problem, way)
-    assert len(alternatives(problem, 3, stretch=1.01)) == 1
+    assert len(alternatives(problem, 3, path_ratio=1.01)) == 1
     corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
     assert [way.length for way in alternatives(corridor, 4)] == [8.0]
 

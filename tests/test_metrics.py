@@ -57,9 +57,9 @@ def test_side_flips():
     """Each change of the side on which the robot is about to pass counts once; a steady side counts nothing."""
     disc = Obstacle(0.2, Line((7.5, 5.0), (7.5, 5.0), 0.0))
     left, right = (1.0, 0.4), (1.0, -0.4)
-    assert metrics.side_flips(trace_of([left] * 10, [disc])) == 0
-    assert metrics.side_flips(trace_of([left] * 3 + [right] * 3 + [left] * 3, [disc])) == 2
-    assert metrics.side_flips(trace_of([left] * 3 + [right] * 3, [])) == 0
+    assert metrics.side_changes(trace_of([left] * 10, [disc])) == 0
+    assert metrics.side_changes(trace_of([left] * 3 + [right] * 3 + [left] * 3, [disc])) == 2
+    assert metrics.side_changes(trace_of([left] * 3 + [right] * 3, [])) == 0
 
 
 def test_outcome_shares():

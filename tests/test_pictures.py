@@ -76,7 +76,7 @@ def pictures() -> dict[str, Figure]:
         "space-time": charts.space_time_figure(trace, path=path),
         "pheromone": charts.pheromone_figure(grid, colony(grid)),
         "success": charts.success_figure(summarise(episodes())),
-        "regret": charts.regret_figure(episodes()),
+        "regret": charts.time_ratio_figure(episodes()),
     }
 
 
@@ -164,7 +164,7 @@ def test_charts_refuse_what_they_cannot_draw() -> None:
     with pytest.raises(BadParameter, match="table"):
         charts.success_figure([])
     with pytest.raises(BadParameter, match="rows"):
-        charts.regret_figure([Row("s", "e", "p", 0, "1", "g", "reached", "")])
+        charts.time_ratio_figure([Row("s", "e", "p", 0, "1", "g", "reached", "")])
 
 
 def test_space_and_time_show_what_is_taken() -> None:

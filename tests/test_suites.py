@@ -94,7 +94,7 @@ def test_facts():
     spec = RobotSpec(radius=0.3, v_max=2.0)
     free = facts(Scenario(World(room), (1.1, 6.1), (11.1, 6.1), spec), 0)
     assert (free.bound, free.shortest) == pytest.approx((4.9, 9.8))
-    assert 0.02 < free.survival < 0.5
+    assert 0.02 < free.difficulty < 0.5
     blocked = room.blocked.copy()
     blocked[:28], blocked[33:] = True, True
     barrier = Obstacle(0.4, BackAndForth((9.1, 6.1), (3.1, 6.1), 1.0))

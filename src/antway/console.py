@@ -172,8 +172,8 @@ def print_summaries(table: Sequence[Summary]) -> None:
             "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
             "/".join(str(one.outcomes[name]) for name in hits),
             "/".join(str(one.outcomes[name]) for name in ends),
-            f"{one.regret:.4f}",
-            "{:.3f} - {:.3f}".format(*one.regret_interval),
+            f"{one.time_ratio:.4f}",
+            "{:.3f} - {:.3f}".format(*one.time_ratio_interval),
             f"{one.time:.2f} s",
             f"{one.cycle[0]:.2f} / {one.cycle[1]:.2f}",
         )

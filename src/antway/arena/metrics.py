@@ -46,13 +46,13 @@ def jerk(trace: Trace) -> float:
     return float(np.sqrt((np.diff(whole, n=2, axis=0) ** 2).sum(axis=1).mean())) / trace.task.robot.dt**2
 
 
-def side_flips(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
+def side_changes(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
     """Return how often the robot changed the side on which it was about to pass an obstacle.
 
     The side is the sign of the cross product of the way to the obstacle and the relative velocity. It counts while the two
     approach each other within `near` m and would pass at least `clear` m off centre, if both went on as they do.
     """
-    flips, steps = 0, np.diff(trace.t)[:, None, None]
+    side_changes, steps = 0, np.diff(trace.t)[:, None, None]
     way = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
     relative = trace.velocity[1:, None, :] - np.diff(trace.obstacle_xy, axis=0) / steps
     speed = np.hypot(relative[..., 0], relative[..., 1])
@@ -63,8 +63,8 @@ def side_flips(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
         moments = np.flatnonzero(counts[:, k])
         side = np.sign(cross[moments, k])
         same = np.diff(moments) <= 5  # steps; a longer pause is another meeting
-        flips += int((same & (np.diff(side) != 0)).sum())
-    return flips
+        side_changes += int((same & (np.diff(side) != 0)).sum())
+    return side_changes
 
 
 # Of a policy, over rows of the results (antway.arena.store.Row) or anything with the same fields
@@ -117,12 +117,12 @@ def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] =
     return float(low), float(high)
 
 
-def regret(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
+def time_ratio(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
     """Return times as multiples of the clairvoyant optimum; below 1 is possible, for the optimum is bound to its grid."""
     return _ratio("time", time, "bound", bound)
 
 
-def stretch(length: ArrayLike, shortest: ArrayLike) -> NDArray[np.float64]:
+def path_ratio(length: ArrayLike, shortest: ArrayLike) -> NDArray[np.float64]:
     """Return lengths as multiples of the shortest way among the walls."""
     return _ratio("length", length, "shortest", shortest)
 

@@ -96,7 +96,7 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
     legend = "".join(f'<li><i class="{tint[p]}"></i>{_text(p)}</li>' for p in policies)
     return (
         f"<section><h2>Suite {_text(suite)}</h2>{_table(table)}<ul class='legend'>{legend}</ul>"
-        f"<div class='plots'>{_success_plot(rows, policies, tint)}{_regret_plot(rows, table, tint)}</div>"
+        f"<div class='plots'>{_success_plot(rows, policies, tint)}{_time_ratio_plot(rows, table, tint)}</div>"
         f"{_rank_table(rows, policies)}<h3>Failures</h3>{_gallery(rows, policies, replays)}</section>"
     )
 
@@ -117,9 +117,9 @@ def _table(table: Sequence[Summary]) -> str:
             f"{100 * one.success:.1f} %",
             f"{100 * one.success_interval[0]:.1f}–{100 * one.success_interval[1]:.1f}",
             *counts,
-            _number(one.regret, 4),
-            "–".join(_number(end, 3) for end in one.regret_interval if math.isfinite(end)) or "–",
-            *(_number(v, 2) for v in (one.time, one.stretch, one.clearance, one.discomfort, one.flips, one.jerk)),
+            _number(one.time_ratio, 4),
+            "–".join(_number(end, 3) for end in one.time_ratio_interval if math.isfinite(end)) or "–",
+            *(_number(v, 2) for v in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes, one.jerk)),
             *(_number(v, 2) for v in one.cycle),
         )
         lines.append(_cells("td", cells))
@@ -161,20 +161,22 @@ def _success_plot(rows: Sequence[Row], policies: Sequence[str], tint: dict[str, 
     return _plot("Reached by", "time, s", ticks, scale, [_line(curve, tint, (end, 1.0)) for tint, curve in curves], (0.0, 0.0))
 
 
-def _regret_plot(rows: Sequence[Row], table: Sequence[Summary], tint: dict[str, str]) -> str:
+def _time_ratio_plot(rows: Sequence[Row], table: Sequence[Summary], tint: dict[str, str]) -> str:
     """Mean time over the optimum by level, with its interval."""
     steps = levels(rows)
-    known = [one for one in table if one.level in steps and math.isfinite(one.regret)]
-    ends = [end for one in known for end in one.regret_interval]
+    known = [one for one in table if one.level in steps and math.isfinite(one.time_ratio)]
+    ends = [end for one in known for end in one.time_ratio_interval]
     ratios = _round_numbers(min([1.0, *ends]), max([1.05, *ends]))
     low, end = ratios[0], (max(len(steps) - 1, 1), ratios[-1])
     marks = []
     for policy, colour in tint.items():
         mine = [one for one in known if one.policy == policy]
-        marks.append(_line([(steps.index(one.level), one.regret) for one in mine], colour, end, (0.0, low)))
+        marks.append(_line([(steps.index(one.level), one.time_ratio) for one in mine], colour, end, (0.0, low)))
         for one in mine:
             at = float(steps.index(one.level))
-            marks.append(_line([(at, one.regret_interval[0]), (at, one.regret_interval[1])], colour, end, (0.0, low), bar=True))
+            marks.append(
+                _line([(at, one.time_ratio_interval[0]), (at, one.time_ratio_interval[1])], colour, end, (0.0, low), bar=True)
+            )
     scale = [(v, f"{v:g}") for v in ratios]
     return _plot("Time over the optimum", "level", [(float(i), s) for i, s in enumerate(steps)], scale, marks, (0.0, low), end)
 

@@ -42,11 +42,11 @@ class Row:
         Least distance to a moving obstacle, m; infinite without any.
     discomfort : float
         Time under 0.2 m, s.
-    flips, replans, waits : int
+    side_changes, replans, waits : int
         Changes of side, of plan, and stops.
     jerk : float
         m/s^3.
-    bound, shortest, survival : float
+    bound, shortest, difficulty : float
         `antway.arena.suites.Facts`.
     cycle_p50, cycle_p99, cycle_max : float
         Time of a control cycle, ms: what differs between two equal runs.
@@ -64,13 +64,13 @@ class Row:
     length: float = math.nan
     clearance: float = math.nan
     discomfort: float = math.nan
-    flips: int = 0
+    side_changes: int = 0
     replans: int = 0
     waits: int = 0
     jerk: float = math.nan
     bound: float = math.nan
     shortest: float = math.nan
-    survival: float = math.nan
+    difficulty: float = math.nan
     cycle_p50: float = math.nan
     cycle_p99: float = math.nan
     cycle_max: float = math.nan

@@ -119,13 +119,13 @@ class Facts:
         it has no way, NaN where something follows the robot, so that no future can be known.
     shortest : float
         Length of the shortest way among the walls alone, up to the goal's tolerance, over the same moves, m.
-    survival : float
+    difficulty : float
         Share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s: low is hard.
     """
 
     bound: float
     shortest: float
-    survival: float
+    difficulty: float
 
 
 def load_suite(spec: str) -> Suite:
@@ -189,7 +189,7 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     return Facts(
         bound=math.nan if follows else arrival if arrival <= scenario.horizon else math.inf,
         shortest=_arrival(free.path.t, free.path.xy, task.goal, task.goal_tolerance) * robot.v_max,
-        survival=_survival(scenario, seed),
+        difficulty=_difficulty(scenario, seed),
     )
 
 
@@ -206,7 +206,7 @@ def _arrival(t: NDArray[np.float64], xy: NDArray[np.float64], goal: XY, toleranc
     return math.inf
 
 
-def _survival(scenario: Scenario, seed: int) -> float:
+def _difficulty(scenario: Scenario, seed: int) -> float:
     task, robot, chance = scenario.task, scenario.robot, Chance(seed_of("survival", seed))
     room = task.grid.inflate(robot.radius)
     places = room.to_xy(np.argwhere(~room.blocked))

@@ -22,9 +22,9 @@ class Summary:
     ----------
     outcomes : mapping of `Outcome` value to count
     success : float, and its Wilson interval at 95 %
-    regret : float, and its bootstrap interval at 95 %
+    time_ratio : float, and its bootstrap interval at 95 %
         Mean of time over the clairvoyant optimum, of episodes reached; below 1 is possible, as the optimum is one of its grid.
-    time, stretch, clearance, discomfort, flips, jerk : float
+    time, path_ratio, clearance, discomfort, side_changes, jerk : float
         Means over episodes reached, of time (s), length over the shortest way among the walls, and least clearance (m); over
         all, of time under 0.2 m (s), changes of side, and jerk (m/s^3).
     cycle : (p50, p99, max)
@@ -37,13 +37,13 @@ class Summary:
     outcomes: dict[str, int]
     success: float
     success_interval: metrics.Interval
-    regret: float
-    regret_interval: metrics.Interval
+    time_ratio: float
+    time_ratio_interval: metrics.Interval
     time: float
-    stretch: float
+    path_ratio: float
     clearance: float
     discomfort: float
-    flips: float
+    side_changes: float
     jerk: float
     cycle: tuple[float, float, float]
 
@@ -57,7 +57,7 @@ def levels(rows: Sequence[Row]) -> list[str]:
     """Return the levels, the easiest (by survival) first."""
     found: dict[str, list[float]] = {}
     for row in rows:
-        found.setdefault(level_of(row), []).append(row.survival)
+        found.setdefault(level_of(row), []).append(row.difficulty)
     return sorted(found, key=lambda level: (-_mean(found[level]), level))
 
 
@@ -78,7 +78,7 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
     outcomes = [row.outcome for row in rows]
     reached = [row for row in rows if row.reached]
     bound = [row for row in reached if math.isfinite(row.bound)]
-    ratios = metrics.regret([row.time for row in bound], [row.bound for row in bound])
+    ratios = metrics.time_ratio([row.time for row in bound], [row.bound for row in bound])
     return Summary(
         level=level,
         policy=policy,
@@ -86,13 +86,13 @@ def _summary(level: str, policy: str, rows: Sequence[Row]) -> Summary:
         outcomes={outcome.value: outcomes.count(outcome.value) for outcome in Outcome},
         success=metrics.success(outcomes),
         success_interval=metrics.wilson(len(reached), len(rows)),
-        regret=_mean(ratios),
-        regret_interval=metrics.bootstrap(ratios),
+        time_ratio=_mean(ratios),
+        time_ratio_interval=metrics.bootstrap(ratios),
         time=_mean([row.time for row in reached]),
-        stretch=_mean(metrics.stretch([row.length for row in reached], [row.shortest for row in reached])),
+        path_ratio=_mean(metrics.path_ratio([row.length for row in reached], [row.shortest for row in reached])),
         clearance=_mean([row.clearance for row in reached if math.isfinite(row.clearance)]),
         discomfort=_mean([row.discomfort for row in rows]),
-        flips=_mean([row.flips for row in rows]),
+        side_changes=_mean([row.side_changes for row in rows]),
         jerk=_mean([row.jerk for row in rows]),
         cycle=(
             _median([row.cycle_p50 for row in rows]),
@@ -122,7 +122,7 @@ def paired(
     common = [one for one in by.values() if all(policy in one for policy in policies)]
     wins = {p: np.array([float(one[p].reached) for one in common]) for p in policies}
     bounds = [one[policies[0]].bound if math.isfinite(one[policies[0]].bound) else math.nan for one in common]
-    times = {p: metrics.regret([one[p].time if one[p].reached else math.nan for one in common], bounds) for p in policies}
+    times = {p: metrics.time_ratio([one[p].time if one[p].reached else math.nan for one in common], bounds) for p in policies}
     return wins, times
 
 
@@ -144,8 +144,11 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
             f"{100 * one.success:.1f} ({low:.1f}–{high:.1f})",
             " / ".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
             " / ".join(str(one.outcomes[name]) for name in ("timeout", "error")),
-            _shown(one.regret, f"{one.regret:.4f} ({one.regret_interval[0]:.3f}–{one.regret_interval[1]:.3f})"),
-            *(_shown(value, f"{value:.2f}") for value in (one.time, one.stretch, one.clearance, one.discomfort, one.flips)),
+            _shown(one.time_ratio, f"{one.time_ratio:.4f} ({one.time_ratio_interval[0]:.3f}–{one.time_ratio_interval[1]:.3f})"),
+            *(
+                _shown(value, f"{value:.2f}")
+                for value in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes)
+            ),
         )
         lines.append(_line(cells))
     wins, times = paired(rows, names)

@@ -161,7 +161,7 @@ def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which 
 
 
 @style.styled
-def regret_figure(rows: Sequence[Row], *, title: str = "Time over the optimum of one who knew it all") -> Figure:
+def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the optimum of one who knew it all") -> Figure:
     """Draw by policy the share of all episodes that were reached within so many times the clairvoyant optimum.
 
     Parameters
@@ -178,7 +178,7 @@ def regret_figure(rows: Sequence[Row], *, title: str = "Time over the optimum of
     for policy, (colour, _, dash) in zip(dict.fromkeys(row.policy for row in bound), cycle(_LOOKS)):
         mine = [row for row in bound if row.policy == policy]
         reached = [row for row in mine if row.reached]
-        ratio = np.sort(metrics.regret([row.time for row in reached], [row.bound for row in reached]))
+        ratio = np.sort(metrics.time_ratio([row.time for row in reached], [row.bound for row in reached]))
         share = 100 * np.arange(1, len(ratio) + 1) / len(mine)
         most = max(most, float(np.percentile(ratio, 98)) if len(ratio) else 1.0)
         x, y = np.concatenate(([0.0], ratio, [1e9])), np.concatenate(([0.0], share, share[-1:] if len(share) else [0.0]))

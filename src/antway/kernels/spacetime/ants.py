@@ -33,7 +33,7 @@ def _expand(
     duration: float,
     x: float,
     y: float,
-    stretch: float,
+    longest_move: float,
     t0: float,
     horizon: float,
     segments: NDArray[np.float64],
@@ -47,7 +47,7 @@ def _expand(
     soonest = -1
     gx, gy = centre(context, cell)
     if memory.stamp[cell] != memory.counter[0]:
-        open_cell(memory, cell, gx, gy, stretch, t0, horizon, segments)
+        open_cell(memory, cell, gx, gy, longest_move, t0, horizon, segments)
     memory.counter[2] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
@@ -211,7 +211,7 @@ def search(
         return -1, math.inf, t0 + here
     work, weight, cost, move = np.empty(2), np.empty(LEGS), np.empty(LEGS), np.empty(LEGS, np.int64)
     time, all_legs = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    stretch = time.max() * context.speed
+    longest_move = time.max() * context.speed
     memory.counter[1] = 1  # the start's later intervals cannot be reached without leaving it
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, t0 + here, 0)
@@ -294,7 +294,7 @@ def search(
                 if s == 0 and not clear(context, x, y, *centre(context, target)):
                     continue
                 then = _expand(
-                    memory, context, s, target, duration, sx, sy, stretch, t0, horizon, segments, stopping_time, work
+                    memory, context, s, target, duration, sx, sy, longest_move, t0, horizon, segments, stopping_time, work
                 )
             memory.key[s], least = math.inf, cost[:n].min() if n else math.inf
             if least < math.inf:

@@ -56,11 +56,11 @@ def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
 
 @bare_kernel
 def open_cell(
-    memory: Memory, cell: int, x: float, y: float, stretch: float, t0: float, horizon: float, segments: NDArray[np.float64]
+    memory: Memory, cell: int, x: float, y: float, longest_move: float, t0: float, horizon: float, segments: NDArray[np.float64]
 ) -> None:
     """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
 
-    Of all pieces those are kept that come near enough to matter to a move out of it, which is at most `stretch` m long.
+    Of all pieces those are kept that come near enough to matter to a move out of it, which is at most `longest_move` m long.
     """
     lows, highs = memory.span[0], memory.span[1]
     n, near = 0, memory.counter[5]
@@ -69,13 +69,13 @@ def open_cell(
         return
     for p in range(len(segments)):
         if (
-            x + stretch < memory.box[p, 0]
-            or x - stretch > memory.box[p, 1]
-            or y + stretch < memory.box[p, 2]
-            or y - stretch > memory.box[p, 3]
+            x + longest_move < memory.box[p, 0]
+            or x - longest_move > memory.box[p, 1]
+            or y + longest_move < memory.box[p, 2]
+            or y - longest_move > memory.box[p, 3]
         ):
             continue
-        since, until = within(x, y, segments[p, 7] + stretch, segments, p)
+        since, until = within(x, y, segments[p, 7] + longest_move, segments, p)
         if since >= until:
             continue
         memory.near_segment[near], memory.near_time[near, 0], memory.near_time[near, 1] = p, since, until
