@@ -15,7 +15,7 @@ from antway.search import derived
 from antway.search.astar import astar
 from antway.search.costs import inflation_costs
 from antway.search.derived import NEIGHBOURS
-from antway.search.distance_field import Wave, dijkstra
+from antway.search.distance_field import DijkstraField, dijkstra
 from common import cases, pick, random_grid, solvable
 from naive import search as naive
 
@@ -55,10 +55,10 @@ def test_lists_grow() -> None:
     """A field whose open cells outgrow their first room, from many goals at once, is exact."""
     grid = Grid(np.random.default_rng(10).random((200, 200)) < 0.3)
     goals = pick(np.random.default_rng(11), grid, 1000)
-    wave = Wave(derived.lattice(grid, Moves.EIGHT), goals, [])
-    room = len(wave.entries)
-    wave.run(None)
-    assert len(wave.entries) > room
+    field = DijkstraField(derived.lattice(grid, Moves.EIGHT), goals, [])
+    room = len(field.entries)
+    field.run(None)
+    assert len(field.entries) > room
     np.testing.assert_allclose(distance_field(grid, goals), naive.field(grid, goals, Moves.EIGHT), rtol=1e-12)
 
 

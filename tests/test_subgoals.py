@@ -60,7 +60,7 @@ def test_hierarchies_keep_distances() -> None:
         local, heap, level = np.zeros((n, 2), np.int64), np.empty((len(edges), 2), np.int64), np.zeros(n, np.int32)
         while hierarchy.contract(first, edges, weight, state, local, heap, np.empty(n, np.int32), order, level, rank, 50) != 1:
             pass
-        begin, up, parts = hierarchy.ladder(first, edges, weight, rank)
+        begin, up, parts = hierarchy.upward_graph(first, edges, weight, rank)
         assert sorted(rank.tolist()) == list(range(n))
         graph = coo_array((cost.astype(float), (ends[:, 0], ends[:, 1])), shape=(n, n)).tocsr()
         expected = scipy_dijkstra(graph, directed=False)

@@ -23,7 +23,7 @@ from antway.kernels.colony.pheromone import persistence as rho
 from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import Clock, Plan, Problem, Status
 from antway.search.derived import Graph, graph, lattice
-from antway.search.distance_field import Wave, distance_field
+from antway.search.distance_field import DijkstraField, distance_field
 
 STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms
 PART = 1 << 15  # cells passed over between two looks at the clock, about 5 ms
@@ -77,9 +77,9 @@ class Graph:
     def known(self, clock: Clock) -> bool:
         """Compute `distance` unless the clock runs out before; tell whether it is known."""
         grid = self.problem.grid
-        wave = Wave(lattice(grid, self.problem.moves), [self.problem.goal], [])
-        if wave.run(clock):
-            field = wave.label.reshape(grid.shape) * (grid.resolution / STRAIGHT)
+        field = DijkstraField(lattice(grid, self.problem.moves), [self.problem.goal], [])
+        if field.run(clock):
+            field = field.label.reshape(grid.shape) * (grid.resolution / STRAIGHT)
             self.__dict__["distance"] = self.flat(field / grid.resolution)
         return "distance" in self.__dict__
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
-from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, build_strips, search, unwind
+from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, build_mesh, search, unwind
 from antway.kernels.search.theta import cells_along, theta
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept
@@ -71,10 +71,10 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
     return _polyanya(problem, clock) if method == "polyanya" else _theta(problem, clock, lazy=method == "lazy-theta")
 
 
-class Strips(NamedTuple):
+class Mesh(NamedTuple):
     """The free strips of a grid, see `kernels.anyangle`."""
 
-    strips: NDArray[np.int64]
+    mesh: NDArray[np.int64]
     part: NDArray[np.int64]
     ports: NDArray[np.int64]
     at: NDArray[np.int32]
@@ -98,13 +98,13 @@ class Room:
         self.nodes = tuple(_longer(array) for array in self.nodes)
 
 
-def _strips(grid: Grid) -> Strips:
-    strips, part, ports, at = build_strips(grid.blocked)
-    return Strips(strips, part, ports, at, int((strips[:, 3] - strips[:, 2] + strips[:, 5] - strips[:, 4]).max()), [])
+def _mesh(grid: Grid) -> Mesh:
+    mesh, part, ports, at = build_mesh(grid.blocked)
+    return Mesh(mesh, part, ports, at, int((mesh[:, 3] - mesh[:, 2] + mesh[:, 5] - mesh[:, 4]).max()), [])
 
 
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
-    net = kept(problem.grid, "strips", lambda: _strips(problem.grid))
+    net = kept(problem.grid, "strips", lambda: _mesh(problem.grid))
     (sr, sc), (gr, gc) = problem.start, problem.goal
     first, last = net.at[sr, sc], net.at[gr, gc]
     ends = np.array([2 * sc + 1, 2 * sr + 1, first, 2 * gc + 1, 2 * gr + 1, last])
@@ -118,7 +118,7 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
     try:
         while code == PAUSED and not clock.spent():
             memory: tuple[Any, ...] = (room.best, room.parent, *room.nodes, count, STEPS)
-            code, corner = search(net.strips, net.ports, ends, *memory)
+            code, corner = search(net.mesh, net.ports, ends, *memory)
             if code == PAUSED and count[0] + most > len(room.nodes[0]):
                 room.grow()
         way = unwind(net.ports, ends, room.parent, corner) if code == FOUND else None

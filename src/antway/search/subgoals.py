@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.grid import Grid, Moves
 from antway.kernels.search.ch_query import route, route_all
-from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, ladder
+from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, upward_graph
 from antway.kernels.search.subgoals import corners, link
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept, lattice, packed_lines
@@ -128,7 +128,7 @@ class Hierarchy:
         number[number >= 0] = rank
         cells = np.empty((n, 2), np.int32)
         cells[rank] = np.column_stack(np.divmod(nodes, net.width))
-        begin, up, parts = ladder(first, edges, weight, rank)
+        begin, up, parts = upward_graph(first, edges, weight, rank)
         self.arrays = (net.around, net.table, *place[1:], begin, up, parts, cells)
         self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
 

@@ -162,7 +162,7 @@ def route(
     around, table, stops, number, width
         The map: see `canonical` for the first two, `subgoals` for the others, with nodes numbered as in the hierarchy.
     begin, up, parts, cells
-        The hierarchy (see `hierarchy.ladder`), and the row and column of each node.
+        The hierarchy (see `hierarchy.upward_graph`), and the row and column of each node.
     label, came, heaps, seeds, stack, state
         The workspace: see `meet` and `unpack`; `state` int64[1] is the number of the last query.
     row, col, goal_row, goal_col

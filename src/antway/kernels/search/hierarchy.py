@@ -173,7 +173,7 @@ def contract(
 
 
 @kernel
-def ladder(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
+def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
     """Return the edges of the hierarchy, node by node in the order of `rank`, whose numbers they use.
 
     `begin` int64[N + 1]: the edges up from node x are begin[x] to begin[x + 1]; `up` int64[M, 2]: the node that an edge leads

@@ -28,11 +28,11 @@ Floats = NDArray[np.float64]
 FOUND, EMPTY, PAUSED = 1, 2, 3  # how a slice of the search ended
 START, HIDDEN = -1, -2  # in place of a corner
 X0, X1, NEAR = 0, 1, 2  # of a strip [6]: its ends; first and end of the portals of its top side, then of its bottom side
-Y, LEFT, RIGHT, STRIP = 0, 1, 2, 3  # of a portal [5]: where it lies; the strip above, the strip below
+Y, LEFT, RIGHT, POLYGON = 0, 1, 2, 3  # of a portal [5]: where it lies; the strip above, the strip below
 
 
 @kernel
-def build_strips(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np.int32]]:
+def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np.int32]]:
     """Return the strips [S, 6], the connected part of each [S], the portals [P, 5], and the strip of each cell or -1 [H, W]."""
     rows, cols = blocked.shape
     at = np.full((rows, cols), -1, np.int32)
@@ -40,7 +40,7 @@ def build_strips(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[
     for r in range(rows):
         for c in range(cols):
             runs += not blocked[r, c] and (c == 0 or blocked[r, c - 1])
-    strips, part, ports = np.zeros((runs, 6), np.int64), np.arange(runs), np.empty((2 * runs, 5), np.int64)
+    mesh, part, ports = np.zeros((runs, 6), np.int64), np.arange(runs), np.empty((2 * runs, 5), np.int64)
     s = k = 0
     for r in range(rows):
         right = -1
@@ -54,36 +54,36 @@ def build_strips(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[
             if left == cols:
                 break
             above = at[r - 1, left] if r > 0 else -1
-            if above >= 0 and strips[above, X0] == 2 * left and strips[above, X1] == 2 * right:
+            if above >= 0 and mesh[above, X0] == 2 * left and mesh[above, X1] == 2 * right:
                 at[r, left:right] = above
                 continue
             at[r, left:right] = s
-            strips[s, X0], strips[s, X1], strips[s, NEAR] = 2 * left, 2 * right, k
+            mesh[s, X0], mesh[s, X1], mesh[s, NEAR] = 2 * left, 2 * right, k
             c = left if r > 0 else right
             while c < right:
                 above = at[r - 1, c]
                 if above < 0:
                     c += 1
                     continue
-                end = min(strips[above, X1] // 2, right)
-                ports[k, Y], ports[k, LEFT], ports[k, RIGHT], ports[k, STRIP], ports[k, STRIP + 1] = (
+                end = min(mesh[above, X1] // 2, right)
+                ports[k, Y], ports[k, LEFT], ports[k, RIGHT], ports[k, POLYGON], ports[k, POLYGON + 1] = (
                     2 * r,
                     2 * c,
                     2 * end,
                     above,
                     s,
                 )
-                if strips[above, NEAR + 3] == 0:
-                    strips[above, NEAR + 2] = k
+                if mesh[above, NEAR + 3] == 0:
+                    mesh[above, NEAR + 2] = k
                 k += 1
-                strips[above, NEAR + 3] = k
+                mesh[above, NEAR + 3] = k
                 part[_part(part, above)] = _part(part, s)
                 c = end
-            strips[s, NEAR + 1] = k
+            mesh[s, NEAR + 1] = k
             s += 1
     for i in range(s):
         part[i] = _part(part, i)
-    return strips[:s].copy(), part[:s].copy(), ports[:k].copy(), at
+    return mesh[:s].copy(), part[:s].copy(), ports[:k].copy(), at
 
 
 @kernel
@@ -97,7 +97,7 @@ def _part(part: Ints, s: int) -> int:
 
 @bare_kernel
 def search(
-    strips: Ints,
+    mesh: Ints,
     ports: Ints,
     ends: Ints,
     best: Floats,
@@ -119,15 +119,15 @@ def search(
     new = 0
     if count[0] == 0:
         for side in range(2):
-            for k in range(strips[ends[2], NEAR + 2 * side], strips[ends[2], NEAR + 2 * side + 1]):
+            for k in range(mesh[ends[2], NEAR + 2 * side], mesh[ends[2], NEAR + 2 * side + 1]):
                 _add(node, cost, count, k, side, START, 0.0, ports[k, LEFT], ports[k, Y], ports[k, RIGHT], ports[k, Y])
     else:
         new = count[0]
     stop = count[2] + steps
     while True:
         for n in range(new, count[0]):
-            beyond = ports[node[n, 0], STRIP + node[n, 1]]
-            exits = strips[beyond, NEAR + 1] - strips[beyond, NEAR] + strips[beyond, NEAR + 3] - strips[beyond, NEAR + 2]
+            beyond = ports[node[n, 0], POLYGON + node[n, 1]]
+            exits = mesh[beyond, NEAR + 1] - mesh[beyond, NEAR] + mesh[beyond, NEAR + 3] - mesh[beyond, NEAR + 2]
             if exits > 1 or beyond == ends[5]:
                 count[1] = push(heap, count[1], cost[n] + _least(ports, ends, node, n), n)
         new = count[0]
@@ -141,27 +141,27 @@ def search(
         if root != START and cost[n] > best[root]:
             continue
         count[2] += 1
-        if ports[node[n, 0], STRIP + node[n, 1]] != ends[5]:
-            _expand(strips, ports, ends, best, parent, node, cost, count, n)
+        if ports[node[n, 0], POLYGON + node[n, 1]] != ends[5]:
+            _expand(mesh, ports, ends, best, parent, node, cost, count, n)
         else:
-            last = _before_goal(strips, ports, ends, best, parent, node, cost, n)
+            last = _before_goal(mesh, ports, ends, best, parent, node, cost, n)
             if last != HIDDEN:
                 return FOUND, last
 
 
 @bare_kernel
 def _expand(
-    strips: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, count: Ints, n: int
+    mesh: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, count: Ints, n: int
 ) -> None:
     """Add the successors of node `n`: what its root sees of the portals beyond, and what lies round the interval's ends."""
     k, down, root = node[n, 0], node[n, 1], node[n, 2]
-    y, strip, way = ports[k, Y], ports[k, STRIP + down], cost[n]
+    y, polygon, way = ports[k, Y], ports[k, POLYGON + down], cost[n]
     x0, y0 = _place(ports, ends, root)
-    first, end = strips[strip, NEAR + 2 * down], strips[strip, NEAR + 2 * down + 1]
+    first, end = mesh[polygon, NEAR + 2 * down], mesh[polygon, NEAR + 2 * down + 1]
     if y0 == y:  # the root is a corner of the strip itself: it sees all of it
         for j in range(first, end):
             _add(node, cost, count, j, down, root, way, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
-        _add_flat(strips, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, way)
+        _add_flat(mesh, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, way)
         return
     ax, ay, bx, by = node[n, 3], node[n, 4], node[n, 5], node[n, 6]
     left, left_rise, right, right_rise = ax - x0, abs(ay - y0), bx - x0, abs(by - y0)
@@ -176,7 +176,7 @@ def _expand(
     for side in range(2):
         x, corner, sign = ports[k, LEFT + side], 2 * k + side, 1 - 2 * side
         further = way + _length(x - x0, y - y0)
-        if not (_may_turn(strips, ports, node, n, side) and _improve(best, parent, corner, root, further)):
+        if not (_may_turn(mesh, ports, node, n, side) and _improve(best, parent, corner, root, further)):
             continue
         for j in range(first, end):
             y1, outer, inner = ports[j, Y], ports[j, LEFT + side], ports[j, RIGHT - side]
@@ -187,12 +187,12 @@ def _expand(
                     _add(node, cost, count, j, down, corner, further, outer, y1, px, py)
                 else:
                     _add(node, cost, count, j, down, corner, further, px, py, outer, y1)
-        _add_flat(strips, ports, best, parent, node, cost, count, k, down, side, corner, further)
+        _add_flat(mesh, ports, best, parent, node, cost, count, k, down, side, corner, further)
 
 
 @bare_kernel
 def _add_flat(
-    strips: Ints,
+    mesh: Ints,
     ports: Ints,
     best: Floats,
     parent: Ints,
@@ -206,8 +206,8 @@ def _add_flat(
     way: float,
 ) -> None:
     """Add the portals beside `k`, left (0) or right (1) of it, on the same side of the strip: reached along the wall."""
-    strip = ports[k, STRIP + down]
-    first, end = strips[strip, NEAR + 2 - 2 * down], strips[strip, NEAR + 3 - 2 * down]
+    polygon = ports[k, POLYGON + down]
+    first, end = mesh[polygon, NEAR + 2 - 2 * down], mesh[polygon, NEAR + 3 - 2 * down]
     if side == 0:
         end = k
     else:
@@ -220,7 +220,7 @@ def _add_flat(
 
 
 @bare_kernel
-def _before_goal(strips: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, n: int) -> int:
+def _before_goal(mesh: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, n: int) -> int:
     """Return the corner before the goal on the way through node `n` into the goal's strip; HIDDEN if that way is not taut."""
     k, root = node[n, 0], node[n, 2]
     x0, y0 = _place(ports, ends, root)
@@ -229,7 +229,7 @@ def _before_goal(strips: Ints, ports: Ints, ends: Ints, best: Floats, parent: In
     for side in range(2):
         x, rise = node[n, 3 + 2 * side] - x0, abs(node[n, 4 + 2 * side] - y0)
         if (1 - 2 * side) * ((ends[3] - x0) * rise - x * abs(ends[4] - y0)) < 0:
-            if not _may_turn(strips, ports, node, n, side):
+            if not _may_turn(mesh, ports, node, n, side):
                 return HIDDEN
             _improve(best, parent, 2 * k + side, root, cost[n] + _length(x, rise))
             return int(2 * k + side)
@@ -237,12 +237,12 @@ def _before_goal(strips: Ints, ports: Ints, ends: Ints, best: Floats, parent: In
 
 
 @bare_kernel
-def _may_turn(strips: Ints, ports: Ints, node: Ints, n: int, side: int) -> bool:
+def _may_turn(mesh: Ints, ports: Ints, node: Ints, n: int, side: int) -> bool:
     """Tell whether the left (0) or right (1) end of the interval of node `n` is that of its portal, and a corner."""
     k = node[n, 0]
     if node[n, 3 + 2 * side] != ports[k, LEFT + side] or node[n, 4 + 2 * side] != ports[k, Y]:
         return False
-    return bool(strips[ports[k, STRIP], X0 + side] != strips[ports[k, STRIP + 1], X0 + side])
+    return bool(mesh[ports[k, POLYGON], X0 + side] != mesh[ports[k, POLYGON + 1], X0 + side])
 
 
 @bare_kernel

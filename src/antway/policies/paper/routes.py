@@ -14,7 +14,7 @@ from antway.kernels.robot.dynamics import REST, drive
 from antway.kernels.search.distance_field import STRAIGHT, descend
 from antway.planning import TimedPath
 from antway.search.derived import lattice
-from antway.search.distance_field import Wave
+from antway.search.distance_field import DijkstraField
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))
@@ -26,21 +26,21 @@ class Ways:
 
     def __init__(self, room: Grid, cell: Cell, within: float = math.inf) -> None:
         self.room, self.net = room, lattice(room, Moves.EIGHT)
-        self.wave = Wave(self.net, [cell], [], within / room.resolution)
-        self.wave.run(None)
+        self.field = DijkstraField(self.net, [cell], [], within / room.resolution)
+        self.field.run(None)
 
     def distance(self) -> NDArray[np.float64]:
         """Return the way to each cell in m, float64[H, W]; infinite for those not reached."""
-        label = self.wave.label
-        known = np.where(label <= self.wave.known, label, np.inf) * (self.room.resolution / STRAIGHT)
+        label = self.field.label
+        known = np.where(label <= self.field.known, label, np.inf) * (self.room.resolution / STRAIGHT)
         return known.reshape(self.room.shape)
 
     def nodes(self, cell: Cell) -> Nodes:
         """Return the centres of the cells on the way from `cell` to the one cell; empty if there is none."""
         at, net = self.net.at(cell), self.net
-        if not (math.isfinite(self.wave.label[at]) and self.wave.label[at] <= self.wave.known):
+        if not (math.isfinite(self.field.label[at]) and self.field.label[at] <= self.field.known):
             return np.empty((0, 2))
-        flat = descend(net.around, net.table, net.offsets, self.wave.label, at)
+        flat = descend(net.around, net.table, net.offsets, self.field.label, at)
         return self.room.to_xy(np.column_stack(np.divmod(flat, net.width)))
 
 
