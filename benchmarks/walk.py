@@ -21,7 +21,7 @@ from numba import njit
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Budget, Grid, Moves, Problem
 from antway.ants.front import pareto
-from antway.ants.grid_walk import Ants, Graph, Trail
+from antway.ants.grid_walk import AntGraph, Ants, Trail
 from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
@@ -37,12 +37,12 @@ def shared(name: str, moves: Moves) -> Problem:
     return Problem(grid, (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1), moves)
 
 
-def scattered(size: int = 50, density: float = 0.25) -> Graph:
+def scattered(size: int = 50, density: float = 0.25) -> AntGraph:
     """A seeded random square with the ends in its corners."""
     for seed in range(100):
         blocked = np.random.default_rng(seed).random((size, size)) < density
         blocked[0, 0] = blocked[-1, -1] = False
-        graph = Graph(Problem(Grid(blocked), (0, 0), (size - 1, size - 1)))
+        graph = AntGraph(Problem(Grid(blocked), (0, 0), (size - 1, size - 1)))
         if np.isfinite(graph.bound):
             return graph
     raise AssertionError("no map")
@@ -96,7 +96,7 @@ def casual(blocked, goal, tau, distance, alpha, beta, ants, limit):  # type: ign
     return steps
 
 
-def routing(graph: Graph) -> Callable[[], int] | None:
+def routing(graph: AntGraph) -> Callable[[], int] | None:
     """A walk of ten ants of the package aco-routing on the same graph, None if it is not installed."""
     try:
         import networkx as nx
@@ -126,8 +126,8 @@ def speed(repeats: int) -> dict[str, float]:
 
     def walker(heuristic: str, rule: str) -> Callable[[], int]:
         trail = Trail(graph, make_rule(rule, beta=8.0 if heuristic == "field" else 7.0), 2000, heuristic)
-        ants, number = Ants(graph, 2000, 700), count(0, 2000)
-        return lambda: ants.walk(trail.weights(), 1, next(number), clock, greedy=trail.numbers.q0)
+        walkers, number = Ants(graph, 2000, 700), count(0, 2000)
+        return lambda: walkers.walk(trail.weights(), 1, next(number), clock, greedy=trail.numbers.q0)
 
     runs["walk, field"] = walker("field", "as")
     runs["walk, distance"] = walker("distance", "as")

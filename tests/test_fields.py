@@ -55,10 +55,10 @@ def test_lists_grow() -> None:
     """A field whose open cells outgrow their first room, from many goals at once, is exact."""
     grid = Grid(np.random.default_rng(10).random((200, 200)) < 0.3)
     goals = pick(np.random.default_rng(11), grid, 1000)
-    field = DijkstraField(derived.lattice(grid, Moves.EIGHT), goals, [])
-    room = len(field.entries)
-    field.run(None)
-    assert len(field.entries) > room
+    search = DijkstraField(derived.lattice(grid, Moves.EIGHT), goals, [])
+    room = len(search.entries)
+    search.run(None)
+    assert len(search.entries) > room
     np.testing.assert_allclose(distance_field(grid, goals), naive.field(grid, goals, Moves.EIGHT), rtol=1e-12)
 
 

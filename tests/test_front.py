@@ -37,15 +37,15 @@ def test_scores_are_those_of_each_path():
     rng = np.random.default_rng(2)
     for _ in range(cases(20, 300)):
         graph = random_ground(rng)
-        ants = Ants(graph, 6, 40)
-        ants.walk(random_weights(rng, graph), 1, 0, Budget().start())
+        walkers = Ants(graph, 6, 40)
+        walkers.walk(random_weights(rng, graph), 1, 0, Budget().start())
         clearance, danger = rng.random((2, graph.distance.size))
-        found = kernel.score(graph.offsets, graph.lengths, graph.start, ants.moves, ants.depth, clearance, danger)
+        found = kernel.score(graph.offsets, graph.lengths, graph.start, walkers.moves, walkers.depth, clearance, danger)
         for ant in range(6):
-            if ants.depth[ant] < 0:
+            if walkers.depth[ant] < 0:
                 assert np.isinf(found[ant]).all()
             else:
-                args = (graph.offsets, graph.lengths, graph.start, ants.path(ant).tolist(), clearance, danger)
+                args = (graph.offsets, graph.lengths, graph.start, walkers.path(ant).tolist(), clearance, danger)
                 np.testing.assert_allclose(found[ant], naive.score(*args), rtol=1e-12)
 
 
@@ -128,7 +128,7 @@ def test_alternatives_are_different_short_and_legal():
     assert rows[0] < 3 and 9 <= rows[1] < 12 and rows[2] >= 18  # above, between and below the blocks
     for way in ways:
         check_plan(problem, way)
-    assert len(alternatives(problem, 3, path_ratio=1.01)) == 1
+    assert len(alternatives(problem, 3, stretch=1.01)) == 1
     corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
     assert [way.length for way in alternatives(corridor, 4)] == [8.0]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chisquare
 
-from antway.ants.grid_walk import NO_TURN, Ants, Graph, Trail
+from antway.ants.grid_walk import NO_TURN, AntGraph, Ants, Trail
 from antway.ants.persistence import Adaptive, ByQuality, Constant, Decay, Printed
 from antway.ants.rules import RULES, make_rule
 from antway.grid import Grid, Moves
@@ -21,19 +21,19 @@ from naive import walk as naive
 ANT_MOVES = [Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT]
 
 
-def random_ground(rng: np.random.Generator, low: int = 3, high: int = 14) -> Graph:
+def random_ground(rng: np.random.Generator, low: int = 3, high: int = 14) -> AntGraph:
     """A random reachable problem under random moves."""
     while True:
         grid = random_grid(rng, low, high, (0.0, 0.45))
         cells = free_cells(grid)
         if len(cells) > 1:
             start, goal = (tuple(map(int, cell)) for cell in rng.choice(cells, 2, replace=False))
-            graph = Graph(Problem(grid, start, goal, ANT_MOVES[rng.integers(4)]))
+            graph = AntGraph(Problem(grid, start, goal, ANT_MOVES[rng.integers(4)]))
             if graph.bound < math.inf:
                 return graph
 
 
-def random_weights(rng: np.random.Generator, graph: Graph) -> np.ndarray:
+def random_weights(rng: np.random.Generator, graph: AntGraph) -> np.ndarray:
     legal = graph.visibility("field", 1.0) > 0
     return np.where(legal, rng.random(legal.shape) + 0.01, 0.0).astype(np.float32)
 
@@ -47,17 +47,17 @@ def test_every_step_is_that_of_the_naive_ant_with_the_same_random_numbers():
         weights, seed = random_weights(rng, graph), int(rng.integers(2**64, dtype=np.uint64))
         turn = NO_TURN if rng.random() < 0.5 else rng.random((9, 8)).astype(np.float32)
         greedy, retreat = float(rng.choice([0.0, 0.5])), bool(rng.integers(2))
-        ants = Ants(graph, 5, int(rng.integers(1, 60)), retreat=retreat)
-        steps = ants.walk(weights, seed, 7, Budget().start(), greedy=greedy, turn=turn)
+        walkers = Ants(graph, 5, int(rng.integers(1, 60)), retreat=retreat)
+        steps = walkers.walk(weights, seed, 7, Budget().start(), greedy=greedy, turn=turn)
         twins = [
-            naive.walk(weights, graph.offsets, graph.start, graph.goal, ants.limit, retreat, greedy, turn, seed, 7 + ant)
+            naive.walk(weights, graph.offsets, graph.start, graph.goal, walkers.limit, retreat, greedy, turn, seed, 7 + ant)
             for ant in range(5)
         ]
         assert steps == sum(made for _, made in twins)
         for ant, (path, _) in enumerate(twins):
-            assert ants.depth[ant] == (-1 if path is None else len(path))
-            assert path is None or ants.path(ant).tolist() == path
-            assert ants.length[ant] == pytest.approx(naive.length(path), abs=1e-12)
+            assert walkers.depth[ant] == (-1 if path is None else len(path))
+            assert path is None or walkers.path(ant).tolist() == path
+            assert walkers.length[ant] == pytest.approx(naive.length(path), abs=1e-12)
         died += sum(path is None for path, _ in twins)
         arrived += sum(path is not None for path, _ in twins)
     assert min(died, arrived) >= cases(50)
@@ -65,19 +65,19 @@ def test_every_step_is_that_of_the_naive_ant_with_the_same_random_numbers():
 
 def test_the_roulette_draws_each_move_as_often_as_its_weight_says():
     """Over a million draws the counts pass a chi-square test, whether all neighbours are open or some were visited."""
-    graph = Graph(Problem(Grid(np.zeros((5, 5), dtype=bool)), (2, 2), (0, 0)))
+    graph = AntGraph(Problem(Grid(np.zeros((5, 5), dtype=bool)), (2, 2), (0, 0)))
     weights = np.zeros((49, 8), np.float32)
-    share = np.array([0.3, 0.05, 0.1, 0.001, 0.2, 0.149, 0.15, 0.05])
-    weights[:] = share
-    ants = Ants(graph, 1_000_000, 1)
-    ants.walk(weights, 3, 0, Budget().start())
-    assert chisquare(np.bincount(ants.moves[:, 0], minlength=8), share * 1e6).pvalue > 1e-4
+    deposit_weight = np.array([0.3, 0.05, 0.1, 0.001, 0.2, 0.149, 0.15, 0.05])
+    weights[:] = deposit_weight
+    walkers = Ants(graph, 1_000_000, 1)
+    walkers.walk(weights, 3, 0, Budget().start())
+    assert chisquare(np.bincount(walkers.moves[:, 0], minlength=8), deposit_weight * 1e6).pvalue > 1e-4
     east = np.where(np.arange(8) == 0, np.float32(1), np.float32(0)) + np.zeros((49, 8), np.float32)
-    east[graph.start + 1] = share
-    ants = Ants(graph, 1_000_000, 2)
-    ants.walk(east, 3, 0, Budget().start())
-    rest = np.where(np.arange(8) == 2, 0.0, share)  # move 2 leads back to the start
-    counts = np.bincount(ants.moves[:, 1], minlength=8)
+    east[graph.start + 1] = deposit_weight
+    walkers = Ants(graph, 1_000_000, 2)
+    walkers.walk(east, 3, 0, Budget().start())
+    rest = np.where(np.arange(8) == 2, 0.0, deposit_weight)  # move 2 leads back to the start
+    counts = np.bincount(walkers.moves[:, 1], minlength=8)
     assert counts[2] == 0
     assert chisquare(np.delete(counts, 2), np.delete(rest / rest.sum(), 2) * 1e6).pvalue > 1e-4
 
@@ -87,11 +87,11 @@ def test_an_ant_retreats_from_a_dead_end_and_arrives_without_loops():
     rng = np.random.default_rng(2)
     for _ in range(cases(60, 2000)):
         graph = random_ground(rng, 5, 20)
-        ants = Ants(graph, 8, 2 * graph.distance.size)
-        ants.walk(random_weights(rng, graph), 5, 0, Budget().start())
+        walkers = Ants(graph, 8, 2 * graph.distance.size)
+        walkers.walk(random_weights(rng, graph), 5, 0, Budget().start())
         for ant in range(8):
-            cells = [cell for cell, _ in naive.edges(graph.offsets, graph.start, ants.path(ant).tolist())] + [graph.goal]
-            assert ants.depth[ant] >= 0 and len(set(cells)) == len(cells)
+            cells = [cell for cell, _ in naive.edges(graph.offsets, graph.start, walkers.path(ant).tolist())] + [graph.goal]
+            assert walkers.depth[ant] >= 0 and len(set(cells)) == len(cells)
 
 
 def test_weights_are_the_numerator_of_equation_1():
@@ -133,12 +133,12 @@ def test_a_cycle_ends_with_the_pheromone_of_equation_2(rule):
     for trial in range(cases(5, 100)):
         graph = random_ground(rng)
         trail = Trail(graph, rule, 6, "field")
-        ants = Ants(graph, 6, 40)
+        walkers = Ants(graph, 6, 40)
         for t in range(4):
             before = trail.tau.copy()
-            ants.walk(trail.weights(), trial, 6 * t, Budget().start())
-            trail.learn(ants, t)
-            paths = [ants.path(ant).tolist() if ants.depth[ant] >= 0 else None for ant in range(6)]
+            walkers.walk(trail.weights(), trial, 6 * t, Budget().start())
+            trail.learn(walkers, t)
+            paths = [walkers.path(ant).tolist() if walkers.depth[ant] >= 0 else None for ant in range(6)]
             best = trail.path.tolist() if trail.best < math.inf else None
             old = {(c, k): before[c, k] for c, k in np.argwhere(before > 0).tolist()}
             args = (old, trail.first, trail.low, trail.high, graph.offsets, graph.start, paths, best, t)
@@ -156,14 +156,14 @@ def test_pheromone_keeps_within_its_limits_for_10000_cycles(name):
     """Pheromone is finite, positive and within the limits after every cycle, whatever the persistence."""
     blocked = np.zeros((5, 6), dtype=bool)
     blocked[2, 1:5] = True
-    graph = Graph(Problem(Grid(blocked), (0, 0), (4, 5)))
+    graph = AntGraph(Problem(Grid(blocked), (0, 0), (4, 5)))
     for policy, cycles in POLICIES.items():
         trail = Trail(graph, make_rule(name, persistence=policy), 4, "distance")
-        ants = Ants(graph, 4, 12, retreat=False)
+        walkers = Ants(graph, 4, 12, retreat=False)
         legal = trail.tau > 0
         for t in range(cycles):
-            ants.walk(trail.weights(), 1, 4 * t, Budget().start())
-            trail.learn(ants, t)
+            walkers.walk(trail.weights(), 1, 4 * t, Budget().start())
+            trail.learn(walkers, t)
             values = trail.tau[legal]
             assert np.isfinite(values).all() and trail.low > 0
             assert trail.low <= values.min() and values.max() <= trail.high
@@ -184,12 +184,12 @@ def test_printed_persistence_leaves_every_limit():
             if not np.isfinite(tau).all():
                 break
     assert 600 < t < 800 and tau.max() == math.inf
-    graph = Graph(Problem(Grid(np.zeros((4, 4), dtype=bool)), (0, 0), (3, 3)))
+    graph = AntGraph(Problem(Grid(np.zeros((4, 4), dtype=bool)), (0, 0), (3, 3)))
     trail = Trail(graph, make_rule("as", persistence=Printed()), 4, "distance")
-    ants = Ants(graph, 4, 20)
+    walkers = Ants(graph, 4, 20)
     for t in range(800):  # the colony lives on, clipped and blind: all edges are alike
-        ants.walk(trail.weights(), 1, 4 * t, Budget().start())
-        trail.learn(ants, t)
+        walkers.walk(trail.weights(), 1, 4 * t, Budget().start())
+        trail.learn(walkers, t)
     values = trail.tau[trail.tau > 0]
     assert values.min() > 0.5 * values.max() and values.min() > 1e100
     assert kernel.entropy(trail.tau) > 0.99 * math.log(len(values))
@@ -197,13 +197,13 @@ def test_printed_persistence_leaves_every_limit():
 
 def test_a_colony_that_stands_still_starts_again_from_the_upper_limit():
     """After `restart` cycles without a better path all pheromone is at tau_max, and the best is kept."""
-    graph = Graph(Problem(Grid(np.zeros((4, 4), dtype=bool)), (0, 0), (3, 3)))
+    graph = AntGraph(Problem(Grid(np.zeros((4, 4), dtype=bool)), (0, 0), (3, 3)))
     trail = Trail(graph, make_rule("mmas", restart=5, beta=50.0, persistence=Constant(0.5)), 4, "field")
-    ants = Ants(graph, 4, 20)
+    walkers = Ants(graph, 4, 20)
     fresh = []
     for t in range(17):
-        ants.walk(trail.weights(), 1, 4 * t, Budget().start())
-        trail.learn(ants, t)
+        walkers.walk(trail.weights(), 1, 4 * t, Budget().start())
+        trail.learn(walkers, t)
         fresh.append(bool((trail.tau[trail.tau > 0] == trail.high).all()))
     assert trail.best == pytest.approx(graph.bound)  # found in cycle 0
     assert [t for t, new in enumerate(fresh) if new] == [5, 10, 15]

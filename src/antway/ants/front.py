@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter
 
 from antway import checks
-from antway.ants.grid_walk import NO_PATH, Ants, Graph, plan_of
+from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, plan_of
 from antway.errors import BadParameter
 from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
@@ -110,12 +110,12 @@ def pareto(
         clearance = graph.flat(grid.clearance() / grid.resolution)
         danger = graph.flat(risk)
         danger[~np.isfinite(danger)] = 0.0
-        with mixed.ants:
+        with mixed.walkers:
             aims = _weightings(mixed, archive, names, clearance, danger)
             for t in range(cycles):
                 for value, turn in aims:
                     if mixed.walk(value, turn, KEEN[t % len(KEEN)]):
-                        archive.take(mixed.score(clearance, danger), mixed.ants)
+                        archive.take(mixed.score(clearance, danger), mixed.walkers)
     spent = status is Status.FOUND and clock.spent()
     order = np.argsort(archive.scores[:, 0], kind="stable")
     values = archive.scores[order] * np.array(
@@ -195,16 +195,16 @@ def alternatives(
         found, longest = None, stretch * graph.bound * (1 + 1e-9)
         for beta in KEEN:
             mixed.walk(value, 0.0, beta)
-            for ant in np.argsort(mixed.ants.length, kind="stable"):
-                if mixed.ants.length[ant] > longest:
+            for ant in np.argsort(mixed.walkers.length, kind="stable"):
+                if mixed.walkers.length[ant] > longest:
                     break
-                path = mixed.ants.path(ant)
+                path = mixed.walkers.path(ant)
                 if all(zone[graph.cells(path)].mean() <= overlap for zone in near):
-                    found, longest = path, float(mixed.ants.length[ant]) * (1 - 1e-9)
+                    found, longest = path, float(mixed.walkers.length[ant]) * (1 - 1e-9)
                     break
         return found
 
-    with mixed.ants:
+    with mixed.walkers:
         for _ in range(k):
             tries = (new_way(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
             way = next((way for way in tries if way is not None), None)
@@ -224,7 +224,7 @@ class Mixed:
     """A squad on a problem's ground that walks by one weighting after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
-        self.graph, self.clock, self.seed = Graph(problem), clock, checks.seed(seed)
+        self.graph, self.clock, self.seed = AntGraph(problem), clock, checks.seed(seed)
         self._ants = checks.integer("ants", ants, low=1, high=10_000)
         self._threads = checks.integer("threads", threads, low=1, high=256)
         self._walked = 0
@@ -236,7 +236,7 @@ class Mixed:
         bound = self.graph.bound
         if bound == math.inf:
             return Status.NO_PATH
-        self.ants = Ants(self.graph, self._ants, int(8 * bound) + 64, threads=self._threads)
+        self.walkers = Ants(self.graph, self._ants, int(8 * bound) + 64, threads=self._threads)
         return Status.FOUND
 
     def guide(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
@@ -248,14 +248,14 @@ class Mixed:
         """Let the squad walk by the costs of `guide`; tell whether any ant arrived."""
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
-        self.ants.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
+        self.walkers.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
         self._walked += self._ants
-        return bool((self.ants.depth >= 0).any())
+        return bool((self.walkers.depth >= 0).any())
 
     def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what `kernels.walk.score` does for the ants that walked last."""
-        graph, ants = self.graph, self.ants
-        return kernel.score(graph.offsets, graph.lengths, graph.start, ants.moves, ants.depth, clearance, danger)
+        graph, walkers = self.graph, self.walkers
+        return kernel.score(graph.offsets, graph.lengths, graph.start, walkers.moves, walkers.depth, clearance, danger)
 
 
 class _Archive:
@@ -266,14 +266,14 @@ class _Archive:
         self.scores = np.empty((0, len(columns)))
         self.paths: list[NDArray[np.uint8]] = []
 
-    def take(self, scores: NDArray[np.float64], ants: Ants) -> None:
+    def take(self, scores: NDArray[np.float64], walkers: Ants) -> None:
         """Take in the paths that no other beats; of equal ones the first."""
         for ant, own in enumerate(scores[:, self.columns]):
             if math.isinf(own[0]) or (self.scores <= own + _SAME).all(axis=1).any():
                 continue
             keep = ~(self.scores >= own - _SAME).all(axis=1)
             self.scores = np.vstack((self.scores[keep], own))
-            self.paths = [path for path, kept in zip(self.paths, keep) if kept] + [ants.path(ant)]
+            self.paths = [path for path, kept in zip(self.paths, keep) if kept] + [walkers.path(ant)]
 
 
 def _weightings(
@@ -297,7 +297,7 @@ def _weightings(
         value, turn = aim(*(most[name] * (1.0 if name == end else 1e-5) for name in most))  # the others break ties
         if mixed.walk(value, turn, KEEN[-1]):
             scores = mixed.score(clearance, danger)
-            archive.take(scores, mixed.ants)
+            archive.take(scores, mixed.walkers)
             column = OBJECTIVES.index(end or "length")
             ends.append(scores[np.lexsort((scores[:, 0], scores[:, column]))[0]])
     span = np.ptp(np.array(ends), axis=0) if ends else np.zeros(len(OBJECTIVES))

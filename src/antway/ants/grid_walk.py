@@ -42,7 +42,7 @@ def parts(cells: int, clock: Clock) -> Iterator[slice]:
 
 
 @dataclass(frozen=True)
-class Graph:
+class AntGraph:
     """A problem as the kernels take it: flat with a margin of one cell (`search.derived.Graph`), lengths in cells."""
 
     problem: Problem
@@ -77,9 +77,9 @@ class Graph:
     def known(self, clock: Clock) -> bool:
         """Compute `distance` unless the clock runs out before; tell whether it is known."""
         grid = self.problem.grid
-        field = DijkstraField(lattice(grid, self.problem.moves), [self.problem.goal], [])
-        if field.run(clock):
-            field = field.label.reshape(grid.shape) * (grid.resolution / STRAIGHT)
+        search = DijkstraField(lattice(grid, self.problem.moves), [self.problem.goal], [])
+        if search.run(clock):
+            field = search.label.reshape(grid.shape) * (grid.resolution / STRAIGHT)
             self.__dict__["distance"] = self.flat(field / grid.resolution)
         return "distance" in self.__dict__
 
@@ -136,7 +136,7 @@ class Graph:
 class Ants:
     """Ants that walk at once, each row its own; threads share them out and change nothing but the time it takes."""
 
-    def __init__(self, graph: Graph, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
+    def __init__(self, graph: AntGraph, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
         self.graph, self.limit, self.retreat, self.threads = graph, limit, retreat, threads
         self.moves = np.empty((ants, limit), dtype=np.uint8)
         self.depth = np.full(ants, -1, dtype=np.int32)
@@ -168,7 +168,7 @@ class Ants:
         ants, graph = self.depth.size, self.graph
         block = max(1, min(STEPS // max(self.limit, 1), -(-ants // self.threads)))
 
-        def share(worker: int) -> int:
+        def deposit_weight(worker: int) -> int:
             steps = 0
             for begin in range(worker * block, ants, self.threads * block):
                 part = slice(begin, begin + block)
@@ -180,7 +180,7 @@ class Ants:
                     )  # fmt: skip
             return steps
 
-        steps = sum((self._pool.map if self._pool else map)(share, range(self.threads)))
+        steps = sum((self._pool.map if self._pool else map)(deposit_weight, range(self.threads)))
         kernel.measure(self.moves, self.depth, self.length)
         return steps
 
@@ -202,7 +202,7 @@ class Trail:
         Length of `path` in cells; infinite while there is none.
     """
 
-    def __init__(self, graph: Graph, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
+    def __init__(self, graph: AntGraph, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
         self.graph, self.numbers, self.clock = graph, rule.numbers(ants), clock
         self.visibility = visibility = graph.visibility(heuristic, self.numbers.beta, clock)
         self.best, self.path = math.inf, NO_PATH
@@ -226,48 +226,50 @@ class Trail:
             kernel.weigh(self.tau[part], self.visibility[part], self.numbers.alpha, self._weights[part])
         return self._weights
 
-    def learn(self, ants: Ants, t: int, immunity: Immunity | None = None) -> None:
+    def learn(self, walkers: Ants, t: int, immunity: Immunity | None = None) -> None:
         """Take the paths of cycle `t` (0, 1, ...) in: the best so far and, Eq. (2), the pheromone."""
-        numbers = self.numbers if immunity is None else self._immunise(ants, t, immunity)
-        order = np.argsort(ants.length, kind="stable")
-        if ants.length[order[0]] < self.best:
-            self.best, self.path, self._improved = float(ants.length[order[0]]), ants.path(int(order[0])), t
+        numbers = self.numbers if immunity is None else self._immunise(walkers, t, immunity)
+        order = np.argsort(walkers.length, kind="stable")
+        if walkers.length[order[0]] < self.best:
+            self.best, self.path, self._improved = float(walkers.length[order[0]]), walkers.path(int(order[0])), t
             self.low, self.high = self._limits()
         if self.clock.spent():
             return
         kernel.update(
             numbers, self.tau, self.visibility, self.first, self.low, self.high, self.graph.offsets, self.graph.start,
-            ants.moves, ants.depth, ants.length, order, self.path, self.best, t, t - self._restarted - 1,
+            walkers.moves, walkers.depth, walkers.length, order, self.path, self.best, t, t - self._restarted - 1,
         )  # fmt: skip
         if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
             self._restarted = t
             self.tau[self.visibility > 0] = self.high
 
-    def _immunise(self, ants: Ants, t: int, immunity: Immunity) -> Numbers:
+    def _immunise(self, walkers: Ants, t: int, immunity: Immunity) -> Numbers:
         """Let the paths pass the immune operator; return the rule, its deposits shifted by concentration."""
         graph, policy = self.graph, immunity.policy
-        arrived = np.flatnonzero(ants.depth >= 0)
+        arrived = np.flatnonzero(walkers.depth >= 0)
         if len(arrived) == 0:
             return self.numbers
         paths, costs, scale = immunity.respond(
             t,
-            [graph.cells(ants.path(int(ant))) for ant in arrived],
-            ants.length[arrived],
-            lambda cells: length_of(graph.moves(cells)) if len(cells) <= ants.limit else math.inf,
+            [graph.cells(walkers.path(int(ant))) for ant in arrived],
+            walkers.length[arrived],
+            lambda cells: length_of(graph.moves(cells)) if len(cells) <= walkers.limit else math.inf,
             vaccinate_path,
         )
         for ant, cells in zip(arrived, paths):
-            ants.depth[ant] = len(cells) - 1
-            ants.moves[ant, : len(cells) - 1] = graph.moves(cells)
-        ants.length[arrived] = costs
+            walkers.depth[ant] = len(cells) - 1
+            walkers.moves[ant, : len(cells) - 1] = graph.moves(cells)
+        walkers.length[arrived] = costs
         unchanged = t - self._improved
         if self.best < math.inf and policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
             self.tau[graph.cells(self.path)[:-1], self.path] *= policy.suppression
-        factor = np.zeros(ants.depth.size)
+        factor = np.zeros(walkers.depth.size)
         factor[arrived] = scale
-        share = self.numbers.share * factor[np.argsort(ants.length, kind="stable")]
-        whole = float(self.numbers.share[: len(arrived)].sum())
-        return self.numbers._replace(share=share * (whole / share.sum() if share.any() else 1.0))
+        deposit_weight = self.numbers.deposit_weight * factor[np.argsort(walkers.length, kind="stable")]
+        whole = float(self.numbers.deposit_weight[: len(arrived)].sum())
+        return self.numbers._replace(
+            deposit_weight=deposit_weight * (whole / deposit_weight.sum() if deposit_weight.any() else 1.0)
+        )
 
     def _limits(self) -> tuple[float, float]:
         """Return the least and the most pheromone a move may have."""

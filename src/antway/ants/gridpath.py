@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
-from antway.ants.grid_walk import NO_PATH, Ants, Graph, Trail, crop, plan_of
+from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, Trail, crop, plan_of
 from antway.ants.immune import Immune, Immunity
 from antway.ants.persistence import Persistence
 from antway.ants.rules import Rule, make_rule
@@ -211,7 +211,7 @@ def explore(
     history: list[tuple[float, float, float, float]] = []
     if local is None:
         return result(Status.NO_PATH)
-    graph = Graph(local)
+    graph = AntGraph(local)
     if clock.spent() or not graph.known(clock):
         return result(Status.BUDGET)
     if graph.bound == math.inf:
@@ -223,15 +223,15 @@ def explore(
     trail = Trail(graph, colony, number, heuristic, clock)
     _lay_first(trail, pheromone)
     steps, proved, spent = 0, False, False
-    with Ants(graph, number, _limit(step_limit, graph), retreat=retreat, threads=threads) as ants:
+    with Ants(graph, number, _limit(step_limit, graph), retreat=retreat, threads=threads) as walkers:
         for t in range(cycles):
             weights, spent = trail.weights(), clock.spent()
             if spent:
                 break
-            steps += ants.walk(weights, seed, t * number, clock, greedy=trail.numbers.q0)
-            trail.learn(ants, t, immunity)
+            steps += walkers.walk(weights, seed, t * number, clock, greedy=trail.numbers.q0)
+            trail.learn(walkers, t, immunity)
             if record:
-                history.append(_row(ants, trail, local.grid.resolution))
+                history.append(_row(walkers, trail, local.grid.resolution))
             proved, spent = trail.best <= graph.bound * (1 + 1e-9), clock.spent()
             if spent or (proved and stop_at_bound):
                 break
@@ -264,7 +264,7 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
     return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
 
 
-def _limit(step_limit: int | None, graph: Graph) -> int:
+def _limit(step_limit: int | None, graph: AntGraph) -> int:
     """Return the step limit."""
     return int(8 * graph.bound) + 64 if step_limit is None else step_limit
 
@@ -288,8 +288,8 @@ def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
     trail.tau[legal] = trail.tau[legal].clip(trail.low, trail.high)
 
 
-def _row(ants: Ants, trail: Trail, resolution: float) -> tuple[float, float, float, float]:
+def _row(walkers: Ants, trail: Trail, resolution: float) -> tuple[float, float, float, float]:
     """Return a row of the history."""
-    arrived = ants.length[ants.depth >= 0]
+    arrived = walkers.length[walkers.depth >= 0]
     mean = float(arrived.mean()) * resolution if arrived.size else math.nan
-    return trail.best * resolution, mean, arrived.size / ants.length.size, entropy(trail.tau)
+    return trail.best * resolution, mean, arrived.size / walkers.length.size, entropy(trail.tau)

@@ -94,8 +94,8 @@ class Immunity:
                 if cost < values[ant]:
                     population[ant], values[ant] = child, cost
         if policy.temperature > 0.0:
-            temperature = policy.temperature * max(policy.cooling**cycle, 0.01)
-            chosen = select(values, temperature, draw)
+            temperature_now = policy.temperature * max(policy.cooling**cycle, 0.01)
+            chosen = select(values, temperature_now, draw)
             population, values = [population[ant] for ant in chosen], values[chosen]
         self._remember(population, values)
         alike = concentration(population, policy.overlap, self.closed)

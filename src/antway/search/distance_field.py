@@ -68,9 +68,9 @@ def distance_field(
     targets = [] if until is None else free_cells("until", until, grid)
     cells = within / grid.resolution * (1 + 1e-12)  # a cell at just that distance counts, whatever the division made of it
     if costs is None and moves in NEIGHBOURS:
-        field = DijkstraField(lattice(grid, moves), goals, targets, cells)
-        field.run(None)
-        field, unit, known = field.label.reshape(grid.shape), grid.resolution / STRAIGHT, field.known
+        search = DijkstraField(lattice(grid, moves), goals, targets, cells)
+        search.run(None)
+        field, unit, known = search.label.reshape(grid.shape), grid.resolution / STRAIGHT, search.known
     else:
         field, known = heap.field(grid, moves, goals, targets, cells, None if costs is None else checked_costs(costs, grid))
         unit = grid.resolution
@@ -163,10 +163,10 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
 def spread_plan(problem: Problem, clock: Clock) -> Plan:
     """Solve a problem with 4 or 8 moves by a wave from the start that stops at the goal."""
     net = lattice(problem.grid, problem.moves)
-    field = DijkstraField(net, [problem.start], [problem.goal])
-    done = field.run(clock)
-    expanded = int(field.state[EXPANDED])
-    if not done or field.label[net.at(problem.goal)] == math.inf:
+    search = DijkstraField(net, [problem.start], [problem.goal])
+    done = search.run(clock)
+    expanded = int(search.state[EXPANDED])
+    if not done or search.label[net.at(problem.goal)] == math.inf:
         return not_found(done, expanded, clock)
-    path = descend(net.around, net.table, net.offsets, field.label, net.at(problem.goal))[::-1]
+    path = descend(net.around, net.table, net.offsets, search.label, net.at(problem.goal))[::-1]
     return found(problem, np.column_stack(np.divmod(path, net.width)).astype(np.int32), expanded, clock)
