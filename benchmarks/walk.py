@@ -104,12 +104,12 @@ def routing(graph: AntGraph) -> Callable[[], int] | None:
         from aco_routing.ant import Ant
     except ImportError:
         return None
-    graph = nx.DiGraph()
+    network = nx.DiGraph()
     for cell, bits in enumerate(graph.net.legal.tolist()):
         for k in range(8):
             if bits >> k & 1:
-                graph.add_edge(str(cell), str(cell + int(graph.offsets[k])), cost=float(graph.lengths[k]))
-    colony = ACO(graph, ant_max_steps=100, num_iterations=1, ant_random_spawn=False)
+                network.add_edge(str(cell), str(cell + int(graph.offsets[k])), cost=float(graph.lengths[k]))
+    colony = ACO(network, ant_max_steps=100, num_iterations=1, ant_random_spawn=False)
 
     def run() -> int:
         colony.search_ants = [Ant(colony.graph_api, str(graph.start), str(graph.goal)) for _ in range(10)]

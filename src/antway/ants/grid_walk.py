@@ -168,7 +168,7 @@ class Ants:
         ants, graph = self.depth.size, self.graph
         block = max(1, min(STEPS // max(self.limit, 1), -(-ants // self.threads)))
 
-        def deposit_weight(worker: int) -> int:
+        def walk_rows(worker: int) -> int:
             steps = 0
             for begin in range(worker * block, ants, self.threads * block):
                 part = slice(begin, begin + block)
@@ -180,7 +180,7 @@ class Ants:
                     )  # fmt: skip
             return steps
 
-        steps = sum((self._pool.map if self._pool else map)(deposit_weight, range(self.threads)))
+        steps = sum((self._pool.map if self._pool else map)(walk_rows, range(self.threads)))
         kernel.measure(self.moves, self.depth, self.length)
         return steps
 
