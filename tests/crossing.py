@@ -37,13 +37,24 @@ def local_problem(rng: np.random.Generator):
 
 
 def colony(
-    context, segments, x, y, *, reach=0, gain=0.001, tests=10**6, horizon=20.0, stopping_time=0.0, seed=1, states=1 << 16
+    context,
+    segments,
+    x,
+    y,
+    *,
+    reach=0,
+    minimum_improvement=0.001,
+    expansions=10**6,
+    horizon=20.0,
+    stopping_time=0.0,
+    seed=1,
+    states=1 << 16,
 ):
     """Search a local problem; returns memory, end state, arrival, bound."""
     cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
     end, arrival, bound = spacetime.search(
-        memory, make_trails(cells), context, segments, stopping_time, x, y, 0.0, horizon, reach, BETAS, SLACK, gain, math.inf, tests, 1.0,
+        memory, make_trails(cells), context, segments, stopping_time, x, y, 0.0, horizon, reach, BETAS, SLACK, minimum_improvement, math.inf, expansions, 1.0,
         np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound

@@ -136,7 +136,7 @@ def test_motions_keep_clear_of_everything() -> None:
     for _ in range(cases(60, 2000)):
         grid, robot, start, goal, context, segments = local_problem(rng)
         x, y = grid.centre(start)
-        memory, end, arrival, _ = colony(context, segments, x, y, tests=2000, gain=0.02)
+        memory, end, arrival, _ = colony(context, segments, x, y, expansions=2000, minimum_improvement=0.02)
         if end < 0:
             continue
         raw, short = np.empty((600, 3)), np.empty((600, 3))
@@ -162,7 +162,7 @@ def test_motions_keep_clear_of_everything() -> None:
 def test_same_seed_same_search() -> None:
     """The colony's result, budget spent or not, depends on nothing but its input and seed."""
     grid, _, start, _, context, segments = local_problem(np.random.default_rng(7))
-    results = [colony(context, segments, *grid.centre(start), tests=300, seed=9) for _ in range(2)]
+    results = [colony(context, segments, *grid.centre(start), expansions=300, seed=9) for _ in range(2)]
     assert results[0][1:] == results[1][1:]
     for a, b in zip(results[0][0], results[1][0]):
         assert a.tobytes() == b.tobytes()

@@ -133,14 +133,14 @@ def _scenario() -> Scenario:
 def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
     """Show a fresh policy what sensors deliver on bad days."""
     tracks = Tracks(np.array([3, 9]), np.array([[3.0, 4.0], [5.0, 1.0]]), np.zeros((2, 2)), np.array([0.3, 0.4]))
-    usual = Observation(0.0, task.start, (0.0, 0.0), 0.0, tracks)
+    typical = Observation(0.0, task.start, (0.0, 0.0), 0.0, tracks)
     unknown = replace(tracks, velocity=np.full((2, 2), math.nan))
     days = {
-        "no tracks": replace(usual, tracks=Tracks.none()),
-        "NaN: unknown velocities": replace(usual, tracks=unknown),
-        "an old scan": replace(usual, t=2.0, stamp=1.0),
-        "no scan yet": replace(usual, tracks=Tracks.none(), stamp=-math.inf),
-        "an obstacle in contact": replace(usual, tracks=replace(tracks, xy=np.array([task.start, (5.0, 1.0)]))),
+        "no tracks": replace(typical, tracks=Tracks.none()),
+        "NaN: unknown velocities": replace(typical, tracks=unknown),
+        "an old scan": replace(typical, t=2.0, stamp=1.0),
+        "no scan yet": replace(typical, tracks=Tracks.none(), stamp=-math.inf),
+        "an obstacle in contact": replace(typical, tracks=replace(tracks, xy=np.array([task.start, (5.0, 1.0)]))),
     }
     faults = []
     for name, observation in days.items():

@@ -34,16 +34,16 @@ class Settings(NamedTuple):
     robot_radius: float  # m
     horizon: float  # s
     margin: float  # m
-    bound: float  # m/s
-    usual: float  # m/s
-    surge: float  # m/s^2
+    speed_bound: float  # m/s
+    preferred_speed: float  # m/s
+    surge_bound: float  # m/s^2
     stopping_time: float  # s
     quantile: float  # 1
-    gain: float  # s
-    commitment: float  # s
-    stray: float  # m
-    tests: int  # moves tested where there is no plan
-    second_looks: int  # and where there is one
+    minimum_improvement: float  # s
+    hysteresis: float  # s
+    tracking_tolerance: float  # m
+    expansions: int  # moves tested where there is no plan
+    improvement_expansions: int  # and where there is one
     amount: float  # Q of the deposit Q / L, s
     reach: int  # cells
     low: float  # persistence
@@ -130,7 +130,7 @@ def cycle(
     Arrivals are absolute, s; `estimates` are as kernels/tracking/kalman.py leaves them, `age` s old; `segments` is room for the prediction.
     """
     s = settings
-    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.usual, crowd.prediction)
+    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.preferred_speed, crowd.prediction)
     foreseen = _as_foreseen(estimates, now, age, segments[: int(plan.state[FORESEEN])])
     count = predict(
         estimates,
@@ -141,8 +141,8 @@ def cycle(
         y,
         s.robot_radius,
         s.margin,
-        s.bound,
-        s.surge,
+        s.speed_bound,
+        s.surge_bound,
         s.stopping_time,
         s.quantile,
         context.blocked,
@@ -158,10 +158,10 @@ def cycle(
     far = plan.knots[n - 1, 0] if n > 0 else now
     if far > now + s.dt and (far > now + s.horizon - 1e-6 or far > plan.state[ARRIVAL] - 1e-6):  # it sees as far as it can
         px, py, _ = place_at(plan.knots, n, now)
-        on_course = math.hypot(px - x, py - y) <= s.stray
+        on_course = math.hypot(px - x, py - y) <= s.tracking_tolerance
         valid = on_course and first_conflict(plan.knots[:n], now, ahead, s.stopping_time, work) == math.inf
         grazes = on_course and not valid and _grazes(plan.knots[:n], now, ahead, s.stopping_time, work)
-    limit = plan.state[ARRIVAL] - s.commitment if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
+    limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
     horizon = now + s.horizon
     end = -1
     memory.counter[2] = 0
@@ -179,9 +179,9 @@ def cycle(
             s.reach,
             s.betas,
             s.slack,
-            s.gain,
+            s.minimum_improvement,
             limit,
-            s.second_looks if valid else s.tests,
+            s.improvement_expansions if valid else s.expansions,
             s.amount,
             state,
         )

@@ -16,7 +16,7 @@ from antway.policies.paper.policy import PaperPolicy
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Policy
 
-TESTS = 5  # moves that the ants of policy antway test in what is shown as one cycle of theirs
+EXPANSIONS = 5  # moves that the ants of policy antway test in what is shown as one cycle of theirs
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +54,9 @@ def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
         done = cycles >= most or (ants.found is not None and len(ants.found.history) < cycles)
     else:
         assert isinstance(ants, AntwayPolicy)
-        tests, second = ants.settings.tests, ants.settings.second_looks
-        budget = TESTS * cycles
-        ants.settings = ants.settings._replace(tests=min(tests, budget), second_looks=min(second, budget))
+        expansions, second = ants.settings.expansions, ants.settings.improvement_expansions
+        budget = EXPANSIONS * cycles
+        ants.settings = ants.settings._replace(expansions=min(expansions, budget), improvement_expansions=min(second, budget))
         due = ants.plan.state[LOOK]
         trial.step()
         tested = int(ants.memory.counter[2])
@@ -64,7 +64,7 @@ def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
             if ants.plan.state[LOOK] == due:
                 return f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
             return "No ants in this control cycle: no other plan can be better."
-        done = tested < budget or budget >= tests
+        done = tested < budget or budget >= expansions
     decision = ants.explain()
     if isinstance(ants, PaperPolicy) and ants.found is not None:  # whether or not its way was taken
         found, room = ants.found, ants.routes.room

@@ -56,7 +56,7 @@ def within_reach(
     radius: NDArray[np.float64],
     spread: NDArray[np.float64],
     fastest: float,
-    surge: float,
+    surge_bound: float,
     stopping: float,
     out: NDArray[np.float64],
 ) -> tuple[int, int]:
@@ -72,7 +72,7 @@ def within_reach(
         The scan; an unknown velocity is NaN.
     spread : float64[K]
         How far off the places may be, m.
-    fastest, surge, stopping : float
+    fastest, surge_bound, stopping : float
         Bounds on an obstacle's speed (m/s) and its growth (m/s^2); time the robot needs to stand (s).
 
     Returns
@@ -100,7 +100,7 @@ def within_reach(
             continue
         table[kept] = table[i]
         out[n] = table[i, 2:]
-        out[n, 5] = min(fastest, table[i, 7] + surge * (age + stopping))
+        out[n, 5] = min(fastest, table[i, 7] + surge_bound * (age + stopping))
         out[n, 4] += out[n, 5] * age
         kept, n = kept + 1, n + 1
     return kept, n
@@ -164,8 +164,8 @@ def brakes_free(
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
-            reach, bound = radius + tracks[k, 4] + tracks[k, 5] * t, tracks[k, 5]
-            if gap_to_reach(x - tracks[k, 0], y - tracks[k, 1], ux * speed, uy * speed, reach, bound, dt) < -TOUCH:
+            reach, speed_bound = radius + tracks[k, 4] + tracks[k, 5] * t, tracks[k, 5]
+            if gap_to_reach(x - tracks[k, 0], y - tracks[k, 1], ux * speed, uy * speed, reach, speed_bound, dt) < -TOUCH:
                 return False
         x += ux * speed * dt
         y += uy * speed * dt

@@ -161,9 +161,9 @@ def search(
     reach: int,
     betas: NDArray[np.float64],
     slack: NDArray[np.float64],
-    gain: float,
+    minimum_improvement: float,
     limit: float,
-    max_tests: int,
+    max_expansions: int,
     amount: float,
     state: NDArray[np.uint64],
 ) -> tuple[int, float, float]:
@@ -179,11 +179,11 @@ def search(
         How many cells around (x, y) the first move may end.
     betas, slack : float64[B]
         Of ants 0, 1, ... in turn: greed in 1/s, and how much an ant lets the cost of its way grow before it gives up, s.
-    gain : float
+    minimum_improvement : float
         s; a way counts as better only by more than this.
     limit : float
         Arrival that has to be bettered (that of the plan in use), s; infinite for none.
-    max_tests : int
+    max_expansions : int
         Moves tested in all.
     amount : float
         Q of the deposit Q / L on a way that is better than all before, L its duration in s; 0 for no pheromone.
@@ -202,7 +202,7 @@ def search(
     here = math.inf  # static bound at the start
     for k in range(legs):
         here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])
-    if here == math.inf or t0 + here >= limit - gain:
+    if here == math.inf or t0 + here >= limit - minimum_improvement:
         return -1, limit, t0 + here
     for p in range(len(segments)):
         note_box(memory, segments, p)
@@ -218,22 +218,22 @@ def search(
     best, best_cost, bound = -1, limit, t0 + here
     one = np.uint64(1)
     ant = 0
-    while memory.counter[2] < max_tests and memory.counter[1] < len(memory.cell) - 64:
+    while memory.counter[2] < max_expansions and memory.counter[1] < len(memory.cell) - 64:
         while memory.counter[4] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
             pop(memory)  # stale
         bound = memory.heap_key[0] if memory.counter[4] > 0 else math.inf
-        if bound >= best_cost - gain:
+        if bound >= best_cost - minimum_improvement:
             break
         s = memory.heap_state[0]
         pop(memory)
         beta = betas[ant % len(betas)]
         most = bound + slack[ant % len(slack)]
         ant += 1
-        while memory.counter[2] < max_tests:
+        while memory.counter[2] < max_expansions:
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until obstacles are forgotten can go on along the field then.
             done = now if cell == context.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
-            if cell >= 0 and done + context.field[cell] < best_cost - gain:
+            if cell >= 0 and done + context.field[cell] < best_cost - minimum_improvement:
                 best, best_cost = s, done + context.field[cell]
                 deposit(memory, trails, context, s, amount / (best_cost - t0))
             if cell == context.goal or now >= horizon:
@@ -252,7 +252,7 @@ def search(
                     now,
                     now + here,
                     beta,
-                    best_cost - gain,
+                    best_cost - minimum_improvement,
                     False,
                     move,
                     cost,
@@ -270,7 +270,7 @@ def search(
                     now,
                     now + context.field[cell],
                     beta,
-                    best_cost - gain,
+                    best_cost - minimum_improvement,
                     trails.mark[cell],
                     move,
                     cost,
@@ -302,4 +302,4 @@ def search(
             if then < 0 or memory.key[then] > most:
                 break
             s = then
-    return best, best_cost, max(min(bound, best_cost - gain), t0 + here)  # what would gain less was passed over
+    return best, best_cost, max(min(bound, best_cost - minimum_improvement), t0 + here)  # what would gain less was passed over

@@ -70,7 +70,7 @@ def _turn(angle: float) -> float:
 
 
 @bare_kernel
-def _learn(row: NDArray[np.float64], vx: float, vy: float, usual: float, lines: NDArray[np.float64], n: int) -> None:
+def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: float, lines: NDArray[np.float64], n: int) -> None:
     """Learn of the goal of one who stood at `row` under lines[:n] and took the velocity (vx, vy)."""
     speed, own, on, low, high = math.hypot(vx, vy), math.atan2(vy, vx), 0, 0.0, 0.0
     for i in range(n):
@@ -80,15 +80,15 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, usual: float, lines: 
         if off > -_ON:
             nx, ny = lines[i, 3], -lines[i, 2]
             along = vx * nx + vy * ny
-            root = along * along - speed * speed + usual * usual
+            root = along * along - speed * speed + preferred_speed * preferred_speed
             more = max(math.sqrt(root) - along, 0.0) if root > 0.0 else 0.0
             turn = _turn(math.atan2(vy + more * ny, vx + more * nx) - own)
             low, high = (min(low, turn), max(high, turn)) if on else (turn, turn)
             on += 1
-    if on and speed > usual - 0.001:  # as fast as can be: the wish may be anything between
+    if on and speed > preferred_speed - 0.001:  # as fast as can be: the wish may be anything between
         low, high = min(low, 0.0), max(high, 0.0)
     information, gx, gy = row[_A11] + row[_A22], row[_GX], row[_GY]
-    if not on and speed < usual - 0.01:  # free, and slow: arriving
+    if not on and speed < preferred_speed - 0.01:  # free, and slow: arriving
         row[_GX], row[_GY] = row[X] + _EASE * vx, row[Y] + _EASE * vy
         row[_A11] = row[_A22] = 1.0 / (10 * _SURE) ** 2
         row[_A12] = 0.0
@@ -154,7 +154,7 @@ def foresee(
     count: int,
     estimates: NDArray[np.float64],
     t: float,
-    usual: float,
+    preferred_speed: float,
     prediction: NDArray[np.float64],
 ) -> int:
     """Take in one scan and predict; returns how many rows there are now: one for each belief, in order, or none of too many.
@@ -165,7 +165,7 @@ def foresee(
         What is known, M >= K; rows below `count`.
     estimates : float64[K, 8]
         As of kernels/tracking/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
-    usual : float
+    preferred_speed : float
         Speed of whoever walks freely, m/s.
     prediction : float64[N, STEPS, 2]
         N >= K. Filled with the velocities, m/s, of each in steps of COURSE s from `t` on; NaN for who is not predicted here.
@@ -191,7 +191,7 @@ def foresee(
                 if row[_A11] + row[_A22] > 0.0:  # its prediction came from knowledge
                     row[_DIRECT] = _FADES * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_TURNING] = _FADES * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
-                _learn(row, vx, vy, usual, lines, bound)
+                _learn(row, vx, vy, preferred_speed, lines, bound)
         row[:8], row[_SEEN] = estimates[k], t
     follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _DIRECT].sum()
     rows[:n] = fresh
@@ -205,10 +205,10 @@ def foresee(
                 speed = max(math.hypot(vx, vy), 1e-9)
                 known = at[k, _A11] + at[k, _A22] > 0.0
                 wx, wy = (at[k, _GX] - at[k, X], at[k, _GY] - at[k, Y]) if known else (vx / speed * 9.0, vy / speed * 9.0)
-                scale = usual / max(math.hypot(wx, wy), _EASE)
-                bad = nearest(binding[k], many[k], usual, wx * scale, wy * scale, False, out)
+                scale = preferred_speed / max(math.hypot(wx, wy), _EASE)
+                bad = nearest(binding[k], many[k], preferred_speed, wx * scale, wy * scale, False, out)
                 if bad < many[k]:
-                    least_wrong(binding[k], many[k], bad, usual, out, work)
+                    least_wrong(binding[k], many[k], bad, preferred_speed, out, work)
                 vx, vy = out[0], out[1]
             if s == 0:
                 rows[k, _PX], rows[k, _PY] = vx, vy

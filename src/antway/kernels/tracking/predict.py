@@ -29,8 +29,8 @@ def predict(
     robot_y: float,
     robot_radius: float,
     margin: float,
-    bound: float,
-    surge: float,
+    speed_bound: float,
+    surge_bound: float,
     stopping_time: float,
     quantile: float,
     blocked: NDArray[np.bool_],
@@ -48,8 +48,8 @@ def predict(
         Time now; how old the beliefs are; how far ahead to predict; s.
     margin, quantile : float
         Added to the radii, m; times the standard deviation at each time.
-    bound, surge, stopping_time : float
-        No obstacle is faster than `bound` m/s, nor faster than now by more than `surge` m/s^2 for each s. A moving robot keeps
+    speed_bound, surge_bound, stopping_time : float
+        No obstacle is faster than `speed_bound` m/s, nor faster than now by more than `surge_bound` m/s^2 for each s. A moving robot keeps
         clear of all that an obstacle could reach from where it was `stopping_time` s before; pieces begin so much earlier.
     blocked, frame : bool[H, W], float64[3]
         The map; x and y of its corner and the edge of a cell, m.
@@ -71,7 +71,7 @@ def predict(
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
         body = robot_radius + estimates[k, RADIUS]
         room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
-        runs = min(bound, math.hypot(vx, vy) + surge * stopping_time) * stopping_time
+        runs = min(speed_bound, math.hypot(vx, vy) + surge_bound * stopping_time) * stopping_time
         held = min(room + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
         spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs

@@ -89,9 +89,9 @@ class Situation:
             s.reach,
             s.betas,
             s.slack,
-            s.gain,
+            s.minimum_improvement,
             math.inf,
-            s.tests,
+            s.expansions,
             0.0,
             state,
         )

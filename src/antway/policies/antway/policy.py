@@ -41,7 +41,7 @@ class AntwayPolicy:
 
     Each cycle predicts the tracks, tests the plan in use against them, and lets the colony look for a better one until the gap
     is certified to be nil or the budget of tests is spent. A plan is kept unless it is in conflict or another is better by
-    `commitment`. What comes out passes the guard.
+    `hysteresis`. What comes out passes the guard.
 
     Parameters
     ----------
@@ -51,11 +51,11 @@ class AntwayPolicy:
         Least distance to predicted obstacles, m, >= 0.
     chance : float
         Probability in (0, 1) with which an uncertain track may leave its tube at any one time.
-    commitment : float
+    hysteresis : float
         s; a plan is left for another only if that arrives so much sooner, >= 0.
-    gain : float
+    minimum_improvement : float
         s; differences below are not worth a search, > 0.
-    tests, second_looks : int
+    expansions, improvement_expansions : int
         Moves that the colony may test in a cycle that needs a new plan, >= 1, and in one that has a plan, >= 0.
     moves : Moves
         EIGHT, SIXTEEN or THIRTY_TWO.
@@ -76,10 +76,10 @@ class AntwayPolicy:
         horizon: float = 9.0,
         margin: float = 0.005,
         chance: float = 0.05,
-        commitment: float = 0.05,
-        gain: float = 0.02,
-        tests: int = 8000,
-        second_looks: int = 400,
+        hysteresis: float = 0.05,
+        minimum_improvement: float = 0.02,
+        expansions: int = 8000,
+        improvement_expansions: int = 400,
         moves: Moves = Moves.THIRTY_TWO,
         deposit: float = 20.0,
         guard: bool = True,
@@ -88,10 +88,10 @@ class AntwayPolicy:
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
         chance = checks.number("chance", chance, low=1e-9, high=1.0 - 1e-9)
         self.quantile = max(NormalDist().inv_cdf(1.0 - chance), 0.0)  # of the error towards the robot
-        self.commitment = checks.number("commitment", commitment, low=0.0, unit="s")
-        self.gain = checks.number("gain", gain, low=0.0, open_low=True, unit="s")
-        self.tests = checks.integer("tests", tests, low=1)
-        self.second_looks = checks.integer("second_looks", second_looks, low=0)
+        self.hysteresis = checks.number("commitment", hysteresis, low=0.0, unit="s")
+        self.minimum_improvement = checks.number("gain", minimum_improvement, low=0.0, open_low=True, unit="s")
+        self.expansions = checks.integer("tests", expansions, low=1)
+        self.improvement_expansions = checks.integer("second_looks", improvement_expansions, low=0)
         if checks.instance("moves", moves, Moves) not in (Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO):
             raise BadParameter("moves", moves.value, "eight, sixteen or thirty-two")
         self.moves = moves
@@ -125,15 +125,15 @@ class AntwayPolicy:
             horizon=self.horizon,
             margin=self.margin,
             bound=float(task.obstacle_speed) if self.guard else 0.0,
-            usual=float(task.obstacle_speed),
+            preferred_speed=float(task.obstacle_speed),
             surge=float(task.obstacle_surge) if self.guard else 0.0,
             stopping_time=stopping if self.guard else 0.0,
             quantile=self.quantile,
-            gain=self.gain,
-            commitment=self.commitment,
-            stray=0.02,
-            tests=self.tests,
-            second_looks=self.second_looks,
+            minimum_improvement=self.minimum_improvement,
+            hysteresis=self.hysteresis,
+            tracking_tolerance=0.02,
+            expansions=self.expansions,
+            improvement_expansions=self.improvement_expansions,
             amount=self.deposit,
             reach=2,
             low=0.1,

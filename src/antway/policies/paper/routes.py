@@ -230,8 +230,8 @@ class Routes:
         # Fastest speed v with v dt + v^2 / 2a <= way, so that it can still stop at the corner.
         speed = way / spec.dt
         if math.isfinite(spec.a_max):
-            gain = spec.a_max * spec.dt
-            speed = min(speed, 2 * way * spec.a_max / (gain + math.sqrt(gain * gain + 2 * spec.a_max * way)))
+            change = spec.a_max * spec.dt
+            speed = min(speed, 2 * way * spec.a_max / (change + math.sqrt(change * change + 2 * spec.a_max * way)))
         speed = min(speed, spec.v_max)
         return Command((ux * speed, uy * speed))
 
