@@ -1,0 +1,306 @@
+"""How a robot moves under a command: speeds that ramp within a control cycle, and the exact place where that leads.
+
+The state of wheels is (x, y, theta, v, omega): speed along the heading, negative in reverse, and turn rate. The state of a
+holonomic robot is (x, y, theta, vx, vy) in the world's frame. A command is (v, omega) or (vx, vy). Under a constant command
+both speeds are linear in time on a few *segments*, so that the heading is quadratic there and the place an integral without a
+closed form, taken by Gauss-Legendre quadrature. All functions are memoryless: a cycle driven in two parts ends where it does
+when driven in one.
+
+A command acts `latency` s after it was given. To look ahead, drive the commands that are still on their way first (`delayed`);
+from there on the robot follows new commands at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
+
+REST = 1e-9  # m/s; a robot slower than this stands
+_TURN = 0.35  # rad; four nodes give the place to 1e-11 of the length on a segment that turns by no more
+
+_NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
+_WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
+
+
+@bare_kernel
+def ramp(v: float, target: float, growth: float, fall: float) -> tuple[float, float, float, float]:
+    """Begin to bring `v` to `target`: its magnitude grows by at most `growth` and falls by at most `fall` a second.
+
+    Returns
+    -------
+    v, rate, end, time : float
+        Its value now (changed only by an infinite rate), its rate, where this ramp ends (`target`, or 0 on the way to the other
+        sign) and after how long; infinite when there is nothing to do.
+    """
+    if v != target and v * (target - v) < 0.0:
+        end = target if v * target >= 0.0 else 0.0
+        if fall < math.inf:
+            return v, math.copysign(fall, end - v), end, abs(end - v) / fall
+        v = end
+    if v == target:
+        return v, 0.0, v, math.inf
+    if growth == math.inf:
+        return target, 0.0, target, math.inf
+    return v, math.copysign(growth, target - v), target, abs(target - v) / growth
+
+
+@bare_kernel
+def clip_twist(cv: float, cw: float, limits: RobotLimits) -> tuple[float, float]:
+    """Return a command of wheels within the robot's limits; one that is not finite means stop."""
+    if not (math.isfinite(cv) and math.isfinite(cw)):
+        return 0.0, 0.0
+    return min(max(cv, -limits.v_reverse), limits.v_max), min(max(cw, -limits.turn_rate), limits.turn_rate)
+
+
+@bare_kernel
+def wheels_segment(
+    v: float, omega: float, cv: float, cw: float, limits: RobotLimits, left: float
+) -> tuple[float, float, float, float, float, float, float]:
+    """First segment of wheels under the clipped command (cv, cw), at most `left` s long.
+
+    Steering holds |omega| <= |v| / turning_radius at every instant: where the ramp of omega meets that bound, it slides along.
+
+    Returns
+    -------
+    h : float
+        Its length, s.
+    v0, a, w0, b : float
+        On it v = v0 + a t and omega = w0 + b t.
+    v1, w1 : float
+        At its end, exactly on what ended it.
+    """
+    v0, a, v_end, time = ramp(v, cv, limits.a_max, limits.brake_max)
+    h = min(time, left)
+    w0, b, w_end, w_time = ramp(omega, cw, limits.alpha_max, limits.alpha_max)
+    if b != 0.0 and w_end != cw:  # growth and fall are alike: straight through 0
+        w_end, w_time = cw, abs(cw - w0) / limits.alpha_max
+    if limits.drive != ACKERMANN or limits.turning_radius <= 0.0:
+        h = min(h, w_time)
+        return h, v0, a, w0, b, (v_end if h == time else v0 + a * h), (w_end if h == w_time else w0 + b * h)
+    side = 1.0 if v0 > 0.0 or (v0 == 0.0 and a > 0.0) else -1.0
+    most, growth = abs(v0) / limits.turning_radius, side * a / limits.turning_radius
+    w0 = min(max(w0, -most), most)
+    if b == 0.0 and w0 != cw:
+        b = math.copysign(math.inf, cw - w0)  # an infinite alpha that the steering holds back
+    if w0 >= most and b >= growth:
+        w0, b = most, growth
+        w_time = (cw - most) / growth if growth > 0.0 and cw > most else math.inf
+        w_end = cw
+    elif w0 <= -most and b <= -growth:
+        w0, b = -most, -growth
+        w_time = (-cw - most) / growth if growth > 0.0 and -cw > most else math.inf
+        w_end = cw
+    else:
+        if b > growth and (most - w0) / (b - growth) < w_time:
+            w_time = (most - w0) / (b - growth)
+            w_end = most + growth * w_time
+        if -b > growth and (most + w0) / (-b - growth) < w_time:
+            w_time = (most + w0) / (-b - growth)
+            w_end = -(most + growth * w_time)
+    h = min(h, w_time)
+    v1 = v_end if h == time else v0 + a * h
+    bound = abs(v1) / limits.turning_radius
+    w1 = w_end if h == w_time else w0 + b * h
+    return h, v0, a, w0, b, v1, min(max(w1, -bound), bound)
+
+
+@bare_kernel
+def along(theta: float, v: float, a: float, w: float, b: float, h: float) -> tuple[float, float]:
+    """Way (dx, dy) in m made in h s on a segment: the integral of (v + a t) (cos, sin)(theta + w t + b t^2 / 2), to 1e-10."""
+    if w == 0.0 and b == 0.0:
+        way = (v + 0.5 * a * h) * h
+        return way * math.cos(theta), way * math.sin(theta)
+    turn = max(abs(w), abs(w + b * h)) * h
+    parts = 1 if turn <= _TURN else math.ceil(turn / _TURN)
+    step = h / parts
+    dx = dy = 0.0
+    for part in range(parts):
+        middle = (part + 0.5) * step
+        for k in range(4):
+            node, weight = (_NODE1, _WEIGHT1) if k < 2 else (_NODE2, _WEIGHT2)
+            t = middle + (0.5 * step * node if k % 2 else -0.5 * step * node)
+            angle = theta + (w + 0.5 * b * t) * t
+            speed = 0.5 * step * weight * (v + a * t)
+            dx += speed * math.cos(angle)
+            dy += speed * math.sin(angle)
+    return dx, dy
+
+
+@bare_kernel
+def along_roughly(theta: float, v: float, a: float, w: float, b: float, h: float) -> tuple[float, float]:
+    """Do as `along` with one sine and cosine, to the fourth order in h: within 1e-6 m for h = 0.1 s at 1 m/s and 2 rad/s."""
+    half = 0.5 * h
+    speed, turn = v + a * half, w + b * half
+    angle = theta + (w + 0.5 * b * half) * half
+    cube = h * h * h / 12.0
+    ahead, left = speed * h - 0.5 * speed * turn * turn * cube, (a * turn + 0.5 * speed * b) * cube
+    c, s = math.cos(angle), math.sin(angle)
+    return ahead * c - left * s, ahead * s + left * c
+
+
+@bare_kernel
+def wheels_cycle(
+    x: float,
+    y: float,
+    theta: float,
+    v: float,
+    omega: float,
+    cv: float,
+    cw: float,
+    limits: RobotLimits,
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """State of wheels after dt s under the command (cv, cw), exact to 1e-10 m; theta is not wrapped."""
+    cv, cw = clip_twist(cv, cw, limits)
+    left = dt
+    while left > 0.0:
+        h, v0, a, w0, b, v, omega = wheels_segment(v, omega, cv, cw, limits, left)
+        dx, dy = along(theta, v0, a, w0, b, h)
+        x += dx
+        y += dy
+        theta += (w0 + 0.5 * b * h) * h
+        left -= h
+    return x, y, theta, v, omega
+
+
+@bare_kernel
+def wheels_roughly(
+    x: float,
+    y: float,
+    theta: float,
+    v: float,
+    omega: float,
+    cv: float,
+    cw: float,
+    limits: RobotLimits,
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """Do as `wheels_cycle`, the place by `along_roughly`: for rollouts."""
+    cv, cw = clip_twist(cv, cw, limits)
+    left = dt
+    while left > 0.0:
+        h, v0, a, w0, b, v, omega = wheels_segment(v, omega, cv, cw, limits, left)
+        dx, dy = along_roughly(theta, v0, a, w0, b, h)
+        x += dx
+        y += dy
+        theta += (w0 + 0.5 * b * h) * h
+        left -= h
+    return x, y, theta, v, omega
+
+
+@bare_kernel
+def clip_velocity(cx: float, cy: float, limits: RobotLimits) -> tuple[float, float]:
+    """Return a command of a holonomic robot within its speed limit; one that is not finite means stop."""
+    if not (math.isfinite(cx) and math.isfinite(cy)):
+        return 0.0, 0.0
+    asked = math.hypot(cx, cy)
+    if asked > limits.v_max:
+        return cx * (limits.v_max / asked), cy * (limits.v_max / asked)
+    return cx, cy
+
+
+@bare_kernel
+def holonomic_ramp(vx: float, vy: float, cx: float, cy: float, limits: RobotLimits) -> tuple[float, float, float]:
+    """Acceleration (ax, ay) of the straight ramp from (vx, vy) to the clipped command (cx, cy), and its length in s.
+
+    Its size is brake_max where the speed falls all along the ramp, else a_max; if that is infinite the length is 0.
+    """
+    dx, dy = cx - vx, cy - vy
+    change = math.hypot(dx, dy)
+    rate = limits.brake_max if cx * dx + cy * dy <= 0.0 else limits.a_max
+    if change == 0.0 or rate == math.inf:
+        return 0.0, 0.0, 0.0
+    return dx * (rate / change), dy * (rate / change), change / rate
+
+
+@bare_kernel
+def holonomic_cycle(
+    x: float,
+    y: float,
+    theta: float,
+    vx: float,
+    vy: float,
+    cx: float,
+    cy: float,
+    limits: RobotLimits,
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """State of a holonomic robot after dt s under the command (cx, cy), exact; theta is where it goes, kept at rest."""
+    cx, cy = clip_velocity(cx, cy, limits)
+    ax, ay, time = holonomic_ramp(vx, vy, cx, cy, limits)
+    h = min(time, dt)
+    x += (vx + 0.5 * ax * h) * h
+    y += (vy + 0.5 * ay * h) * h
+    if time <= dt:
+        vx, vy = cx, cy
+        x += cx * (dt - h)
+        y += cy * (dt - h)
+    else:
+        vx += ax * h
+        vy += ay * h
+    if math.hypot(vx, vy) > REST:
+        theta = math.atan2(vy, vx)
+    return x, y, theta, vx, vy
+
+
+@bare_kernel
+def drive_cycle(
+    x: float,
+    y: float,
+    theta: float,
+    a: float,
+    b: float,
+    command_a: float,
+    command_b: float,
+    limits: RobotLimits,
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """State of any robot after dt s under a command: (v, omega) for wheels, (vx, vy) for a holonomic robot."""
+    if limits.drive == HOLONOMIC:
+        return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
+    return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
+
+
+@bare_kernel
+def drive_roughly(
+    x: float,
+    y: float,
+    theta: float,
+    a: float,
+    b: float,
+    command_a: float,
+    command_b: float,
+    limits: RobotLimits,
+    dt: float,
+) -> tuple[float, float, float, float, float]:
+    """Do as `drive_cycle`, within 1e-6 m for a cycle of 0.1 s: for rollouts."""
+    if limits.drive == HOLONOMIC:
+        return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
+    return wheels_roughly(x, y, theta, a, b, command_a, command_b, limits, dt)
+
+
+@bare_kernel
+def delayed(
+    x: float, y: float, theta: float, a: float, b: float, pending: NDArray[np.float64], limits: RobotLimits, dt: float
+) -> tuple[float, float, float, float, float]:
+    """State of the robot `latency` s from now, after the commands that are on their way.
+
+    Parameters
+    ----------
+    x, y, theta, a, b : float
+        State now, at the begin of a cycle of dt s.
+    pending : float64[M, 2]
+        The last M = ceil(latency / dt) commands, oldest first; the oldest acts now and until the next begins to.
+    """
+    count = len(pending)
+    left = limits.latency
+    for i in range(count):
+        h = left - (count - 1 - i) * dt
+        x, y, theta, a, b = drive_cycle(x, y, theta, a, b, pending[i, 0], pending[i, 1], limits, h)
+        left -= h
+    return x, y, theta, a, b
