@@ -51,9 +51,9 @@ def problems(name: str, grid: Grid, count: int) -> list[Problem]:
 def best(run: Callable[[], Plan]) -> tuple[float, Plan]:
     times = []
     for _ in range(3):
-        begun = time.perf_counter()
+        started = time.perf_counter()
         plan = run()
-        times.append(time.perf_counter() - begun)
+        times.append(time.perf_counter() - started)
     return min(times) * 1e3, plan
 
 
@@ -91,11 +91,11 @@ def replan(name: str, grid: Grid) -> dict[str, object]:
     robot.move(problem.start)
     robot.change([problem.start], False)  # nothing new: loads the kernels
     while len(plan.cells) > 20 and changes < 100:
-        begun = time.perf_counter()
+        started = time.perf_counter()
         robot.move(tuple(plan.cells[3].tolist()))
         robot.change(plan.cells[9:10], True)
         plan = robot.plan()
-        ms += (time.perf_counter() - begun) * 1e3
+        ms += (time.perf_counter() - started) * 1e3
         fresh_expanded += DStarLite(robot.problem).plan().expanded
         peer_ms, peer = best(lambda: astar(robot.problem))
         assert plan.length == peer.length or math.isclose(plan.length, peer.length, rel_tol=1e-9)

@@ -58,9 +58,9 @@ def processor() -> float:
 
 def ours(problem: Tsp, seconds: float, rule: str = "mmas") -> tuple[float, float]:
     endless = Tsp(problem.xy, metric=problem.metric)  # without its optimum, at which the search would stop
-    begun = processor()
+    started = processor()
     tour = solve_tsp(endless, rule, ants=25, seconds=seconds)
-    return tour.tours / (processor() - begun), tour.length
+    return tour.tours / (processor() - started), tour.length
 
 
 def acopy(problem: Tsp, seconds: float) -> tuple[float, float]:
@@ -72,12 +72,12 @@ def acopy(problem: Tsp, seconds: float) -> tuple[float, float]:
         for j in range(i):
             graph.add_edge(i, j, weight=max(float(table[i, j]), 1e-9))
     solver, colony = acopy.Solver(rho=0.1, q=1), acopy.Colony(alpha=1, beta=3)
-    begun, tours, best = processor(), 0, np.inf
+    started, tours, best = processor(), 0, np.inf
     for tour in solver.optimize(graph, colony, gen_size=25, limit=10**9):
         tours, best = tours + 25, min(best, tour.cost)
-        if processor() - begun >= seconds:
+        if processor() - started >= seconds:
             break
-    return tours / (processor() - begun), best
+    return tours / (processor() - started), best
 
 
 def colonyx(problem: Tsp, seconds: float) -> tuple[float, float]:
@@ -112,9 +112,9 @@ def doubled(run: Callable[[int], float], seconds: float) -> tuple[float, float]:
     """A colony without a budget of time: twice as many cycles until they last."""
     cycles = 4
     while True:
-        begun = processor()
+        started = processor()
         length = run(cycles)
-        spent = processor() - begun
+        spent = processor() - started
         if spent >= seconds / 2:
             return 25 * cycles / spent, length
         cycles *= 2
@@ -210,10 +210,10 @@ def searched(seeds: int, only: list[str]) -> Rows:
         solve_tsp(problem, local_search="3opt", cycles=1)
         gaps, times = [], []
         for seed in range(seeds):
-            stop, begun, last = threading.Event(), time.process_time(), [np.inf, 0.0]
+            stop, started, last = threading.Event(), time.process_time(), [np.inf, 0.0]
 
             def watch(_tours: int, best: float, _seconds: float) -> None:
-                spent = (time.process_time() - begun) / threads  # noqa: B023
+                spent = (time.process_time() - started) / threads  # noqa: B023
                 if best < last[0]:  # noqa: B023
                     last[:] = best, spent  # noqa: B023
                 if spent >= seconds:  # noqa: B023
@@ -241,12 +241,12 @@ def searched(seeds: int, only: list[str]) -> Rows:
 
 def immune(seeds: int) -> Rows:
     """The immune operator and its parts, off and on, at equal tours and at equal time."""
-    plain = Immune(vaccinated=0.0, temperature=0.0, overlap=1.0, patience=0)
+    plain = Immune(vaccinated=0.0, temperature=0.0, overlap=1.0, timeout=0)
     settings = {
         "none": None,
-        "vaccines": Immune(temperature=0.0, overlap=1.0, patience=0),
-        "selection": Immune(vaccinated=0.0, overlap=1.0, patience=0),
-        "concentration": Immune(vaccinated=0.0, temperature=0.0, patience=0),
+        "vaccines": Immune(temperature=0.0, overlap=1.0, timeout=0),
+        "selection": Immune(vaccinated=0.0, overlap=1.0, timeout=0),
+        "concentration": Immune(vaccinated=0.0, temperature=0.0, timeout=0),
         "suppression": Immune(vaccinated=0.0, temperature=0.0, overlap=1.0),
         "all": Immune(),
         "nothing on": plain,

@@ -56,9 +56,9 @@ def local(seeds: int) -> list[dict[str, object]]:
         sipp = Sipp(grid, grid.centre(goal), radius=robot.radius, v_max=robot.v_max)
         exact, best = None, math.inf
         for _ in range(3):
-            begun = time.process_time()
+            started = time.process_time()
             exact = sipp.search((x, y), 0.0, segments)
-            best = min(best, time.process_time() - begun)
+            best = min(best, time.process_time() - started)
         solvable = exact.status is Status.FOUND and exact.arrival < HORIZON - 1.0
         if solvable:
             ms["SIPP"].append(1e3 * best)
@@ -66,7 +66,7 @@ def local(seeds: int) -> list[dict[str, object]]:
             best = math.inf
             for _ in range(3):
                 trails, state = make_trails(31 * 31), np.array([seed], np.uint64)
-                begun = time.process_time()
+                started = time.process_time()
                 end, arrival, bound = spacetime.search(
                     memory,
                     trails,
@@ -86,7 +86,7 @@ def local(seeds: int) -> list[dict[str, object]]:
                     amount,
                     state,
                 )
-                best = min(best, time.process_time() - begun)
+                best = min(best, time.process_time() - started)
             if solvable:
                 gaps[name].append(arrival / exact.arrival - 1.0 if end >= 0 else math.inf)
                 ms[name].append(1e3 * best)
@@ -158,9 +158,9 @@ class Timed:
         self.ms = []
 
     def act(self, observation: Observation) -> Command:
-        begun = time.process_time()
+        started = time.process_time()
         command = self.policy.act(observation)
-        self.ms.append(1e3 * (time.process_time() - begun))
+        self.ms.append(1e3 * (time.process_time() - started))
         return command
 
     def explain(self) -> Decision:
@@ -188,9 +188,9 @@ def cycles(episodes: int) -> list[dict[str, object]]:
         for seed in range(episodes):
             scenario, plays, best = makers[seed % len(makers)](seed), [], math.inf
             for _ in range(3):
-                begun = time.process_time()
+                started = time.process_time()
                 result = run(scenario, policy, seed=seed, record=False)
-                best = min(best, time.process_time() - begun)
+                best = min(best, time.process_time() - started)
                 plays.append(policy.ms)
             ms.append(np.min(plays, axis=0))
             simulated, taken, reached = simulated + result.time, taken + best, reached + result.reached

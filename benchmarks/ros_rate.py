@@ -38,8 +38,8 @@ def measure(rate: float, seconds: float) -> dict[str, float]:
     robot.go((18.0, 10.0))
     robot.until("the first command", lambda: robot.twist is not None, drive)
     sent, heard, known = [], [], robot.answered
-    due = begun = time.perf_counter()
-    while due < begun + seconds:
+    due = started = time.perf_counter()
+    while due < started + seconds:
         late = False
         while not late:
             late = time.perf_counter() >= due

@@ -192,9 +192,9 @@ def timed(call: Callable[[], object], repeats: int = 3) -> tuple[float, object]:
     """Best CPU time of a call in s, and its answer; a call of more than 50 ms is made once."""
     best, answer = math.inf, None
     for _ in range(repeats):
-        begun = time.thread_time()
+        started = time.thread_time()
         answer = call()
-        best = min(best, time.thread_time() - begun)
+        best = min(best, time.thread_time() - started)
         if best > 0.05:
             break
     return best, answer
@@ -215,16 +215,16 @@ def measure(name: str, grid: Grid, count: int, seconds: float) -> dict[str, obje
     """Times in microseconds and ratios on one map."""
     ends = queries(name, grid, count)
     jps(Problem(grid, *ends[0]))
-    begun = time.thread_time()
+    started = time.thread_time()
     jps(Problem(fresh := Grid(grid.blocked), *ends[-1]))
-    first = time.thread_time() - begun
+    first = time.thread_time() - started
     own = [timed(lambda a=a, b=b: jps(Problem(fresh, a, b))) for a, b in ends]
     exact = [plan.length for _, plan in own]
     times = np.array([t for t, _ in own])
     result: dict[str, object] = {"queries": len(ends), "jps us": times.mean() * 1e6, "first query us": first * 1e6}
-    begun = time.thread_time()
+    started = time.thread_time()
     result["prepared"] = prepare(fresh)
-    result["prepare ms"] = (time.thread_time() - begun) * 1e3
+    result["prepare ms"] = (time.thread_time() - started) * 1e3
     antway = {"subgoals": subgoals, "astar": astar}
     engines = {name: lambda a, b, p=p: p(Problem(fresh, a, b)).length for name, p in antway.items()} | available(PEERS, grid)
     result["paths"] = {engine: _beside(times, exact, query, ends, seconds) for engine, query in engines.items()}

@@ -91,27 +91,27 @@ def measure(moves: Moves, resolution: float, density: float, queries: int, peers
         grid, timeline = world(rng, resolution, density)
         clear = grid.clearance() > RADIUS
         start, goal = (tuple(int(i) for i in rng.choice(np.argwhere(clear))) for _ in range(2))
-        begun = time.perf_counter()
+        started = time.perf_counter()
         search = Sipp(grid, grid.centre(goal), radius=RADIUS, v_max=SPEED, moves=moves)
-        prepare.append(time.perf_counter() - begun)
+        prepare.append(time.perf_counter() - started)
         if not search.field[start] * SPEED > SIZE * resolution / 2:
             continue  # only ways of half the map and more
         xy, trajectories = grid.centre(start), (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
         runs = []
         for _ in range(5):
-            begun = time.perf_counter()
+            started = time.perf_counter()
             segments = timeline_segments(*trajectories, RADIUS, 0.0, np.inf)
             plan = search.search(xy, 0.0, segments)
-            runs.append(time.perf_counter() - begun)
+            runs.append(time.perf_counter() - started)
         times.append(min(runs[1:]))
         cold.append(runs[0])
         expanded.append(plan.expanded)
         found += plan.status is Status.FOUND
         if len(ratios) < peers:
             centre = grid.to_xy(list(np.ndindex(grid.shape))).reshape(SIZE, SIZE, 2)
-            begun = time.perf_counter()
+            started = time.perf_counter()
             arrival = python_sipp(search, centre, start, goal, timeline)
-            ratios.append((time.perf_counter() - begun) / times[-1])
+            ratios.append((time.perf_counter() - started) / times[-1])
             assert arrival == plan.arrival or abs(arrival - plan.arrival) < 1e-6, (arrival, plan.arrival)
     ms = 1e3 * np.array(times)
     return {

@@ -53,8 +53,8 @@ def best_rates(runs: dict[str, Callable[[], int]], repeats: int) -> dict[str, fl
     rates = dict.fromkeys(runs, 0.0)
     for turn in range(repeats + 1):
         for name, run in runs.items():
-            begun = time.perf_counter()
-            rate = run() / (time.perf_counter() - begun) / 1e6
+            started = time.perf_counter()
+            rate = run() / (time.perf_counter() - started) / 1e6
             rates[name] = max(rates[name], rate) if turn else 0.0  # the first round compiles
     return rates
 
@@ -188,12 +188,12 @@ def immunity(seeds: int) -> dict[str, Any]:
     for rule in ("as", "mmas"):
         for name, immune in parts.items():
             options: dict[str, Any] = {"rule": rule, "persistence": Constant(0.7), "heuristic": "goal", "step_limit": 200}
-            begun = time.perf_counter()
+            started = time.perf_counter()
             runs = [explore(problem, seed=s, immune=immune, cycles=50, **options) for s in range(seeds)]
             rows[f"{rule}, {name}"] = {
                 "mean length": float(np.mean([run.plan.length for run in runs])),
                 "optimal": float(np.mean([run.plan.optimal for run in runs])),
-                "seconds": (time.perf_counter() - begun) / seeds,
+                "seconds": (time.perf_counter() - started) / seeds,
             }
     return rows
 
@@ -215,9 +215,9 @@ def grids(seeds: int) -> dict[str, Any]:
             }
             if rule == "nosqueeze":
                 exact = [(turns, round(length, 3)) for turns, length in table["front_nosqueeze"][name]]
-                begun = time.perf_counter()
+                started = time.perf_counter()
                 fronts = [pareto(problem, seed=seed).values.tolist() for seed in range(seeds)]
-                row["front s"] = (time.perf_counter() - begun) / seeds
+                row["front s"] = (time.perf_counter() - started) / seeds
                 row["front whole"] = float(np.mean([[(t, round(v, 3)) for v, t in front] == exact for front in fronts]))
             rows[f"{name} {rule}"] = row
     return rows

@@ -15,9 +15,9 @@ print("planner      length      gap        time")
 best = antway.solve(problem, "dijkstra").length
 for planner, options in (("jps", {}), ("astar", {}), ("ants", {}), ("ants", {"heuristic": "goal"})):
     antway.solve(problem, planner, **options)  # compiles, or loads, the kernels
-    begun = time.perf_counter()
+    started = time.perf_counter()
     plan = antway.solve(problem, planner, **options)
-    took = 1000 * (time.perf_counter() - begun)
+    took = 1000 * (time.perf_counter() - started)
     antway.check_plan(problem, plan)
     name = planner + (" (blind)" if options else "")
     print(f"{name:12}{plan.length:7.2f} m {100 * (plan.length / best - 1):6.2f} % {took:8.2f} ms")

@@ -22,8 +22,8 @@ def compile_all() -> None:
     """Have every kernel that the page calls compiled, which on a fresh machine takes longer than a page waits."""
     session = Session()
     for names in (["stop"], ["antway", "paper"]):
-        for wish in ({"op": "policies", "names": names}, {"op": "step"}, {"op": "ants"}):
-            session.apply(wish)
+        for request in ({"op": "policies", "names": names}, {"op": "step"}, {"op": "ants"}):
+            session.apply(request)
     Tours().apply({"op": "step"})
 
 

@@ -69,7 +69,7 @@ def test_crowds_are_crossed_and_decisions_make_sense() -> None:
                 assert min(costs) >= 0.0 and len(costs) == (1 if d.obstacle is None else 3)
 
 
-def told(obstacle: Obstacle, **changes) -> list[tuple[float, Decision]]:
+def announced(obstacle: Obstacle, **changes) -> list[tuple[float, Decision]]:
     """The decisions of an episode with one obstacle, each with its time."""
     result = run(room(obstacle, **changes))
     assert result.reached
@@ -81,7 +81,7 @@ def test_what_else_could_be_done_is_weighed() -> None:
     crosses = Line((5.0, 0.5), (5.0, 4.5), 0.6)
     comes, stands = Line((9.4, 2.6), (0.6, 2.6), 0.5), Line((5.0, 2.4), (5.0, 2.4), 0.0)
     for motion, names in ((crosses, CROSSING), (comes, ELSE), (stands, ELSE)):
-        first = next(d for t, d in told(Obstacle(0.4, motion)) if d.obstacle is not None and t > 0.4)
+        first = next(d for t, d in announced(Obstacle(0.4, motion)) if d.obstacle is not None and t > 0.4)
         (does, cost), (other, more), (waits, later) = first.alternatives
         assert {does, other} == set(names) and does in first.reason and f"+{cost:.1f} s" in first.reason
         assert cost <= more + 0.05 and cost <= later + 0.05 and more < 5.0, first.alternatives
@@ -95,7 +95,7 @@ def test_waiting_costs_what_it_says() -> None:
     blocked[:8, :18] = blocked[12:, :18] = blocked[:8, 22:] = blocked[12:, 22:] = True
     first = next(
         d
-        for _, d in told(Obstacle(0.4, Line((5.0, 0.5), (5.0, 4.5), 0.4)), grid=Grid(blocked, 0.25), obstacle_speed=0.4)
+        for _, d in announced(Obstacle(0.4, Line((5.0, 0.5), (5.0, 4.5), 0.4)), grid=Grid(blocked, 0.25), obstacle_speed=0.4)
         if d.obstacle is not None and d.alternatives[0][1] > 0.1
     )
     name, cost = first.alternatives[2]
@@ -106,7 +106,7 @@ def test_decisions_speak_of_what_the_filter_believes() -> None:
     """Where the sensor gives no velocities, one who crosses is said to cross, in the same words, as soon as that is known."""
     blind = Sensor(velocity="none", occlusion=False)
     for sensor in (blind, Sensor(occlusion=False)):
-        decisions = told(Obstacle(0.4, Line((5.0, 0.5), (5.0, 4.5), 0.6)), sensor=sensor)
+        decisions = announced(Obstacle(0.4, Line((5.0, 0.5), (5.0, 4.5), 0.6)), sensor=sensor)
         assert any(d.encounter == "crossing-right" and "obstacle 0" in d.reason for t, d in decisions if 0.5 < t < 3.0)
 
 
@@ -183,7 +183,7 @@ def test_the_robot_sees_as_far_ahead_late_on_a_long_way_as_at_its_begin() -> Non
 def test_at_first_the_robot_makes_no_way_round_for_what_is_far_ahead() -> None:
     """In its first half second it heads straight for its goal though somebody stands in the way, then round him."""
     stands = Obstacle(0.4, Line((6.5, 2.3), (6.5, 2.3), 0.0))
-    decisions = told(stands, robot=RobotSpec(sensor_range=8.0), sensor=Sensor(occlusion=False))
+    decisions = announced(stands, robot=RobotSpec(sensor_range=8.0), sensor=Sensor(occlusion=False))
     early = [d for t, d in decisions if t < 0.5 - 1e-6]
     assert early and all(np.ptp(d.path.xy[:, 1]) < 0.2 for d in early)
     assert any(0.5 - 1e-6 < t < 0.7 and np.ptp(d.path.xy[:, 1]) > 0.3 for t, d in decisions)
@@ -409,10 +409,10 @@ def test_a_policy_that_fails_ends_braked() -> None:
 
 def test_an_episode_without_a_record_is_the_same_and_goes_without_explanations(monkeypatch: pytest.MonkeyPatch) -> None:
     policy = make_policy("antway")
-    told = run(crowd(0), policy, seed=3)
+    announced = run(crowd(0), policy, seed=3)
     monkeypatch.delattr(type(policy), "explain")
     plain = run(crowd(0), policy, seed=3, record=False)
-    assert told.replans > 0
+    assert announced.replans > 0
     assert plain.trace is None
     for name in ("outcome", "time", "length", "min_clearance", "replans", "waits"):
-        assert getattr(plain, name) == getattr(told, name)
+        assert getattr(plain, name) == getattr(announced, name)

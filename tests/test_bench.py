@@ -107,8 +107,8 @@ def test_kill_and_resume(tmp_path, monkeypatch):
     rng, kept = random.Random(5), 0
     for _ in range(kills):
         with subprocess.Popen(command(broken, *counted), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as one:
-            begun, wanted = time.monotonic(), min(kept + rng.randint(1, 4), total - 1)
-            while one.poll() is None and time.monotonic() < begun + 120 and count(broken) < wanted:
+            started, wanted = time.monotonic(), min(kept + rng.randint(1, 4), total - 1)
+            while one.poll() is None and time.monotonic() < started + 120 and count(broken) < wanted:
                 time.sleep(0.02)
             one.kill()
         assert count(broken) >= kept, "a finished episode was lost"
@@ -116,9 +116,9 @@ def test_kill_and_resume(tmp_path, monkeypatch):
     assert kept > 0
     subprocess.run(command(broken, *counted), check=True, capture_output=True)
     assert same(broken / "results.db") == same(whole / "results.db")
-    begun = (tmp_path / "broken.txt").read_text().splitlines()
-    assert len((tmp_path / "whole.txt").read_text().splitlines()) == total == len(set(begun))
-    assert len(begun) <= total + 2 * kills, "more than one episode a worker was redone"
+    started = (tmp_path / "broken.txt").read_text().splitlines()
+    assert len((tmp_path / "whole.txt").read_text().splitlines()) == total == len(set(started))
+    assert len(started) <= total + 2 * kills, "more than one episode a worker was redone"
     assert (broken / "report.html").is_file() and (broken / "results.csv").is_file()
 
 
@@ -136,8 +136,8 @@ def test_two_runs_on_one_file(tmp_path):
         out = tmp_path / str(k)
         runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
         for one in runs:
-            _, said = one.communicate()
-            assert one.returncode == 0, said
+            _, on_progress = one.communicate()
+            assert one.returncode == 0, on_progress
         assert count(out) == 18 and same(out / "results.db") == same(tmp_path / "0" / "results.db")
 
 
@@ -146,7 +146,7 @@ def test_a_bad_policy_costs_its_own_episodes_alone(tmp_path):
     few = episodes("synthetic", 1)[:1]
     jobs = [Job(one, name) for one in few for name in ("test_bench:Crashes", "follow", "test_bench:Hangs", "test_bench:Raises")]
     with Results(tmp_path / "r.db") as results:
-        bench(jobs, results, workers=2, patience=20.0)
+        bench(jobs, results, workers=2, timeout=20.0)
         by = {(row.policy, row.episode): row for row in results.rows()}
     assert len(by) == len(jobs)
     for one in few:
@@ -179,8 +179,8 @@ def test_json_and_the_table(tmp_path):
     """--json prints one object on stdout and nothing else; a second run plays nothing again."""
     for _ in range(2):
         line = command(tmp_path / "b", "--json", "--export", "csv,parquet")
-        said = subprocess.run(line, check=True, capture_output=True, text=True)
-        record = json.loads(said.stdout)
+        on_progress = subprocess.run(line, check=True, capture_output=True, text=True)
+        record = json.loads(on_progress.stdout)
         assert record["suite"] == "synthetic" and len(record["summaries"]) == 7
     assert count(tmp_path / "b") == 18
     assert (tmp_path / "b" / "results.parquet").is_file() and not (tmp_path / "b" / "results.json").exists()
@@ -199,7 +199,7 @@ def test_json_and_the_table(tmp_path):
         (["--export", "csv,xls"], "export = 'xls': must be one of csv, json, parquet"),
     ],
 )
-def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, said):
+def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, on_progress):
     """Wrong options exit with status 2 and one line that names field, value and what is allowed; nothing is written."""
     monkeypatch.setattr(sys, "argv", ["antway", *command(tmp_path / "x", *change)[3:]])
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -207,7 +207,9 @@ def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, said):
     with pytest.raises(SystemExit) as ended:
         main()
     shown = capsys.readouterr()
-    assert ended.value.code == 2 and said in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
+    assert (
+        ended.value.code == 2 and on_progress in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
+    )
 
 
 def test_a_file_of_others_is_refused(tmp_path):

@@ -43,8 +43,8 @@ def antway(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
         with pytest.raises(SystemExit) as end, warnings.catch_warnings():
             warnings.simplefilter("default")
             main()
-        said = capsys.readouterr()
-        return int(end.value.code or 0), said.out, said.err
+        on_progress = capsys.readouterr()
+        return int(end.value.code or 0), on_progress.out, on_progress.err
 
     return run
 
@@ -142,9 +142,9 @@ def test_wrong_input_is_one_line_and_status_two(
     monkeypatch.chdir(room.parent)
     Path("five.tsp").write_text(FIVE)
     status, out, err = antway(*arguments)
-    said = [line for line in err.splitlines() if not line.endswith("...")]
+    on_progress = [line for line in err.splitlines() if not line.endswith("...")]
     assert status == 2 and out == ""
-    assert len(said) == 1 and said[0].startswith("error: ") and named in said[0], err
+    assert len(on_progress) == 1 and on_progress[0].startswith("error: ") and named in on_progress[0], err
 
 
 RAISED: dict[type[BadInput], tuple[str, ...]] = {
@@ -168,11 +168,11 @@ def test_every_class_of_wrong_input_ends_with_status_two(
     Path("spoilt").mkdir()
     Path("spoilt/results.db").write_text("no database")
     status, out, err = antway(*RAISED[kind])
-    said = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert (status, out, len(said)) == (2, "", 1) and "must be" in said[0] and "Traceback" not in err
+    on_progress = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (status, out, len(on_progress)) == (2, "", 1) and "must be" in on_progress[0] and "Traceback" not in err
     with pytest.raises(kind) as caught:
         app(list(RAISED[kind]), standalone_mode=False)
-    assert type(caught.value) is kind and said[0] == f"error: {caught.value}"
+    assert type(caught.value) is kind and on_progress[0] == f"error: {caught.value}"
 
 
 def test_help_and_version(antway: Any) -> None:
@@ -252,16 +252,16 @@ def test_a_run_explains_itself(antway: Any, tmp_path: Path) -> None:
     status, out, _ = antway("run", "paper", "--seed", 1, "--explain", "--json", "--out", tmp_path)
     record = json.loads(out)
     trace = Trace.load(tmp_path / "trace.json")
-    told = record["decisions"]
-    assert status == 0 and [one["reason"] for one in told] == [one.reason for _, one in trace.decisions]
-    assert all(one["guard"] in ("free", "slowed", "braked", "stepped-aside") for one in told)
-    assert all(one["gap"] >= 0.0 for one in told if one["action"] != "wait")
-    assert [one["weighed"] for one in told] == [[list(pair) for pair in one.weighed()] for _, one in trace.decisions]
-    assert all(list(one["alternatives"]) == [name for name, _ in one["weighed"]] for one in told)
-    met = [one for one in told if one["obstacle"] is not None]
+    announced = record["decisions"]
+    assert status == 0 and [one["reason"] for one in announced] == [one.reason for _, one in trace.decisions]
+    assert all(one["guard"] in ("free", "slowed", "braked", "stepped-aside") for one in announced)
+    assert all(one["gap"] >= 0.0 for one in announced if one["action"] != "wait")
+    assert [one["weighed"] for one in announced] == [[list(pair) for pair in one.weighed()] for _, one in trace.decisions]
+    assert all(list(one["alternatives"]) == [name for name, _ in one["weighed"]] for one in announced)
+    met = [one for one in announced if one["obstacle"] is not None]
     assert met and all(one["encounter"] and one["time_to_closest"] > 0.0 for one in met)
-    assert max(b["t"] - a["t"] for a, b in pairwise(told)) < 1.2
-    assert record["replans"] < len(told), "the same plan explained anew is no other plan"
+    assert max(b["t"] - a["t"] for a, b in pairwise(announced)) < 1.2
+    assert record["replans"] < len(announced), "the same plan explained anew is no other plan"
     status, out, _ = antway("run", "paper", "--seed", 1, "--explain")
     name, cost = met[0]["weighed"][1]
     assert status == 0 and met[0]["encounter"] in out and name in out and cost in out

@@ -82,9 +82,9 @@ class Empty(Follow):
         (Empty, "no scan yet: ValueError"),
     ],
 )
-def test_breaches_are_named(kind, said):
+def test_breaches_are_named(kind, on_progress):
     """A policy that breaks the contract in one way is told which."""
-    with pytest.raises(InvalidPlan, match=said):
+    with pytest.raises(InvalidPlan, match=on_progress):
         check_policy(kind, seconds=0.01 if kind is Slow else 30.0)
 
 

@@ -337,11 +337,11 @@ def test_what_is_typed_stays_while_an_answer_comes(page: Any, monkeypatch: pytes
     for tool, field, typed in (("hand", "#seed", "12"), ("way", "#pace", "0.25"), ("way", "#size", "0.45")):
         let.clear()
         page.click(f"[data-tool={tool}]")
-        lanes = page.locator(".lane").count()
+        views = page.locator(".lane").count()
         page.click("#compare")
         page.fill(field, typed)
         let.set()
-        expect(page, ".lane").to_have_count(3 - lanes)
+        expect(page, ".lane").to_have_count(3 - views)
         expect(page, field).to_have_value(typed)
     page.click("[data-tool=hand]")
     expect(page, "#undo").to_be_enabled()

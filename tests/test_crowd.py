@@ -37,12 +37,12 @@ def test_the_velocity_is_the_nearest_allowed_one() -> None:
     out, work = np.empty(2), np.empty((8, 4))
     allowed = 0
     for _ in range(cases(400, 20000)):
-        lines, wish = lines_among(rng, int(rng.integers(1, 6))), rng.uniform(-1.5, 1.5, 2)
+        lines, request = lines_among(rng, int(rng.integers(1, 6))), rng.uniform(-1.5, 1.5, 2)
         n = len(lines)
-        bad = orca.nearest(lines, n, 1.0, *wish, False, out)
-        best = naive.nearest(lines, 1.0, wish)
+        bad = orca.nearest(lines, n, 1.0, *request, False, out)
+        best = naive.nearest(lines, 1.0, request)
         if best is not None:
-            assert bad == n and math.dist(out, wish) == pytest.approx(math.dist(best, wish), abs=1e-6)
+            assert bad == n and math.dist(out, request) == pytest.approx(math.dist(best, request), abs=1e-6)
             allowed += 1
         elif bad < n:
             orca.least_wrong(lines, n, bad, 1.0, out, work)

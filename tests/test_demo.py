@@ -21,10 +21,10 @@ FILES = (*PICTURES, "demo.gif", "replay.html", "trace.json", "summary.json")
 
 def test_the_demo_writes_what_it_promises(tmp_path: Path) -> None:
     """Both policies on three scenes, all reached; figures, animation, page, traces and summaries are there, open, and agree."""
-    said: list[tuple[str, str]] = []
-    rows = list(run_demo(tmp_path, said=lambda *what: said.append(what)))
+    on_progress: list[tuple[str, str]] = []
+    rows = list(run_demo(tmp_path, on_progress=lambda *what: on_progress.append(what)))
     assert sorted((name, numbers["policy"]) for name, numbers in rows) == sorted(product(SCENES, ("paper", "antway")))
-    assert all(numbers["reached"] for _, numbers in rows) and ("office", "episodes") in said
+    assert all(numbers["reached"] for _, numbers in rows) and ("office", "episodes") in on_progress
     for folder in (tmp_path, *(tmp_path / name for name in SCENES)):
         assert all((folder / name).stat().st_size > 200 for name in FILES), folder
         page = (folder / "replay.html").read_text()

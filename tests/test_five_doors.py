@@ -193,8 +193,8 @@ def web(row: Row, folder: Path) -> Attempts:
     if row.parts[0] == "obstacle":
         radius, speed = row.of("obstacle.radius", 0.3), row.of("obstacle.speed", 0.5)
         wishes.append({"op": "drop", "xy": [5.5, 5.5], "velocity": [speed, 0.0], "radius": radius})
-    for wish in wishes:
-        yield lambda wish=wish: session().apply(wish)
+    for request in wishes:
+        yield lambda request=request: session().apply(request)
 
 
 @lru_cache(maxsize=1)
@@ -272,9 +272,9 @@ def test_a_wrong_value_meets_the_same_error_at_every_door(
         assert type(caught.value) is row.kind, caught.value
         assert re.search(NAMES.get(row.field, row.parts[1]), str(caught.value)), caught.value
         if door == "cli":
-            said = capsys.readouterr()
-            lines = [line for line in said.err.splitlines() if not line.endswith("...")]
-            assert said.out == "" and lines == [f"error: {caught.value}"]
+            on_progress = capsys.readouterr()
+            lines = [line for line in on_progress.err.splitlines() if not line.endswith("...")]
+            assert on_progress.out == "" and lines == [f"error: {caught.value}"]
 
 
 def test_the_table_is_long_and_has_few_gaps() -> None:

@@ -56,7 +56,7 @@ def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: fl
     task = Task(Grid(HALL, SIZE), robot, (1.0, 1.0), (9.0, 9.0), obstacle_speed=BOUND, obstacle_surge=surge)
     limits = np.array([V_MAX, a_max, robot.turn_rate, float(kind == "differential")])
     guard = Guard(timeout=0.35)
-    told = {"free": 0, "slowed": 0, "braked": 0, "stepped-aside": 0, "moving": 0}
+    announced = {"free": 0, "slowed": 0, "braked": 0, "stepped-aside": 0, "moving": 0}
     for i in range(steps):
         t = i * DT
         if i % 40 == 0:  # in the end they stand round the robot and none can move: begin anew
@@ -80,13 +80,13 @@ def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: fl
         command = None if policy == "none" and i % 2 else Command((float(wanted[0]), float(wanted[1])))
         o = Observation(t, tuple(xy.tolist()), tuple(velocity.tolist()), heading, seen, stamp)
         passed = guard.limit(o, command)
-        told[guard.did] += 1
+        announced[guard.did] += 1
         if policy == "none" or t - stamp > guard.timeout:
             assert passed == Command((0.0, 0.0)) and guard.did == "braked"
         vx, vy, heading = drive(*velocity, heading, *passed.velocity, limits, DT)
         velocity = np.array([vx, vy])
         moving = math.hypot(vx, vy) > 1e-9
-        told["moving"] += moving
+        announced["moving"] += moving
         for k, radius in enumerate(discs.radius):
             apart, reach = discs.xy[k] - xy, RADIUS + radius
             hit, _, _ = swept_discs(*apart, *(discs.velocity[k] - velocity), reach, DT)
@@ -98,22 +98,22 @@ def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: fl
         assert not segment_hits_cells(HALL, *ends, (RADIUS - 1e-9) / SIZE, True)
         xy = xy + velocity * DT
         discs.xy += discs.velocity * DT
-    return told
+    return announced
 
 
 @pytest.mark.parametrize("surge", [math.inf, 0.5])
 @pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
 def test_the_robot_never_moves_into_a_contact(a_max: float, kind: str, surge: float) -> None:
     """Whatever is commanded and however obstacles move within the declared bounds, a moving robot touches nothing (C25)."""
-    told = play(1, cases(625, 12_500), a_max, kind, surge)
-    assert told["moving"] > 50 and told["braked"] > 50 and told["slowed"] > 0
+    announced = play(1, cases(625, 12_500), a_max, kind, surge)
+    assert announced["moving"] > 50 and announced["braked"] > 50 and announced["slowed"] > 0
 
 
 @pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
 def test_the_promise_holds_with_lost_scans(a_max: float, kind: str) -> None:
     """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
-    told = play(2, cases(400, 12_500), a_max, kind, 0.5, stale=0.5)
-    assert told["moving"] > 20
+    announced = play(2, cases(400, 12_500), a_max, kind, 0.5, stale=0.5)
+    assert announced["moving"] > 20
 
 
 @pytest.mark.parametrize(("a_max", "kind"), ROBOTS)

@@ -40,9 +40,9 @@ def server() -> Iterator[tuple[int, int]]:
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        said = re.search(r":(\d+)/", process.stdout.readline())
-        assert said is not None
-        yield int(said[1]), process.pid
+        on_progress = re.search(r":(\d+)/", process.stdout.readline())
+        assert on_progress is not None
+        yield int(on_progress[1]), process.pid
         process.terminate()
 
 
@@ -60,14 +60,14 @@ async def close(writer: asyncio.StreamWriter) -> None:
 
 async def ask(port: int, times: list[float]) -> bytes:
     """Get the page's script over a connection of its own."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(f"GET /page.js HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
     answer = await reader.read()
     while not reader.at_eof():
         answer += await reader.read()
     await close(writer)
-    times.append(time.perf_counter() - begun)
+    times.append(time.perf_counter() - started)
     return answer[9:12]
 
 
@@ -93,9 +93,9 @@ async def steps(wire: ClientConnection) -> list[Any]:
     places = []
     for step in range(1, STEPS + 1):
         await wire.send('{"op":"step"}')
-        while (lane := (await frame(wire))["lanes"][0])["t"] < 0.1 * step - 0.05:
+        while (view := (await frame(wire))["lanes"][0])["t"] < 0.1 * step - 0.05:
             pass
-        places.append(lane["robot"])
+        places.append(view["robot"])
     return places
 
 
@@ -121,21 +121,21 @@ async def slow(port: int, token: str, stop: asyncio.Event) -> float:
         await wire.send('{"op":"play","on":true}')
         while '"kind":"frame"' not in await wire.recv():
             pass
-        begun = time.perf_counter()
+        started = time.perf_counter()
         with contextlib.suppress(ConnectionClosed):
             while not stop.is_set():
                 await wire.recv()
-        return time.perf_counter() - begun
+        return time.perf_counter() - started
 
 
-async def junk(port: int, token: str, messages: list[str | bytes], patience: float) -> int | None:
+async def junk(port: int, token: str, messages: list[str | bytes], timeout: float) -> int | None:
     """Send junk; return the code with which the server hung up, None if it did not."""
     async with live(port, token) as wire:
         with contextlib.suppress(ConnectionClosed, ConnectionError):
             for message in messages:
                 await wire.send(message)
         with contextlib.suppress(asyncio.TimeoutError):
-            await asyncio.wait_for(wire.wait_closed(), patience)
+            await asyncio.wait_for(wire.wait_closed(), timeout)
         return wire.close_code
 
 
@@ -179,12 +179,12 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
         rng = np.random.default_rng(0)
         floods = await asyncio.gather(*(junk(port, token, wishes(rng, JUNK), 30.0 if JUNK > 1000 else 0.1) for _ in range(2)))
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        head, said = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 10000000\r\n\r\n", b""
+        head, on_progress = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 10000000\r\n\r\n", b""
         with contextlib.suppress(ConnectionError):  # the server may hang up before all is sent
             writer.write(head.encode() + bytes(10_000_000))
             await writer.drain()
-            said = await reader.read(12)
-        assert said[9:] in (b"405", b"")
+            on_progress = await reader.read(12)
+        assert on_progress[9:] in (b"405", b"")
         await close(writer)
         assert await junk(port, token, ["x" * 7_000_000], 30.0) == 1009
         grown = size(pid) - before
@@ -254,8 +254,8 @@ def test_who_does_not_read_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> Non
         own, key = f"127.0.0.1:{port}", base64.b64encode(bytes(16)).decode()
         head = f"GET /live HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
         head += f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: antway, {TOKEN}\r\n\r\n"
-        wish = b'{"op":"export","what":"replay"}'
-        masked = bytes([0x81, 0x80 | len(wish), 0, 0, 0, 0]) + wish  # with zeros
+        request = b'{"op":"export","what":"replay"}'
+        masked = bytes([0x81, 0x80 | len(request), 0, 0, 0, 0]) + request  # with zeros
         wire.sendall(head.encode())
         assert wire.recv(12) == b"HTTP/1.1 101"
         wire.sendall(200 * masked)  # many more than the system keeps for a connection
@@ -293,12 +293,12 @@ def test_requests_go_first_and_hold_up_play_for_a_moment_alone(monkeypatch: pyte
             async with turns.lull():
                 pass
 
-        begun = clock()
+        started = clock()
         held = [asyncio.create_task(play()) for _ in range(20)]
         while not all(task.done() for task in held):
             turns.request()
             await asyncio.sleep(0)
-        assert 0.2 <= clock() - begun < 20 * 0.2
+        assert 0.2 <= clock() - started < 20 * 0.2
 
     asyncio.run(check())
 
@@ -402,8 +402,8 @@ def test_the_page_is_opened_in_the_browser_by_default(monkeypatch: pytest.Monkey
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        said = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
-        assert said is not None and process.stdout.readline() == f"opened {said[0]}\n"
+        on_progress = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
+        assert on_progress is not None and process.stdout.readline() == f"opened {on_progress[0]}\n"
         process.terminate()
 
 
@@ -412,9 +412,9 @@ def test_an_interrupt_ends_the_server_quietly() -> None:
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        said = re.search(r":(\d+)/", process.stdout.readline())
-        assert said is not None
-        port = int(said[1])
+        on_progress = re.search(r":(\d+)/", process.stdout.readline())
+        assert on_progress is not None
+        port = int(on_progress[1])
 
         async def leave() -> None:
             page = await asyncio.to_thread(

@@ -44,13 +44,13 @@ def spoilt_run(folder: Path, count: int, seed: int) -> float:
         file = dice.choice(files)
         data = spoil(sound[file], list(sound.values()), dice)
         file.write_bytes(data)
-        begun = time.perf_counter()
+        started = time.perf_counter()
         try:
             attempt(folder / "a.yaml" if file.name == "a.pgm" and dice.random() < 0.5 else file)
         except Exception:
             print(file.suffix, data)
             raise
-        longest = max(longest, time.perf_counter() - begun)
+        longest = max(longest, time.perf_counter() - started)
         file.write_bytes(sound[file])
     return longest
 
@@ -111,10 +111,10 @@ def _bombs(folder: Path) -> list[Path]:
 def test_bombs(tmp_path: Path) -> None:
     """C15: what would unpack to more than the limit is `TooLarge` before memory is taken for it."""
     for path in _bombs(tmp_path):
-        begun = resource.getrusage(resource.RUSAGE_SELF)
+        started = resource.getrusage(resource.RUSAGE_SELF)
         with pytest.raises(TooLarge):
             load_map(path)
-        assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - begun.ru_utime < 2.0
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_utime - started.ru_utime < 2.0
     code = f"for p in {[str(p) for p in tmp_path.iterdir()]}:\n    test_maps_spoilt.attempt(Path(p))"
     assert bounded(code) <= 64
 

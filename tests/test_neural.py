@@ -25,13 +25,13 @@ def kinds(rng: np.random.Generator, rows: int = 9, cols: int = 11) -> np.ndarray
     return np.pad(kind, 1, constant_values=CLOSED)
 
 
-def snake(lanes: int, length: int) -> Grid:
-    """One corridor, one cell wide, that goes up and down `lanes` times."""
-    blocked = np.ones((length, 2 * lanes + 1), dtype=bool)
-    for lane in range(lanes):
-        blocked[1:-1, 2 * lane + 1] = False
-        if lane:
-            blocked[1 if lane % 2 else -2, 2 * lane] = False
+def snake(views: int, length: int) -> Grid:
+    """One corridor, one cell wide, that goes up and down `views` times."""
+    blocked = np.ones((length, 2 * views + 1), dtype=bool)
+    for view in range(views):
+        blocked[1:-1, 2 * view + 1] = False
+        if view:
+            blocked[1 if view % 2 else -2, 2 * view] = False
     return Grid(blocked, 1.0)
 
 

@@ -389,9 +389,9 @@ def test_a_closed_tab_ends_its_simulation(browser: Any, monkeypatch: pytest.Monk
             leave()
             assert sessions[-1 if page.is_closed() else 0].closed.wait(30)
         assert len(sessions) == 2
-        steps = [session.lanes[0].episode.steps for session in sessions]
+        steps = [session.views[0].episode.steps for session in sessions]
         time.sleep(0.5)
-        assert steps == [session.lanes[0].episode.steps for session in sessions]
+        assert steps == [session.views[0].episode.steps for session in sessions]
     assert complaints == []
 
 

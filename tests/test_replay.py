@@ -192,9 +192,9 @@ def test_two_episodes_play_side_by_side(browser: Any, tmp_path: Path) -> None:
     one, other = sample_trace(60, 2), sample_trace(120, 3)
     object.__setattr__(other, "policy", "rival")
     page, complaints = opened(browser, write_replay(one, tmp_path / "r.html", beside=[other]).as_uri(), OWN, **DESKTOP)
-    told = page.locator(".told")
-    expect(told).to_have_text([f"{one.policy}: {one.outcome.value}", f"rival: {other.outcome.value}"])
-    expect(told.nth(0)).to_have_attribute("aria-pressed", "true")
+    announced = page.locator(".told")
+    expect(announced).to_have_text([f"{one.policy}: {one.outcome.value}", f"rival: {other.outcome.value}"])
+    expect(announced.nth(0)).to_have_attribute("aria-pressed", "true")
 
     def pictures() -> list[str]:
         drawn(page)
@@ -205,8 +205,8 @@ def test_two_episodes_play_side_by_side(browser: Any, tmp_path: Path) -> None:
     expect(page.locator("#time")).to_have_text("3.0 / 12.0 s")
     later = pictures()
     assert all(a != b for a, b in zip(began, later))
-    told.nth(1).click()
-    expect(told.nth(1)).to_have_attribute("aria-pressed", "true")
+    announced.nth(1).click()
+    expect(announced.nth(1)).to_have_attribute("aria-pressed", "true")
     expect(page.locator("#subtitle")).to_contain_text("policy rival")
     page.locator("#scrub").fill("60")
     first = pictures()

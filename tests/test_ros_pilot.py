@@ -125,8 +125,8 @@ def test_results_have_the_fields_that_a_version_has(monkeypatch):
         monkeypatch.setattr(nav2, "find_spec", lambda name: name)
         monkeypatch.setattr(nav2, "load", lambda name, action=action: action)
         kind = nav2.nav2_kinds()["follow_path"]
-        told = kind.feedback(distance_to_goal=1.0, speed=2.0, tracking_feedback=3.0)
-        assert set(vars(told)) == set(feedback)
+        announced = kind.feedback(distance_to_goal=1.0, speed=2.0, tracking_feedback=3.0)
+        assert set(vars(announced)) == set(feedback)
         assert vars(kind.result(error_code=7, error_msg="so", path=None)) == {"error_code": 7, "error_msg": "so"}
 
 
@@ -286,7 +286,7 @@ def test_replanning_does_not_hide_that_it_waits():
     """Paths that are refreshed each 0.5 s neither move a robot whose sensor is silent, nor put off the end of its patience."""
     way = np.array([[2.0, 2.0], [10.0, 2.0]])
     for refreshed in (way, np.array([[2.0, 2.0], [6.0, 6.0], [10.0, 2.0]])):
-        drive = ready(Goal((10.0, 2.0), way, hurried=True), patience=2.0)
+        drive = ready(Goal((10.0, 2.0), way, hurried=True), timeout=2.0)
         ends = []
         for i in range(40):
             answer = drive.step(None)
@@ -321,11 +321,11 @@ def test_patience_and_progress_end_hurried_goals_alone():
     for hurried in (True, False):
         ends = []
         for silent in (True, False):
-            drive = ready(Goal((10.0, 2.0), hurried=hurried), patience=1.0, progress_time=3.0)
+            drive = ready(Goal((10.0, 2.0), hurried=hurried), timeout=1.0, progress_time=3.0)
             answers = [drive.step(None if silent else NOBODY) for _ in range(60)]
             ends += [one.end for one in answers if one is not None and one.end]
         assert ends == ([End.WAITED, End.HELD] if hurried else [])
-    drive = ready(Goal((10.0, 2.0), hurried=True), patience=1.0)
+    drive = ready(Goal((10.0, 2.0), hurried=True), timeout=1.0)
     assert drive.pilot.silent(0.8).end is None and drive.pilot.silent(1.2).end is End.WAITED
 
 
@@ -338,9 +338,9 @@ def test_markers_say_what_was_decided():
         np.array([3, 4]), np.array([[4.0, 2.0], [5.0, 6.0]]), np.array([[0.5, 0.0], [np.nan, np.nan]]), np.array([0.3, 0.4])
     )
     drive = ready()
-    told = drive.pilot.decision()
-    told = replace(told, obstacle=3, local_target=(3.0, 3.0), action="avoid")
-    message = decision_message(told, (2.0, 2.0), tracks, 1.0)
+    announced = drive.pilot.decision()
+    announced = replace(announced, obstacle=3, local_target=(3.0, 3.0), action="avoid")
+    message = decision_message(announced, (2.0, 2.0), tracks, 1.0)
     spaces = [one.ns for one in message.markers[1:]]
     assert spaces == ["action", "motion", "target", "obstacle"] and message.markers[0].action == 3
     assert len({one.id for one in message.markers}) == len(message.markers)

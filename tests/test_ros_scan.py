@@ -167,9 +167,9 @@ class Seeing:
         self.pilot.scan = o.t, self.tracker.update(o.t, nameless(seen))
         answer = self.pilot.hear(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2], o.t)
         assert answer is not None, "one command each control period"
-        told = self.pilot.decision()
-        if told is not None:
-            self.drove.append(told)
+        announced = self.pilot.decision()
+        if announced is not None:
+            self.drove.append(announced)
         return Command(frames.turn(-self.world[2], answer.command.velocity))
 
     def explain(self) -> Decision:

@@ -55,8 +55,10 @@ def test_a_ring_is_solved_and_the_run_ends() -> None:
     assert frame["ended"] and not frame["playing"] and frame["gap"] == 0.0
     order = unpack(frame["tour"], "<u2").astype(int)
     assert sorted(order) == list(range(40)) and set(np.abs(np.diff(order)) % 38) == {1}
-    said = tab.apply({"op": "export", "what": "tour"})[0]
-    assert said["text"].splitlines()[2:4] == ["DIMENSION : 40", "TOUR_SECTION"] and said["text"].endswith("-1\nEOF\n")
+    on_progress = tab.apply({"op": "export", "what": "tour"})[0]
+    assert on_progress["text"].splitlines()[2:4] == ["DIMENSION : 40", "TOUR_SECTION"] and on_progress["text"].endswith(
+        "-1\nEOF\n"
+    )
 
 
 def test_frames_of_many_cities_are_small() -> None:
@@ -87,9 +89,9 @@ def test_files_open_and_wrong_wishes_change_nothing() -> None:
         {"op": "speed", "speed": 3},
         {"op": "instance", "name": "../x"}, {"op": "export", "what": "scenario"}, {"op": "play", "on": 1},
     ]  # fmt: skip
-    for wish in wrong:
+    for request in wrong:
         with pytest.raises(BadInput):
-            tab.apply(wish)
+            tab.apply(request)
     assert tab.colony is colony and colony.cycle == 3
     for field, value in (("rule", "acs"), ("persistence", "adaptive"), ("search", "2opt"), ("ants", 7), ("seed", 5)):
         tab.apply({"op": "set", "field": field, "value": value})

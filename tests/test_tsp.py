@@ -77,7 +77,7 @@ def test_answers_are_tours(rule, local_search):
 def test_budgets_warm_start_and_cancel():
     """Tours and cycles end a run exactly, time and cancellation soon; pheromone handed on is where the next run starts."""
     assert solve_tsp(RANDOM, tours=100, ants=10).tours == 100
-    begun = time.perf_counter()
+    started = time.perf_counter()
     stop = threading.Event()
     seen = []
 
@@ -88,7 +88,7 @@ def test_budgets_warm_start_and_cancel():
 
     first = solve_tsp(RANDOM, progress=progress, cancel=stop, seconds=60)
     assert len(seen) == 3 and seen[-1][:2] == (first.tours, first.length)
-    assert solve_tsp(RANDOM, seconds=0.0).tours > 0 and time.perf_counter() - begun < 60
+    assert solve_tsp(RANDOM, seconds=0.0).tours > 0 and time.perf_counter() - started < 60
     cold, warm = (solve_tsp(RANDOM, cycles=1, pheromone=p) for p in (None, solve_tsp(RANDOM, cycles=400).pheromone))
     assert warm.length < cold.length
 
@@ -195,14 +195,14 @@ def test_spoilt_files():
     read = 0
     for _ in range(cases(1000, 100_000)):
         data = spoil(dice.choice(sound), sound, dice)
-        begun = time.perf_counter()
+        started = time.perf_counter()
         try:
             instance = parse(data)
             assert np.isfinite(instance.length(np.arange(instance.size)))
             read += 1
         except BadInput:
             pass
-        assert time.perf_counter() - begun < 2.0
+        assert time.perf_counter() - started < 2.0
     assert read > 0
 
 

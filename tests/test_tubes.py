@@ -50,12 +50,12 @@ def test_conflicts_are_those_that_sampling_finds() -> None:
     for _ in range(cases(40, 2000)):
         trajectory, xy = tubes(rng), rng.uniform(1, 9, (4, 2))
         t = np.cumsum(rng.uniform(0.5, 2.0, 4))
-        when, who = trajectory.conflict(t, xy, 7.0, 0.3)
+        when, obstacle = trajectory.conflict(t, xy, 7.0, 0.3)
         times = np.linspace(t[0], max(7.0, t[0]), 1500)
         gaps = np.array([gap(trajectory, s, np.interp(s, t, xy[:, 0]), np.interp(s, t, xy[:, 1]), 0.0) for s in times]) - 0.3
         inside = np.flatnonzero(gaps < -0.01)
         if when == math.inf:
-            assert who == -1 and not len(inside)
+            assert obstacle == -1 and not len(inside)
         else:
             assert gap(trajectory, when, np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1]), 0.0) < 0.3 + 1e-6
             assert not len(inside) or when <= times[inside[0]]

@@ -143,7 +143,7 @@ def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
     session.apply({"op": "move", "end": "goal", "xy": [17.5, 17.5]})
     session.apply({"op": "drop", "xy": [5.5, 1.5], "velocity": [0.5, 0.0], "radius": 0.3})
     session.apply({"op": "step"})
-    before, lanes = session.scenario, session.lanes
+    before, views = session.scenario, session.views
     wrong: list[Any] = [
         None,
         {}, {"op": "paint", "blocked": True, "cells": [[0, 0]]},
@@ -153,10 +153,10 @@ def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
         {"op": "open", "files": [{"name": "x.png", "data": base64.b64encode(b"no png").decode()}]},
         {"op": "scene", "name": "/etc"},
     ]  # fmt: skip
-    for wish in wrong:
+    for request in wrong:
         with pytest.raises(BadInput):
-            session.apply(wish)
-    assert session.scenario is before and session.lanes is lanes
+            session.apply(request)
+    assert session.scenario is before and session.views is views
     for _ in range(3):
         session.apply({"op": "undo"})
     assert session.scenario == first
@@ -209,7 +209,7 @@ def test_predictions_grow_with_time_and_with_noise() -> None:
         assert growth > 0.0 and way[0][0] == 0.0 and way[-1][0] == pytest.approx(3.0)
         widths.append(radius)
         if not noise:
-            (x, y), (_, end, high) = session.lanes[0].episode.stage.timeline.at(0.1)[0][0], way[-1]
+            (x, y), (_, end, high) = session.views[0].episode.stage.timeline.at(0.1)[0][0], way[-1]
             assert (end - x, high - y) == pytest.approx((3 * 0.8, 0.0), abs=0.01)
     assert widths[0] == pytest.approx(0.4) and widths[1] > 0.5
 
@@ -219,13 +219,13 @@ def test_the_braking_area_is_the_way_to_a_stand() -> None:
     session = Session()
     assert session.frame()["lanes"][0]["braking"][0] == 0.0
     session.advance(15)
-    lane = session.frame()["lanes"][0]
-    robot, driven, speed = session.scenario.robot, 0.0, lane["speed"]
+    view = session.frame()["lanes"][0]
+    robot, driven, speed = session.scenario.robot, 0.0, view["speed"]
     assert speed > 0.5
     while speed > 1e-6:
         driven += speed * robot.dt
         speed = max(0.0, speed - robot.a_max * robot.dt)
-    assert lane["braking"][0] == pytest.approx(driven, abs=0.01)
+    assert view["braking"][0] == pytest.approx(driven, abs=0.01)
 
 
 def test_a_spoilt_archive_is_refused() -> None:
@@ -255,32 +255,32 @@ def test_a_look_inside_a_cycle_changes_nothing() -> None:
     session = Session()
     session.apply({"op": "policies", "names": ["paper", "antway"]})
     looks, idle, before = 0, 0, []
-    while not session.ended and session.lanes[0].episode.steps < 120:
-        steps = session.lanes[0].episode.steps
+    while not session.ended and session.views[0].episode.steps < 120:
+        steps = session.views[0].episode.steps
         session.apply({"op": "ants"})
         frame = session.frame()
-        looked = [lane["ants"] for lane in frame["lanes"]]
+        looked = [view["ants"] for view in frame["lanes"]]
         looks += any(looked)
-        told = [lane["idle"] for lane in frame["lanes"]]
-        assert not any(look and why for look, why in zip(looked, told)), (looked, told)
+        announced = [view["idle"] for view in frame["lanes"]]
+        assert not any(look and why for look, why in zip(looked, announced)), (looked, announced)
         if not any(looked) and not any(before):
-            assert all("No ants in this control cycle" in why for why in told)
+            assert all("No ants in this control cycle" in why for why in announced)
             idle += 1
         before = looked
-        assert (session.lanes[0].episode.steps > steps) == (not any(looked))
+        assert (session.views[0].episode.steps > steps) == (not any(looked))
     assert looks > 20 and idle > 20
-    looked_into = session.lanes
+    looked_into = session.views
     session.apply({"op": "policies", "names": ["stop"]})
     session.apply({"op": "ants"})
     assert session.frame()["lanes"][0]["idle"] == "This policy has no ants."
     session.apply({"op": "step"})
     assert session.frame()["lanes"][0]["idle"] == ""
     session.apply({"op": "policies", "names": ["paper", "antway"]})
-    for lane, policy in zip(looked_into, session.policies):
+    for view, policy in zip(looked_into, session.policies):
         plain = Episode(session.scenario, policy)
-        for _ in range(lane.episode.steps):
+        for _ in range(view.episode.steps):
             plain.step()
-        assert (plain.stage.xy == lane.episode.stage.xy).all(), policy
+        assert (plain.stage.xy == view.episode.stage.xy).all(), policy
 
 
 def test_tabs_that_share_memory_do_not_meet() -> None:
@@ -292,28 +292,28 @@ def test_tabs_that_share_memory_do_not_meet() -> None:
         for tab in tabs:
             tab.advance(1)
             if k % 20 == 19:
-                tab.lanes[0].look_inside()
+                tab.views[0].look_inside()
     for tab in tabs:
-        plain, lane = Episode(tab.scenario, "antway"), tab.lanes[0].episode
-        for _ in range(lane.steps):
+        plain, view = Episode(tab.scenario, "antway"), tab.views[0].episode
+        for _ in range(view.steps):
             plain.step()
-        assert lane.steps > 80 and (plain.stage.xy == lane.stage.xy).all()
-    assert tabs[0].lanes[0].watched.policy.memory is tabs[1].lanes[0].watched.policy.memory  # type: ignore[attr-defined]
+        assert view.steps > 80 and (plain.stage.xy == view.stage.xy).all()
+    assert tabs[0].views[0].watched.policy.memory is tabs[1].views[0].watched.policy.memory  # type: ignore[attr-defined]
 
 
 def test_the_ants_of_a_look_get_better() -> None:
     """With more ant cycles the best way of policy paper's ants never gets longer, and all of them give the decision taken."""
     session = Session()
     session.apply({"op": "policies", "names": ["paper"]})
-    lane, ways = session.lanes[0], []
-    while not ways or lane.look is not None:
+    view, ways = session.views[0], []
+    while not ways or view.look is not None:
         session.apply({"op": "ants"})
-        if lane.look is not None:
-            assert lane.look.decision.history is not None and lane.look.decision.pheromone is not None
-            ways.append(lane.look.decision.history[-1, 0])
-            last = lane.look
+        if view.look is not None:
+            assert view.look.decision.history is not None and view.look.decision.pheromone is not None
+            ways.append(view.look.decision.history[-1, 0])
+            last = view.look
     assert ways == sorted(ways, reverse=True) and last.done
-    assert lane.episode.decisions[-1][1].action == last.decision.action
+    assert view.episode.decisions[-1][1].action == last.decision.action
 
 
 def test_obstacles_go_round_their_waypoints() -> None:

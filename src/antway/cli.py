@@ -166,7 +166,9 @@ def demo_command(
     console = Console(stderr=True)
     with console.status("starting") as status, working("playing the scenes"):
         rows = list(
-            run_demo(out, policies=policies.split(","), seed=seed, said=lambda name, what: status.update(f"{name}: {what}"))
+            run_demo(
+                out, policies=policies.split(","), seed=seed, on_progress=lambda name, what: status.update(f"{name}: {what}")
+            )
         )
     rows.sort(key=lambda row: SCENES.index(row[0]))
     if json:
@@ -192,7 +194,7 @@ def bench_command(
     episodes: Annotated[int | None, number_option("episodes", int, "N", "Episodes of each group of the suite.")] = None,
     engine: Annotated[str, typer.Option(metavar="NAME", help="local or ray.")] = "local",
     workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
-    patience: Annotated[float, number_option("patience", float, "S", "Give up an episode after so long.")] = 120.0,
+    timeout: Annotated[float, number_option("patience", float, "S", "Give up an episode after so long.")] = 120.0,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Results, report and tables; an earlier run goes on.")] = Path(
         "bench"
     ),
@@ -229,7 +231,7 @@ def bench_command(
                 results,
                 engine=engine,
                 workers=workers or os.cpu_count() or 1,
-                patience=patience,
+                timeout=timeout,
                 done=lambda row: bar.advance(task),
             )
         wanted = {job.key for job in jobs}

@@ -93,9 +93,9 @@ def check_planner(planner: Planner) -> None:
     faults += _plan_faults("unreachable: ", walled, planner(walled, seed=5), Status.NO_PATH)
     here = Problem(problem.grid, (2, 2), (2, 2))
     faults += _plan_faults("start at the goal: ", here, planner(here, seed=5), Status.FOUND)
-    begun = time.perf_counter()
+    started = time.perf_counter()
     late = planner(problem, seed=5, budget=Budget(seconds=0.0))
-    if time.perf_counter() - begun > OVERRUN:
+    if time.perf_counter() - started > OVERRUN:
         faults.append("time limit: it goes on after its time is spent")
     faults += _plan_faults("out of budget: ", problem, late, late.status)
     if faults:

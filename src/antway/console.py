@@ -41,11 +41,11 @@ def working(what: str) -> Iterator[None]:
     from numba.core import event
 
     class Compiling(event.Listener):
-        told = False
+        announced = False
 
         def on_start(self, event: object) -> None:
-            if not Compiling.told:
-                Compiling.told = True
+            if not Compiling.announced:
+                Compiling.announced = True
                 say("compiling the kernels; this happens once and is kept on disk ...")
 
         def on_end(self, event: object) -> None:

@@ -99,7 +99,7 @@ def static_shortest(task: Task) -> float:
 def write_episode(
     result: EpisodeResult,
     folder: Path,
-    said: Callable[[str], None] = lambda what: None,
+    on_progress: Callable[[str], None] = lambda what: None,
     *,
     beside: Sequence[EpisodeResult] = (),
 ) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def write_episode(
     numbers = write_record(result, folder)
     trace, others = _trace(result), [_trace(other) for other in beside]
     path = figures.shortest(trace.task)
-    said("figures")
+    on_progress("figures")
     meet, avoid = figures.moments(trace)
     ends = (trace.task.start, trace.task.goal)
     figures.save(figures.plan_figure(trace.task.grid, path, ends=ends), folder / "figure4_global_path.png")
@@ -125,9 +125,9 @@ def write_episode(
     figures.save(round_it, folder / "figure6_avoidance.png")
     figures.save(figures.final_figure(trace, path=path), folder / "figure7_final_path.png")
     first, *rest = (*others, trace)
-    said("animation")
+    on_progress("animation")
     write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
-    said("replay page")
+    on_progress("replay page")
     write_replay(first, folder / "replay.html", beside=rest, shortest=path)
     return numbers
 
@@ -148,13 +148,13 @@ def run_demo(
     *,
     policies: Sequence[str] = ("paper", "antway"),
     seed: int | None = None,
-    said: Callable[[str, str], None] = lambda scene, what: None,
+    on_progress: Callable[[str, str], None] = lambda scene, what: None,
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Play every scene with each policy and write what came of it under `out`; yield each episode's scene and summary.
 
     A scene's folder holds the figures, trace and summary of the last policy, an animation and a page with all of them side by
     side, and a folder for each other policy with its trace and summary. The pictures of the paper's scene, and those of no
-    scene, lie in `out` itself. `said(scene, what)` is called before each part. Other processes play the other policies and
+    scene, lie in `out` itself. `on_progress(scene, what)` is called before each part. Other processes play the other policies and
     draw; they start anew, so a script that calls this guards its own work by `if __name__ == "__main__"`.
 
     Raises
@@ -172,17 +172,17 @@ def run_demo(
         aside = pool.submit(_play, others, seed)  # in one process: each would compile the same kernels
         drawn = {}
         for name in SCENES:
-            said(name, "episodes")
+            on_progress(name, "episodes")
             played = run(scene(name), shown, seed=seed)
             beside = [aside.result()[name, other] for other in others]
             drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)
             for other, result in zip(others, beside):
                 yield name, write_record(result, out / name / other)
         charts = pool.submit(write_flow_charts, out)
-        said(SCENES[0], "convergence")
+        on_progress(SCENES[0], "convergence")
         write_convergence(scene(SCENES[0]), out / "convergence.png")
         for name in SCENES:
-            said(name, "figures, animation, replay page")
+            on_progress(name, "figures, animation, replay page")
             yield name, drawn[name].result()
         charts.result()
     for picture in sorted(path for path in (out / SCENES[0]).iterdir() if path.is_file()):

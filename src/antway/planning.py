@@ -118,14 +118,14 @@ class Budget:
 
     def start(self) -> Clock:
         """Start the time."""
-        begun = time.perf_counter()
-        return Clock(begun, math.inf if self.seconds is None else begun + self.seconds, self.cancel)
+        started = time.perf_counter()
+        return Clock(started, math.inf if self.seconds is None else started + self.seconds, self.cancel)
 
 
 class Clock(NamedTuple):
     """A running budget."""
 
-    begun: float
+    started: float
     end: float
     cancel: threading.Event | None
 
@@ -135,7 +135,7 @@ class Clock(NamedTuple):
 
     def elapsed(self) -> float:
         """Return the seconds since the start."""
-        return time.perf_counter() - self.begun
+        return time.perf_counter() - self.started
 
 
 def start_clock(problem: Problem, seed: int, budget: Budget) -> Clock:

@@ -32,13 +32,13 @@ def wrong(lines: np.ndarray, v: np.ndarray) -> float:
     return max(-(dx * (v[1] - y) - dy * (v[0] - x)) for x, y, dx, dy in lines.tolist())
 
 
-def nearest(lines: np.ndarray, top: float, wish: np.ndarray) -> np.ndarray | None:
+def nearest(lines: np.ndarray, top: float, request: np.ndarray) -> np.ndarray | None:
     """The best of all candidates: the wish, its feet on lines and circle, crossings of lines with lines and with the circle."""
-    candidates = [wish, wish * top / max(math.hypot(*wish), 1e-12)]
+    candidates = [request, request * top / max(math.hypot(*request), 1e-12)]
     for x, y, dx, dy in lines.tolist():
         p, d = np.array([x, y]), np.array([dx, dy])
         foot = float(p @ d)
-        candidates.append(p + d * float(d @ (wish - p)))
+        candidates.append(p + d * float(d @ (request - p)))
         root = foot * foot + top * top - float(p @ p)
         if root >= 0.0:
             candidates += [p + d * (-foot - math.sqrt(root)), p + d * (-foot + math.sqrt(root))]
@@ -47,7 +47,7 @@ def nearest(lines: np.ndarray, top: float, wish: np.ndarray) -> np.ndarray | Non
         if abs(np.linalg.det(matrix)) > 1e-9:
             candidates.append(one[:2] + one[2:] * np.linalg.solve(matrix, other[:2] - one[:2])[0])
     good = [v for v in candidates if math.hypot(*v) <= top + 1e-9 and wrong(lines, v) <= 1e-9]
-    return min(good, key=lambda v: math.dist(v, wish)) if good else None
+    return min(good, key=lambda v: math.dist(v, request)) if good else None
 
 
 def least_wrong(lines: np.ndarray, top: float) -> float:

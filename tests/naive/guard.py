@@ -63,11 +63,11 @@ class Book:
         self.seen: dict[int, tuple] = {}
 
     def take(self, now, stamp, hold, name, xy, velocity, radius, spread, fastest, surge, stopping) -> np.ndarray:
-        for k, who in enumerate(name.tolist()):
+        for k, obstacle in enumerate(name.tolist()):
             known = not np.isnan(velocity[k]).any()
             v = velocity[k] if known else np.zeros(2)
-            self.seen[who] = (stamp, *xy[k], *v, radius[k] + spread[k], math.hypot(*v) if known else fastest)
-        self.seen = {who: row for who, row in self.seen.items() if row[0] >= stamp or now - row[0] <= hold}
+            self.seen[obstacle] = (stamp, *xy[k], *v, radius[k] + spread[k], math.hypot(*v) if known else fastest)
+        self.seen = {obstacle: row for obstacle, row in self.seen.items() if row[0] >= stamp or now - row[0] <= hold}
         rows = []
         for at, x, y, vx, vy, r, speed in self.seen.values():
             bound = min(fastest, speed + surge * (now - at + stopping))

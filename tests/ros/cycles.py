@@ -11,7 +11,7 @@ import threading
 from pathlib import Path
 
 import rclpy
-from harness import PATIENCE
+from harness import TIMEOUT
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
 from stand_in import GOAL, START, kinds, room, stamped
@@ -37,7 +37,7 @@ def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> i
     get_plan = client.create_client(load("nav_msgs/srv/GetPlan"), "get_plan")
     while not get_plan.service_is_ready():
         executor.spin_once(timeout_sec=0.1)
-    actions.find_path = lambda *details: gate.wait(PATIENCE) and find_path(*details)
+    actions.find_path = lambda *details: gate.wait(TIMEOUT) and find_path(*details)
     answer = get_plan.call_async(make("nav_msgs/srv/GetPlan_Request", start=stamped(START), goal=stamped(GOAL)))
     served = next(part for _, part in node.parts if isinstance(part, actions.Served))
     while not served.asked:

@@ -20,7 +20,7 @@ from antway.ros2.node import LATCHED
 from antway.world.policy import Command, Decision, Observation, RobotSpec
 from naive.laser import measured
 
-PATIENCE = 120.0  # s; on a machine under load
+TIMEOUT = 120.0  # s; on a machine under load
 FEW = QoSProfile(depth=5)
 KINDS = {
     "markers": ("obstacles", "visualization_msgs/msg/MarkerArray"),
@@ -53,7 +53,7 @@ class Robot(Node):
         }
         if odom is not None:
             self.out["tf"] = self.create_publisher(load("geometry_msgs/msg/TransformStamped"), "tf_stand_in", 50)
-        self.twist, self.said, self.answered, self.paths, self.seen = None, [], 0, 0, {}
+        self.twist, self.on_progress, self.answered, self.paths, self.seen = None, [], 0, 0, {}
         kind = load("geometry_msgs/msg/TwistStamped" if stamped else "geometry_msgs/msg/Twist")
         self.create_subscription(kind, "cmd_vel", self.on_twist, 50)
         self.create_subscription(load("diagnostic_msgs/msg/DiagnosticArray"), "/diagnostics", self.on_said, 50)
@@ -71,7 +71,7 @@ class Robot(Node):
         self.answered += 1
 
     def on_said(self, message) -> None:
-        self.said.append((convert.seconds(message.header.stamp), message.status[0].message))
+        self.on_progress.append((convert.seconds(message.header.stamp), message.status[0].message))
 
     def on_picture(self, topic: str, message) -> None:
         """Keep the newest, and of predictions the one with most in it."""
@@ -84,22 +84,22 @@ class Robot(Node):
 
     def until(self, what: str, true, again=lambda: None) -> None:
         """Spin until `true()`; do `again` twice a second, as sensors do that keep on sending."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         due = time.monotonic() + 0.5
         while not true():
             rclpy.spin_once(self, timeout_sec=0.05)
             if time.monotonic() > end:
-                raise SystemExit(f"waited in vain for {what}; the node said {self.said[-3:]}")
+                raise SystemExit(f"waited in vain for {what}; the node said {self.on_progress[-3:]}")
             if time.monotonic() > due:
                 again()
                 due += 0.5
 
     def meets(self) -> None:
         """Wait for the node."""
-        self.said.clear()
+        self.on_progress.clear()
         self.until("the node", lambda: all(p.get_subscription_count() for p in self.out.values()))
         self.until("its publishers", lambda: self.count_publishers("cmd_vel") and self.count_publishers("plan"))
-        self.until("its first words", lambda: self.said)
+        self.until("its first words", lambda: self.on_progress)
 
     def stands(self) -> bool:
         if self.twist is None:  # never moved
@@ -109,9 +109,9 @@ class Robot(Node):
 
     def hears(self, text: str, again=lambda: None) -> None:
         """Wait for a diagnostic that holds `text`, said from now on, and for the robot to be stopped."""
-        self.said.clear()
+        self.on_progress.clear()
         again()
-        self.until(f"'{text}'", lambda: any(text in one for _, one in self.said), again)
+        self.until(f"'{text}'", lambda: any(text in one for _, one in self.on_progress), again)
         self.until(f"a stop at '{text}'", self.stands)
 
     def senses(self, o: Observation, base: float, obstacles: bool = True, tf: bool = True) -> None:

@@ -49,20 +49,22 @@ def drive(command: list[str], nodes: list[subprocess.Popen]) -> None:
             killed.append(o.t)
         if o.t < killed[0] + 1.0:
             return True
-        robot.said.clear()
+        robot.on_progress.clear()
         nodes.append(subprocess.Popen(command))
-        robot.until("'no goal'", lambda: any(text == "no goal" for _, text in robot.said))  # the goal is gone, and it says so
+        robot.until(
+            "'no goal'", lambda: any(text == "no goal" for _, text in robot.on_progress)
+        )  # the goal is gone, and it says so
 
         def again() -> None:
             robot.go(place.goal)
             robot.senses(o, base)
 
-        robot.until("setting out", lambda: any(text.startswith(ACTIONS) for _, text in robot.said), again)
+        robot.until("setting out", lambda: any(text.startswith(ACTIONS) for _, text in robot.on_progress), again)
         return False  # the map came from the latched topic
 
     place = load_scenario(scene("paper"))
     robot.charts(place.task.grid)
-    begun = time.monotonic()
+    started = time.monotonic()
     result = run(place, Remote(robot, base, before), seed=11)
     check_episode(result)
 
@@ -71,14 +73,14 @@ def drive(command: list[str], nodes: list[subprocess.Popen]) -> None:
     later = onwards(robot, still, base)
     robot.hears("arrived", later)
     tick(base + 500.0)
-    robot.until("simulated time", lambda: any(abs(t - base - 500.0) < 1.0 for t, _ in robot.said))
+    robot.until("simulated time", lambda: any(abs(t - base - 500.0) < 1.0 for t, _ in robot.on_progress))
     robot.go(place.start)
     robot.until("driving", lambda: not robot.stands(), later)
     tick(100.0)
     robot.hears("jumped by -", onwards(robot, still, 100.0))
     robot.until("driving again", lambda: not robot.stands(), onwards(robot, still, 101.0))
     robot.hears("no odometry for")
-    end(robot, outcome=result.outcome.value, clearance=result.min_clearance, killed=killed, wall=time.monotonic() - begun)
+    end(robot, outcome=result.outcome.value, clearance=result.min_clearance, killed=killed, wall=time.monotonic() - started)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def main(episodes: int) -> None:
     for seed in range(episodes):
         base += 1000.0
         robot.hears("jumped", lambda base=base: robot.senses(still, base - 0.2))
-        before, begun = robot.answered, time.monotonic()
+        before, started = robot.answered, time.monotonic()
         result = run(place, Remote(robot, base), seed=seed)
         check_episode(result)
         outcomes.append(
@@ -72,7 +72,7 @@ def main(episodes: int) -> None:
                 "reason": result.reason,
                 "steps": len(result.cycle_ms),
                 "answers": robot.answered - before,
-                "wall": time.monotonic() - begun,
+                "wall": time.monotonic() - started,
                 "clearance": result.min_clearance,
             }
         )
@@ -84,11 +84,11 @@ def main(episodes: int) -> None:
     robot.go(place.start)
     later()
     robot.hears("the sensor is silent", lambda: later(obstacles=False))
-    late = float(next(text for _, text in robot.said if "silent" in text).split()[2])
+    late = float(next(text for _, text in robot.on_progress if "silent" in text).split()[2])
     assert 0.5 < late < 0.5 + 0.1 + 0.01, late  # it stopped in the first cycle after the guard's time
-    begun = time.monotonic()
+    started = time.monotonic()
     robot.hears("no odometry for")
-    quiet = time.monotonic() - begun
+    quiet = time.monotonic() - started
     robot.hears("pre-empted", lambda: robot.go(place.goal))
     stop = robot.create_client(load("std_srvs/srv/Trigger"), "/antway/stop")
     robot.until("stop", stop.service_is_ready)

@@ -183,14 +183,14 @@ def solve_tsp(
         while colony.cycle < limit and not (colony.cycle and (clock.spent() or colony.best_cost <= target)):
             batch = min(batch, limit - colony.cycle)
             room = np.empty((batch, 2))
-            begun = time.perf_counter()
+            started = time.perf_counter()
             noted = colony.run(batch, room, target, pool, threads)
             elapsed = clock.elapsed()
             history += [(cycle * per_cycle, best, elapsed) for cycle, best in room[:noted].tolist()]
             if progress is not None:
                 progress(colony.cycle * per_cycle, colony.best_cost, elapsed)
             # Twice as many at most, so that one slow first cycle, or a fast one, does not decide.
-            batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - begun, 1e-9))))
+            batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - started, 1e-9))))
     order = colony.best
     return Tour(
         order,

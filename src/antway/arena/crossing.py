@@ -114,9 +114,9 @@ def orca_tracks(walks: list[Walk], steps: int) -> list[list[XY]]:
                 mind.set_agent_position(i, xy[j])
                 mind.set_agent_velocity(i, velocity[j])
                 mind.set_agent_pref_velocity(i, (0.0, 0.0))
-            wish = walks[k][1][0] - xy[k][0], walks[k][1][1] - xy[k][1]
-            way = max(math.hypot(*wish), 1.0)
-            mind.set_agent_pref_velocity(0, (wish[0] / way, wish[1] / way))
+            preferred = walks[k][1][0] - xy[k][0], walks[k][1][1] - xy[k][1]
+            way = max(math.hypot(*preferred), 1.0)
+            mind.set_agent_pref_velocity(0, (preferred[0] / way, preferred[1] / way))
             mind.do_step()
             found = mind.get_agent_velocity(0)
             chosen.append((found.x, found.y))

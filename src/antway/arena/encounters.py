@@ -74,8 +74,8 @@ def ambush(chance: Chance) -> Scenario:
 def flow(chance: Chance) -> Scenario:
     """A stream of discs crosses the robot's way, one after the other in three lanes."""
     out = []
-    for lane in range(3):
-        x, speed = 4.0 + 1.6 * lane, chance.between(0.5, 0.9)
+    for row in range(3):
+        x, speed = 4.0 + 1.6 * row, chance.between(0.5, 0.9)
         ends = ((x, 0.6), (x, 11.4)) if chance.integer(0, 2) else ((x, 11.4), (x, 0.6))
         delay = chance.between(0.0, 2.0)
         for _ in range(5):

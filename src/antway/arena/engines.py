@@ -27,7 +27,7 @@ from antway.world.episode import run
 from antway.world.policy import Policy, make_policy
 from antway.world.trace import Outcome
 
-PATIENCE = 120.0  # s of wall time after which an episode is given up
+TIMEOUT = 120.0  # s of wall time after which an episode is given up
 ENGINES = ("local", "ray")
 Answer = tuple[Row, str]  # and the JSON of the trace of one that failed, else empty
 
@@ -115,7 +115,7 @@ def bench(
     *,
     engine: str = "local",
     workers: int = 1,
-    patience: float = PATIENCE,
+    timeout: float = TIMEOUT,
     done: Callable[[Row | None], None] = lambda row: None,
 ) -> None:
     """Play all `jobs` that `results` does not have yet, and write each row as it comes.
@@ -129,7 +129,7 @@ def bench(
         "local" (processes of this machine) or "ray".
     workers : int
         >= 1.
-    patience : float
+    timeout : float
         An episode that takes longer is a row with the outcome TIMEOUT, s, > 0.
     done : function of Row or None
         Called after each job, with None where its row was there already.
@@ -142,7 +142,7 @@ def bench(
         If the results cannot be written.
     """
     checks.integer("workers", workers, low=1, high=1024)
-    patience = checks.number("patience", patience, low=0.0, open_low=True, unit="s")
+    timeout = checks.number("patience", timeout, low=0.0, open_low=True, unit="s")
     play_all = {"local": local, "ray": ray}[checks.choice("engine", engine, ENGINES)]
 
     def missing() -> Iterator[Job]:
@@ -152,50 +152,50 @@ def bench(
             else:
                 yield job
 
-    for row, trace in play_all(missing(), workers, patience):
+    for row, trace in play_all(missing(), workers, timeout):
         results.add(row, trace)
         done(row)
 
 
-def local(jobs: Iterator[Job], workers: int, patience: float) -> Iterator[Answer]:
+def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
     """Play jobs on `workers` processes of this machine. One that dies or hangs costs its episode and is replaced."""
-    desks: list[_Desk] = []
+    busy: list[_Worker] = []
     try:
         while True:
-            while len(desks) < workers and (job := next(jobs, None)) is not None:
-                desks.append(_Desk(job, patience))
-            if not desks:
+            while len(busy) < workers and (job := next(jobs, None)) is not None:
+                busy.append(_Worker(job, timeout))
+            if not busy:
                 return
-            first = min(desk.deadline for desk in desks)
-            ready = wait([desk.pipe for desk in desks], max(first - time.monotonic(), 0.0))
-            for desk in list(desks):
+            first = min(worker.deadline for worker in busy)
+            ready = wait([worker.pipe for worker in busy], max(first - time.monotonic(), 0.0))
+            for worker in list(busy):
                 answer = None
-                if desk.pipe in ready:
-                    answer = desk.collect()
-                elif time.monotonic() >= desk.deadline:
-                    answer = desk.job.failed(Outcome.TIMEOUT, f"given up after {patience:g} s of wall time")
-                    desk.stop()
+                if worker.pipe in ready:
+                    answer = worker.collect()
+                elif time.monotonic() >= worker.deadline:
+                    answer = worker.job.failed(Outcome.TIMEOUT, f"given up after {timeout:g} s of wall time")
+                    worker.stop()
                 if answer is None:
                     continue
                 yield answer
-                following = next(jobs, None) if desk.process.is_alive() else None
+                following = next(jobs, None) if worker.process.is_alive() else None
                 if following is None:
-                    desk.stop()
-                    desks.remove(desk)
+                    worker.stop()
+                    busy.remove(worker)
                 else:
-                    desk.give(following)
+                    worker.give(following)
     finally:
-        for desk in desks:
-            desk.stop()
+        for worker in busy:
+            worker.stop()
 
 
-class _Desk:
+class _Worker:
     """A worker process and the job it has."""
 
-    def __init__(self, job: Job, patience: float) -> None:
+    def __init__(self, job: Job, timeout: float) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, far = context.Pipe()
-        self.patience = patience
+        self.timeout = timeout
         self.process: BaseProcess = context.Process(target=_work, args=(far,), daemon=True)
         self.process.start()
         far.close()
@@ -203,7 +203,7 @@ class _Desk:
         self.give(job)
 
     def give(self, job: Job) -> None:
-        self.job, self.deadline = job, time.monotonic() + self.patience
+        self.job, self.deadline = job, time.monotonic() + self.timeout
         self.pipe.send(job)
 
     def collect(self) -> Answer | None:
@@ -213,7 +213,7 @@ class _Desk:
         """
         try:
             answer = cast("Answer | None", self.pipe.recv())
-            self.deadline = time.monotonic() + self.patience
+            self.deadline = time.monotonic() + self.timeout
             return answer
         except (EOFError, OSError):
             self.process.join()
@@ -261,7 +261,7 @@ def _safely(job: Job) -> Answer:
         return job.failed(Outcome.ERROR, f"{type(error).__name__}: {error}")
 
 
-def ray(jobs: Iterator[Job], workers: int, patience: float) -> Iterator[Answer]:
+def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
     """Play jobs on a Ray cluster: the one that RAY_ADDRESS names, else one started on this machine."""
     try:
         cluster: Any = importlib.import_module("ray")
@@ -277,14 +277,14 @@ def ray(jobs: Iterator[Job], workers: int, patience: float) -> Iterator[Answer]:
     try:
         while True:
             while len(running) < workers and (job := next(jobs, None)) is not None:
-                running[remote.remote(job)] = job, time.monotonic() + patience
+                running[remote.remote(job)] = job, time.monotonic() + timeout
             if not running:
                 return
             ready, _ = cluster.wait(list(running), timeout=1.0)
             late = [one for one, (_, deadline) in running.items() if time.monotonic() > deadline and one not in ready]
             for one in late:
                 cluster.cancel(one, force=True)
-                yield running.pop(one)[0].failed(Outcome.TIMEOUT, f"given up after {patience:g} s of wall time")
+                yield running.pop(one)[0].failed(Outcome.TIMEOUT, f"given up after {timeout:g} s of wall time")
             for one in ready:
                 job, _ = running.pop(one)
                 try:

@@ -121,7 +121,7 @@ class Results:
         self.path, self.write = Path(path), write
         if not write and not self.path.is_file():
             raise BadResults("results", str(path), "an existing file")
-        with self._said():
+        with self._refusals():
             mode = "rwc" if write else "ro"
             place = f"{self.path.absolute().as_uri()}?mode={mode}"
             self.db = sqlite3.connect(place, uri=True, timeout=60.0, isolation_level=None)
@@ -173,7 +173,7 @@ class Results:
         values = astuple(row)
         packed = zlib.compress(trace.encode(), 6) if trace else None
         marks = ", ".join("?" * (len(COLUMNS) + 2))
-        with self._said():
+        with self._refusals():
             self.db.execute(
                 f"INSERT OR IGNORE INTO episodes ({_NAMES}, digest, trace) VALUES ({marks})", (*values, _digest(values), packed)
             )
@@ -181,7 +181,7 @@ class Results:
     def has(self, key: Key) -> bool:
         """Tell whether a row of that key is there."""
         query = "SELECT 1 FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
-        with self._said():
+        with self._refusals():
             return self.db.execute(query, key).fetchone() is not None
 
     def rows(self) -> list[Row]:
@@ -193,7 +193,7 @@ class Results:
             If one is not as it was written.
         """
         found = []
-        with self._said():
+        with self._refusals():
             order = "ORDER BY suite, episode, policy, seed, version"
             for *values, digest in self.db.execute(f"SELECT {_NAMES}, digest FROM episodes {order}"):
                 values = [math.nan if value is None else value for value in values]
@@ -205,7 +205,7 @@ class Results:
     def trace(self, key: Key) -> str:
         """Return the JSON of the trace of that row; empty if none was kept."""
         query = "SELECT trace FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
-        with self._said():
+        with self._refusals():
             found = self.db.execute(query, key).fetchone()
         if found is None or found[0] is None:
             return ""
@@ -215,7 +215,7 @@ class Results:
             raise BadResults("results", str(self.path), f"undamaged; the trace of {key[:3]} is not") from None
 
     @contextmanager
-    def _said(self) -> Iterator[None]:
+    def _refusals(self) -> Iterator[None]:
         try:
             yield
         except sqlite3.Error as error:

@@ -81,8 +81,8 @@ class Orca(Follow):
         target = look_ahead(self.task, o, path, self.look_ahead)
         dx, dy = target[0] - o.xy[0], target[1] - o.xy[1]
         way = max(math.hypot(dx, dy), 1.0 if target == self.task.goal else 1e-9)
-        wish = dx * robot.v_max / way, dy * robot.v_max / way
-        self._place(0, o.xy, o.velocity, robot.radius, wish)
+        preferred = dx * robot.v_max / way, dy * robot.v_max / way
+        self._place(0, o.xy, o.velocity, robot.radius, preferred)
         xy, velocity = now(o)
         for k in range(max(len(o.tracks), mind.get_num_agents() - 1)):
             if k + 1 == mind.get_num_agents():
@@ -94,17 +94,17 @@ class Orca(Follow):
                 mind.set_agent_position(k + 1, (AWAY, AWAY + AWAY * k))
         mind.do_step()
         found = mind.get_agent_velocity(0)
-        if math.dist((found.x, found.y), wish) < 1e-3:
+        if math.dist((found.x, found.y), preferred) < 1e-3:
             self.decide("follow", "the preferred velocity is free")
         else:
             self.decide("avoid", "the nearest velocity that avoids its half")
         return Command((float(found.x), float(found.y)))
 
-    def _place(self, k: int, xy: XY, velocity: XY, radius: float, wish: XY) -> None:
+    def _place(self, k: int, xy: XY, velocity: XY, radius: float, preferred: XY) -> None:
         self.mind.set_agent_position(k, xy)
         self.mind.set_agent_velocity(k, velocity)
         self.mind.set_agent_radius(k, radius + self.margin)
-        self.mind.set_agent_pref_velocity(k, wish)
+        self.mind.set_agent_pref_velocity(k, preferred)
 
 
 def outlines(grid: Grid) -> list[list[XY]]:

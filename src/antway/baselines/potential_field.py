@@ -84,11 +84,11 @@ class PotentialField(Follow):
         if target is None:
             self.decide("stuck", "the map has no way for this robot")
             return STOP
-        fx, fy, who = self._force(o, target)
-        if who < 0:
+        fx, fy, obstacle = self._force(o, target)
+        if obstacle < 0:
             self.decide("follow", "no moving obstacle repels", local_target=target)
         else:
-            self.decide("avoid", "moving obstacles repel", obstacle=int(o.tracks.id[who]), local_target=target)
+            self.decide("avoid", "moving obstacles repel", obstacle=int(o.tracks.id[obstacle]), local_target=target)
         return short_of_walls(self.task, o, fx, fy)
 
     def _target(self, o: Observation) -> XY | None:
@@ -111,7 +111,7 @@ class PotentialField(Follow):
         back = u / self.conic**2 if rho < self.conic else 0.0
         xy, velocity = now(o)
         brake = min(self.brake, robot.a_max)
-        mx, my, who = disc_force(x, y, vx, vy, robot.radius, brake, self.far, xy, velocity, o.tracks.radius)
+        mx, my, obstacle = disc_force(x, y, vx, vy, robot.radius, brake, self.far, xy, velocity, o.tracks.radius)
         fx = pull * dx + self.wall * (held**2 * wx + back * gx) + self.moving * mx
         fy = pull * dy + self.wall * (held**2 * wy + back * gy) + self.moving * my
-        return fx, fy, who
+        return fx, fy, obstacle

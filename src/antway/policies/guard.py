@@ -156,7 +156,7 @@ class Guarded:
     def __init__(self, policy: Policy, guard: Guard | None = None) -> None:
         self.policy, self.guard = policy, Guard() if guard is None else guard
         self.inner: Decision | None = None
-        self.told: Decision | None = None
+        self.last_decision: Decision | None = None
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
@@ -177,6 +177,6 @@ class Guarded:
     def explain(self) -> Decision:
         """Return the policy's reason, and what the guard did; the same object for as long as both stay."""
         decision = self.policy.explain()
-        if self.told is None or decision is not self.inner or self.guard.did != self.told.guard:
-            self.inner, self.told = decision, replace(decision, guard=self.guard.did)
-        return self.told
+        if self.last_decision is None or decision is not self.inner or self.guard.did != self.last_decision.guard:
+            self.inner, self.last_decision = decision, replace(decision, guard=self.guard.did)
+        return self.last_decision

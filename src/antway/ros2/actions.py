@@ -134,14 +134,14 @@ class Served:
 
     def _compute(self, handle: Any) -> None:
         """Serve compute_path_to_pose."""
-        settings, kind, begun = self.node.settings, self.kinds["compute_path_to_pose"], time.monotonic()
+        settings, kind, started = self.node.settings, self.kinds["compute_path_to_pose"], time.monotonic()
         goal = kind.read(handle.request)
 
         def done(path: Any, failure: Failure | None) -> None:
             if not self.open:
                 return
             code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
-            seconds = time.monotonic() - begun
+            seconds = time.monotonic() - started
             took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
             self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
 

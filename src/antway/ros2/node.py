@@ -102,7 +102,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.laser: Any = None  # a scan that waits for odometry
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
-        self.heard, self.said = time.monotonic(), (OK, "")
+        self.heard, self.reported = time.monotonic(), (OK, "")
 
         def publisher(kind: str, topic: str, qos: Any = 10) -> Any:
             made = self.create_lifecycle_publisher(load(kind), topic, qos)
@@ -323,8 +323,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.predictions.publish(predictions_message(tracks, lines, t, make, frame=frame))
 
     def _say(self, level: int, reason: str) -> None:
-        if (level, reason) != self.said:
-            self.said = level, reason
+        if (level, reason) != self.reported:
+            self.reported = level, reason
             log = self.get_logger()
             if level == ERROR:  # rclpy wants one line of code for each severity
                 log.error(reason)
@@ -337,7 +337,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def _diagnose(self) -> None:
         if self.diagnostics is None or not self.active:
             return
-        level, reason = self.said
+        level, reason = self.reported
         status = make(
             "diagnostic_msgs/msg/DiagnosticStatus", level=bytes([level]), name=self.get_name(), message=reason, hardware_id=""
         )

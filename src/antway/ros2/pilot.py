@@ -84,8 +84,8 @@ class Pilot:
         self.odometry: tuple[float, XY, XY, float] | None = None
         self.policy: AntwayPolicy | None = None
         self.command = STAND
-        self.told: tuple[Decision, Decision] | None = None
-        self.due = self.begun = self.now = -math.inf
+        self.last_decision: tuple[Decision, Decision] | None = None
+        self.due = self.started = self.now = -math.inf
         self._begin()
 
     def _begin(self) -> None:
@@ -138,7 +138,7 @@ class Pilot:
             return None
         self.command = STAND
         reason = f"no odometry for {self.settings.timeout:g} s"
-        if self.goal.hurried and seconds > self.settings.patience:
+        if self.goal.hurried and seconds > self.settings.timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return Answer(STAND, ERROR, reason)
 
@@ -186,19 +186,19 @@ class Pilot:
                 self.policy = self._set_out(goal, here)
             except BadInput as wrong:
                 return self._wait(t, ERROR, f"the robot cannot set out from {xy}: {wrong}")
-            self.begun = t
+            self.started = t
         self.waiting = math.nan
         if math.isnan(self.mark[0]) or math.dist(xy, self.mark[1]) >= settings.progress_radius:
             self.mark = (t, xy)
         elif goal.hurried and t - self.mark[0] > settings.progress_time:
             return self.drop(f"no progress in {settings.progress_time:g} s", End.HELD, ERROR)
         seen = Observation(
-            t - self.begun,
+            t - self.started,
             here,
             turn(into[2], velocity),
             wrap(heading + into[2]),
             move_tracks(into, tracks),
-            stamp - self.begun,
+            stamp - self.started,
         )
         try:
             command = self.policy.act(seen)
@@ -213,7 +213,7 @@ class Pilot:
         self.command = STAND
         if math.isnan(self.waiting):
             self.waiting = t
-        if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.patience:
+        if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.timeout:
             return self.drop(reason, End.WAITED, level)
         return Answer(STAND, level, reason)
 
@@ -240,10 +240,13 @@ class Pilot:
         """Return why the last command was what it was, in the map's frame; the same object while it stays; None: no policy."""
         if self.policy is None:
             return None
-        told = self.policy.explain()
-        if self.told is None or told is not self.told[0]:
-            self.told = told, told if self.frame == HERE else move_decision(self.frame, told)
-        return self.told[1]
+        last_decision = self.policy.explain()
+        if self.last_decision is None or last_decision is not self.last_decision[0]:
+            self.last_decision = (
+                last_decision,
+                last_decision if self.frame == HERE else move_decision(self.frame, last_decision),
+            )
+        return self.last_decision[1]
 
     def predictions(self, horizon: float) -> list[NDArray[np.float64]]:
         """Return where each track will be until `horizon` s from now, (t, x, y) in s and m: float64[M, 3] each."""

@@ -75,7 +75,7 @@ class Settings:
     plan_time: float
     timeout: float
     corridor: float
-    patience: float
+    timeout: float
     progress_radius: float
     progress_time: float
     stamped: bool

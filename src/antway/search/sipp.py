@@ -247,7 +247,7 @@ class Sipp:
         self, start: Iterable[float], t: float, segments: NDArray[np.float64], max_expanded: int | None = None
     ) -> TimedPlan:
         """Return the same from prepared pieces, float64[P, 8] (see `kernels.segments`), for every control cycle."""
-        begun = time.perf_counter()
+        started = time.perf_counter()
         x, y = checks.point("start", start)
         self._check_start((x, y))
         most = 2**62 if max_expanded is None else checks.integer("max_expanded", max_expanded, low=0)
@@ -269,7 +269,7 @@ class Sipp:
         if code == kernels.FOUND:
             path = TimedPath(*kernels.sipp_path(state, (x, y), grid.shape[1], frame, self._workspace))
             arrival = bound = float(path.t[-1])
-        return TimedPlan(_STATUS[code], path, arrival, bound, expanded, time.perf_counter() - begun)
+        return TimedPlan(_STATUS[code], path, arrival, bound, expanded, time.perf_counter() - started)
 
     def _check_start(self, start: tuple[float, float]) -> None:
         self.grid.cell_at(start)

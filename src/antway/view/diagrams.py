@@ -35,13 +35,13 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """From box `a` to box `b`: straight, or out of the `side` of `a`, along a lane `lane` away, and into that side of `b`."""
+    """From box `a` to box `b`: straight, or out of the `side` of `a`, along a lane `column` away, and into that side of `b`."""
 
     a: str
     b: str
     label: str = ""
     side: str = ""
-    lane: float = 0.5
+    column: float = 0.5
     into: str = ""
 
 
@@ -125,7 +125,7 @@ def avoidance_chart() -> Figure:
             Arrow("meet", "target", "yes", "right", into="left"),
             Arrow("last", "walk", "no", "right"),
             Arrow("goal", "sense", "no", "left"),
-            Arrow("take", "sense", "", "down-left", lane=0.95),
+            Arrow("take", "sense", "", "down-left", column=0.95),
         ],
     )
 
@@ -172,17 +172,17 @@ def _draw_arrow(axes: Axes, a: Box, b: Box, arrow: Arrow) -> None:
         way = [(ax, ay - a.height / 2), (bx, by + b.height / 2)]
         label = (ax + 0.12, ay - a.height / 2 - 0.14)
     elif arrow.into:
-        lane = (ax + half + bx - half) / 2
-        way = [(ax + half, ay), (lane, ay), (lane, by), (bx - half, by)]
+        column = (ax + half + bx - half) / 2
+        way = [(ax + half, ay), (column, ay), (column, by), (bx - half, by)]
         label = (ax + half + 0.08, ay + 0.12)
     elif arrow.side == "down-left":
-        lane, low = bx - half - arrow.lane, ay - a.height / 2 - 0.3
-        way = [(ax, ay - a.height / 2), (ax, low), (lane, low), (lane, by + 0.12), (bx - half, by + 0.12)]
+        column, low = bx - half - arrow.column, ay - a.height / 2 - 0.3
+        way = [(ax, ay - a.height / 2), (ax, low), (column, low), (column, by + 0.12), (bx - half, by + 0.12)]
         label = (0.0, 0.0)
     else:
         sign = 1 if arrow.side == "right" else -1
-        lane = max(sign * ax, sign * bx) * sign + sign * (half + arrow.lane)
-        way = [(ax + sign * half, ay), (lane, ay), (lane, by), (bx + sign * half, by)]
+        column = max(sign * ax, sign * bx) * sign + sign * (half + arrow.column)
+        way = [(ax + sign * half, ay), (column, ay), (column, by), (bx + sign * half, by)]
         label = (ax + sign * (half + 0.12) - (0.0 if sign > 0 else 0.22), ay + 0.12)
     axes.plot(*zip(*way), color=style.INK, linewidth=1.1, zorder=2, solid_joinstyle="miter")
     axes.annotate(

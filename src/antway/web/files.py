@@ -69,7 +69,7 @@ def _read(folder: Path, names: list[str]) -> Scenario:
         for name in names:
             if name.lower().endswith(suffix):
                 if suffix != ".toml":
-                    return errand(load_map(folder / name, limits=LIMITS), Path(name).stem)
+                    return task_on(load_map(folder / name, limits=LIMITS), Path(name).stem)
                 scenario = load_scenario(folder / name)
                 LIMITS.check_shape(*scenario.world.grid.shape, Path(name))
                 return scenario
@@ -127,7 +127,7 @@ def _name(value: object) -> str:
     return value
 
 
-def errand(grid: Grid, name: str) -> Scenario:
+def task_on(grid: Grid, name: str) -> Scenario:
     """Return a scenario across the largest part of `grid` in which the robot fits, from low row and column to high."""
     from scipy.ndimage import label
 

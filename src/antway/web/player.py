@@ -21,7 +21,7 @@ T = TypeVar("T")
 MAX_SMALL = 2**19  # bytes of a message that opens no file
 RATE, BURST = 60.0, 240.0  # messages a second, and at once
 IN_FLIGHT = 2  # frames that the page has not confirmed
-PATIENCE = 7.0  # s that a page may take nothing: it is gone within 10, however busy the server
+TIMEOUT = 7.0  # s that a page may take nothing: it is gone within 10, however busy the server
 TICK = 1 / 40  # s between frames at the least
 THREADS = 2  # that play; more would leave the loop, which shares the interpreter, less of the time
 LULL = 0.01  # s without a request, after which play goes on
@@ -105,29 +105,29 @@ class Player:
             self.answering = True
             await self.answer(text)
             self.answering, after = False, self.clock()
-            self.heard = max(self.heard, after - PATIENCE + min(after - now, 1.0))  # it may have confirmed meanwhile, unread
+            self.heard = max(self.heard, after - TIMEOUT + min(after - now, 1.0))  # it may have confirmed meanwhile, unread
 
     async def watch(self) -> None:
         """Return once the page has left a frame unconfirmed for too long."""
-        while self.answering or not self.in_flight or self.clock() - self.heard < PATIENCE:
-            await asyncio.sleep(PATIENCE / 32)
+        while self.answering or not self.in_flight or self.clock() - self.heard < TIMEOUT:
+            await asyncio.sleep(TIMEOUT / 32)
         await self.hang_up()
 
     async def answer(self, text: str) -> None:
         """Do one wish and say what came of it."""
         async with self.turn:
-            wish: object = None
+            request: object = None
             try:
-                wish = _parse(text)
-                if wish == {"op": "seen"}:
+                request = _parse(text)
+                if request == {"op": "seen"}:
                     self.in_flight, self.heard = max(0, self.in_flight - 1), self.clock()
                     replies: list[Message] = []
                 else:
-                    turns = self.exports if isinstance(wish, dict) and wish.get("op") == "export" else self.turns
-                    replies = await turns.take(self.session.apply, wish)
+                    turns = self.exports if isinstance(request, dict) and request.get("op") == "export" else self.turns
+                    replies = await turns.take(self.session.apply, request)
                     self.owed = True
             except BadInput as error:
-                replies = [_refusal(error, wish)]
+                replies = [_refusal(error, request)]
             for reply in replies:
                 await self.send(_text(reply))
         self.wake.set()
@@ -184,9 +184,9 @@ class Player:
         await self.websocket.send_text(text)
 
 
-def _refusal(error: BadInput, wish: object) -> Message:
+def _refusal(error: BadInput, request: object) -> Message:
     """Say why a wish was refused, and its number if the page gave it one: what is wrong may be another field than was set."""
-    number = wish.get("number") if isinstance(wish, dict) else None
+    number = request.get("number") if isinstance(request, dict) else None
     number = number if isinstance(number, int) else None
     return {"kind": "refused", "error": type(error).__name__, "field": error.field, "number": number, "text": str(error)}
 
@@ -197,9 +197,9 @@ def _text(message: Message) -> str:
 
 def _parse(text: str) -> object:
     try:
-        wish = json.loads(text)
+        request = json.loads(text)
     except (ValueError, RecursionError):
         raise BadParameter("message", text[:80], "JSON") from None
-    if len(text) > MAX_SMALL and not (isinstance(wish, dict) and wish.get("op") == "open"):
+    if len(text) > MAX_SMALL and not (isinstance(request, dict) and request.get("op") == "open"):
         raise BadParameter("message", f"{len(text)} characters", f"at most {MAX_SMALL} characters")
-    return wish
+    return request

@@ -31,7 +31,7 @@ from antway.ants.rules import RULES
 from antway.errors import BadParameter
 from antway.scenes import SCENES
 from antway.web import tours
-from antway.web.player import PATIENCE, Player, Turns
+from antway.web.player import TIMEOUT, Player, Turns
 from antway.web.session import PARAMETERS, POLICIES, Session
 from antway.web.tab import Tab
 
@@ -181,14 +181,14 @@ def _same(one: str, other: str) -> bool:
 
 
 class Unstuck:
-    """A connection that is cut `PATIENCE` s after the other side has ceased to take what it is sent."""
+    """A connection that is cut `TIMEOUT` s after the other side has ceased to take what it is sent."""
 
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
 
     def pause_writing(self) -> None:
         super().pause_writing()  # type: ignore[misc]
-        self.stuck = self.loop.call_later(PATIENCE, self.transport.abort)
+        self.stuck = self.loop.call_later(TIMEOUT, self.transport.abort)
 
     def resume_writing(self) -> None:
         super().resume_writing()  # type: ignore[misc]
@@ -200,12 +200,12 @@ class Wire(Unstuck, WebSocketsSansIOProtocol):
 
 
 class Prompt(Unstuck, HttpToolsProtocol):
-    """HTTP that hangs up on who has not asked within `PATIENCE` s, or asks with more than `MAX_HEAD` bytes."""
+    """HTTP that hangs up on who has not asked within `TIMEOUT` s, or asks with more than `MAX_HEAD` bytes."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self.head = 0
-        self.loop.call_later(PATIENCE, self.give_up)
+        self.loop.call_later(TIMEOUT, self.give_up)
 
     def data_received(self, data: bytes) -> None:
         asking = self.cycle is None or self.cycle.response_complete

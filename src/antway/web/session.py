@@ -17,7 +17,7 @@ from antway.scenes import SCENES, scene
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file
 from antway.web.tab import Tab
-from antway.web.view import Lane, Message, shades, short
+from antway.web.view import Message, View, shades, short
 from antway.world import policy
 from antway.world.episode import Episode
 from antway.world.motions import Bounce, Line, Waypoints
@@ -93,22 +93,22 @@ class Session(Tab):
 
     @property
     def ended(self) -> bool:
-        return all(lane.episode.outcome is not None for lane in self.lanes)
+        return all(view.episode.outcome is not None for view in self.views)
 
     def advance(self, steps: int) -> None:
         """Play so many control cycles, of all policies in step."""
         for _ in range(steps):
             if self.closed.is_set():
                 return
-            for lane in self.lanes:
-                lane.step()
+            for view in self.views:
+                view.step()
         if self.ended:
             self.playing = False
 
     def frame(self) -> Message:
         """Return what the page shows of this moment: at most 60 kB as JSON."""
-        lanes = [lane.frame(len(self.lanes)) for lane in self.lanes]
-        return {"kind": "frame", "playing": self.playing, "speed": self.speed, "lanes": lanes}
+        views = [view.frame(len(self.views)) for view in self.views]
+        return {"kind": "frame", "playing": self.playing, "speed": self.speed, "lanes": views}
 
     def describe(self) -> Message:
         """Return everything that stands still: map, ends, obstacles, parameters, names."""
@@ -146,7 +146,7 @@ class Session(Tab):
         """Begin again with these; where that is refused, all stays as it was."""
         if len(scenario.world.obstacles) > MAX_OBSTACLES:
             raise TooLarge("obstacles.length", len(scenario.world.obstacles), f"at most {MAX_OBSTACLES} on the page")
-        self.lanes = [Lane(scenario, policy) for policy in policies]
+        self.views = [View(scenario, policy) for policy in policies]
 
     def _open(self, scenario: Scenario) -> list[Message]:
         """Make `scenario` the present one, as a step that can be undone."""
@@ -166,12 +166,12 @@ class Session(Tab):
     def _ants(self, message: Message) -> list[Message]:
         """Let the ants do one cycle more within the control cycle; where there is none, play it and say why there was none."""
         self.playing = False
-        looked = [lane.look_inside() for lane in self.lanes]
+        looked = [view.look_inside() for view in self.views]
         if True not in looked:
-            idle = [lane.idle for lane in self.lanes]
+            idle = [view.idle for view in self.views]
             self.advance(1)
-            for lane, why in zip(self.lanes, idle):
-                lane.idle = why
+            for view, why in zip(self.views, idle):
+                view.idle = why
         return []
 
     def _reset(self, message: Message) -> list[Message]:
@@ -260,8 +260,8 @@ class Session(Tab):
             return [scenario_file(self.scenario)]
         if what == "link":
             return [link(self.scenario, self.policies)]
-        lane = checks.integer("lane", message.get("lane", 0), low=0, high=len(self.lanes) - 1)
-        episode = Episode(self.scenario, self.policies[lane])
+        view = checks.integer("lane", message.get("lane", 0), low=0, high=len(self.views) - 1)
+        episode = Episode(self.scenario, self.policies[view])
         while episode.outcome is None:
             if self.closed.is_set():
                 return []

@@ -63,14 +63,14 @@ class Watched:
         return self.policy.explain()
 
 
-class Lane:
+class View:
     """One policy at work, and what of it the page has been told."""
 
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self.episode = Episode(scenario, policy)
         self.watched = self.episode.policy = Watched(self.episode.policy)
         self._lend()
-        self.told = 0  # rows of the record
+        self.sent = 0  # rows of the record
         self.decision: Decision | None = None
         self.look: Look | None = None  # into the cycle to come
         self.idle = ""  # why no ants take part in it
@@ -97,13 +97,13 @@ class Lane:
         if isinstance(self.watched.policy, AntwayPolicy):
             self.watched.policy.memory = _SCRATCH.of(self.episode.stage.task.grid.blocked.size)
 
-    def frame(self, lanes: int) -> Message:
+    def frame(self, views: int) -> Message:
         """Return what is new since the last frame."""
         episode, stage, n = self.episode, self.episode.stage, self.episode.steps
         places, velocities = stage.timeline.at(float(stage.t[n]))
         sensed = stage.sensed[max(n - 1, 0)]
-        begin, end = self.told, min(n + 1, self.told + _ROWS)
-        self.told = end
+        begin, end = self.sent, min(n + 1, self.sent + _ROWS)
+        self.sent = end
         look = self.look
         way, stand = self._braking()
         record: Message = {
@@ -129,9 +129,9 @@ class Lane:
         if latest is not self.decision:
             self.decision = latest
             policy = self.watched.policy if look is None else look.policy
-            record["decision"] = None if latest is None else _decision(latest, lanes)
+            record["decision"] = None if latest is None else _decision(latest, views)
             laid = latest is not None and latest.pheromone is not None
-            record["trails"] = [[short(v) for v in edge] for edge in edges(policy, _EDGES // lanes)] if laid else []
+            record["trails"] = [[short(v) for v in edge] for edge in edges(policy, _EDGES // views)] if laid else []
         return record
 
     def _braking(self) -> tuple[float, float]:
@@ -164,7 +164,7 @@ class Lane:
         return result
 
 
-def _decision(decision: Decision, lanes: int) -> Message:
+def _decision(decision: Decision, views: int) -> Message:
     path = None if decision.path is None else decision.path.xy
     if path is not None and len(path) > _KNOTS:
         path = path[np.linspace(0, len(path) - 1, _KNOTS).astype(np.int64)]
@@ -175,7 +175,7 @@ def _decision(decision: Decision, lanes: int) -> Message:
     pheromone = None
     if decision.pheromone is not None:
         row, col, amount = decision.pheromone
-        pheromone = {"row": row, "col": col, **shades(amount, _SHADES // lanes)}
+        pheromone = {"row": row, "col": col, **shades(amount, _SHADES // views)}
     return {
         "action": decision.action,
         "reason": decision.reason[:400],

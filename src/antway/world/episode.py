@@ -225,12 +225,12 @@ class Episode:
 
     def _commanded(self, observation: Observation) -> Command | None:
         """Return what the policy and the guard command, and note how long they took; no robot waits for an explanation."""
-        begun = time.perf_counter()
+        started = time.perf_counter()
         try:
             command = self.policy.act(observation)
             return command if self.guard is None else self.guard.limit(observation, command)
         finally:
-            self.stage.cycle_ms[self.stage.n] = (time.perf_counter() - begun) * 1e3
+            self.stage.cycle_ms[self.stage.n] = (time.perf_counter() - started) * 1e3
 
     def _planned(self) -> TimedPath | None:
         """Return the motion planned; the explanation that tells it is kept, unless none is needed."""
@@ -317,7 +317,7 @@ class Stage:
         """Drive one step under the command (cx, cy) in m/s; return how that ended the episode, if it did, and why."""
         i, line = self.n, self.timeline
         self.command[i] = cx, cy
-        what, who, clearance = advance(
+        what, obstacle, clearance = advance(
             i,
             cx,
             cy,
@@ -345,7 +345,7 @@ class Stage:
             return Outcome.REACHED, "the robot is at the goal"
         if what == HIT_WALL:
             return Outcome.HIT_WALL, "the robot ran into a wall"
-        where = f"obstacle {line.id[who]} met the robot, which"
+        where = f"obstacle {line.id[obstacle]} met the robot, which"
         return (
             (Outcome.HIT_MOVING, f"{where} was moving")
             if what == HIT_MOVING

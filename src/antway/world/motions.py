@@ -238,10 +238,10 @@ def _bounce(
     row, col = grid.to_points(start)[0].tolist()
     scale = grid.resolution
     size = 256
-    begun = draw.state.copy()
+    started = draw.state.copy()
     while True:
         t, rc = np.empty(size), np.empty((size, 2))
-        draw.state[:] = begun
+        draw.state[:] = started
         n = bounce(grid.blocked, row, col, speed / scale, heading, radius / scale, turn_every, horizon, draw.state, t, rc)
         if n <= size:
             return t[:n], grid.to_xy(rc[:n])

@@ -50,7 +50,7 @@ def roll_out(
     size = frame[2]
     for c in range(len(candidates)):
         x, y, vx, vy, heading = state[0], state[1], state[2], state[3], state[4]
-        contact, who = math.inf, -1
+        contact, obstacle = math.inf, -1
         for i in range(steps):
             vx, vy, heading = drive(vx, vy, heading, candidates[c, 0], candidates[c, 1], limits, dt)
             t = i * dt
@@ -58,14 +58,14 @@ def roll_out(
                 px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
                 hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, reach[k], dt)
                 if t + hit < contact:
-                    contact, who = t + hit, k
+                    contact, obstacle = t + hit, k
             row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
             to_row, to_col = row + vy * dt / size, col + vx * dt / size
             if contact > t and segment_hits_cells(blocked, row, col, to_row, to_col, radius / size, True):
-                contact, who = t, -1
+                contact, obstacle = t, -1
             x, y = x + vx * dt, y + vy * dt
             if i == 0:
                 out[c, 2], out[c, 3], out[c, 4] = math.hypot(vx, vy), x, y
             if contact < math.inf:
                 break
-        out[c, 0], out[c, 1] = contact, who
+        out[c, 0], out[c, 1] = contact, obstacle

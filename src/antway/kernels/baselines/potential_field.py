@@ -107,11 +107,11 @@ def disc_force(
     -------
     fx, fy : float
         Sum of the forces.
-    who : int
+    obstacle : int
         Index of the disc with the strongest force, -1 for none.
     """
     fx = fy = most = 0.0
-    who = -1
+    obstacle = -1
     for k in range(len(radii)):
         nx, ny = xy[k, 0] - x, xy[k, 1] - y
         r = max(math.hypot(nx, ny), NEAREST)
@@ -125,5 +125,5 @@ def disc_force(
             fx += gx
             fy += gy
             if gx * gx + gy * gy > most:
-                most, who = gx * gx + gy * gy, k
-    return fx, fy, who
+                most, obstacle = gx * gx + gy * gy, k
+    return fx, fy, obstacle

@@ -56,7 +56,7 @@ def advance(
     -------
     what : int
         `GOES_ON`, `HIT_MOVING`, `HIT_STANDING`, `HIT_WALL` or `REACHED`.
-    who : int
+    obstacle : int
         Index of the obstacle touched, else -1.
     clearance : float
         Least distance between robot and obstacle edges up to row i + 1, m; infinite without obstacles.
@@ -66,22 +66,22 @@ def advance(
     h = t1 - t0
     ax, ay = xy[i, 0], xy[i, 1]
     bx, by = ax + vx * h, ay + vy * h
-    what, who, when, clearance = GOES_ON, -1, t1, math.inf
+    what, obstacle, when, clearance = GOES_ON, -1, t1, math.inf
     for k in range(len(radius)):
         reach = robot[4] + radius[k]
         hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, reach, knot_t, knot_xy, first[k], first[k + 1])
         clearance = min(clearance, distance - reach)
         if hit < when or (hit == when and what == GOES_ON):
-            when, who = hit, k
+            when, obstacle = hit, k
             what = HIT_MOVING if math.hypot(vx, vy) > REST else HIT_STANDING
     s = frame[2]
     row0, col0 = (ay - frame[1]) / s - 0.5, (ax - frame[0]) / s - 0.5
     wall, _, _ = first_wall(blocked, row0, col0, vy * h / s, vx * h / s, robot[4] / s)
     if t0 + wall * h < when:
-        what, who, when = HIT_WALL, -1, t0 + wall * h
+        what, obstacle, when = HIT_WALL, -1, t0 + wall * h
     arrival, _, _ = swept_discs(aim[0] - ax, aim[1] - ay, -vx, -vy, aim[2], h)
     if t0 + arrival < when:
-        what, who, when = REACHED, -1, t0 + arrival
+        what, obstacle, when = REACHED, -1, t0 + arrival
     if what != GOES_ON:
         when = max(when, np.nextafter(t0, math.inf))
         bx, by = ax + vx * (when - t0), ay + vy * (when - t0)
@@ -94,4 +94,4 @@ def advance(
     xy[i + 1, 0], xy[i + 1, 1] = bx, by
     velocity[i + 1, 0], velocity[i + 1, 1] = vx, vy
     heading[i + 1] = new_heading
-    return what, who, clearance
+    return what, obstacle, clearance

@@ -31,13 +31,13 @@ def first_met(
     Tubes are `wider` m wider than their discs; the other parameters are those of `first_conflict`. Infinite and -1 if it meets
     none.
     """
-    when, who = math.inf, -1
+    when, obstacle = math.inf, -1
     for k in range(len(radius)):
         reach = body + radius[k] + wider
         hit, _, _ = swept_timeline(ax, ay, bx, by, begin, end, reach, knot_t, knot_xy, first[k], first[k + 1])
         if hit < when:
-            when, who = hit, k
-    return when, who
+            when, obstacle = hit, k
+    return when, obstacle
 
 
 @bare_kernel
@@ -69,10 +69,10 @@ def first_conflict(
 
     Returns
     -------
-    when, who : float, int
+    when, obstacle : float, int
         Infinite and -1 if there is none.
     """
-    when, who = math.inf, -1
+    when, obstacle = math.inf, -1
     n = len(t)
     for i in range(n):
         last = i == n - 1
@@ -87,8 +87,8 @@ def first_conflict(
         wider = growth * (begin - t[0])
         hit, other = first_met(ax, ay, bx, by, begin, end, body, wider, knot_t, knot_xy, first, radius)
         if hit < when:
-            when, who = hit, other
-    return when, who
+            when, obstacle = hit, other
+    return when, obstacle
 
 
 @bare_kernel

@@ -155,7 +155,7 @@ class AntwayPolicy:
         self.crowd = Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)))
         if self.guard:
             self.guard.reset(task)
-        self.begun = math.nan
+        self.started = math.nan
         self.decision: Decision | None = None
         self.path: TimedPath | None = None
         self.did, self.until = "", math.inf
@@ -194,9 +194,9 @@ class AntwayPolicy:
             self.estimates,
         )
         self.context, stopping_time = self.paces[known > 0]
-        if math.isnan(self.begun):
-            self.begun = o.t
-        horizon = min(self.horizon, _NEARBY) if o.t < self.begun + _OUTSET - 1e-6 else self.horizon
+        if math.isnan(self.started):
+            self.started = o.t
+        horizon = min(self.horizon, _NEARBY) if o.t < self.started + _OUTSET - 1e-6 else self.horizon
         if stopping_time != self.settings.stopping_time or horizon != self.settings.horizon:
             self.settings = self.settings._replace(stopping_time=stopping_time, horizon=horizon)
         arguments = (

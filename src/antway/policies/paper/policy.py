@@ -129,7 +129,7 @@ class PaperPolicy:
             self._resume(observation, self.routes.to_goal(observation.xy))
             if not len(self.nodes):
                 return STOP
-        when, who = self._conflict(ahead, self.nodes)
+        when, obstacle = self._conflict(ahead, self.nodes)
         if when == math.inf:
             if self.decision.action in ("wait", "brake", "step-aside") and not self.retreating:
                 self._resume(observation, self.nodes)
@@ -139,7 +139,7 @@ class PaperPolicy:
             return self._drive(observation)
         if self.held == -math.inf and when > now + NEAR and now < self.asked + WAITS and not self.retreating:
             return self._drive(observation)
-        return self._choose(ahead, when, who)
+        return self._choose(ahead, when, obstacle)
 
     def explain(self) -> Decision:
         """Return the decision that stands."""
@@ -166,7 +166,7 @@ class PaperPolicy:
     def _free(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> bool:
         return self._conflict(ahead, nodes, hold, longer)[0] == math.inf
 
-    def _choose(self, ahead: Ahead, when: float, who: int) -> Command:
+    def _choose(self, ahead: Ahead, when: float, obstacle: int) -> Command:
         """Of the ways out of a coming conflict take the one that costs the least time."""
         seen, length = ahead.seen, self.routes.length
         self.asked = seen.t
@@ -179,17 +179,17 @@ class PaperPolicy:
         costs = ((f"wait {wait:g} s" if wait < math.inf else "wait", wait), ("go round", max(extra, 0.0)))
         if detour is not None and extra <= wait:
             self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
-            self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, who, costs, detour)
+            self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, obstacle, costs, detour)
         elif when > seen.t + NEAR and not self.retreating and (wait == math.inf or self.held == -math.inf):
             self.held = -math.inf  # so far off that much may change
         elif wait < math.inf:
             self.held = seen.t + wait
-            self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, who, costs)
+            self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, obstacle, costs)
         elif (refuge := self._refuge(ahead)) is not None:
             self.nodes, self.held, self.retreating = refuge, -math.inf, True
-            self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, who, costs)
+            self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, obstacle, costs)
         else:
-            return self._last_resort(ahead, who, costs)
+            return self._last_resort(ahead, obstacle, costs)
         return self._drive(seen)
 
     def _detour(self, ahead: Ahead, when: float) -> Detour | None:
@@ -260,7 +260,7 @@ class PaperPolicy:
                     return nodes
         return None
 
-    def _last_resort(self, ahead: Ahead, who: int, costs: Costs) -> Command:
+    def _last_resort(self, ahead: Ahead, obstacle: int, costs: Costs) -> Command:
         """Nothing is free: take the velocity, rest first, that puts contact off longest."""
         seen, spec = ahead.seen, self.spec
         push = max(spec.dt, 0.3) + (math.pi / 2 / spec.turn_rate if spec.drive == "differential" else 0.0)
@@ -275,10 +275,12 @@ class PaperPolicy:
                     best, velocity = contact, v
         self.nodes, self.held, self.retreating = np.array([seen.xy]), -math.inf, True
         action = "brake" if velocity == (0.0, 0.0) else "step-aside"
-        self._decide(action, "nothing is free: contact is put off as long as can be", ahead, who, costs)
+        self._decide(action, "nothing is free: contact is put off as long as can be", ahead, obstacle, costs)
         return Command(velocity)
 
-    def _decide(self, action: str, reason: str, ahead: Ahead, who: int, costs: Costs, detour: Detour | None = None) -> None:
+    def _decide(
+        self, action: str, reason: str, ahead: Ahead, obstacle: int, costs: Costs, detour: Detour | None = None
+    ) -> None:
         """Write down the decision, the encounter as it would be on the present course, and what the ants left."""
         seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
         aim = self.nodes[0].tolist()
@@ -286,7 +288,7 @@ class PaperPolicy:
         velocity = (
             ((aim[0] - seen.xy[0]) / way * spec.v_max, (aim[1] - seen.xy[1]) / way * spec.v_max) if way else seen.velocity
         )
-        (x, y), (vx, vy) = tracks.xy[who].tolist(), ahead.velocity[who].tolist()
+        (x, y), (vx, vy) = tracks.xy[obstacle].tolist(), ahead.velocity[obstacle].tolist()
         time, distance = closest_approach(seen.xy, velocity, (x, y), (vx, vy))
         more: dict[str, Any] = {}
         if detour is not None:
@@ -301,10 +303,10 @@ class PaperPolicy:
         self.decision = Decision(
             action,
             reason,
-            obstacle=int(tracks.id[who]),
+            obstacle=int(tracks.id[obstacle]),
             encounter=encounter(velocity, (vx, vy)),
             time_to_closest=time,
-            distance_at_closest=distance - spec.radius - float(tracks.radius[who]),
+            distance_at_closest=distance - spec.radius - float(tracks.radius[obstacle]),
             alternatives=costs,
             **more,
         )
