@@ -177,7 +177,7 @@ def paper(seeds: int) -> dict[str, Any]:
 def immunity(seeds: int) -> dict[str, Any]:
     """The immune operator and its parts on the 30 x 30 grid: 50 ants x 50 cycles by the straight distance to the goal."""
     problem, rows = shared("iq30", Moves.EIGHT_NOSQUEEZE), {}
-    none = {"vaccinated": 0.0, "temperature": 0.0, "overlap": 1.0, "patience": 0}
+    none = {"vaccinated": 0.0, "temperature": 0.0, "overlap": 1.0, "stagnation": 0}
     parts: dict[str, Immune | None] = {
         "without": None,
         "whole": Immune(),

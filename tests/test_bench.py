@@ -136,8 +136,8 @@ def test_two_runs_on_one_file(tmp_path):
         out = tmp_path / str(k)
         runs = [subprocess.Popen(command(out), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) for _ in range(2)]
         for one in runs:
-            _, on_progress = one.communicate()
-            assert one.returncode == 0, on_progress
+            _, printed = one.communicate()
+            assert one.returncode == 0, printed
         assert count(out) == 18 and same(out / "results.db") == same(tmp_path / "0" / "results.db")
 
 
@@ -179,15 +179,15 @@ def test_json_and_the_table(tmp_path):
     """--json prints one object on stdout and nothing else; a second run plays nothing again."""
     for _ in range(2):
         line = command(tmp_path / "b", "--json", "--export", "csv,parquet")
-        on_progress = subprocess.run(line, check=True, capture_output=True, text=True)
-        record = json.loads(on_progress.stdout)
+        printed = subprocess.run(line, check=True, capture_output=True, text=True)
+        record = json.loads(printed.stdout)
         assert record["suite"] == "synthetic" and len(record["summaries"]) == 7
     assert count(tmp_path / "b") == 18
     assert (tmp_path / "b" / "results.parquet").is_file() and not (tmp_path / "b" / "results.json").exists()
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "printed"),
     [
         (["--policies", "antway,nobody"], "policy = 'nobody': must be one of"),
         (["--policies", "sipp/horizon"], "NAME or MODULE:CLASS"),
@@ -199,7 +199,7 @@ def test_json_and_the_table(tmp_path):
         (["--export", "csv,xls"], "export = 'xls': must be one of csv, json, parquet"),
     ],
 )
-def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, on_progress):
+def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, printed):
     """Wrong options exit with status 2 and one line that names field, value and what is allowed; nothing is written."""
     monkeypatch.setattr(sys, "argv", ["antway", *command(tmp_path / "x", *change)[3:]])
     monkeypatch.setattr(sys, "path", list(sys.path))
@@ -207,9 +207,7 @@ def test_wrong_input_is_refused(tmp_path, monkeypatch, capsys, change, on_progre
     with pytest.raises(SystemExit) as ended:
         main()
     shown = capsys.readouterr()
-    assert (
-        ended.value.code == 2 and on_progress in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
-    )
+    assert ended.value.code == 2 and printed in shown.err and not shown.out and not (tmp_path / "x" / "results.csv").exists()
 
 
 def test_a_file_of_others_is_refused(tmp_path):

@@ -43,8 +43,8 @@ def antway(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
         with pytest.raises(SystemExit) as end, warnings.catch_warnings():
             warnings.simplefilter("default")
             main()
-        on_progress = capsys.readouterr()
-        return int(end.value.code or 0), on_progress.out, on_progress.err
+        printed = capsys.readouterr()
+        return int(end.value.code or 0), printed.out, printed.err
 
     return run
 
@@ -142,9 +142,9 @@ def test_wrong_input_is_one_line_and_status_two(
     monkeypatch.chdir(room.parent)
     Path("five.tsp").write_text(FIVE)
     status, out, err = antway(*arguments)
-    on_progress = [line for line in err.splitlines() if not line.endswith("...")]
+    printed = [line for line in err.splitlines() if not line.endswith("...")]
     assert status == 2 and out == ""
-    assert len(on_progress) == 1 and on_progress[0].startswith("error: ") and named in on_progress[0], err
+    assert len(printed) == 1 and printed[0].startswith("error: ") and named in printed[0], err
 
 
 RAISED: dict[type[BadInput], tuple[str, ...]] = {
@@ -168,11 +168,11 @@ def test_every_class_of_wrong_input_ends_with_status_two(
     Path("spoilt").mkdir()
     Path("spoilt/results.db").write_text("no database")
     status, out, err = antway(*RAISED[kind])
-    on_progress = [line for line in err.splitlines() if line.startswith("error: ")]
-    assert (status, out, len(on_progress)) == (2, "", 1) and "must be" in on_progress[0] and "Traceback" not in err
+    printed = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert (status, out, len(printed)) == (2, "", 1) and "must be" in printed[0] and "Traceback" not in err
     with pytest.raises(kind) as caught:
         app(list(RAISED[kind]), standalone_mode=False)
-    assert type(caught.value) is kind and on_progress[0] == f"error: {caught.value}"
+    assert type(caught.value) is kind and printed[0] == f"error: {caught.value}"
 
 
 def test_help_and_version(antway: Any) -> None:

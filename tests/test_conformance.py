@@ -72,7 +72,7 @@ class Empty(Follow):
 
 
 @pytest.mark.parametrize(
-    ("kind", "said"),
+    ("kind", "printed"),
     [
         (Remembers, "reset"),
         (Unseeded, "seeding"),
@@ -82,9 +82,9 @@ class Empty(Follow):
         (Empty, "no scan yet: ValueError"),
     ],
 )
-def test_breaches_are_named(kind, on_progress):
+def test_breaches_are_named(kind, printed):
     """A policy that breaks the contract in one way is told which."""
-    with pytest.raises(InvalidPlan, match=on_progress):
+    with pytest.raises(InvalidPlan, match=printed):
         check_policy(kind, seconds=0.01 if kind is Slow else 30.0)
 
 

@@ -272,9 +272,9 @@ def test_a_wrong_value_meets_the_same_error_at_every_door(
         assert type(caught.value) is row.kind, caught.value
         assert re.search(NAMES.get(row.field, row.parts[1]), str(caught.value)), caught.value
         if door == "cli":
-            on_progress = capsys.readouterr()
-            lines = [line for line in on_progress.err.splitlines() if not line.endswith("...")]
-            assert on_progress.out == "" and lines == [f"error: {caught.value}"]
+            printed = capsys.readouterr()
+            lines = [line for line in printed.err.splitlines() if not line.endswith("...")]
+            assert printed.out == "" and lines == [f"error: {caught.value}"]
 
 
 def test_the_table_is_long_and_has_few_gaps() -> None:

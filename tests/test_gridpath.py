@@ -244,7 +244,7 @@ def test_the_immune_operator_keeps_paths_legal_and_runs_repeatable():
     for i in range(cases(20, 500)):
         problem = random_problem(rng)
         options = {"seed": i, "rule": list(RULES)[i % 5], "heuristic": "goal", "cycles": 12, "ants": 10, "step_limit": 60}
-        strong = Immune(archive=4, share=0.5, vaccinated=1.0, patience=3)
+        strong = Immune(archive=4, share=0.5, vaccinated=1.0, stagnation=3)
         found = explore(problem, immune=strong, **options)
         check_plan(problem, found.plan)
         twin = explore(problem, immune=strong, threads=2, **options)

@@ -40,9 +40,9 @@ def server() -> Iterator[tuple[int, int]]:
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        on_progress = re.search(r":(\d+)/", process.stdout.readline())
-        assert on_progress is not None
-        yield int(on_progress[1]), process.pid
+        printed = re.search(r":(\d+)/", process.stdout.readline())
+        assert printed is not None
+        yield int(printed[1]), process.pid
         process.terminate()
 
 
@@ -179,12 +179,12 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
         rng = np.random.default_rng(0)
         floods = await asyncio.gather(*(junk(port, token, wishes(rng, JUNK), 30.0 if JUNK > 1000 else 0.1) for _ in range(2)))
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        head, on_progress = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 10000000\r\n\r\n", b""
+        head, printed = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 10000000\r\n\r\n", b""
         with contextlib.suppress(ConnectionError):  # the server may hang up before all is sent
             writer.write(head.encode() + bytes(10_000_000))
             await writer.drain()
-            on_progress = await reader.read(12)
-        assert on_progress[9:] in (b"405", b"")
+            printed = await reader.read(12)
+        assert printed[9:] in (b"405", b"")
         await close(writer)
         assert await junk(port, token, ["x" * 7_000_000], 30.0) == 1009
         grown = size(pid) - before
@@ -402,8 +402,8 @@ def test_the_page_is_opened_in_the_browser_by_default(monkeypatch: pytest.Monkey
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        on_progress = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
-        assert on_progress is not None and process.stdout.readline() == f"opened {on_progress[0]}\n"
+        printed = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
+        assert printed is not None and process.stdout.readline() == f"opened {printed[0]}\n"
         process.terminate()
 
 
@@ -412,9 +412,9 @@ def test_an_interrupt_ends_the_server_quietly() -> None:
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        on_progress = re.search(r":(\d+)/", process.stdout.readline())
-        assert on_progress is not None
-        port = int(on_progress[1])
+        printed = re.search(r":(\d+)/", process.stdout.readline())
+        assert printed is not None
+        port = int(printed[1])
 
         async def leave() -> None:
             page = await asyncio.to_thread(

@@ -59,7 +59,7 @@ def test_it_keeps_its_bounds_whatever_the_robot_does():
     for seed in range(cases(12, 200)):
         walls = rng.random((60, 60)) < 0.04
         walls[26:34, 5:15] = False
-        motion = Pursue((8.0, 6.0), (0.2, 1.5), delay=1.0, patience=6.0)
+        motion = Pursue((8.0, 6.0), (0.2, 1.5), delay=1.0, follow_time=6.0)
         walls[27:33, 37:43] = walls[52:58, 52:58] = False
         still = Obstacle(0.2, Line((11.5, 0.4), (11.5, 11.0), 0.1))
         result = chase(Obstacle(0.3, motion), still, kind=seed % 4, seed=seed, walls=walls)
@@ -90,7 +90,7 @@ def test_it_is_written_and_read(tmp_path):
     scenario = Scenario(World(Grid(np.zeros((60, 60), np.bool_), 0.2), (pursuer,)), (2.0, 6.0), (11.0, 11.0))
     save_scenario(scenario, tmp_path / "s.toml")
     assert load_scenario(tmp_path / "s.toml").world.obstacles == (pursuer,)
-    for wrong in ({"speed": -1.0}, {"speed": 1.0, "gap": math.nan}, {"speed": 1.0, "patience": "long"}):
+    for wrong in ({"speed": -1.0}, {"speed": 1.0, "gap": math.nan}, {"speed": 1.0, "follow_time": "long"}):
         with pytest.raises(BadParameter, match=list(wrong)[-1]):
             Pursue((0.0, 0.0), **wrong)
 

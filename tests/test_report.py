@@ -107,12 +107,12 @@ def test_a_thumbnail_opens_the_replay(file, tmp_path):
         page = write_report(results, tmp_path / "r.html", replay_page)
     with chromium() as browser:
         context = browser.new_context(viewport={"width": 1280, "height": 900})
-        tab, on_progress, asked = context.new_page(), [], []
-        context.on("console", lambda message: on_progress.append(message.text))
+        tab, printed, asked = context.new_page(), [], []
+        context.on("console", lambda message: printed.append(message.text))
         context.on("request", lambda request: asked.append(request.url))
         tab.goto(page.as_uri())
         with context.expect_page() as opened:
             tab.locator("[data-replay]").first.click()
         opened.value.wait_for_selector("#outcome")
         assert "synthetic" in opened.value.locator("#title").inner_text()
-        assert not on_progress and all(url.startswith(("file:", "blob:", "data:")) for url in asked)
+        assert not printed and all(url.startswith(("file:", "blob:", "data:")) for url in asked)

@@ -86,7 +86,7 @@ def test_every_end_of_the_actions(tmp_path):
 
     Under Nav2's own types where nav2_msgs can be imported, else under an action of test_msgs in their place.
     """
-    settings = {"autostart": True, "patience": 1.0, "progress_time": 3.0}
+    settings = {"autostart": True, "wait_timeout": 1.0, "progress_time": 3.0}
     found = beside(["python", str(HERE / "ros" / "stand_in.py")], settings, tmp_path, "actions.py")["ends"]
     drove, inactive = found.pop("drove"), found.pop("inactive")
     assert {name: tuple(end[:2]) for name, end in found.items()} == {

@@ -286,7 +286,7 @@ def test_replanning_does_not_hide_that_it_waits():
     """Paths that are refreshed each 0.5 s neither move a robot whose sensor is silent, nor put off the end of its patience."""
     way = np.array([[2.0, 2.0], [10.0, 2.0]])
     for refreshed in (way, np.array([[2.0, 2.0], [6.0, 6.0], [10.0, 2.0]])):
-        drive = ready(Goal((10.0, 2.0), way, hurried=True), timeout=2.0)
+        drive = ready(Goal((10.0, 2.0), way, hurried=True), wait_timeout=2.0)
         ends = []
         for i in range(40):
             answer = drive.step(None)
@@ -321,11 +321,11 @@ def test_patience_and_progress_end_hurried_goals_alone():
     for hurried in (True, False):
         ends = []
         for silent in (True, False):
-            drive = ready(Goal((10.0, 2.0), hurried=hurried), timeout=1.0, progress_time=3.0)
+            drive = ready(Goal((10.0, 2.0), hurried=hurried), wait_timeout=1.0, progress_time=3.0)
             answers = [drive.step(None if silent else NOBODY) for _ in range(60)]
             ends += [one.end for one in answers if one is not None and one.end]
         assert ends == ([End.WAITED, End.HELD] if hurried else [])
-    drive = ready(Goal((10.0, 2.0), hurried=True), timeout=1.0)
+    drive = ready(Goal((10.0, 2.0), hurried=True), wait_timeout=1.0)
     assert drive.pilot.silent(0.8).end is None and drive.pilot.silent(1.2).end is End.WAITED
 
 

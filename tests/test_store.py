@@ -64,10 +64,10 @@ def test_a_file_of_another_schema_is_refused_and_left_alone(tmp_path):
     db.close()
     text = tmp_path / "text.db"
     text.write_text("this is not a database, but long enough to look at " * 100)
-    for path, on_progress in ((other, "a results file of antway"), (newer, "schema 99"), (text, "not a database")):
+    for path, printed in ((other, "a results file of antway"), (newer, "schema 99"), (text, "not a database")):
         before = path.read_bytes()
         for write in (True, False):
-            with pytest.raises(BadResults, match=on_progress):
+            with pytest.raises(BadResults, match=printed):
                 Results(path, write=write)
         assert path.read_bytes() == before
     with pytest.raises(BadResults):

@@ -55,10 +55,8 @@ def test_a_ring_is_solved_and_the_run_ends() -> None:
     assert frame["ended"] and not frame["playing"] and frame["gap"] == 0.0
     order = unpack(frame["tour"], "<u2").astype(int)
     assert sorted(order) == list(range(40)) and set(np.abs(np.diff(order)) % 38) == {1}
-    on_progress = tab.apply({"op": "export", "what": "tour"})[0]
-    assert on_progress["text"].splitlines()[2:4] == ["DIMENSION : 40", "TOUR_SECTION"] and on_progress["text"].endswith(
-        "-1\nEOF\n"
-    )
+    printed = tab.apply({"op": "export", "what": "tour"})[0]
+    assert printed["text"].splitlines()[2:4] == ["DIMENSION : 40", "TOUR_SECTION"] and printed["text"].endswith("-1\nEOF\n")
 
 
 def test_frames_of_many_cities_are_small() -> None:

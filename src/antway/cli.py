@@ -194,7 +194,7 @@ def bench_command(
     episodes: Annotated[int | None, number_option("episodes", int, "N", "Episodes of each group of the suite.")] = None,
     engine: Annotated[str, typer.Option(metavar="NAME", help="local or ray.")] = "local",
     workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
-    timeout: Annotated[float, number_option("patience", float, "S", "Give up an episode after so long.")] = 120.0,
+    timeout: Annotated[float, number_option("timeout", float, "S", "Give up an episode after so long.")] = 120.0,
     out: Annotated[Path, typer.Option(metavar="DIR", help="Results, report and tables; an earlier run goes on.")] = Path(
         "bench"
     ),

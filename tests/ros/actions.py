@@ -115,7 +115,7 @@ def main() -> None:
     answered, standing = robot.answered, robot.stands()
     asked = ask("way back")
     found["refreshed"] = first.result()
-    robot.until("the refreshed path", lambda: any("refreshed" in text for _, text in robot.on_progress))
+    robot.until("the refreshed path", lambda: any("refreshed" in text for _, text in robot.printed))
     for _ in range(5):
         body.step()
         standing = standing or robot.stands()

@@ -53,7 +53,7 @@ class Robot(Node):
         }
         if odom is not None:
             self.out["tf"] = self.create_publisher(load("geometry_msgs/msg/TransformStamped"), "tf_stand_in", 50)
-        self.twist, self.on_progress, self.answered, self.paths, self.seen = None, [], 0, 0, {}
+        self.twist, self.printed, self.answered, self.paths, self.seen = None, [], 0, 0, {}
         kind = load("geometry_msgs/msg/TwistStamped" if stamped else "geometry_msgs/msg/Twist")
         self.create_subscription(kind, "cmd_vel", self.on_twist, 50)
         self.create_subscription(load("diagnostic_msgs/msg/DiagnosticArray"), "/diagnostics", self.on_said, 50)
@@ -71,7 +71,7 @@ class Robot(Node):
         self.answered += 1
 
     def on_said(self, message) -> None:
-        self.on_progress.append((convert.seconds(message.header.stamp), message.status[0].message))
+        self.printed.append((convert.seconds(message.header.stamp), message.status[0].message))
 
     def on_picture(self, topic: str, message) -> None:
         """Keep the newest, and of predictions the one with most in it."""
@@ -89,17 +89,17 @@ class Robot(Node):
         while not true():
             rclpy.spin_once(self, timeout_sec=0.05)
             if time.monotonic() > end:
-                raise SystemExit(f"waited in vain for {what}; the node said {self.on_progress[-3:]}")
+                raise SystemExit(f"waited in vain for {what}; the node said {self.printed[-3:]}")
             if time.monotonic() > due:
                 again()
                 due += 0.5
 
     def meets(self) -> None:
         """Wait for the node."""
-        self.on_progress.clear()
+        self.printed.clear()
         self.until("the node", lambda: all(p.get_subscription_count() for p in self.out.values()))
         self.until("its publishers", lambda: self.count_publishers("cmd_vel") and self.count_publishers("plan"))
-        self.until("its first words", lambda: self.on_progress)
+        self.until("its first words", lambda: self.printed)
 
     def stands(self) -> bool:
         if self.twist is None:  # never moved
@@ -109,9 +109,9 @@ class Robot(Node):
 
     def hears(self, text: str, again=lambda: None) -> None:
         """Wait for a diagnostic that holds `text`, said from now on, and for the robot to be stopped."""
-        self.on_progress.clear()
+        self.printed.clear()
         again()
-        self.until(f"'{text}'", lambda: any(text in one for _, one in self.on_progress), again)
+        self.until(f"'{text}'", lambda: any(text in one for _, one in self.printed), again)
         self.until(f"a stop at '{text}'", self.stands)
 
     def senses(self, o: Observation, base: float, obstacles: bool = True, tf: bool = True) -> None:

@@ -29,13 +29,13 @@ def main(kind: str, stamped: bool) -> None:
     robot.hears("the map has changed", lambda: robot.charts(Grid(np.zeros((41, 40), bool), 0.2), 1.0))
     robot.until("driving on", lambda: not robot.stands(), free)
     ahead = onwards(robot, Observation(0.0, (2.0, 2.0), (0.0, 0.0), 0.0, wall), 2000.0)
-    robot.on_progress.clear()
-    robot.until("the obstacles", lambda: any("with obstacle" in text for _, text in robot.on_progress), ahead)
+    robot.printed.clear()
+    robot.until("the obstacles", lambda: any("with obstacle" in text for _, text in robot.printed), ahead)
     bad = robot.scene(here, 3000.0)
     bad.header.frame_id = "moon"
 
     def refused() -> bool:
-        return any("obstacles refused" in text and "moon" in text for _, text in robot.on_progress)
+        return any("obstacles refused" in text and "moon" in text for _, text in robot.printed)
 
     robot.until("a refusal", refused, lambda: robot.out["obstacles"].publish(bad))
     robot.hears("the sensor is silent", lambda: ahead(obstacles=False))

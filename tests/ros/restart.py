@@ -49,17 +49,17 @@ def drive(command: list[str], nodes: list[subprocess.Popen]) -> None:
             killed.append(o.t)
         if o.t < killed[0] + 1.0:
             return True
-        robot.on_progress.clear()
+        robot.printed.clear()
         nodes.append(subprocess.Popen(command))
         robot.until(
-            "'no goal'", lambda: any(text == "no goal" for _, text in robot.on_progress)
+            "'no goal'", lambda: any(text == "no goal" for _, text in robot.printed)
         )  # the goal is gone, and it says so
 
         def again() -> None:
             robot.go(place.goal)
             robot.senses(o, base)
 
-        robot.until("setting out", lambda: any(text.startswith(ACTIONS) for _, text in robot.on_progress), again)
+        robot.until("setting out", lambda: any(text.startswith(ACTIONS) for _, text in robot.printed), again)
         return False  # the map came from the latched topic
 
     place = load_scenario(scene("paper"))
@@ -73,7 +73,7 @@ def drive(command: list[str], nodes: list[subprocess.Popen]) -> None:
     later = onwards(robot, still, base)
     robot.hears("arrived", later)
     tick(base + 500.0)
-    robot.until("simulated time", lambda: any(abs(t - base - 500.0) < 1.0 for t, _ in robot.on_progress))
+    robot.until("simulated time", lambda: any(abs(t - base - 500.0) < 1.0 for t, _ in robot.printed))
     robot.go(place.start)
     robot.until("driving", lambda: not robot.stands(), later)
     tick(100.0)

@@ -84,7 +84,7 @@ def main(episodes: int) -> None:
     robot.go(place.start)
     later()
     robot.hears("the sensor is silent", lambda: later(obstacles=False))
-    late = float(next(text for _, text in robot.on_progress if "silent" in text).split()[2])
+    late = float(next(text for _, text in robot.printed if "silent" in text).split()[2])
     assert 0.5 < late < 0.5 + 0.1 + 0.01, late  # it stopped in the first cycle after the guard's time
     started = time.monotonic()
     robot.hears("no odometry for")

@@ -25,7 +25,7 @@ def main() -> None:
     # before tf knows odom, odometry is refused; then tf is heard of, and falls silent
     robot.hears("header.frame_id = 'odom'", lambda: robot.senses(still, base, tf=False))
     later = onwards(robot, still, base)
-    robot.on_progress.clear()
+    robot.printed.clear()
     robot.go(place.goal)
     robot.until("driving", lambda: not robot.stands() if robot.twist else False, later)
     robot.hears("tf is silent", lambda: later(tf=False))

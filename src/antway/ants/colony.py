@@ -197,7 +197,7 @@ class Colony:
         )
         state.orders[:], state.lengths[:] = np.array(tours), costs
         unchanged = self.cycle - int(state.record[kernel.IMPROVED])
-        if policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
+        if policy.stagnation > 0 and unchanged > 0 and unchanged % policy.stagnation == 0:
             kernel.deposit(self.cities.near, state.tau, state.bests[1], policy.suppression, 0.0)
         deposit_weight = self.numbers.deposit_weight * scale[np.argsort(costs, kind="stable")]
         total = float(deposit_weight.sum())

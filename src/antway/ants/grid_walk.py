@@ -261,7 +261,7 @@ class Trail:
             walkers.moves[ant, : len(cells) - 1] = graph.moves(cells)
         walkers.length[arrived] = costs
         unchanged = t - self._improved
-        if self.best < math.inf and policy.patience > 0 and unchanged > 0 and unchanged % policy.patience == 0:
+        if self.best < math.inf and policy.stagnation > 0 and unchanged > 0 and unchanged % policy.stagnation == 0:
             self.tau[graph.cells(self.path)[:-1], self.path] *= policy.suppression
         factor = np.zeros(walkers.depth.size)
         factor[arrived] = scale

@@ -38,7 +38,7 @@ class Immune:
     overlap : float
         Two ants are alike if their edges overlap, |A and B| / |A or B|, by more than this; an ant's part of what the cycle
         deposits is divided by the number of ants alike. 1: never.
-    patience, suppression : int, float
+    stagnation, suppression : int, float
         After so many cycles with the same best, the pheromone on its edges is multiplied by `suppression`; 0: never.
     """
 
@@ -48,12 +48,12 @@ class Immune:
     temperature: float = 0.1
     cooling: float = 0.99
     overlap: float = 0.9
-    patience: int = 100
+    stagnation: int = 100
     suppression: float = 0.5
 
     def __post_init__(self) -> None:
         checks.integer("archive", self.archive, low=2, high=1000)
-        checks.integer("patience", self.patience, low=0)
+        checks.integer("stagnation", self.stagnation, low=0)
         for name in ("share", "vaccinated", "cooling", "overlap", "suppression"):
             tight = name in ("share", "suppression")
             value = checks.number(name, getattr(self, name), low=0.0, high=1.0, open_low=tight)

@@ -142,7 +142,7 @@ def bench(
         If the results cannot be written.
     """
     checks.integer("workers", workers, low=1, high=1024)
-    timeout = checks.number("patience", timeout, low=0.0, open_low=True, unit="s")
+    timeout = checks.number("timeout", timeout, low=0.0, open_low=True, unit="s")
     play_all = {"local": local, "ray": ray}[checks.choice("engine", engine, ENGINES)]
 
     def missing() -> Iterator[Job]:

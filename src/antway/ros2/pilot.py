@@ -31,7 +31,7 @@ class End(Enum):
     REPLACED = "replaced"  # by another goal
     DROPPED = "dropped"  # on request
     REFUSED = "refused"  # the robot cannot stand there
-    WAITED = "waited"  # longer than its patience, without map, odometry, obstacles or a place to set out from
+    WAITED = "waited"  # longer than its `wait_timeout`, without map, odometry, obstacles or a place to set out from
     HELD = "held"  # made no progress
 
 
@@ -61,7 +61,7 @@ class Goal:
     way : float64[N, 2] or None
         The way there; the robot keeps within `corridor` m of it.
     hurried : bool
-        Whether it ends when patience or progress do.
+        Whether it ends when `wait_timeout` passes or progress ceases.
     """
 
     xy: XY
@@ -138,7 +138,7 @@ class Pilot:
             return None
         self.command = STAND
         reason = f"no odometry for {self.settings.timeout:g} s"
-        if self.goal.hurried and seconds > self.settings.timeout:
+        if self.goal.hurried and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return Answer(STAND, ERROR, reason)
 
@@ -209,11 +209,11 @@ class Pilot:
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
 
     def _wait(self, t: float, level: int, reason: str) -> Answer:
-        """Stand and keep the goal, while patience lasts."""
+        """Stand and keep the goal, until `wait_timeout` has passed."""
         self.command = STAND
         if math.isnan(self.waiting):
             self.waiting = t
-        if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.timeout:
+        if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, level)
         return Answer(STAND, level, reason)
 

@@ -32,7 +32,7 @@ _OWN: dict[str, tuple[Any, str]] = {
     "plan_time": (5.0, "s; a plan that takes longer is given up."),
     "timeout": (0.5, "s; the robot stops when odometry, obstacles or tf are silent for so long."),
     "corridor": (2.0, "m; how far the robot may leave the path of follow_path to avoid obstacles."),
-    "patience": (5.0, "s; follow_path fails when the robot must wait for map, odometry or obstacles for longer."),
+    "wait_timeout": (5.0, "s; follow_path fails when the robot must wait for map, odometry or obstacles for longer."),
     "progress_radius": (0.5, "m; follow_path fails when the robot does not get so far ..."),
     "progress_time": (20.0, "s; ... in so long."),
     "stamped": (True, "Whether cmd_vel is a TwistStamped (stamped with the odometry that it answers) or a Twist."),
@@ -75,7 +75,7 @@ class Settings:
     plan_time: float
     timeout: float
     corridor: float
-    timeout: float
+    wait_timeout: float
     progress_radius: float
     progress_time: float
     stamped: bool

@@ -186,7 +186,7 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class Pursue:
-    """From `start` (m) after the robot: straight to where it is, at `speed` (m/s), from `delay` s on for `patience` s.
+    """From `start` (m) after the robot: straight to where it is, at `speed` (m/s), from `delay` s on for `follow_time` s.
 
     It keeps `gap` m between its edge and the robot's, and so never drives into one that stands; it slides along walls in its
     way. As its course depends on the robot, none can be told beforehand: `trajectory` is that of standing at the start, and an
@@ -197,15 +197,15 @@ class Pursue:
     speed: Span
     gap: Span = 0.3
     delay: Span = 0.0
-    patience: Span = 20.0
+    follow_time: Span = 20.0
 
     def __post_init__(self) -> None:
         _points(self, "start")
-        _spans(self, speed="m/s", gap="m", delay="s", patience="s")
+        _spans(self, speed="m/s", gap="m", delay="s", follow_time="s")
 
     def drawn(self, draw: Draw) -> Pursuer:
         """Return the numbers of an episode."""
-        return Pursuer(self.start, draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.patience))
+        return Pursuer(self.start, draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.follow_time))
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         return _standing(self.start)
@@ -218,7 +218,7 @@ class Pursuer(NamedTuple):
     speed: float
     gap: float
     delay: float
-    patience: float
+    follow_time: float
 
 
 MOTIONS: dict[str, type[Line | BackAndForth | Waypoints | Bounce | RandomWalk | Replay | Pursue]] = {

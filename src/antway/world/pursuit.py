@@ -44,7 +44,7 @@ class Pursuit:
         t, dt, grid = i * self.task.robot.dt, self.task.robot.dt, self.task.grid
         for k, radius, pursuer in self.pursuers:
             knots = self.xy[self.timeline.first[k] : self.timeline.first[k + 1]]
-            if not pursuer.delay <= t < pursuer.delay + pursuer.patience or i + 1 == len(knots):
+            if not pursuer.delay <= t < pursuer.delay + pursuer.follow_time or i + 1 == len(knots):
                 continue
             x, y = knots[i].tolist()
             away = math.dist((x, y), robot)
