@@ -21,7 +21,7 @@ sys.path += [str(HERE / "tests"), str(HERE / "tests" / "ros")]
 os.environ |= {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
 
 import rclpy  # noqa: E402
-from harness import begin, end, onwards  # noqa: E402
+from harness import end, onwards, start  # noqa: E402
 
 from antway import Grid  # noqa: E402
 from antway.world.policy import Observation, Tracks  # noqa: E402
@@ -29,7 +29,7 @@ from antway.world.policy import Observation, Tracks  # noqa: E402
 
 def measure(rate: float, seconds: float) -> dict[str, float]:
     """Drive to and fro for so long with odometry at `rate` Hz; figures in Hz and ms."""
-    robot = begin(pictures=False)
+    robot = start(pictures=False)
     robot.charts(Grid(np.zeros((200, 200), bool), 0.1))
     rng = np.random.default_rng(0)
     tracks = Tracks(np.arange(20), rng.uniform(8, 18, (20, 2)), rng.uniform(-0.5, 0.5, (20, 2)), np.full(20, 0.3))

@@ -112,21 +112,21 @@ def explicit_edges(grid: Grid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rows, cols = grid.shape
     free = np.pad(~grid.blocked, 1)
     number = np.arange(rows * cols).reshape(rows, cols)
-    begin, end, length = [], [], []
+    since, end, length = [], [], []
     for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
         there = free[1 + dr : rows + 1 + dr, 1 + dc : cols + 1 + dc]
         sides = free[1 + dr : rows + 1 + dr, 1:-1] & free[1:-1, 1 + dc : cols + 1 + dc]
         at = np.nonzero(free[1:-1, 1:-1] & there & (sides if dr and dc else True))
-        begin.append(number[at])
+        since.append(number[at])
         end.append(number[at] + dr * cols + dc)
         length.append(np.full(len(at[0]), math.hypot(dr, dc)))
-    return np.concatenate(begin), np.concatenate(end), np.concatenate(length)
+    return np.concatenate(since), np.concatenate(end), np.concatenate(length)
 
 
 def scipy_graph(grid: Grid) -> object:
     sparse = importlib.import_module("scipy.sparse")
-    begin, end, length = explicit_edges(grid)
-    return sparse.coo_array((length, (begin, end)), shape=(grid.blocked.size, grid.blocked.size)).tocsr()
+    since, end, length = explicit_edges(grid)
+    return sparse.coo_array((length, (since, end)), shape=(grid.blocked.size, grid.blocked.size)).tocsr()
 
 
 def networkx(grid: Grid) -> Query:

@@ -149,14 +149,14 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
         estimates, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, trajectory, out
     )
     assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)
-    for begin, end, x, y, vx, vy, stand, drive in out[:n]:
-        if begin >= 5.0 - 1e-9:
-            i = round((begin - 5.0) / STEP_TIME)
+    for start, end, x, y, vx, vy, stand, drive in out[:n]:
+        if start >= 5.0 - 1e-9:
+            i = round((start - 5.0) / STEP_TIME)
             assert (x, y) == pytest.approx(tuple(ways[i]), abs=1e-9)
-            assert end - begin == pytest.approx(STEP_TIME if speed else LATER if begin < 5.0 + LATER else 6.0 - LATER)
+            assert end - start == pytest.approx(STEP_TIME if speed else LATER if start < 5.0 + LATER else 6.0 - LATER)
             assert (vx, vy) == pytest.approx(tuple(trajectory[0, i]))
         assert stand == pytest.approx(0.61)
-        assert drive == pytest.approx(0.86 if speed == 0.0 or begin < 5.0 + LATER - 1e-9 else 0.76)
+        assert drive == pytest.approx(0.86 if speed == 0.0 or start < 5.0 + LATER - 1e-9 else 0.76)
 
 
 def test_the_nameless_have_no_past() -> None:

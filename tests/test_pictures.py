@@ -160,7 +160,7 @@ def test_charts_refuse_what_they_cannot_draw() -> None:
     with pytest.raises(BadParameter, match="path"):
         charts.space_time_figure(trace, path=Plan(Status.NO_PATH))
     with pytest.raises(BadParameter, match="end"):
-        charts.space_time_figure(trace, begin=2.0, end=1.0)
+        charts.space_time_figure(trace, start=2.0, end=1.0)
     with pytest.raises(BadParameter, match="table"):
         charts.success_figure([])
     with pytest.raises(BadParameter, match="rows"):

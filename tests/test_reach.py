@@ -32,16 +32,16 @@ def test_the_gap_is_that_of_both_discs():
 def test_along_a_motion_it_bounds_every_instant_and_is_nearly_met():
     for rng, row in _cases(2, cases(200)):
         (px, py), (wx, wy) = rng.uniform(-3, 3, 2), rng.uniform(-1.5, 1.5, 2)
-        begin, span = rng.uniform(0, 1), rng.choice([0.0, 0.1, 0.5])
-        bound = reach_gap_along(row, px, py, wx, wy, begin, begin + span)
-        least = naive.least(row, px, py, wx, wy, begin, begin + span)
+        start, span = rng.uniform(0, 1), rng.choice([0.0, 0.1, 0.5])
+        bound = reach_gap_along(row, px, py, wx, wy, start, start + span)
+        least = naive.least(row, px, py, wx, wy, start, start + span)
         assert bound <= least + 1e-9
         for column, value in ((5, 1e6), (6, math.inf)):  # either term alone is met, but for the chord of the parabola
             one = row.copy()
             one[column] = value
-            near = naive.least(one, px, py, wx, wy, begin, begin + span)
+            near = naive.least(one, px, py, wx, wy, start, start + span)
             slack = one[6] * span * span / 8 if math.isfinite(one[6]) else 0.0
-            assert reach_gap_along(one, px, py, wx, wy, begin, begin + span) >= near - slack - 0.01
+            assert reach_gap_along(one, px, py, wx, wy, start, start + span) >= near - slack - 0.01
 
 
 def test_whoever_keeps_to_the_bounds_is_never_nearer_than_the_gap():

@@ -17,7 +17,7 @@ bags = pytest.importorskip("antway.ros2.bags")
 load_bag_map, load_bag_tracks, save_bag = bags.load_bag_map, bags.load_bag_tracks, bags.save_bag
 
 
-def check_against(trace, messages, counts, begin):
+def check_against(trace, messages, counts, start):
     """Counts and values of a bag's messages by topic, as some reader gives them, are those of the trace."""
     plans = sum(one.path is not None for _, one in trace.decisions)
     expected = {"/map": 1, "/odom": len(trace) + 1, "/obstacles": len(trace) + 1, "/plan": plans, "/cmd_vel": len(trace)}
@@ -28,11 +28,11 @@ def check_against(trace, messages, counts, begin):
     assert (np.asarray(chart.data).reshape(grid.shape) == 100 * grid.blocked).all()
     for i, message in enumerate(messages["/odom"]):
         t, xy, velocity, heading = read_odometry(message)
-        assert abs(t - begin - trace.t[i]) < 2e-9 and xy == tuple(trace.xy[i])
+        assert abs(t - start - trace.t[i]) < 2e-9 and xy == tuple(trace.xy[i])
         np.testing.assert_allclose(velocity, trace.velocity[i], rtol=0, atol=1e-14)
         assert math.isclose(heading, trace.heading[i], rel_tol=1e-14, abs_tol=1e-15)
     for i, message in enumerate(messages["/cmd_vel"]):
-        assert abs(seconds(message.header.stamp) - begin - trace.t[i]) < 2e-9
+        assert abs(seconds(message.header.stamp) - start - trace.t[i]) < 2e-9
         speed = math.hypot(message.twist.linear.x, message.twist.linear.y)
         assert math.isclose(speed, math.hypot(*trace.command[i]), rel_tol=1e-14, abs_tol=1e-15)
     paths = [one.path for _, one in trace.decisions if one.path is not None]
@@ -43,8 +43,8 @@ def check_against(trace, messages, counts, begin):
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_rosbags_reads_what_was_written(tmp_path, storage):
     """rosbags' own reader finds every message of a trace, with its values, in either storage."""
-    trace, begin = sample_trace(steps=60), 1_700_000_000.0
-    counts = save_bag(trace, tmp_path / "bag", storage=storage, begin=begin)
+    trace, start = sample_trace(steps=60), 1_700_000_000.0
+    counts = save_bag(trace, tmp_path / "bag", storage=storage, start=start)
     messages = {topic: [] for topic in counts}
     with AnyReader([tmp_path / "bag"]) as reader:
         assert reader.message_count == sum(counts.values())

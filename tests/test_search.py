@@ -39,17 +39,17 @@ def scipy_field(grid: Grid, goal: tuple[int, int], moves: Moves) -> np.ndarray:
     free = np.pad(~grid.blocked, 1)
     here = free[1:-1, 1:-1]
     number = np.arange(rows * cols).reshape(rows, cols)
-    begin, end, length = [], [], []
+    since, end, length = [], [], []
     for dr, dc in [(0, 1), (1, 0), (1, 1), (1, -1)]:
         there = free[1 + dr : rows + 1 + dr, 1 + dc : cols + 1 + dc]
         one, other = free[1 + dr : rows + 1 + dr, 1:-1], free[1:-1, 1 + dc : cols + 1 + dc]
         sides = {Moves.EIGHT: one & other, Moves.EIGHT_NOSQUEEZE: one | other}.get(moves, True) if dr and dc else True
         at = np.nonzero(here & there & sides)
-        begin.append(number[at])
+        since.append(number[at])
         end.append(number[at] + dr * cols + dc)
         length.append(np.full(len(at[0]), math.hypot(dr, dc)))
     shape = (rows * cols, rows * cols)
-    graph = coo_array((np.concatenate(length), (np.concatenate(begin), np.concatenate(end))), shape=shape).tocsr()
+    graph = coo_array((np.concatenate(length), (np.concatenate(since), np.concatenate(end))), shape=shape).tocsr()
     return scipy_dijkstra(graph, directed=False, indices=number[goal]).reshape(rows, cols)
 
 

@@ -60,13 +60,13 @@ def test_hierarchies_keep_distances() -> None:
         local, heap, level = np.zeros((n, 2), np.int64), np.empty((len(edges), 2), np.int64), np.zeros(n, np.int32)
         while hierarchy.contract(first, edges, weight, state, local, heap, np.empty(n, np.int32), order, level, rank, 50) != 1:
             pass
-        begin, up, parts = hierarchy.upward_graph(first, edges, weight, rank)
+        row_start, up, parts = hierarchy.upward_graph(first, edges, weight, rank)
         assert sorted(rank.tolist()) == list(range(n))
         graph = coo_array((cost.astype(float), (ends[:, 0], ends[:, 1])), shape=(n, n)).tocsr()
         expected = scipy_dijkstra(graph, directed=False)
         node = np.argsort(rank)
         for x in range(n):
-            for e in range(begin[x], begin[x + 1]):
+            for e in range(row_start[x], row_start[x + 1]):
                 to, (out, before, after) = up[e, 0], parts[e]
                 assert to > x
                 assert up[e, 1] >= expected[node[x], node[to]]
@@ -82,7 +82,7 @@ def test_hierarchies_keep_distances() -> None:
         cells, at = np.zeros((n, 2), np.int32), np.zeros((2, 2), np.int64)
         for now, (a, b) in enumerate(np.ndindex(n, n), 1):
             seeds = np.array([[[rank[a], 0]], [[rank[b], 0]]])
-            best, _, _ = meet(begin, up, cells, label, came, heaps, seeds, np.ones(2, np.int64), at, now)
+            best, _, _ = meet(row_start, up, cells, label, came, heaps, seeds, np.ones(2, np.int64), at, now)
             assert best == expected[a, b] or (best == hierarchy.NOWHERE and np.isinf(expected[a, b]))
 
 

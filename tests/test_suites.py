@@ -159,9 +159,9 @@ def test_tracks(tmp_path, csv):
     scenario = build(episode)
     assert len(scenario.world.obstacles) == 2 and scenario.obstacle_speed == pytest.approx(1.0)
     timeline = scenario.world.timeline(0, 5.0)
-    begin = (timeline.at(0.0)[0][0, 0] - 0.0) / 1.0  # the first walks along x at 1 m/s from x = 0 at time 0
+    since = (timeline.at(0.0)[0][0, 0] - 0.0) / 1.0  # the first walks along x at 1 m/s from x = 0 at time 0
     for t in (0.0, 0.7, 3.0):
-        assert timeline.at(t)[0] == pytest.approx(np.array([(begin + t, 2.0), (6.0, 8.0 - 0.9 * (begin + t))]), abs=1e-6)
+        assert timeline.at(t)[0] == pytest.approx(np.array([(since + t, 2.0), (6.0, 8.0 - 0.9 * (since + t))]), abs=1e-6)
 
 
 @pytest.mark.parametrize("text", ["", "1,2\n", "0,1,a,0\n1,1,0,0\n", "0,1,0,nan\n1,1,0,0\n", "0,1,0,0\n0,1,1,1\n", "\0\0"])

@@ -75,8 +75,8 @@ def test_the_commands_take_modules_of_the_working_directory(installed):
     (installed / "map.txt").write_text("...\n.@.\n...\n")
 
     def antway(*line):
-        begin = [sys.executable, "-c", "from antway.cli import main; main()"]
-        return subprocess.run([*begin, *line], cwd=installed, capture_output=True, text=True, check=False)
+        since = [sys.executable, "-c", "from antway.cli import main; main()"]
+        return subprocess.run([*since, *line], cwd=installed, capture_output=True, text=True, check=False)
 
     ran = antway("run", "paper", "--policy", "their_package:Patient", "--seed", "3", "--json")
     assert json.loads(ran.stdout)["policy"] == "their_package:Patient" and ran.returncode in (0, 5), ran.stderr

@@ -63,7 +63,7 @@ def test_frames_of_many_cities_are_small() -> None:
     """With 5,000 cities a frame stays within 60 kB, and its edges are the strongest."""
     tab = Tours()
     rng = np.random.default_rng(0)
-    tab._begin(Tsp(rng.uniform(0, 1e4, (5000, 2)), name="many"), tab.settings)
+    tab._restart(Tsp(rng.uniform(0, 1e4, (5000, 2)), name="many"), tab.settings)
     tab.advance(2)
     tab.colony.state.tau[:] = rng.random(tab.colony.state.tau.shape)
     frame = tab.frame()

@@ -17,8 +17,8 @@ def gap(row: Sequence[float], px: float, py: float, t: float) -> float:
 
 
 def least(
-    row: Sequence[float], px: float, py: float, wx: float, wy: float, begin: float, end: float, looks: int = 400
+    row: Sequence[float], px: float, py: float, wx: float, wy: float, start: float, end: float, looks: int = 400
 ) -> float:
     """The least of `gap` at so many instants of a uniform motion."""
-    times = [begin + (end - begin) * i / looks for i in range(looks + 1)]
-    return min(gap(row, px + wx * (t - begin), py + wy * (t - begin), t) for t in times)
+    times = [start + (end - start) * i / looks for i in range(looks + 1)]
+    return min(gap(row, px + wx * (t - start), py + wy * (t - start), t) for t in times)

@@ -48,22 +48,22 @@ def course_pieces(radius, knot_t, knot_xy, first, t0, horizon):
     rows = []
     for k, low in enumerate(first[:-1]):
         t, xy = knot_t[low : first[k + 1]], knot_xy[low : first[k + 1]]
-        for begin, end in zip([t0, *t[t > t0]], [*t[t > t0], NEVER]):
+        for since, end in zip([t0, *t[t > t0]], [*t[t > t0], NEVER]):
             end = min(end, horizon)
-            if begin < end:
-                a = [np.interp(begin, t, xy[:, i]) for i in (0, 1)]
+            if since < end:
+                a = [np.interp(since, t, xy[:, i]) for i in (0, 1)]
                 b = [np.interp(min(end, NEVER), t, xy[:, i]) for i in (0, 1)]
-                rows.append((begin, end, *a, *(np.subtract(b, a) / (end - begin)), radius[k]))
+                rows.append((since, end, *a, *(np.subtract(b, a) / (end - since)), radius[k]))
     return np.array(rows).reshape(-1, 7)
 
 
 def nearest(a, b, duration, depart, segments):
     """Least distance of a disc going from a to b from `depart` on from each piece while it lasts; broadcasts."""
-    begin, end, x, y, vx, vy, _ = np.moveaxis(segments, -1, 0)
-    low, high = np.maximum(depart, begin), np.minimum(depart + duration, end)
+    since, end, x, y, vx, vy, _ = np.moveaxis(segments, -1, 0)
+    low, high = np.maximum(depart, since), np.minimum(depart + duration, end)
     ux, uy = (b - a)[..., 0] / np.maximum(duration, 1e-12), (b - a)[..., 1] / np.maximum(duration, 1e-12)
-    px = x + vx * (low - begin) - a[..., 0] - ux * (low - depart)
-    py = y + vy * (low - begin) - a[..., 1] - uy * (low - depart)
+    px = x + vx * (low - since) - a[..., 0] - ux * (low - depart)
+    py = y + vy * (low - since) - a[..., 1] - uy * (low - depart)
     wx, wy = vx - ux, vy - uy
     with np.errstate(invalid="ignore", divide="ignore"):
         when = np.nan_to_num(-(px * wx + py * wy) / (wx * wx + wy * wy))
@@ -128,23 +128,23 @@ def sipp(mask, offsets, centre, speed, radius, start, goal, trajectories, t0=0.0
             return t
         for d, length, windows in outgoing[c]:
             for j, (enter, leave) in enumerate(safe[d]):
-                for begin, end in windows:
-                    s = max(t, begin, enter - length)
+                for since, end in windows:
+                    s = max(t, since, enter - length)
                     if s <= min(end, safe[c][i][1], leave - length) and s + length < best.get((d, j), np.inf):
                         best[d, j] = s + length
                         heapq.heappush(heap, (s + length, d, j))
     return np.inf
 
 
-def gaps(low, high, begin):
-    """The closed intervals from `begin` on between the open intervals (low, high); those under a nanosecond are none."""
+def gaps(low, high, since):
+    """The closed intervals from `since` on between the open intervals (low, high); those under a nanosecond are none."""
     free = []
     for a, b in sorted(zip(low, high)):
-        if a < b and a > begin + 1e-9:
-            free.append((begin, a))
+        if a < b and a > since + 1e-9:
+            free.append((since, a))
         if a < b:
-            begin = max(begin, b)
-    return [*free, (begin, NEVER)] if begin < NEVER - 1 else free
+            since = max(since, b)
+    return [*free, (since, NEVER)] if since < NEVER - 1 else free
 
 
 def unit_steps(blocked, walks, start, goal):
@@ -178,8 +178,8 @@ def ticks(mask, offsets, centre, radius, start, goal, trajectories, per_step, sl
 
     def free(a, b, duration, depart):
         a, b = np.array([[a]]), np.array([[b]])
-        begin, end = segments[:, 0], segments[:, 1]
-        lasts = (depart + duration > begin) & (depart < end)
+        since, end = segments[:, 0], segments[:, 1]
+        lasts = (depart + duration > since) & (depart < end)
         return not (lasts & (nearest(a, b, np.array([[duration]]), depart, segments)[0] < reach)).any()
 
     layers = [set() for _ in range(limit + per_step + 1)]

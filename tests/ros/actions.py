@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from action_msgs.msg import GoalStatus
-from harness import begin, end
+from harness import end, start
 from rclpy.action import ActionClient
 from stand_in import GOALS, NAV2, START, distance, goal_message, kinds, numbers, room
 
@@ -58,7 +58,7 @@ class Asked:
 
 
 def main() -> None:
-    robot = begin()
+    robot = start()
     body, found = Body(robot), {}
     clients = {name: ActionClient(robot, kind.type, name) for name, kind in kinds().items()}
     for name, client in clients.items():

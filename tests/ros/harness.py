@@ -223,7 +223,7 @@ def onwards(robot: Robot, o: Observation, base: float, step: float = 0.1):
     return lambda **options: robot.senses(replace(o, t=float(next(clock))), base, **options)
 
 
-def begin(**options) -> Robot:
+def start(**options) -> Robot:
     """Return a robot that has met the node."""
     rclpy.init()
     robot = Robot(**options)

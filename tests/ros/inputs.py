@@ -8,14 +8,14 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from harness import begin, end, onwards
+from harness import end, onwards, start
 
 from antway import Grid
 from antway.world.policy import Observation, Tracks
 
 
 def main(kind: str, stamped: bool) -> None:
-    robot = begin(kind=kind, stamped=stamped)
+    robot = start(kind=kind, stamped=stamped)
     robot.charts(Grid(np.zeros((40, 40), bool), 0.2))
     side = Tracks(np.array([4]), np.array([[4.0, 7.0]]), np.zeros((1, 2)), np.array([0.4]))
     wall = Tracks(np.arange(9), np.column_stack((np.full(9, 4.0), np.arange(9.0))), np.zeros((9, 2)), np.full(9, 0.6))

@@ -35,10 +35,10 @@ ENDLESS = Clock(0.0, math.inf, None)
 
 def parts(cells: int, clock: Clock) -> Iterator[slice]:
     """Cut a pass over all cells into parts; it ends early where the clock is spent."""
-    for begin in range(0, cells, PART):
+    for from_cell in range(0, cells, PART):
         if clock.spent():
             return
-        yield slice(begin, min(begin + PART, cells))
+        yield slice(from_cell, min(from_cell + PART, cells))
 
 
 @dataclass(frozen=True)
@@ -170,13 +170,13 @@ class Ants:
 
         def walk_rows(worker: int) -> int:
             steps = 0
-            for begin in range(worker * block, ants, self.threads * block):
-                part = slice(begin, begin + block)
+            for from_cell in range(worker * block, ants, self.threads * block):
+                part = slice(from_cell, from_cell + block)
                 self.depth[part] = -1
                 if not clock.spent():
                     steps += kernel.walk(
                         weights, graph.offsets, graph.start, graph.goal, self.limit, self.retreat, greedy, turn,
-                        np.uint64(seed), first + begin, self.moves[part], self.depth[part], self._stamps[worker],
+                        np.uint64(seed), first + from_cell, self.moves[part], self.depth[part], self._stamps[worker],
                     )  # fmt: skip
             return steps
 

@@ -276,9 +276,9 @@ def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
     graph = trail.graph
     legal = trail.tau > 0
     if isinstance(pheromone, str):
-        begin = graph.distance_from(graph.problem.start)
+        from_cell = graph.distance_from(graph.problem.start)
         cell, move = np.nonzero(legal)
-        over = begin[cell] + graph.lengths[move] + graph.distance[cell + graph.offsets[move]]
+        over = from_cell[cell] + graph.lengths[move] + graph.distance[cell + graph.offsets[move]]
         trail.tau[cell, move] *= np.exp(graph.bound - over)
     else:
         left = checks.array("pheromone", pheromone, (*graph.problem.grid.shape, 8))

@@ -103,12 +103,12 @@ def pursuer(chance: Chance) -> Scenario:
         for _ in range(8):
             row, col = chance.integer(4, 52), chance.integer(12, 44)
             walls[row : row + 4, col : col + 4] = True
-        begin = chance.between(6.0, 10.0), chance.between(3.0, 9.0)
+        origin = chance.between(6.0, 10.0), chance.between(3.0, 9.0)
         grid = Grid(walls, CELL)
-        free = grid.inflate(ROBOT.radius).is_free(grid.cell_at(begin))
+        free = grid.inflate(ROBOT.radius).is_free(grid.cell_at(origin))
         if free and sipp(grid, START, GOAL, radius=ROBOT.radius, v_max=ROBOT.v_max).status is Status.FOUND:
             break
-    return _scenario("pursuer", walls, START, GOAL, [(ROBOT.radius, Pursue(begin, chance.between(0.5, 0.9)))])
+    return _scenario("pursuer", walls, START, GOAL, [(ROBOT.radius, Pursue(origin, chance.between(0.5, 0.9)))])
 
 
 KINDS: dict[str, Callable[[Chance], Scenario]] = {

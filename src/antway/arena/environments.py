@@ -96,13 +96,13 @@ def tracks(file: str) -> Suite:
 
     def make(group: str, chance: Chance) -> Scenario:
         while True:
-            begin = chance.between(0.0, max(last - 20.0, 0.0))
+            since = chance.between(0.0, max(last - 20.0, 0.0))
             a, b = ((chance.between(0.15, 0.85), chance.between(0.04, 0.1)) for _ in range(2))
             start, goal = (_inside(low, high, a[0], a[1]), _inside(low, high, b[0], 1.0 - b[1]))
             if (high - low)[0] > (high - low)[1]:
                 start, goal = (_inside(low, high, a[1], a[0]), _inside(low, high, 1.0 - b[1], b[0]))
-            present = [w for w in walkers if w[0, 0] < begin + 60.0 and w[-1, 0] > begin]
-            people = tuple(Obstacle(0.3, _walk(w, begin, float(np.hypot(*(high - low))))) for w in present)
+            present = [w for w in walkers if w[0, 0] < since + 60.0 and w[-1, 0] > since]
+            people = tuple(Obstacle(0.3, _walk(w, since, float(np.hypot(*(high - low))))) for w in present)
             at = World(grid, people).timeline(0, 1.0).places(np.zeros(1))[0]
             if all(math.dist(place, start) > 1.5 for place in at.tolist()):
                 break
@@ -145,9 +145,9 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     return table
 
 
-def _walk(rows: NDArray[np.float64], begin: float, far: float) -> Replay:
-    """A walker's places from time `begin` on; before and after he walks straight until he is `far` m off."""
-    t, xy = rows[:, 0] - begin, rows[:, 1:]
+def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
+    """A walker's places from time `since` on; before and after he walks straight until he is `far` m off."""
+    t, xy = rows[:, 0] - since, rows[:, 1:]
     first, last = (xy[1] - xy[0]) / (t[1] - t[0]), (xy[-1] - xy[-2]) / (t[-1] - t[-2])
     lead, tail = (far / max(float(np.hypot(*v)), 0.1) for v in (first, last))
     t = np.concatenate(([t[0] - lead], t, [t[-1] + tail]))

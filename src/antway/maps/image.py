@@ -166,12 +166,14 @@ def read_npy(path: Path, limits: Limits) -> Grid:
         head = file.read(HEAD)
         if head[:6] != b"\x93NUMPY" or len(head) < 12 or head[6] not in (1, 2, 3):
             raise BadMap("header", head[:8], "that of an .npy file, version 1 to 3", where=where)
-        begin, length = (10, struct.unpack("<H", head[8:10])[0]) if head[6] == 1 else (12, struct.unpack("<I", head[8:12])[0])
-        start = begin + length
-        found = {name: pattern.findall(head[begin:start]) for name, pattern in _NPY.items()}
+        header_end, length = (
+            (10, struct.unpack("<H", head[8:10])[0]) if head[6] == 1 else (12, struct.unpack("<I", head[8:12])[0])
+        )
+        start = header_end + length
+        found = {name: pattern.findall(head[header_end:start]) for name, pattern in _NPY.items()}
         if start > len(head) or any(len(values) != 1 for values in found.values()):
             allowed = "descr, fortran_order and a shape (rows, columns), each once"
-            raise BadMap("header", head[begin:start], allowed, where=where)
+            raise BadMap("header", head[header_end:start], allowed, where=where)
         kind = found["descr"][0].decode("latin-1")
         if re.fullmatch(r"\|b1|[|<>=][iu][1248]", kind) is None:
             raise BadMap("descr", kind, "a boolean or integer type (no objects, no pickles)", where=where)

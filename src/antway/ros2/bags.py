@@ -68,8 +68,8 @@ def _zero(sort: Nodetype, about: Any) -> Any:
     return [_zero(inner, of) for _ in range(length)]
 
 
-def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", begin: float = 0.0) -> dict[str, int]:
-    """Write `trace` as the new bag folder `path`; its time 0 s is `begin` s of the bag.
+def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", start: float = 0.0) -> dict[str, int]:
+    """Write `trace` as the new bag folder `path`; its time 0 s is `start` s of the bag.
 
     Topics: /map once (transient local), /odom and /obstacles (what the robot sensed) at each control step and at the end,
     /cmd_vel (in the robot's frame, as `antway ros2` sends it) at each step with a command, /plan whenever the plan changed.
@@ -87,7 +87,7 @@ def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", begin: fl
         If `path` exists.
     """
     plugin = STORES[checks.choice("storage", storage, STORES)]
-    begin = checks.number("begin", begin, low=0.0, unit="s")
+    start = checks.number("start", start, low=0.0, unit="s")
     path = Path(path)
     if path.exists():
         raise BadScenario("bag", str(path), "a folder that does not exist yet")
@@ -99,19 +99,19 @@ def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", begin: fl
             )
             for topic, kind in _KINDS.items()
         }
-        for topic, t, message in _messages(trace, begin):
-            writer.write(topics[topic], round((begin + t) * 1e9), _TYPES.serialize_cdr(message, _KINDS[topic]))
+        for topic, t, message in _messages(trace, start):
+            writer.write(topics[topic], round((start + t) * 1e9), _TYPES.serialize_cdr(message, _KINDS[topic]))
             counts[topic] += 1
     return counts
 
 
-def _messages(trace: Trace, begin: float) -> Iterator[tuple[str, float, Any]]:
+def _messages(trace: Trace, start: float) -> Iterator[tuple[str, float, Any]]:
     """Yield (topic, t in s, message) in the order of time."""
     robot, plans = trace.task.robot, {step: one.path for step, one in trace.decisions if one.path is not None}
-    yield "/map", 0.0, convert.grid_message(trace.task.grid, make, t=begin)
+    yield "/map", 0.0, convert.grid_message(trace.task.grid, make, t=start)
     for i, t in enumerate(trace.t.tolist()):
         (vx, vy), heading = trace.velocity[i].tolist(), float(trace.heading[i])
-        header = convert.header_message(begin + t, "map", make)
+        header = convert.header_message(start + t, "map", make)
         turned = convert.twist_message(Command((vx, vy)), (0.0, 0.0), heading, RobotSpec(), make)
         x, y = trace.xy[i].tolist()
         pose = convert.pose_message(x, y, heading, make)
@@ -129,13 +129,13 @@ def _messages(trace: Trace, begin: float) -> Iterator[tuple[str, float, Any]]:
         seen, line = trace.sensed[i], trace.timeline
         xy, velocity = line.at(t)
         tracks = Tracks(line.id[seen], xy[seen], velocity[seen], line.radius[seen])
-        yield "/obstacles", t, convert.markers_message(tracks, begin + t, make)
+        yield "/obstacles", t, convert.markers_message(tracks, start + t, make)
         if i in plans:
-            yield "/plan", t, convert.path_message(plans[i].xy, make, t=begin + t)
+            yield "/plan", t, convert.path_message(plans[i].xy, make, t=start + t)
         if i < len(trace) and all(map(math.isfinite, trace.command[i])):
             asked = Command((float(trace.command[i, 0]), float(trace.command[i, 1])))
             twist = convert.twist_message(asked, (vx, vy), heading, robot, make)
-            base = convert.header_message(begin + t, "base_link", make)
+            base = convert.header_message(start + t, "base_link", make)
             yield "/cmd_vel", t, make(_KINDS["/cmd_vel"], header=base, twist=twist)
 
 

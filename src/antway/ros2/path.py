@@ -80,8 +80,8 @@ def tracking(way: NDArray[np.float64], xy: XY, heading: float) -> Tracking:
     """
     if len(way) == 1:
         return Tracking(0, 0.0, 0.0, math.dist(xy, way[0]))
-    begin, step = way[:-1], np.diff(way, axis=0)
-    to = np.array(xy) - begin
+    start, step = way[:-1], np.diff(way, axis=0)
+    to = np.array(xy) - start
     share = np.clip((to * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300), 0.0, 1.0)
     away = np.hypot(*(to - share[:, None] * step).T)
     i = int(np.argmin(away))

@@ -86,9 +86,9 @@ class Pilot:
         self.command = STAND
         self.last_decision: tuple[Decision, Decision] | None = None
         self.due = self.started = self.now = -math.inf
-        self._begin()
+        self._restart()
 
-    def _begin(self) -> None:
+    def _restart(self) -> None:
         """Forget since when the robot waits, and where it last made progress."""
         self.waiting, self.mark = math.nan, (math.nan, (0.0, 0.0))
 
@@ -116,7 +116,7 @@ class Pilot:
         """
         before, self.goal = self.goal, goal
         if before is None or math.dist(before.xy, goal.xy) > self.settings.task["goal_tolerance"]:
-            self._begin()
+            self._restart()
         if before is None:
             self.due = -math.inf
             return None
@@ -152,7 +152,7 @@ class Pilot:
         if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout + passed:
             self.scan = self.policy = None  # what was seen and planned before means nothing any more
             self.due = -math.inf
-            self._begin()
+            self._restart()
             return Answer(STAND, WARN, f"odometry's clock jumped by {t - before[0]:.3f} s")
         dt = self.settings.robot.dt
         if self.goal is None or t < self.due - dt / 4:

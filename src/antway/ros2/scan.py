@@ -31,7 +31,7 @@ def read_points(message: Any) -> NDArray[np.float64]:
         For numbers that are not finite, a step of 0 and an empty scan.
     """
     where = "LaserScan"
-    begin, step, near, far = (
+    start, step, near, far = (
         checks.number(n, getattr(message, n), where=where) for n in ("angle_min", "angle_increment", "range_min", "range_max")
     )
     r = np.asarray(message.ranges, np.float64)
@@ -41,7 +41,7 @@ def read_points(message: Any) -> NDArray[np.float64]:
         raise BadParameter("ranges.shape", r.shape, "(N,) with N > 0", where=where)
     r = np.where(r == -math.inf, near, r)
     hit = (r >= near) & (r <= far)  # not where NaN
-    r, angle = r[hit], (begin + step * np.arange(len(r)))[hit]
+    r, angle = r[hit], (start + step * np.arange(len(r)))[hit]
     return np.column_stack((r * np.cos(angle), r * np.sin(angle)))
 
 

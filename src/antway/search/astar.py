@@ -62,7 +62,7 @@ class Workspace:
         """The arrays in the order in which the kernels take them."""
         return self.nodes, self.reached, self.first, self.filled, self.entries, self.state
 
-    def begin(self) -> None:
+    def initialize(self) -> None:
         """Choose the labels of the next search."""
         self.base -= LIMIT
         if self.base < LOWEST:
@@ -98,7 +98,7 @@ class Searcher:
             return spread_plan(problem, clock)
         work = self.workspace()
         try:
-            work.begin()
+            work.initialize()
             code, fresh, expanded = RUNNING, True, 0
             while code != DONE and not clock.spent():
                 query: tuple[Any, ...] = (work.base, row, col, goal_row, goal_col, fresh, STEPS)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
-from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, begin, change, compute, descend, move
+from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, change, compute, descend, initialize, move
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 from antway.search.result import not_found
 
@@ -86,7 +86,7 @@ class DStarLite:
             *(np.empty(size, np.int64), np.full(size, -1)),  # queue, place
             np.array([self._width, len(problem.moves.offsets), _NEED[problem.moves], start, goal, 0, 0, 0]),
         )
-        begin(*self._arrays)
+        initialize(*self._arrays)
 
     @property
     def problem(self) -> Problem:

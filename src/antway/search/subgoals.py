@@ -128,8 +128,8 @@ class Hierarchy:
         number[number >= 0] = rank
         cells = np.empty((n, 2), np.int32)
         cells[rank] = np.column_stack(np.divmod(nodes, net.width))
-        begin, up, parts = upward_graph(first, edges, weight, rank)
-        self.arrays = (net.around, net.table, *place[1:], begin, up, parts, cells)
+        row_start, up, parts = upward_graph(first, edges, weight, rank)
+        self.arrays = (net.around, net.table, *place[1:], row_start, up, parts, cells)
         self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:

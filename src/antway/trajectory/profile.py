@@ -92,14 +92,14 @@ def _corner_speeds(directions: NDArray[np.float64], v_max: float, change: float)
 
 
 def _leg(
-    length: float, begin: float, end: float, v_max: float, a_max: float, dt: float
+    length: float, start: float, end: float, v_max: float, a_max: float, dt: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the knots of one leg after its first: shares of its length, and times since its begin, s."""
-    peak = min(v_max, math.sqrt(a_max * length + (begin * begin + end * end) / 2.0))
-    up, down = (peak - begin) / a_max, (peak - end) / a_max
-    level = max(length - (peak * peak - begin * begin + peak * peak - end * end) / (2.0 * a_max), 0.0) / peak
+    peak = min(v_max, math.sqrt(a_max * length + (start * start + end * end) / 2.0))
+    up, down = (peak - start) / a_max, (peak - end) / a_max
+    level = max(length - (peak * peak - start * start + peak * peak - end * end) / (2.0 * a_max), 0.0) / peak
     since, gone, now, way = [], [], 0.0, 0.0
-    for duration, speed, rate in ((up, begin, a_max), (level, peak, 0.0), (down, peak, -a_max)):
+    for duration, speed, rate in ((up, start, a_max), (level, peak, 0.0), (down, peak, -a_max)):
         steps = math.ceil(duration / dt) if rate else 1
         if duration > 1e-12:
             z = duration * np.arange(1, steps + 1) / steps

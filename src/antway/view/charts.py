@@ -38,13 +38,13 @@ _LOOKS = (
 
 
 @style.styled
-def space_time_figure(trace: Trace, *, begin: float = 0.0, end: float | None = None, path: Plan | None = None) -> Figure:
+def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = None, path: Plan | None = None) -> Figure:
     """Draw how far along the global path the robot is against time, and what of the path obstacles take meanwhile.
 
     Parameters
     ----------
     trace : Trace
-    begin, end : float, float or None
+    start, end : float, float or None
         The span of time to draw, s; None: to the end.
     path : Plan or None
         The path; None: the shortest over the cells.
@@ -55,13 +55,13 @@ def space_time_figure(trace: Trace, *, begin: float = 0.0, end: float | None = N
     dotted, it goes round.
     """
     last = float(trace.t[-1])
-    begin = checks.number("begin", begin, low=0.0, high=last, unit="s")
-    end = checks.number("end", last if end is None else end, low=begin, high=last, unit="s")
+    start = checks.number("start", start, low=0.0, high=last, unit="s")
+    end = checks.number("end", last if end is None else end, low=start, high=last, unit="s")
     path = shortest(trace.task) if path is None else path
     if len(path.cells) < 2:
         raise BadParameter("path", path.status.value, "a path of two cells or more")
     way, along = _points(path.xy(trace.task.grid))
-    rows = np.flatnonzero((trace.t >= begin - 1e-9) & (trace.t <= end + 1e-9))
+    rows = np.flatnonzero((trace.t >= start - 1e-9) & (trace.t <= end + 1e-9))
     t, xy = trace.t[rows], trace.xy[rows]
     away = np.hypot(*(xy[:, None] - way).transpose(2, 0, 1))
     progress = along[away.argmin(axis=1)]

@@ -61,9 +61,9 @@ class Tours(Tab):
             "ants": 25,
             "seed": 0,
         }
-        self._begin(INSTANCES["scattered"](), self.settings)
+        self._restart(INSTANCES["scattered"](), self.settings)
         self.operations |= {
-            "reset": lambda message: self._begin(self.instance, self.settings),
+            "reset": lambda message: self._restart(self.instance, self.settings),
             "instance": self._instance,
             "open": self._open,
             "set": self._set,
@@ -144,7 +144,7 @@ class Tours(Tab):
         first = np.unique(ends, axis=0, return_index=True)[1]
         return ends[first], np.round(255 * share[order][first])
 
-    def _begin(self, instance: Tsp, settings: dict[str, Any]) -> list[Message]:
+    def _restart(self, instance: Tsp, settings: dict[str, Any]) -> list[Message]:
         """Begin again with these; where that is refused, all stays as it was."""
         if instance.xy is None:
             raise BadParameter(
@@ -168,13 +168,13 @@ class Tours(Tab):
         return [self.describe()]
 
     def _instance(self, message: Message) -> list[Message]:
-        return self._begin(INSTANCES[checks.choice("name", message.get("name"), INSTANCES)](), self.settings)
+        return self._restart(INSTANCES[checks.choice("name", message.get("name"), INSTANCES)](), self.settings)
 
     def _open(self, message: Message) -> list[Message]:
         contents = decoded(message.get("files"))
         for name, data in contents.items():
             if name.lower().endswith((".tsp", ".txt")):
-                return self._begin(parse(data, name), self.settings)
+                return self._restart(parse(data, name), self.settings)
         raise BadParameter("files", list(contents), "a TSPLIB file .tsp")
 
     def _set(self, message: Message) -> list[Message]:
@@ -186,7 +186,7 @@ class Tours(Tab):
             value = checks.integer("seed", value, low=0, high=2**32 - 1)
         else:
             value = checks.choice(field, value, {"rule": RULES, "search": SEARCHES, "persistence": PERSISTENCES}[field])
-        return self._begin(self.instance, {**self.settings, field: value})
+        return self._restart(self.instance, {**self.settings, field: value})
 
     def _export(self, message: Message) -> list[Message]:
         """Return the best tour as a file of TSPLIB's TOUR type."""

@@ -102,7 +102,7 @@ class View:
         episode, stage, n = self.episode, self.episode.stage, self.episode.steps
         places, velocities = stage.timeline.at(float(stage.t[n]))
         sensed = stage.sensed[max(n - 1, 0)]
-        begin, end = self.sent, min(n + 1, self.sent + _ROWS)
+        start, end = self.sent, min(n + 1, self.sent + _ROWS)
         self.sent = end
         look = self.look
         way, stand = self._braking()
@@ -116,9 +116,9 @@ class View:
                 for context, velocity, seen in zip(places, velocities, sensed)
             ],
             "tubes": self._tubes(float(stage.t[n])),
-            "from": begin,
-            "trail": [[short(v) for v in row] for row in stage.xy[begin:end]],
-            "ms": [short(v) for v in stage.cycle_ms[max(begin - 1, 0) : end - 1]],
+            "from": start,
+            "trail": [[short(v) for v in row] for row in stage.xy[start:end]],
+            "ms": [short(v) for v in stage.cycle_ms[max(start - 1, 0) : end - 1]],
             "clearance": short(stage.clearance),
             "outcome": None if episode.outcome is None else episode.outcome.value,
             "ending": episode.reason[:400],

@@ -254,11 +254,11 @@ def _standing(place: XY) -> Trajectory:
     return np.zeros(1), np.array([place])
 
 
-def _from(t: NDArray[np.float64], xy: NDArray[np.float64], begin: float) -> Trajectory:
-    """Cut off what comes before time `begin`, which becomes 0."""
-    i = int(np.searchsorted(t, begin, side="right"))
-    here = [np.interp(begin, t, xy[:, 0]), np.interp(begin, t, xy[:, 1])]
-    return np.concatenate(([0.0], t[i:] - begin)), np.vstack((here, xy[i:]))
+def _from(t: NDArray[np.float64], xy: NDArray[np.float64], since: float) -> Trajectory:
+    """Cut off what comes before time `since`, which becomes 0."""
+    i = int(np.searchsorted(t, since, side="right"))
+    here = [np.interp(since, t, xy[:, 0]), np.interp(since, t, xy[:, 1])]
+    return np.concatenate(([0.0], t[i:] - since)), np.vstack((here, xy[i:]))
 
 
 def _points(motion: object, *names: str) -> None:

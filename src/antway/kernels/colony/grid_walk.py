@@ -31,16 +31,16 @@ def visibility(
     reach: NDArray[np.bool_],
     beta: float,
     detour: bool,
-    begin: int,
+    from_cell: int,
     end: int,
     seen: NDArray[np.float64],
 ) -> None:
     """Write eta^beta of every legal move i -> j between cells of `reach` to float64[N, 8], up to a factor of each cell i.
 
-    Rows `begin` to `end` of `seen` are written, all of them 0 before.
+    Rows `from_cell` to `end` of `seen` are written, all of them 0 before.
     eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the way lost, in cells.
     """
-    for i in range(begin, end):
+    for i in range(from_cell, end):
         if not reach[i] or legal[i] == 0:
             continue
         best = math.inf

@@ -70,14 +70,14 @@ def reach_gap(row: NDArray[np.float64], px: float, py: float, t: float) -> float
 
 
 @bare_kernel
-def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, begin: float, end: float) -> float:
-    """Lower bound in m of `reach_gap` over [begin, end] for a point at (px, py) at `begin` that moves with (wx, wy) m/s.
+def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
+    """Lower bound in m of `reach_gap` over [begin, end] for a point at (px, py) at `start` that moves with (wx, wy) m/s.
 
     Parameters
     ----------
     row : float64[8]
         As in `reach_gap`.
-    begin, end : float
+    start, end : float
         s from now, -age <= begin <= end.
 
     Notes
@@ -85,7 +85,7 @@ def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, w
     The larger of the least of either term: the first is convex, and so is the second once the parabola accel t'^2 / 2 is
     replaced by its chord, which lies above it by no more than accel (end - begin)^2 / 8.
     """
-    since, span = begin + row[AGE], end - begin
+    since, span = start + row[AGE], end - start
     ax, ay = px - row[X], py - row[Y]
     gap = least_gap(ax, ay, wx, wy, row[RADIUS] + row[SPEED] * since, row[SPEED], span)
     if row[ACCEL] < math.inf:

@@ -197,7 +197,7 @@ def expand(
 
 
 @kernel
-def begin(
+def initialize(
     nodes: NDArray[np.int32],
     first: NDArray[np.int32],
     filled: NDArray[np.uint64],
@@ -295,7 +295,7 @@ def solve(
     """
     if fresh:
         key = octile(row, col, goal_row, goal_col, shorter)
-        begin(nodes, first, filled, entries, state, base, row * width + col, row, col, key)
+        initialize(nodes, first, filled, entries, state, base, row * width + col, row, col, key)
     goal = goal_row * width + goal_col
     if fresh and shorter != STRAIGHT and is_clear(around, table, width, row, col, goal_row, goal_col):
         if row != goal_row or col != goal_col:

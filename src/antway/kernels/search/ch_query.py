@@ -32,7 +32,7 @@ def diagonals(cost: int) -> int:
 
 @bare_kernel
 def meet(
-    begin: Longs,
+    row_start: Longs,
     up: Longs,
     cells: Ints,
     label: Longs,
@@ -85,12 +85,12 @@ def meet(
         if label[1 - side, x, 1] == now and g + label[1 - side, x, 0] < best:
             best, top = g + label[1 - side, x, 0], x
         stalled = False  # a way from above is shorter: no shortest path leads up through x
-        for e in range(begin[x], begin[x + 1]):
+        for e in range(row_start[x], row_start[x + 1]):
             to = up[e, 0]
             stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < g
         if stalled:
             continue
-        for e in range(begin[x], begin[x + 1]):
+        for e in range(row_start[x], row_start[x + 1]):
             to, g_to = up[e, 0], g + up[e, 1]
             if label[side, to, 1] != now or g_to < label[side, to, 0]:
                 key = g_to + octile(cells[to, 0], cells[to, 1], row, col)
@@ -140,7 +140,7 @@ def route(
     stops: NDArray[np.uint64],
     number: Ints,
     width: int,
-    begin: Longs,
+    row_start: Longs,
     up: Longs,
     parts: Ints,
     cells: Ints,
@@ -183,7 +183,7 @@ def route(
             seeds[side, 0, 0], seeds[side, 0, 1], size[side] = x, 0, 1
         else:
             size[side] = seen(around, stops, number, width, ends[side, 0], ends[side, 1], seeds[side])
-    cost, top, expanded = meet(begin, up, cells, label, came, heaps, seeds, size, ends, state[0])
+    cost, top, expanded = meet(row_start, up, cells, label, came, heaps, seeds, size, ends, state[0])
     if top < 0:
         return np.empty((0, 2), np.int32), 0, expanded
     turns = diagonals(cost)
@@ -209,7 +209,7 @@ def route_all(
     stops: NDArray[np.uint64],
     number: Ints,
     width: int,
-    begin: Longs,
+    row_start: Longs,
     up: Longs,
     parts: Ints,
     cells: Ints,
@@ -238,7 +238,7 @@ def route_all(
             stops,
             number,
             width,
-            begin,
+            row_start,
             up,
             parts,
             cells,

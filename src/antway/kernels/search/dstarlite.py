@@ -81,7 +81,7 @@ def change(
 
 
 @bare_kernel
-def begin(g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints) -> None:
+def initialize(g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints) -> None:
     """Put the goal, at distance 0, on the queue."""
     rhs[state[GOAL]] = 0
     _update(g, rhs, key, queue, place, state, state[GOAL])

@@ -176,12 +176,12 @@ def contract(
 def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
     """Return the edges of the hierarchy, node by node in the order of `rank`, whose numbers they use.
 
-    `begin` int64[N + 1]: the edges up from node x are begin[x] to begin[x + 1]; `up` int64[M, 2]: the node that an edge leads
+    `row_start` int64[N + 1]: the edges up from node x are row_start[x] to row_start[x + 1]; `up` int64[M, 2]: the node that an edge leads
     to and its cost; `parts` int32[M, 3]: the node left out and the edges from it, as OUT, BEFORE and AFTER of `edges`.
     """
     node = np.argsort(rank)
     place = np.full(edges.shape[0] + 1, -1, np.int32)  # the last for -1
-    begin = np.zeros(rank.size + 1, np.int64)
+    row_start = np.zeros(rank.size + 1, np.int64)
     n = 0
     for x in range(rank.size):
         e = first[node[x]]
@@ -189,7 +189,7 @@ def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[L
             place[e] = n
             n += 1
             e = edges[e, NEXT]
-        begin[x + 1] = n
+        row_start[x + 1] = n
     up, parts = np.empty((n, 2), np.int64), np.full((n, 3), -1, np.int32)
     for e in range(edges.shape[0]):
         k = place[e]
@@ -198,4 +198,4 @@ def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[L
             if edges[e, OUT] >= 0:
                 parts[k, 0] = rank[edges[e, OUT]]
                 parts[k, 1], parts[k, 2] = place[edges[e, BEFORE]], place[edges[e, AFTER]]
-    return begin, up, parts
+    return row_start, up, parts

@@ -91,10 +91,10 @@ def open_cell(
         n += 1
     memory.near[cell, 0], memory.near[cell, 1] = memory.counter[5], near  # of the start, cell -1, in the last row
     memory.counter[5] = near
-    begin = memory.counter[1]
+    start = memory.counter[1]
     if cell >= 0:
         memory.stamp[cell] = memory.counter[0]
-        memory.first[cell] = begin
+        memory.first[cell] = start
     since = t0
     for i in range(n + 1):
         until = lows[i] if i < n else math.inf
@@ -107,8 +107,8 @@ def open_cell(
         if i < n:
             since = max(since, highs[i])
     if cell >= 0:
-        memory.intervals[cell] = memory.counter[1] - begin
-        memory.latest[cell] = math.inf if memory.counter[1] > begin else -math.inf
+        memory.intervals[cell] = memory.counter[1] - start
+        memory.latest[cell] = math.inf if memory.counter[1] > start else -math.inf
 
 
 @bare_kernel

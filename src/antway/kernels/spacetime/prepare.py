@@ -147,16 +147,16 @@ def timeline_segments(
     knot_xy: NDArray[np.float64],
     first: NDArray[np.int64],
     robot_radius: float,
-    begin: float,
+    start: float,
     horizon: float,
 ) -> Segments:
-    """Return the pieces (see `segments.py`) of K timelines between `begin` and `horizon`, in s; then they are forgotten."""
+    """Return the pieces (see `segments.py`) of K timelines between `start` and `horizon`, in s; then they are forgotten."""
     segments = np.empty((len(knot_t) + len(radius), 8))
     n = 0
     for k in range(len(radius)):
         low, high = first[k], first[k + 1]
         for i in range(low, high + 1):  # the piece that ends at knot i
-            t0 = begin if i == low else max(begin, knot_t[i - 1])
+            t0 = start if i == low else max(start, knot_t[i - 1])
             t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
             if t0 < t1:
                 x, y, vx, vy = timeline_at(t0, knot_t, knot_xy, low, high)

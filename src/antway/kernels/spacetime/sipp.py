@@ -33,7 +33,7 @@ class Workspace(NamedTuple):
     size: NDArray[np.int32]  # [N] its number of states
     cell: NDArray[np.int32]  # [S]
     parent: NDArray[np.int32]  # [S] state it is reached from
-    begin: NDArray[np.float64]  # [S] safe from then, s
+    since: NDArray[np.float64]  # [S] safe from then, s
     end: NDArray[np.float64]  # [S] until then, s
     arrival: NDArray[np.float64]  # [S] earliest known, s
     depart: NDArray[np.float64]  # [S] when the move into it leaves the parent, s
@@ -105,7 +105,7 @@ def sipp(
         return FULL, -1, 0, now
     ws.query[0] += 1
     states = _open(-1, start[0], start[1], now, 0, segments, ws)
-    if states == 0 or ws.begin[0] > now:
+    if states == 0 or ws.since[0] > now:
         return NO_PATH, -1, 0, np.inf
     ws.arrival[0] = now
     entries = 0
@@ -194,14 +194,14 @@ def _reach(
         return -1, -1
     vx, vy = (dx / duration, dy / duration) if duration > 0.0 else (0.0, 0.0)
     for j in range(ws.first[cell], ws.first[cell] + ws.size[cell]):
-        if max(ws.arrival[i] + duration, ws.begin[j]) >= ws.arrival[j]:
+        if max(ws.arrival[i] + duration, ws.since[j]) >= ws.arrival[j]:
             continue
-        depart = max(ws.arrival[i], ws.begin[j] - duration)
+        depart = max(ws.arrival[i], ws.since[j] - duration)
         latest = min(ws.end[i], ws.end[j] - duration)
         if depart > latest:
             continue
         depart = earliest_departure(at[0], at[1], vx, vy, duration, depart, latest, segments, 0.0, ws.work)
-        arrival = max(depart + duration, ws.begin[j])
+        arrival = max(depart + duration, ws.since[j])
         if arrival < ws.arrival[j]:
             ws.arrival[j], ws.depart[j], ws.parent[j] = arrival, depart, i
             ws.done[j], ws.todo[j] = -1.0, 0.0
@@ -222,15 +222,15 @@ def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segm
                 i -= 1
             spans[i, 0], spans[i, 1] = low, high
             n += 1
-    begin, found = now, 0
+    since, found = now, 0
     for i in range(n + 1):
         end = spans[i, 0] if i < n else NEVER
-        if end >= begin + SLACK:
+        if end >= since + SLACK:
             j = states + found
-            ws.cell[j], ws.begin[j], ws.end[j], ws.arrival[j], ws.parent[j] = cell, begin, end, np.inf, -1
+            ws.cell[j], ws.since[j], ws.end[j], ws.arrival[j], ws.parent[j] = cell, since, end, np.inf, -1
             found += 1
         if i < n:
-            begin = max(begin, spans[i, 1])
+            since = max(since, spans[i, 1])
     return found
 
 

@@ -17,7 +17,7 @@ def first_met(
     ay: float,
     bx: float,
     by: float,
-    begin: float,
+    start: float,
     end: float,
     body: float,
     wider: float,
@@ -26,7 +26,7 @@ def first_met(
     first: NDArray[np.int64],
     radius: NDArray[np.float64],
 ) -> tuple[float, int]:
-    """First instant at which a body that goes from (ax, ay) at `begin` to (bx, by) at `end` s meets a tube, and which.
+    """First instant at which a body that goes from (ax, ay) at `start` to (bx, by) at `end` s meets a tube, and which.
 
     Tubes are `wider` m wider than their discs; the other parameters are those of `first_conflict`. Infinite and -1 if it meets
     none.
@@ -34,7 +34,7 @@ def first_met(
     when, obstacle = math.inf, -1
     for k in range(len(radius)):
         reach = body + radius[k] + wider
-        hit, _, _ = swept_timeline(ax, ay, bx, by, begin, end, reach, knot_t, knot_xy, first[k], first[k + 1])
+        hit, _, _ = swept_timeline(ax, ay, bx, by, start, end, reach, knot_t, knot_xy, first[k], first[k + 1])
         if hit < when:
             when, obstacle = hit, k
     return when, obstacle
@@ -76,16 +76,16 @@ def first_conflict(
     n = len(t)
     for i in range(n):
         last = i == n - 1
-        begin, end = t[i], until if last else min(t[i + 1], until)
-        if begin > end or begin >= when:
+        start, end = t[i], until if last else min(t[i + 1], until)
+        if start > end or start >= when:
             break
         ax, ay = xy[i, 0], xy[i, 1]
         bx, by = ax, ay
         if not last and t[i + 1] > t[i]:
             share = (end - t[i]) / (t[i + 1] - t[i])
             bx, by = ax + share * (xy[i + 1, 0] - ax), ay + share * (xy[i + 1, 1] - ay)
-        wider = growth * (begin - t[0])
-        hit, other = first_met(ax, ay, bx, by, begin, end, body, wider, knot_t, knot_xy, first, radius)
+        wider = growth * (start - t[0])
+        hit, other = first_met(ax, ay, bx, by, start, end, body, wider, knot_t, knot_xy, first, radius)
         if hit < when:
             when, obstacle = hit, other
     return when, obstacle
@@ -155,6 +155,6 @@ def close_cells(
         for j in range(closed.shape[1]):
             cx, cy = frame[0] + (col0 + j + 0.5) * frame[2], frame[1] + (row0 + i + 0.5) * frame[2]
             d = math.hypot(cx - x, cy - y) / v_max
-            begin, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
-            hit, _ = first_met(cx, cy, cx, cy, begin, end, body, 0.0, knot_t, knot_xy, first, radius)
+            start, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
+            hit, _ = first_met(cx, cy, cx, cy, start, end, body, 0.0, knot_t, knot_xy, first, radius)
             closed[i, j] = hit < math.inf

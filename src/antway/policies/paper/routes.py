@@ -133,8 +133,8 @@ class Routes:
         along = math.cos(angle[0]) * seen.velocity[0] + math.sin(angle[0]) * seen.velocity[1]
         speed = math.hypot(*seen.velocity)
         on = speed - along < 1e-6  # it drives along the first leg already; else it stops first
-        begin = np.zeros(len(way))
-        begin[0] = along if on else 0.0
+        start = np.zeros(len(way))
+        start[0] = along if on else 0.0
         pause = np.full(len(way), 2.0 * spec.dt)
         pause[0] = 0.0 if on else speed / spec.a_max
         if spec.drive == "differential":
@@ -143,12 +143,12 @@ class Routes:
         if math.isinf(spec.a_max):
             top, up, down = np.full(len(way), spec.v_max), np.zeros(len(way)), np.zeros(len(way))
         else:
-            top = np.minimum(np.sqrt(spec.a_max * length + begin**2 / 2), spec.v_max)
-            top = np.maximum(top, begin)
-            up, down = (top - begin) / spec.a_max, top / spec.a_max
-        gained, lost = (begin + top) / 2 * up, top / 2 * down
+            top = np.minimum(np.sqrt(spec.a_max * length + start**2 / 2), spec.v_max)
+            top = np.maximum(top, start)
+            up, down = (top - start) / spec.a_max, top / spec.a_max
+        gained, lost = (start + top) / 2 * up, top / 2 * down
         cruise = np.maximum(length - gained - lost, 0.0) / top
-        half_up = (begin + (begin + top) / 2) / 2 * up / 2
+        half_up = (start + (start + top) / 2) / 2 * up / 2
         spans = np.column_stack((pause, up / 2, up / 2, cruise, down / 2, down / 2))
         done = np.column_stack((0 * length, half_up, gained, length - lost, length - lost / 4, length))
         share = np.minimum(np.maximum(done, 0.0), length[:, None]) / length[:, None]
