@@ -29,9 +29,9 @@ def local_problem(rng: np.random.Generator):
             break
     count = int(rng.integers(3, 15))
     angle, speed = rng.uniform(0.0, 2 * math.pi, count), rng.uniform(0.2, 1.0, count)
-    xy, reach = rng.uniform(0.0, 6.2, (count, 2)), rng.uniform(0.2, 0.45, count)
+    xy, leg_cells = rng.uniform(0.0, 6.2, (count, 2)), rng.uniform(0.2, 0.45, count)
     segments = np.column_stack(
-        (np.zeros(count), np.full(count, 20.0), xy, speed * np.cos(angle), speed * np.sin(angle), reach, reach)
+        (np.zeros(count), np.full(count, 20.0), xy, speed * np.cos(angle), speed * np.sin(angle), leg_cells, leg_cells)
     )
     return grid, robot, start, goal, context, segments
 
@@ -42,7 +42,7 @@ def colony(
     x,
     y,
     *,
-    reach=0,
+    leg_cells=0,
     minimum_improvement=0.001,
     expansions=10**6,
     horizon=20.0,
@@ -54,7 +54,7 @@ def colony(
     cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
     end, arrival, bound = spacetime.search(
-        memory, make_trails(cells), context, segments, stopping_time, x, y, 0.0, horizon, reach, BETAS, SLACK, minimum_improvement, math.inf, expansions, 1.0,
+        memory, make_trails(cells), context, segments, stopping_time, x, y, 0.0, horizon, leg_cells, BETAS, SLACK, minimum_improvement, math.inf, expansions, 1.0,
         np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound

@@ -28,8 +28,10 @@ WORK = np.empty(2)
 def random_piece(rng: np.random.Generator) -> np.ndarray:
     t0 = rng.uniform(0.0, 2.0)
     velocity = rng.uniform(-1.0, 1.0, 2) * (rng.random() < 0.9)
-    reach, berth = rng.uniform(0.1, 0.8), rng.uniform(0.0, 0.2)
-    return np.array([[t0, t0 + rng.uniform(0.1, 4.0), *rng.uniform(-2.0, 2.0, 2), *velocity, reach, reach + berth]])
+    contact_radius, berth = rng.uniform(0.1, 0.8), rng.uniform(0.0, 0.2)
+    return np.array(
+        [[t0, t0 + rng.uniform(0.1, 4.0), *rng.uniform(-2.0, 2.0, 2), *velocity, contact_radius, contact_radius + berth]]
+    )
 
 
 def test_unsafe_stay_is_what_sampling_finds() -> None:
@@ -89,8 +91,10 @@ def test_gap_to_reach_is_the_least() -> None:
     rng = np.random.default_rng(3)
     for _ in range(cases(300, 10**5)):
         a, w = rng.uniform(-2, 2, 2), rng.uniform(-1.5, 1.5, 2) * (rng.random() < 0.9)
-        reach, growth, t = rng.uniform(0.1, 1.0), rng.choice([0.0, rng.uniform(0.0, 1.5)]), rng.uniform(0.05, 2.0)
-        assert gap_to_reach(*a, *w, reach, growth, t) == pytest.approx(naive.gap_to_reach(a, w, reach, growth, t), abs=1e-6)
+        contact_radius, growth, t = rng.uniform(0.1, 1.0), rng.choice([0.0, rng.uniform(0.0, 1.5)]), rng.uniform(0.05, 2.0)
+        assert gap_to_reach(*a, *w, contact_radius, growth, t) == pytest.approx(
+            naive.gap_to_reach(a, w, contact_radius, growth, t), abs=1e-6
+        )
 
 
 def test_time_to_contact_is_the_first() -> None:

@@ -20,18 +20,18 @@ def test_swept_discs_against_samples():
         dt = rng.choice([0.05, 0.1, 1.0, 10.0])
         p = rng.normal(size=2) * 3
         v = rng.normal(size=2) * rng.choice([0.0, 1e-6, 0.1, 1.0, 30.0])
-        reach = rng.uniform(0.05, 1.5)
-        first, distance, when = geometry.swept_discs(p[0], p[1], v[0], v[1], reach, dt)
-        sampled, _, sampled_first = sampled_discs(p, v, reach, dt)
+        contact_radius = rng.uniform(0.05, 1.5)
+        first, distance, when = geometry.swept_discs(p[0], p[1], v[0], v[1], contact_radius, dt)
+        sampled, _, sampled_first = sampled_discs(p, v, contact_radius, dt)
         resolved = math.hypot(*v) * dt / 9_999 / 2  # no sample is farther in space from the true closest point
         assert distance <= sampled + 1e-12
         assert sampled <= math.hypot(distance, resolved) + 1e-12
         assert 0.0 <= when <= dt
         assert math.isclose(math.hypot(*(p + v * when)), distance, rel_tol=1e-12, abs_tol=1e-12)
-        assert (first < math.inf) == (distance < reach - 1e-9)
+        assert (first < math.inf) == (distance < contact_radius - 1e-9)
         assert first <= sampled_first + 1e-9
         if 0.0 < first < math.inf:
-            assert math.isclose(math.hypot(*(p + v * first)), reach, abs_tol=1.1e-9)
+            assert math.isclose(math.hypot(*(p + v * first)), contact_radius, abs_tol=1.1e-9)
             assert np.dot(p, v) < 0.0
 
 
@@ -73,9 +73,9 @@ def test_swept_timeline_against_samples():
         t1 = t0 + rng.choice([0.0, rng.uniform(0.0, 6.0)])
         if t1 == t0:
             b = a
-        reach = rng.uniform(0.05, 1.5)
-        first, distance, when = geometry.swept_timeline(*a, *b, t0, t1, reach, knot_t, knot_xy, 0, n)
-        sampled, _, sampled_first = sampled_timeline(a, b, t0, t1, reach, knot_t, knot_xy)
+        contact_radius = rng.uniform(0.05, 1.5)
+        first, distance, when = geometry.swept_timeline(*a, *b, t0, t1, contact_radius, knot_t, knot_xy, 0, n)
+        sampled, _, sampled_first = sampled_timeline(a, b, t0, t1, contact_radius, knot_t, knot_xy)
         fastest = math.dist(a, b) / max(t1 - t0, 1e-9)
         if n > 1:
             fastest += (np.hypot(*np.diff(knot_xy, axis=0).T) / np.diff(knot_t)).max()
@@ -83,14 +83,14 @@ def test_swept_timeline_against_samples():
         assert distance <= sampled + 1e-12
         assert sampled <= distance + resolved + 1e-12
         assert t0 <= when <= t1
-        assert (first < math.inf) == (distance < reach - 1e-9)
+        assert (first < math.inf) == (distance < contact_radius - 1e-9)
         assert first <= sampled_first + 1e-9
         if first < math.inf:
             assert t0 <= first <= when
             x, y, _, _ = geometry.timeline_at(first, knot_t, knot_xy, 0, n)
             s = (first - t0) / (t1 - t0) if t1 > t0 else 0.0
             away = math.hypot(x - a[0] - s * (b[0] - a[0]), y - a[1] - s * (b[1] - a[1]))
-            assert away <= reach + 1e-9 if first == t0 else math.isclose(away, reach, abs_tol=2e-9)
+            assert away <= contact_radius + 1e-9 if first == t0 else math.isclose(away, contact_radius, abs_tol=2e-9)
 
 
 def test_timeline_at():

@@ -81,11 +81,11 @@ def test_stamp_closes_what_obstacles_cover() -> None:
     rng, frame = np.random.default_rng(2), np.array([-1.0, 2.0, 0.5])
     for _ in range(cases(50, 5000)):
         kind = kinds(rng)
-        before, xy, reach = kind.copy(), rng.uniform(-3, 9, (3, 2)), rng.uniform(0.1, 2.0, 3)
-        stamp(kind, frame, xy, reach)
+        before, xy, contact_radius = kind.copy(), rng.uniform(-3, 9, (3, 2)), rng.uniform(0.1, 2.0, 3)
+        stamp(kind, frame, xy, contact_radius)
         rows, cols = np.indices(kind.shape)
         centres = np.stack((-1.0 + (cols + 0.5) * 0.5, 2.0 + (rows + 0.5) * 0.5))
-        met = (np.hypot(*(centres[:, None] - xy.T[:, :, None, None])) < reach[:, None, None]).any(axis=0)
+        met = (np.hypot(*(centres[:, None] - xy.T[:, :, None, None])) < contact_radius[:, None, None]).any(axis=0)
         assert (kind == np.where(met & (before == FREE), CLOSED, before)).all()
 
 

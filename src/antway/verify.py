@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from antway.world.episode import EpisodeResult
     from antway.world.trace import Trace
 
-_REACH = {
+_FARTHEST = {
     Moves.FOUR: 1,
     Moves.EIGHT: 1,
     Moves.EIGHT_NOSQUEEZE: 1,
@@ -126,12 +126,12 @@ def _free(grid: Grid, cell: Cell) -> bool:
 def _move_fault(grid: Grid, moves: Moves, a: Cell, b: Cell) -> str:
     """Say why the step from `a` to `b` is not legal under `moves`; empty if it is."""
     dr, dc = b[0] - a[0], b[1] - a[1]
-    reach = max(abs(dr), abs(dc))
-    if reach == 0:
+    farthest = max(abs(dr), abs(dc))
+    if farthest == 0:
         return "stays in place"
-    if reach > _REACH[moves] or (moves is Moves.FOUR and dr and dc) or math.gcd(dr, dc) != 1:
+    if farthest > _FARTHEST[moves] or (moves is Moves.FOUR and dr and dc) or math.gcd(dr, dc) != 1:
         return "is no such move"
-    if reach == 1:
+    if farthest == 1:
         sides = [_free(grid, (a[0] + dr, a[1])), _free(grid, (a[0], a[1] + dc))] if dr and dc else []
         if moves is Moves.EIGHT_CUT:
             return ""
@@ -173,8 +173,8 @@ def _segment_fault(grid: Grid, a: Sequence[float], b: Sequence[float]) -> str:
 
 def _meets(a: Cell, b: Cell, r: int, c: int) -> bool:
     """Tell whether the segment touches the closed square of cell (r, c)."""
-    reach = 0.5 + _EPS
-    first, last = _inside(a, b, (r - reach, c - reach), (r + reach, c + reach))
+    farthest = 0.5 + _EPS
+    first, last = _inside(a, b, (r - farthest, c - farthest), (r + farthest, c + farthest))
     return first < last
 
 
@@ -189,13 +189,13 @@ def _near(a: Sequence[float], b: Sequence[float]) -> Iterator[Cell]:
 
 def _order_faults(points: list[list[float]], path: list[Cell]) -> list[str]:
     """Say which cell the polyline does not meet, in their order along it; the earliest meeting will do for each."""
-    i, t, reach = 0, 0.0, 0.5 + _EPS
+    i, t, farthest = 0, 0.0, 0.5 + _EPS
     for k, (r, c) in enumerate(path):
         while True:
             if i >= max(len(points) - 1, 1):
                 return [f"cell {k} {(r, c)} is not met in its turn by the points"]
             end = points[min(i + 1, len(points) - 1)]
-            first, last = _inside(points[i], end, (r - reach, c - reach), (r + reach, c + reach))
+            first, last = _inside(points[i], end, (r - farthest, c - farthest), (r + farthest, c + farthest))
             if max(first, t) <= last:
                 t = max(first, t)
                 break

@@ -25,14 +25,14 @@ def unsafe_departures(
     return ((t >= piece[0]) & (t <= piece[1]) & (gap < piece[7])).any(axis=1)
 
 
-def gap_to_reach(a: np.ndarray, w: np.ndarray, reach: float, growth: float, t: float) -> float:
+def gap_to_reach(a: np.ndarray, w: np.ndarray, contact_radius: float, growth: float, t: float) -> float:
     """Least sampled |a + w s| - (reach + growth s)."""
     s = np.linspace(0.0, t, 20001)
-    return float((np.hypot(a[0] + w[0] * s, a[1] + w[1] * s) - reach - growth * s).min())
+    return float((np.hypot(a[0] + w[0] * s, a[1] + w[1] * s) - contact_radius - growth * s).min())
 
 
 def closest(knots: np.ndarray, segments: np.ndarray, step: float = 0.005) -> float:
-    """Least sampled distance of a motion, rows (t, x, y), from contact with pieces: gap of the centres less `reach`."""
+    """Least sampled distance of a motion, rows (t, x, y), from contact with pieces: gap of the centres less `contact_radius`."""
     t = np.arange(knots[0, 0], knots[-1, 0], step)
     x, y = np.interp(t, knots[:, 0], knots[:, 1]), np.interp(t, knots[:, 0], knots[:, 2])
     least = math.inf

@@ -8,21 +8,21 @@ import math
 import numpy as np
 
 
-def meets(a: np.ndarray, u: np.ndarray, reach: float, horizon: float) -> bool:
+def meets(a: np.ndarray, u: np.ndarray, contact_radius: float, horizon: float) -> bool:
     """Whether two who keep on at relative velocity `u` touch within the horizon, the other being at `a`."""
     t = np.linspace(0.0, horizon, 2001)[:, None]
-    return bool((np.hypot(*(a - u * t).T) < reach).any())
+    return bool((np.hypot(*(a - u * t).T) < contact_radius).any())
 
 
-def least_change(a: np.ndarray, u: np.ndarray, reach: float, horizon: float) -> float:
+def least_change(a: np.ndarray, u: np.ndarray, contact_radius: float, horizon: float) -> float:
     """Least change of `u`, over directions and lengths, to the border between velocities that meet and those that do not."""
-    now, best = meets(a, u, reach, horizon), math.inf
+    now, best = meets(a, u, contact_radius, horizon), math.inf
     for angle in np.linspace(-math.pi, math.pi, 120, endpoint=False):
         way = np.array([math.cos(angle), math.sin(angle)])
         for length in np.arange(0.0, 3.5, 0.01):
             if length >= best:
                 break
-            if meets(a, u + length * way, reach, horizon) != now:
+            if meets(a, u + length * way, contact_radius, horizon) != now:
                 best = float(length)
     return best
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 
-def sampled_discs(p, v, reach, dt, samples=10_000):
+def sampled_discs(p, v, contact_radius, dt, samples=10_000):
     """Least sampled distance over [0, dt], its time, and the first sampled time of contact (inf: none)."""
     t = np.linspace(0.0, dt, samples)
     d = np.hypot(p[0] + v[0] * t, p[1] + v[1] * t)
     i = int(d.argmin())
-    inside = np.flatnonzero(d < reach - 1e-9)
+    inside = np.flatnonzero(d < contact_radius - 1e-9)
     return d[i], t[i], t[inside[0]] if len(inside) else np.inf
 
 
-def sampled_timeline(a, b, t0, t1, reach, knot_t, knot_xy, samples=10_000):
+def sampled_timeline(a, b, t0, t1, contact_radius, knot_t, knot_xy, samples=10_000):
     """The same for a straight step from a at t0 to b at t1 against a timeline; every knot is a sample as well."""
     t = np.union1d(np.linspace(t0, t1, samples), knot_t[(knot_t >= t0) & (knot_t <= t1)])
     s = (t - t0) / (t1 - t0) if t1 > t0 else np.zeros_like(t)
@@ -22,7 +22,7 @@ def sampled_timeline(a, b, t0, t1, reach, knot_t, knot_xy, samples=10_000):
     y = a[1] + s * (b[1] - a[1]) - np.interp(t, knot_t, knot_xy[:, 1])
     d = np.hypot(x, y)
     i = int(d.argmin())
-    inside = np.flatnonzero(d < reach - 1e-9)
+    inside = np.flatnonzero(d < contact_radius - 1e-9)
     return d[i], t[i], t[inside[0]] if len(inside) else np.inf
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import label
 
 
-def wall_potential(blocked: np.ndarray, size: float, x: float, y: float, radius: float, reach: float) -> float:
+def wall_potential(blocked: np.ndarray, size: float, x: float, y: float, radius: float, contact_radius: float) -> float:
     """Sum over walls, told apart by flooding, of (1/d - 1/reach)^2 / 2, d to the nearest point of any of its cells."""
     rows, cols = blocked.shape
     walls, count = label(blocked, np.ones((3, 3)))
@@ -19,18 +19,18 @@ def wall_potential(blocked: np.ndarray, size: float, x: float, y: float, radius:
         aside = np.maximum(np.maximum(cells[:, 1] - x, x - cells[:, 1] - size), 0.0)
         along = np.maximum(np.maximum(cells[:, 0] - y, y - cells[:, 0] - size), 0.0)
         distances.append(float(np.hypot(aside, along).min()))
-    return sum((1 / (d - radius) - 1 / reach) ** 2 / 2 for d in distances if d - radius < reach)
+    return sum((1 / (d - radius) - 1 / contact_radius) ** 2 / 2 for d in distances if d - radius < contact_radius)
 
 
-def disc_potential(robot: np.ndarray, radius: float, brake: float, reach: float, discs: np.ndarray) -> float:
+def disc_potential(robot: np.ndarray, radius: float, brake: float, contact_radius: float, discs: np.ndarray) -> float:
     """Sum over discs (x, y, vx, vy, r) of 1 / (d - b) - 1 / reach for the robot (x, y, vx, vy): Ge and Cui 2002, eq. by eq."""
     total = 0.0
     for disc in discs:
         away = disc[:2] - robot[:2]
         approach = float((robot[2:] - disc[2:4]) @ away / np.linalg.norm(away))
         gap = float(np.linalg.norm(away)) - radius - disc[4] - approach**2 / (2 * brake)
-        if approach > 0 and gap < reach:
-            total += 1 / gap - 1 / reach
+        if approach > 0 and gap < contact_radius:
+            total += 1 / gap - 1 / contact_radius
     return total
 
 

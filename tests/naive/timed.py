@@ -71,7 +71,7 @@ def nearest(a, b, duration, depart, segments):
     return np.hypot(px + wx * when, py + wy * when)
 
 
-def unsafe(a, b, duration, segments, reach):
+def unsafe(a, b, duration, segments, contact_radius):
     """The unsafe departures of each move past each piece, [low, high] (low > high: none).
 
     The least distance is a convex function of the departure (least distances over convex sets are), so ternary search finds
@@ -85,14 +85,14 @@ def unsafe(a, b, duration, segments, reach):
         left = nearest(a, b, duration, p, segments) <= nearest(a, b, duration, q, segments)
         low, high = np.where(left, low, p), np.where(left, q, high)
     middle = (low + high) / 2
-    contact = nearest(a, b, duration, middle, segments) < reach
+    contact = nearest(a, b, duration, middle, segments) < contact_radius
 
     def cross(outer, inner):
-        ends_in_contact = nearest(a, b, duration, outer, segments) < reach
+        ends_in_contact = nearest(a, b, duration, outer, segments) < contact_radius
         edge = outer
         for _ in range(60):
             half = (outer + inner) / 2
-            hit = nearest(a, b, duration, half, segments) < reach
+            hit = nearest(a, b, duration, half, segments) < contact_radius
             outer, inner = np.where(hit, outer, half), np.where(hit, half, inner)
         return np.where(ends_in_contact, edge, inner)
 
@@ -105,13 +105,13 @@ def sipp(mask, offsets, centre, speed, radius, start, goal, trajectories, t0=0.0
     `centre` are the cells' centres in m, [H, W, 2]; `trajectories` the arrays (radius, knot_t, knot_xy, first).
     """
     segments = course_pieces(*trajectories, t0, horizon)
-    reach = radius + segments[:, 6] - 1e-9
+    contact_radius = radius + segments[:, 6] - 1e-9
     cells = list(np.ndindex(mask.shape))
-    stays = unsafe(*(np.array([centre[c] for c in cells])[:, None],) * 2, np.zeros((len(cells), 1)), segments, reach)
+    stays = unsafe(*(np.array([centre[c] for c in cells])[:, None],) * 2, np.zeros((len(cells), 1)), segments, contact_radius)
     moves = [(c, (c[0] + dr, c[1] + dc)) for c in cells for k, (dr, dc) in enumerate(offsets) if int(mask[c]) >> k & 1]
     a, b = (np.array([centre[m[i]] for m in moves]).reshape(-1, 1, 2) for i in (0, 1))
     duration = np.hypot(*np.moveaxis(b - a, -1, 0)) / speed
-    leaves = unsafe(a, b, duration, segments, reach)
+    leaves = unsafe(a, b, duration, segments, contact_radius)
     safe = {c: gaps(stays[0][i], stays[1][i], t0) for i, c in enumerate(cells)}
     outgoing = {c: [] for c in cells}
     for i, (c, d) in enumerate(moves):
@@ -174,13 +174,13 @@ def unit_steps(blocked, walks, start, goal):
 def ticks(mask, offsets, centre, radius, start, goal, trajectories, per_step, slack, limit):
     """Breadth first over (cell, tick) at 1 cell a second with `per_step` ticks a move; discs of radius less `slack`."""
     segments = course_pieces(*trajectories, 0.0, np.inf)
-    reach = radius + segments[:, 6] - 1e-9 - slack
+    contact_radius = radius + segments[:, 6] - 1e-9 - slack
 
     def free(a, b, duration, depart):
         a, b = np.array([[a]]), np.array([[b]])
         since, end = segments[:, 0], segments[:, 1]
         lasts = (depart + duration > since) & (depart < end)
-        return not (lasts & (nearest(a, b, np.array([[duration]]), depart, segments)[0] < reach)).any()
+        return not (lasts & (nearest(a, b, np.array([[duration]]), depart, segments)[0] < contact_radius)).any()
 
     layers = [set() for _ in range(limit + per_step + 1)]
     if free(centre[start], centre[start], 1e-9, 0.0):

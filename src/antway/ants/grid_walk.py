@@ -123,12 +123,12 @@ class AntGraph:
         if heuristic == "goal":
             rows, cols = np.divmod(np.arange(distance.size), self.net.width)
             distance = np.hypot(rows - self.goal // self.net.width, cols - self.goal % self.net.width)
-        reach = np.isfinite(self.distance)
+        reachable = np.isfinite(self.distance)
         seen = np.zeros((distance.size, 8))
         detour = heuristic == "field"
         for part in parts(distance.size, clock):
             kernel.visibility(
-                self.net.legal, self.offsets, self.lengths, distance, reach, beta, detour, part.start, part.stop, seen
+                self.net.legal, self.offsets, self.lengths, distance, reachable, beta, detour, part.start, part.stop, seen
             )
         return seen
 

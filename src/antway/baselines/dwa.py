@@ -110,11 +110,13 @@ class Dwa(Follow):
         xy, velocity = now(o)
         body = o.tracks.radius + robot.radius
         room = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        reach = body + np.clip(room - 1e-6, 0.0, self.margin)  # a margin that is broken already is cut to what there is
+        contact_radius = body + np.clip(
+            room - 1e-6, 0.0, self.margin
+        )  # a margin that is broken already is cut to what there is
         ends = np.empty((len(commands), 5))
         roll_out(
             commands, np.array([*o.xy, *o.velocity, o.heading]), self.limits, robot.dt, self.periods,
-            grid.blocked, self.frame, robot.radius, xy, velocity, reach, ends,
+            grid.blocked, self.frame, robot.radius, xy, velocity, contact_radius, ends,
         )  # fmt: skip
         return ends
 

@@ -74,8 +74,12 @@ class Neural:
         """Let the activity come to rest on the empty map."""
         self.task, grid, size = task, task.grid, task.grid.resolution
         # A diagonal dips towards a corner by at most half its length.
-        reach = task.robot.radius if size >= 2 * task.robot.radius else math.hypot(task.robot.radius, size / math.sqrt(2))
-        self.walls = np.pad(np.where(grid.inflate(reach).blocked, CLOSED, FREE).astype(np.uint8), 1, constant_values=CLOSED)
+        contact_radius = (
+            task.robot.radius if size >= 2 * task.robot.radius else math.hypot(task.robot.radius, size / math.sqrt(2))
+        )
+        self.walls = np.pad(
+            np.where(grid.inflate(contact_radius).blocked, CLOSED, FREE).astype(np.uint8), 1, constant_values=CLOSED
+        )
         self.goal = self._cell(task.goal)
         self.walls[self.goal] = TARGET
         self.frame = np.array([grid.origin[0] - size, grid.origin[1] - size, size])

@@ -19,7 +19,7 @@ from antway.world.policy import XY, Command, Observation, Task
 class PotentialField(Follow):
     """Drive down a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
 
-    The target attracts with a force that grows to full speed over `conic` m and stays there. A wall at distance d < `reach`
+    The target attracts with a force that grows to full speed over `conic` m and stays there. A wall at distance d < `influence`
     repels with `wall` (1/d - 1/reach) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal beside a
     wall can be reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002, see
     `kernels.field_forces`). No step is longer than the way to the next wall, where the potential is infinite.
@@ -32,7 +32,7 @@ class PotentialField(Follow):
         The target is the farthest point of the global path in sight, so many m along it at most, > 0; None: the goal itself.
     conic : float
         m, > 0.
-    wall, reach : float
+    wall, influence : float
         Gain of the walls, m^4/s, >= 0, and the distance from which they act, m, > 0.
     moving, far : float
         Gain of moving obstacles, m^3/s, >= 0, and the distance from which they act, less the way to brake, m, > 0.
@@ -52,7 +52,7 @@ class PotentialField(Follow):
         look_ahead: float | None = 2.0,
         conic: float = 0.5,
         wall: float = 0.002,
-        reach: float = 0.4,
+        influence: float = 0.4,
         moving: float = 0.05,
         far: float = 1.5,
         brake: float = 2.0,
@@ -62,7 +62,7 @@ class PotentialField(Follow):
         )
         self.conic = checks.number("conic", conic, low=0.0, open_low=True, unit="m")
         self.wall = checks.number("wall", wall, low=0.0, unit="m^4/s")
-        self.reach = checks.number("reach", reach, low=0.0, open_low=True, unit="m")
+        self.influence = checks.number("reach", influence, low=0.0, open_low=True, unit="m")
         self.moving = checks.number("moving", moving, low=0.0, unit="m^3/s")
         self.far = checks.number("far", far, low=0.0, open_low=True, unit="m")
         self.brake = checks.number("brake", brake, low=0.0, open_low=True, unit="m/s^2")
@@ -103,7 +103,7 @@ class PotentialField(Follow):
         dx, dy = target[0] - x, target[1] - y
         away = math.hypot(dx, dy)
         pull = robot.v_max / max(away, self.conic)
-        wx, wy, u = wall_force(self.walls, self.frame, x, y, robot.radius, self.reach, self.near)
+        wx, wy, u = wall_force(self.walls, self.frame, x, y, robot.radius, self.influence, self.near)
         gx, gy = self.task.goal[0] - x, self.task.goal[1] - y
         rho = math.hypot(gx, gy)
         held = min(rho / self.conic, 1.0)

@@ -136,11 +136,11 @@ class Sipp(Follow):
             ]  # fmt: skip
         body = o.tracks.radius + robot.radius
         room = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        reach = body + np.clip(room - 1e-6, 0.0, margin)
+        contact_radius = body + np.clip(room - 1e-6, 0.0, margin)
         if self.predictions == "frozen":
             velocity = np.zeros_like(velocity)
         span = np.tile((o.t, o.t + horizon), (n, 1))
-        return np.column_stack((span, xy, velocity, reach, reach))
+        return np.column_stack((span, xy, velocity, contact_radius, contact_radius))
 
 
 class Replan(Sipp):
@@ -193,8 +193,8 @@ class DStarLite(Follow):
             self.decide("stuck", "the map has no way for this robot")
             return STOP
         closed = np.zeros_like(self.closed)
-        reach = o.tracks.radius + self.task.robot.radius + self.margin
-        for (x, y), r in zip(now(o)[0].tolist(), reach.tolist()):
+        contact_radius = o.tracks.radius + self.task.robot.radius + self.margin
+        for (x, y), r in zip(now(o)[0].tolist(), contact_radius.tolist()):
             closed |= np.hypot(self.cells[:, 0] - x, self.cells[:, 1] - y) < r
         for cell in (here, self.repair.problem.goal):
             closed[(self.index == cell).all(axis=1)] = False

@@ -45,7 +45,7 @@ class Settings(NamedTuple):
     expansions: int  # moves tested where there is no plan
     improvement_expansions: int  # and where there is one
     amount: float  # Q of the deposit Q / L, s
-    reach: int  # cells
+    leg_cells: int  # cells
     low: float  # persistence
     high: float
     goal_x: float  # m
@@ -176,7 +176,7 @@ def cycle(
             y,
             now,
             horizon,
-            s.reach,
+            s.leg_cells,
             s.betas,
             s.slack,
             s.minimum_improvement,

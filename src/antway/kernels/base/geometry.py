@@ -21,7 +21,7 @@ TOUCH = 1e-9  # by how much a distance must fall short to be a contact
 
 
 @kernel
-def swept_discs(px: float, py: float, vx: float, vy: float, reach: float, dt: float) -> tuple[float, float, float]:
+def swept_discs(px: float, py: float, vx: float, vy: float, contact_radius: float, dt: float) -> tuple[float, float, float]:
     """First contact and closest approach over [0, dt] of two discs in uniform linear motion.
 
     Parameters
@@ -30,7 +30,7 @@ def swept_discs(px: float, py: float, vx: float, vy: float, reach: float, dt: fl
         Place of the second disc's centre seen from the first's, at time 0.
     vx, vy : float
         Velocity of the second relative to the first.
-    reach : float
+    contact_radius : float
         Sum of the radii.
     dt : float
         Length of the step in s, >= 0.
@@ -48,14 +48,18 @@ def swept_discs(px: float, py: float, vx: float, vy: float, reach: float, dt: fl
     pv = px * vx + py * vy
     when = min(max(-pv / vv, 0.0), dt) if vv > 0.0 else 0.0
     distance = math.hypot(px + vx * when, py + vy * when)
-    if distance >= reach - TOUCH:
+    if distance >= contact_radius - TOUCH:
         return math.inf, distance, when
     now = math.hypot(px, py)
-    if now < reach - TOUCH:
+    if now < contact_radius - TOUCH:
         return 0.0, distance, when
     cross = px * vy - py * vx
     # |p| >= reach here, or within TOUCH of it, and p.v < 0: this form of the smaller root loses no digits.
-    first = (now - reach) * (now + reach) / (-pv + math.sqrt(max(vv * reach * reach - cross * cross, 0.0)))
+    first = (
+        (now - contact_radius)
+        * (now + contact_radius)
+        / (-pv + math.sqrt(max(vv * contact_radius * contact_radius - cross * cross, 0.0)))
+    )
     return min(max(first, 0.0), when), distance, when
 
 
@@ -67,7 +71,7 @@ def swept_timeline(
     by: float,
     t0: float,
     t1: float,
-    reach: float,
+    contact_radius: float,
     knot_t: NDArray[np.float64],
     knot_xy: NDArray[np.float64],
     low: int,
@@ -79,7 +83,7 @@ def swept_timeline(
     ----------
     ax, ay, bx, by, t0, t1 : float
         The straight step at constant speed, t0 <= t1; with t0 == t1 the disc stands at (ax, ay).
-    reach : float
+    contact_radius : float
         Sum of the radii.
     knot_t, knot_xy, low, high
         The timeline: knots low:high, at least one.
@@ -97,7 +101,7 @@ def swept_timeline(
     while True:
         end = min(t1, knot_t[i]) if i < high else t1
         ox, oy, vx, vy = _place(knot_t, knot_xy, low, high, i, t)
-        step = swept_discs(ox - ax - ux * (t - t0), oy - ay - uy * (t - t0), vx - ux, vy - uy, reach, end - t)
+        step = swept_discs(ox - ax - ux * (t - t0), oy - ay - uy * (t - t0), vx - ux, vy - uy, contact_radius, end - t)
         if step[1] < distance:
             distance, when = step[1], min(t + step[2], end)
         if step[0] < math.inf and first == math.inf:

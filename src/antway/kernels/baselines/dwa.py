@@ -24,7 +24,7 @@ def roll_out(
     radius: float,
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
-    reach: NDArray[np.float64],
+    contact_radius: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> None:
     """Drive each candidate command for `steps` control periods, or to the first contact.
@@ -41,7 +41,7 @@ def roll_out(
         Control period in s, and how many of them.
     blocked, frame, radius
         The map; x and y of its corner and the edge of a cell, m; the robot's radius, m.
-    xy, velocity, reach : float64[K, 2], float64[K, 2], float64[K]
+    xy, velocity, contact_radius : float64[K, 2], float64[K, 2], float64[K]
         Obstacles in uniform motion: place now, velocity, least distance of the centres; m, m/s.
     out : float64[C, 5]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
@@ -54,9 +54,9 @@ def roll_out(
         for i in range(steps):
             vx, vy, heading = drive(vx, vy, heading, candidates[c, 0], candidates[c, 1], limits, dt)
             t = i * dt
-            for k in range(len(reach)):
+            for k in range(len(contact_radius)):
                 px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
-                hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, reach[k], dt)
+                hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, contact_radius[k], dt)
                 if t + hit < contact:
                     contact, obstacle = t + hit, k
             row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5

@@ -19,14 +19,16 @@ _DIAGONAL = 1.0 / math.sqrt(2.0)
 
 
 @kernel
-def stamp(kind: NDArray[np.uint8], frame: NDArray[np.float64], xy: NDArray[np.float64], reach: NDArray[np.float64]) -> None:
-    """Close the free cells whose centres are nearer than `reach[k]` to `xy[k]`, float64[K] and float64[K, 2], m.
+def stamp(
+    kind: NDArray[np.uint8], frame: NDArray[np.float64], xy: NDArray[np.float64], contact_radius: NDArray[np.float64]
+) -> None:
+    """Close the free cells whose centres are nearer than `contact_radius[k]` to `xy[k]`, float64[K] and float64[K, 2], m.
 
     `frame` is x and y of the corner of the map, rim included, and the edge of a cell, float64[3], m.
     """
     size = frame[2]
-    for k in range(len(reach)):
-        row, col, span = (xy[k, 1] - frame[1]) / size - 0.5, (xy[k, 0] - frame[0]) / size - 0.5, reach[k] / size
+    for k in range(len(contact_radius)):
+        row, col, span = (xy[k, 1] - frame[1]) / size - 0.5, (xy[k, 0] - frame[0]) / size - 0.5, contact_radius[k] / size
         for i in range(max(math.ceil(row - span), 0), min(math.floor(row + span), kind.shape[0] - 1) + 1):
             for j in range(max(math.ceil(col - span), 0), min(math.floor(col + span), kind.shape[1] - 1) + 1):
                 if kind[i, j] == FREE and math.hypot(i - row, j - col) < span:

@@ -19,12 +19,12 @@ def wall_force(
     x: float,
     y: float,
     radius: float,
-    reach: float,
+    influence: float,
     near: NDArray[np.float64],
 ) -> tuple[float, float, float]:
     """Repulsion of a disc from walls, for a gain of 1: each wall acts from its point nearest to the disc.
 
-    Its potential is (1/d - 1/reach)^2 / 2 at distance d below `reach`, its force (1/d - 1/reach) / d^2 away from that point.
+    Its potential is (1/d - 1/reach)^2 / 2 at distance d below `influence`, its force (1/d - 1/reach) / d^2 away from that point.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def wall_force(
         x and y of the map's corner and the edge of a cell, m.
     x, y, radius : float
         The disc, m.
-    reach : float
+    influence : float
         Distance from which walls act, m, > 0.
     near : float64[W + 5, 3]
         Scratch: distance of each wall, and the direction from it to the disc.
@@ -47,7 +47,7 @@ def wall_force(
     rows, cols = label.shape
     size = frame[2]
     near[:, 0] = math.inf
-    row, col, span = (y - frame[1]) / size, (x - frame[0]) / size, (radius + reach) / size + 1.0
+    row, col, span = (y - frame[1]) / size, (x - frame[0]) / size, (radius + influence) / size + 1.0
     for i in range(max(math.floor(row - span), 0), min(math.floor(row + span), rows - 1) + 1):
         for j in range(max(math.floor(col - span), 0), min(math.floor(col + span), cols - 1) + 1):
             if label[i, j]:
@@ -64,8 +64,8 @@ def wall_force(
     fx = fy = u = 0.0
     for k in range(1, len(near)):
         d = max(near[k, 0] - radius, NEAREST)
-        if d < reach:
-            depth = 1.0 / d - 1.0 / reach
+        if d < influence:
+            depth = 1.0 / d - 1.0 / influence
             fx += depth / (d * d) * near[k, 1]
             fy += depth / (d * d) * near[k, 2]
             u += depth * depth
@@ -80,7 +80,7 @@ def disc_force(
     vy: float,
     radius: float,
     brake: float,
-    reach: float,
+    influence: float,
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     radii: NDArray[np.float64],
@@ -98,7 +98,7 @@ def disc_force(
         The disc, m and m/s.
     brake : float
         Deceleration a, m/s^2, > 0.
-    reach : float
+    influence : float
         m, > 0.
     xy, velocity, radii : float64[K, 2], float64[K, 2], float64[K]
         The moving discs, m and m/s.
@@ -119,7 +119,7 @@ def disc_force(
         ux, uy = vx - velocity[k, 0], vy - velocity[k, 1]
         v = ux * nx + uy * ny
         gap = max(r - radius - radii[k] - v * v / (2.0 * brake), NEAREST)
-        if v > 0.0 and gap < reach:
+        if v > 0.0 and gap < influence:
             gx = (-(1.0 + v / brake) * nx + v * (ux - v * nx) / (brake * r)) / (gap * gap)
             gy = (-(1.0 + v / brake) * ny + v * (uy - v * ny) / (brake * r)) / (gap * gap)
             fx += gx

@@ -28,20 +28,20 @@ def visibility(
     offsets: NDArray[np.int64],
     lengths: NDArray[np.float64],
     distance: NDArray[np.float64],
-    reach: NDArray[np.bool_],
+    reachable: NDArray[np.bool_],
     beta: float,
     detour: bool,
     from_cell: int,
     end: int,
     seen: NDArray[np.float64],
 ) -> None:
-    """Write eta^beta of every legal move i -> j between cells of `reach` to float64[N, 8], up to a factor of each cell i.
+    """Write eta^beta of every legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor of each cell i.
 
     Rows `from_cell` to `end` of `seen` are written, all of them 0 before.
     eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the way lost, in cells.
     """
     for i in range(from_cell, end):
-        if not reach[i] or legal[i] == 0:
+        if not reachable[i] or legal[i] == 0:
             continue
         best = math.inf
         for k in range(8):

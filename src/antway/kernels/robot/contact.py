@@ -68,9 +68,9 @@ def advance(
     bx, by = ax + vx * h, ay + vy * h
     what, obstacle, when, clearance = GOES_ON, -1, t1, math.inf
     for k in range(len(radius)):
-        reach = robot[4] + radius[k]
-        hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, reach, knot_t, knot_xy, first[k], first[k + 1])
-        clearance = min(clearance, distance - reach)
+        contact_radius = robot[4] + radius[k]
+        hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, contact_radius, knot_t, knot_xy, first[k], first[k + 1])
+        clearance = min(clearance, distance - contact_radius)
         if hit < when or (hit == when and what == GOES_ON):
             when, obstacle = hit, k
             what = HIT_MOVING if math.hypot(vx, vy) > REST else HIT_STANDING
@@ -87,9 +87,9 @@ def advance(
         bx, by = ax + vx * (when - t0), ay + vy * (when - t0)
         clearance = math.inf
         for k in range(len(radius)):
-            reach = robot[4] + radius[k]
-            _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, reach, knot_t, knot_xy, first[k], first[k + 1])
-            clearance = min(clearance, distance - reach)
+            contact_radius = robot[4] + radius[k]
+            _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, contact_radius, knot_t, knot_xy, first[k], first[k + 1])
+            clearance = min(clearance, distance - contact_radius)
     t[i + 1] = when
     xy[i + 1, 0], xy[i + 1, 1] = bx, by
     velocity[i + 1, 0], velocity[i + 1, 1] = vx, vy

@@ -17,7 +17,7 @@ def scan(
     t: float,
     x: float,
     y: float,
-    reach: float,
+    sensor_range: float,
     occlusion: bool,
     blocked: NDArray[np.bool_],
     frame: NDArray[np.float64],
@@ -28,7 +28,7 @@ def scan(
     seen: NDArray[np.int64],
     state: NDArray[np.float64],
 ) -> int:
-    """See from (x, y) at time t the discs whose edge is within `reach` m and, with `occlusion`, not hidden by blocked cells.
+    """See from (x, y) at time t the discs whose edge is within `sensor_range` m and, with `occlusion`, not hidden by blocked cells.
 
     A disc is hidden if walls cut the sight of its nearest point and of both its sides.
 
@@ -49,7 +49,7 @@ def scan(
         ox, oy, vx, vy = timeline_at(t, knot_t, knot_xy, first[k], first[k + 1])
         dx, dy = ox - x, oy - y
         distance = math.hypot(dx, dy)
-        if distance - radius[k] > reach:
+        if distance - radius[k] > sensor_range:
             continue
         if occlusion and distance > radius[k]:
             ux, uy = dx / distance, dy / distance

@@ -36,16 +36,16 @@ def passing(
 
 
 @kernel
-def free_time(context: PlanningContext, x: float, y: float, reach: int) -> float:
-    """Return the time to the goal from (x, y) if nothing moved, s: by way of a cell at most `reach` cells around."""
+def free_time(context: PlanningContext, x: float, y: float, leg_cells: int) -> float:
+    """Return the time to the goal from (x, y) if nothing moved, s: by way of a cell at most `leg_cells` cells around."""
     rows, cols = context.blocked.shape
     col0, row0 = (
         math.floor((x - context.x0) / context.resolution + 0.5),
         math.floor((y - context.y0) / context.resolution + 0.5),
     )
     best = math.inf
-    for row in range(max(row0 - reach, 0), min(row0 + reach, rows - 1) + 1):
-        for col in range(max(col0 - reach, 0), min(col0 + reach, cols - 1) + 1):
+    for row in range(max(row0 - leg_cells, 0), min(row0 + leg_cells, rows - 1) + 1):
+        for col in range(max(col0 - leg_cells, 0), min(col0 + leg_cells, cols - 1) + 1):
             cx, cy = centre(context, row * cols + col)
             best = min(best, math.hypot(cx - x, cy - y) / context.speed + context.field[row * cols + col])
     return best

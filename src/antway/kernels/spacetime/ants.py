@@ -88,14 +88,14 @@ def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, 
 
 
 @kernel
-def _legs(memory: Memory, context: PlanningContext, x: float, y: float, reach: int) -> int:
-    """Fill in the first moves: straight legs from (x, y) to the cells at most `reach` cells around; returns how many."""
+def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> int:
+    """Fill in the first moves: straight legs from (x, y) to the cells at most `leg_cells` cells around; returns how many."""
     rows, cols = context.blocked.shape
     col0 = math.floor((x - context.x0) / context.resolution + 0.5)
     row0 = math.floor((y - context.y0) / context.resolution + 0.5)
     n = 0
-    for row in range(max(row0 - reach, 0), min(row0 + reach, rows - 1) + 1):
-        for col in range(max(col0 - reach, 0), min(col0 + reach, cols - 1) + 1):
+    for row in range(max(row0 - leg_cells, 0), min(row0 + leg_cells, rows - 1) + 1):
+        for col in range(max(col0 - leg_cells, 0), min(col0 + leg_cells, cols - 1) + 1):
             cell = row * cols + col
             if context.field[cell] < math.inf and n < LEGS:
                 memory.leg_cell[n] = cell
@@ -158,7 +158,7 @@ def search(
     y: float,
     t0: float,
     horizon: float,
-    reach: int,
+    leg_cells: int,
     betas: NDArray[np.float64],
     slack: NDArray[np.float64],
     minimum_improvement: float,
@@ -175,7 +175,7 @@ def search(
         Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/spacetime/segments.py.
     horizon : float
         Absolute time after which obstacles are forgotten: a way that ends then is charged the field from there.
-    reach : int
+    leg_cells : int
         How many cells around (x, y) the first move may end.
     betas, slack : float64[B]
         Of ants 0, 1, ... in turn: greed in 1/s, and how much an ant lets the cost of its way grow before it gives up, s.
@@ -198,7 +198,7 @@ def search(
     """
     memory.counter[0] += 1
     memory.counter[1:] = 0
-    legs = _legs(memory, context, x, y, reach)
+    legs = _legs(memory, context, x, y, leg_cells)
     here = math.inf  # static bound at the start
     for k in range(legs):
         here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])

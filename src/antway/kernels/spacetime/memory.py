@@ -48,10 +48,10 @@ class Memory(NamedTuple):
 @bare_kernel
 def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
     """Note the box that piece p sweeps."""
-    x, y, span, reach = segments[p, 2], segments[p, 3], segments[p, 1] - segments[p, 0], segments[p, 7]
+    x, y, span, clearance_radius = segments[p, 2], segments[p, 3], segments[p, 1] - segments[p, 0], segments[p, 7]
     ex, ey = x + segments[p, 4] * span, y + segments[p, 5] * span
-    memory.box[p, 0], memory.box[p, 1] = min(x, ex) - reach, max(x, ex) + reach
-    memory.box[p, 2], memory.box[p, 3] = min(y, ey) - reach, max(y, ey) + reach
+    memory.box[p, 0], memory.box[p, 1] = min(x, ex) - clearance_radius, max(x, ex) + clearance_radius
+    memory.box[p, 2], memory.box[p, 3] = min(y, ey) - clearance_radius, max(y, ey) + clearance_radius
 
 
 @bare_kernel

@@ -35,13 +35,13 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
         Bit k is set where move k is legal; no bit where the disc cannot stand.
     """
     rows, cols = blocked.shape
-    reach = int(np.abs(offsets).max() + math.ceil(radius)) + 1
-    walls = np.full((rows + 2 * reach, cols + 2 * reach), 0xFFFFFFFF, np.uint32)
-    walls[reach : reach + rows, reach : reach + cols] *= blocked
+    contact_radius = int(np.abs(offsets).max() + math.ceil(radius)) + 1
+    walls = np.full((rows + 2 * contact_radius, cols + 2 * contact_radius), 0xFFFFFFFF, np.uint32)
+    walls[contact_radius : contact_radius + rows, contact_radius : contact_radius + cols] *= blocked
     mask = np.full((rows, cols), 0xFFFFFFFF >> (32 - len(offsets)), np.uint32)
     body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
-    for r in range(-reach, reach + 1):
-        for c in range(-reach, reach + 1):
+    for r in range(-contact_radius, contact_radius + 1):
+        for c in range(-contact_radius, contact_radius + 1):
             hit = np.uint32(0)  # the moves whose stencil holds the cell (r, c) away
             for k in range(len(offsets)):
                 dr, dc = float(offsets[k, 0]), float(offsets[k, 1])
@@ -50,7 +50,7 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
                     hit |= np.uint32(1) << np.uint32(k)
             if hit:
                 for row in range(rows):
-                    legal, wall = mask[row], walls[row + reach + r, reach + c : reach + c + cols]
+                    legal, wall = mask[row], walls[row + contact_radius + r, contact_radius + c : contact_radius + c + cols]
                     for col in range(cols):
                         legal[col] &= ~(wall[col] & hit)
     return mask
@@ -160,7 +160,7 @@ def timeline_segments(
             t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
             if t0 < t1:
                 x, y, vx, vy = timeline_at(t0, knot_t, knot_xy, low, high)
-                reach = robot_radius + radius[k]
-                segments[n] = (t0, t1, x, y, vx, vy, reach, reach)
+                contact_radius = robot_radius + radius[k]
+                segments[n] = (t0, t1, x, y, vx, vy, contact_radius, contact_radius)
                 n += 1
     return segments[:n]

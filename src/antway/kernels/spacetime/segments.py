@@ -1,7 +1,7 @@
 """When can a disc not stand, or not set off? Exact answers against pieces of uniform motion.
 
 A *piece* is a row (t0, t1, x, y, vx, vy, reach, berth): from t0 to t1 s an obstacle moves uniformly from (x, y) m with
-(vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `reach` m, one that moves below `berth`
+(vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `contact_radius` m, one that moves below `berth`
 m, and that of where the obstacle was `stopping_time` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
 piecewise linear prediction is a list of pieces, and a tube that widens over time is one whose later pieces reach farther.
 """
@@ -45,10 +45,12 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
 
 
 @bare_kernel
-def _edge(bx: float, by: float, dx: float, dy: float, low: float, high: float, reach: float, out: NDArray[np.float64]) -> bool:
+def _edge(
+    bx: float, by: float, dx: float, dy: float, low: float, high: float, contact_radius: float, out: NDArray[np.float64]
+) -> bool:
     """Part of [low, high] in which |b + d z| < reach, written to out[0:2]; False if there is none."""
     dd = dx * dx + dy * dy
-    room = bx * bx + by * by - reach * reach
+    room = bx * bx + by * by - contact_radius * contact_radius
     if dd == 0.0:
         out[0], out[1] = low, high
         return room < 0.0
@@ -76,16 +78,16 @@ def unsafe_departures(
     t0, t1 = segments[p, 0], segments[p, 1]
     ax, ay = x - segments[p, 2], y - segments[p, 3]
     ux, uy = segments[p, 4], segments[p, 5]
-    reach = segments[p, 7] - TOUCH
+    contact_radius = segments[p, 7] - TOUCH
     span = t1 - t0
     low, high = math.inf, -math.inf
     for k in range(2):  # edges of constant z: at departure and at arrival
         z = duration * k
-        if _edge(ax + vx * z, ay + vy * z, -ux, -uy, 0.0, span, reach, work):
+        if _edge(ax + vx * z, ay + vy * z, -ux, -uy, 0.0, span, contact_radius, work):
             low, high = min(low, work[0] - z), max(high, work[1] - z)
     for k in range(2):  # edges of constant t: the piece's begin and end
         w = span * k
-        if _edge(ax - ux * w, ay - uy * w, vx, vy, 0.0, duration, reach, work):
+        if _edge(ax - ux * w, ay - uy * w, vx, vy, 0.0, duration, contact_radius, work):
             low, high = min(low, w - work[1]), max(high, w - work[0])
     # q = a + v z - u w on the circle; w - z is linear in q with gradient g, so it is extreme at q = -+ reach g / |g|.
     det = ux * vy - uy * vx
@@ -94,7 +96,7 @@ def unsafe_departures(
         norm = math.hypot(gx, gy)
         if norm > 0.0:
             for sign in (-1.0, 1.0):
-                qx, qy = sign * reach * gx / norm - ax, sign * reach * gy / norm - ay
+                qx, qy = sign * contact_radius * gx / norm - ax, sign * contact_radius * gy / norm - ay
                 # solve v z - u w = q
                 z = (ux * qy - uy * qx) / det
                 w = (vx * qy - vy * qx) / det
@@ -121,13 +123,13 @@ def delayed(
     if t0 > t1:
         return s
     # culling: the boxes of both sweeps
-    reach = segments[p, 7]
+    contact_radius = segments[p, 7]
     ex, ey = x + vx * duration, y + vy * duration
     ox, px = segments[p, 2] + segments[p, 4] * (t0 - segments[p, 0]), segments[p, 2] + segments[p, 4] * (t1 - segments[p, 0])
-    if min(ox, px) - reach > max(x, ex) or max(ox, px) + reach < min(x, ex):
+    if min(ox, px) - contact_radius > max(x, ex) or max(ox, px) + contact_radius < min(x, ex):
         return s
     oy, py = segments[p, 3] + segments[p, 5] * (t0 - segments[p, 0]), segments[p, 3] + segments[p, 5] * (t1 - segments[p, 0])
-    if min(oy, py) - reach > max(y, ey) or max(oy, py) + reach < min(y, ey):
+    if min(oy, py) - contact_radius > max(y, ey) or max(oy, py) + contact_radius < min(y, ey):
         return s
     low, high = unsafe_departures(x, y, vx, vy, duration, segments, p, work)
     return high + stopping_time if low + TOUCH < s - stopping_time < high - TOUCH else s

@@ -40,8 +40,8 @@ def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.flo
         ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
         if j == k or ax * ax + ay * ay > _NEAR * _NEAR:
             continue
-        reach = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
-        x, y, dx, dy = half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], reach, _HORIZON, step)
+        contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
+        x, y, dx, dy = half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], contact_radius, _HORIZON, step)
         lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
         n += 1
     return n
@@ -56,8 +56,10 @@ def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64
             ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
             if ax * ax + ay * ay > _NEAR * _NEAR:
                 continue
-            reach = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
-            x, y, dx, dy = half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], reach, _HORIZON, step)
+            contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
+            x, y, dx, dy = half_plane(
+                ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], contact_radius, _HORIZON, step
+            )
             n, m = count[k], count[j]
             lines[k, n, 0], lines[k, n, 1], lines[k, n, 2], lines[k, n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
             lines[j, m, 0], lines[j, m, 1], lines[j, m, 2], lines[j, m, 3] = rows[j, VX] - x, rows[j, VY] - y, -dx, -dy

@@ -18,7 +18,7 @@ _PARALLEL = 1e-5  # of two directions: their cross product at most
 
 @bare_kernel
 def half_plane(
-    ax: float, ay: float, ux: float, uy: float, reach: float, horizon: float, step: float
+    ax: float, ay: float, ux: float, uy: float, contact_radius: float, horizon: float, step: float
 ) -> tuple[float, float, float, float]:
     """Return the line (x, y, dx, dy), x and y relative to the own velocity, of what avoids one other by doing half.
 
@@ -28,26 +28,26 @@ def half_plane(
         The other as seen from the one who avoids, m.
     ux, uy : float
         The own velocity less the other's, m/s.
-    reach : float
+    contact_radius : float
         Sum of the radii, m.
     horizon, step : float
         For how long there is to be no contact; where there is one already, after how long it is to be over; s.
     """
     squared = ax * ax + ay * ay
-    over = squared <= reach * reach
+    over = squared <= contact_radius * contact_radius
     span = step if over else horizon
     wx, wy = ux - ax / span, uy - ay / span  # from the centre of the disc at the obstacle's tip
     along = wx * ax + wy * ay
     w = math.hypot(wx, wy)
-    if over or (along < 0.0 and along * along > reach * reach * w * w):
+    if over or (along < 0.0 and along * along > contact_radius * contact_radius * w * w):
         nx, ny = (wx / w, wy / w) if w > 0.0 else (1.0, 0.0)
-        shift = 0.5 * (reach / span - w)
+        shift = 0.5 * (contact_radius / span - w)
         return shift * nx, shift * ny, ny, -nx
-    leg = math.sqrt(squared - reach * reach)
+    leg = math.sqrt(squared - contact_radius * contact_radius)
     if ax * wy - ay * wx > 0.0:
-        dx, dy = (ax * leg - ay * reach) / squared, (ax * reach + ay * leg) / squared
+        dx, dy = (ax * leg - ay * contact_radius) / squared, (ax * contact_radius + ay * leg) / squared
     else:
-        dx, dy = -(ax * leg + ay * reach) / squared, (ax * reach - ay * leg) / squared
+        dx, dy = -(ax * leg + ay * contact_radius) / squared, (ax * contact_radius - ay * leg) / squared
     on = ux * dx + uy * dy
     return 0.5 * (on * dx - ux), 0.5 * (on * dy - uy), dx, dy
 

@@ -33,8 +33,8 @@ def first_met(
     """
     when, obstacle = math.inf, -1
     for k in range(len(radius)):
-        reach = body + radius[k] + wider
-        hit, _, _ = swept_timeline(ax, ay, bx, by, start, end, reach, knot_t, knot_xy, first[k], first[k + 1])
+        contact_radius = body + radius[k] + wider
+        hit, _, _ = swept_timeline(ax, ay, bx, by, start, end, contact_radius, knot_t, knot_xy, first[k], first[k + 1])
         if hit < when:
             when, obstacle = hit, k
     return when, obstacle

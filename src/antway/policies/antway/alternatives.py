@@ -46,7 +46,7 @@ class Situation:
 
     def free(self) -> float:
         """Return the time to the goal if nothing moved, s."""
-        return float(free_time(self.context, *self.xy, self.settings.reach))
+        return float(free_time(self.context, *self.xy, self.settings.leg_cells))
 
     def segments_of(self, k: int) -> NDArray[np.float64]:
         """Return the prediction of track k alone, in order of time."""
@@ -86,7 +86,7 @@ class Situation:
             y,
             self.now,
             end,
-            s.reach,
+            s.leg_cells,
             s.betas,
             s.slack,
             s.minimum_improvement,

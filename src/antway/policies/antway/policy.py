@@ -135,7 +135,7 @@ class AntwayPolicy:
             expansions=self.expansions,
             improvement_expansions=self.improvement_expansions,
             amount=self.deposit,
-            reach=2,
+            leg_cells=2,
             low=0.1,
             high=0.9,
             goal_x=task.goal[0],
