@@ -77,9 +77,9 @@ def plan_command(
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
-        room = grid.inflate(radius)
-        source, target = (end if cells else standing_cell(name, end, grid, room, radius) for name, end in ends.items())
-        problem = Problem(room, source, target, rule)
+        inflated = grid.inflate(radius)
+        source, target = (end if cells else standing_cell(name, end, grid, inflated, radius) for name, end in ends.items())
+        problem = Problem(inflated, source, target, rule)
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
     if out is not None:

@@ -217,8 +217,8 @@ def write_convergence(scenario: Scenario, path: Path, *, seed: int = 0, cycles: 
 
     checks.integer("cycles", cycles, low=1)
     task = scenario.task
-    room = task.grid.inflate(task.robot.radius)
-    problem = Problem(room, room.cell_at(task.start), room.cell_at(task.goal))
+    inflated = task.grid.inflate(task.robot.radius)
+    problem = Problem(inflated, inflated.cell_at(task.start), inflated.cell_at(task.goal))
     readings: dict[str, Persistence] = {
         "constant 0.7": Constant(0.7),
         "adaptive, corrected": Adaptive(),

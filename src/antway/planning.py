@@ -71,14 +71,14 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
     return cell
 
 
-def standing_cell(name: str, xy: Iterable[float], grid: Grid, room: Grid, radius: float) -> Cell:
-    """Return the cell that holds the point (x, y) in m, free in `room`, `grid` inflated by `radius`; errors name the point."""
+def standing_cell(name: str, xy: Iterable[float], grid: Grid, inflated: Grid, radius: float) -> Cell:
+    """Return the cell that holds the point (x, y) in m, free in `inflated`, `grid` inflated by `radius`; errors name the point."""
     point = checks.point(name, xy)
     try:
-        cell = room.cell_at(point)
+        cell = inflated.cell_at(point)
     except OutOfBounds as error:
         raise error.at("", name) from None
-    if room.blocked[cell]:
+    if inflated.blocked[cell]:
         near = f" with a radius of {radius:g} m; a wall or the map's edge is nearer"
         raise CellBlocked(name, point, f"where the robot can stand{'; this cell is blocked' if grid.blocked[cell] else near}")
     return cell
@@ -326,10 +326,10 @@ def plan(
     1.0
     """
     checks.instance("grid", grid, Grid)
-    room = grid.inflate(robot_radius)
-    source, target = (standing_cell(name, xy, grid, room, robot_radius) for name, xy in (("start", start), ("goal", goal)))
+    inflated = grid.inflate(robot_radius)
+    source, target = (standing_cell(name, xy, grid, inflated, robot_radius) for name, xy in (("start", start), ("goal", goal)))
     return solve(
-        Problem(room, source, target, moves),
+        Problem(inflated, source, target, moves),
         planner,
         seed=seed,
         time_limit=time_limit,

@@ -182,11 +182,11 @@ def solve_tsp(
     with nullcontext() if threads == 1 else ThreadPoolExecutor(threads) as pool:
         while colony.cycle < limit and not (colony.cycle and (clock.spent() or colony.best_cost <= target)):
             batch = min(batch, limit - colony.cycle)
-            room = np.empty((batch, 2))
+            slack = np.empty((batch, 2))
             started = time.perf_counter()
-            noted = colony.run(batch, room, target, pool, threads)
+            noted = colony.run(batch, slack, target, pool, threads)
             elapsed = clock.elapsed()
-            history += [(cycle * per_cycle, best, elapsed) for cycle, best in room[:noted].tolist()]
+            history += [(cycle * per_cycle, best, elapsed) for cycle, best in slack[:noted].tolist()]
             if progress is not None:
                 progress(colony.cycle * per_cycle, colony.best_cost, elapsed)
             # Twice as many at most, so that one slow first cycle, or a fast one, does not decide.

@@ -38,9 +38,9 @@ def paper() -> Suite:
 def maps(file: str) -> Suite:
     """Return discs that bounce about on the map in `file`, and a robot that goes far across the largest room in it."""
     grid = load_map(file)
-    room = grid.inflate(ROBOT.radius + grid.resolution)
-    rooms, _ = label(~room.blocked)
-    sizes = np.bincount(rooms[~room.blocked], minlength=2)
+    inflated = grid.inflate(ROBOT.radius + grid.resolution)
+    rooms, _ = label(~inflated.blocked)
+    sizes = np.bincount(rooms[~inflated.blocked], minlength=2)
     free = np.argwhere(rooms == int(np.argmax(sizes[1:])) + 1)
     if grid.origin[2] != 0.0 or len(free) < 100:
         raise BadMap("map", file, f"of yaw 0, with a room of at least 100 cells for a robot of {ROBOT.radius:g} m")
@@ -48,7 +48,7 @@ def maps(file: str) -> Suite:
 
     def make(group: str, chance: Chance) -> Scenario:
         start = _pick(chance, free)
-        field = distance_field(room, start)
+        field = distance_field(inflated, start)
         far = float(field[np.isfinite(field)].max())
         goal = _pick(chance, np.argwhere(np.isfinite(field) & (field > far / 2)))
         area = float((~grid.blocked).sum()) * grid.resolution**2

@@ -208,8 +208,8 @@ def _arrival(t: NDArray[np.float64], xy: NDArray[np.float64], goal: XY, toleranc
 
 def _difficulty(scenario: Scenario, seed: int) -> float:
     task, robot, chance = scenario.task, scenario.robot, Chance(seed_of("survival", seed))
-    room = task.grid.inflate(robot.radius)
-    places = room.to_xy(np.argwhere(~room.blocked))
+    inflated = task.grid.inflate(robot.radius)
+    places = inflated.to_xy(np.argwhere(~inflated.blocked))
     robots = np.empty((ROBOTS, 4))
     for one in robots:
         angle = chance.turn()

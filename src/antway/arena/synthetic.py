@@ -67,12 +67,12 @@ def _place(family: str, chance: Chance) -> tuple[Grid, Cell, Cell]:
     """Return a map and the two ends, at opposite sides of it, at which the robot can stand."""
     while True:
         grid = Grid(_walls(family, chance), CELL)
-        room = grid.inflate(ROBOT.radius)
+        inflated = grid.inflate(ROBOT.radius)
         start = chance.integer(3, 10), chance.integer(3, SIDE - 3)
         goal = chance.integer(SIDE - 10, SIDE - 3), chance.integer(3, SIDE - 3)
         if chance.integer(0, 2):
             start, goal = start[::-1], goal[::-1]
-        if room.is_free(start) and room.is_free(goal):
+        if inflated.is_free(start) and inflated.is_free(goal):
             return grid, start, goal
 
 

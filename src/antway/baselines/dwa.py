@@ -109,10 +109,8 @@ class Dwa(Follow):
         robot, grid = self.task.robot, self.task.grid
         xy, velocity = now(o)
         body = o.tracks.radius + robot.radius
-        room = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        contact_radius = body + np.clip(
-            room - 1e-6, 0.0, self.margin
-        )  # a margin that is broken already is cut to what there is
+        gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
+        contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)  # a margin that is broken already is cut to what there is
         ends = np.empty((len(commands), 5))
         roll_out(
             commands, np.array([*o.xy, *o.velocity, o.heading]), self.limits, robot.dt, self.periods,

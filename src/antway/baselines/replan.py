@@ -106,13 +106,13 @@ class Sipp(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         super().reset(task, seed)
-        self.room = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
+        self.inflated = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
         self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = observation
-        for margin in (self.room, 0.0):
+        for margin in (self.inflated, 0.0):
             path = self.search.search(o.xy, o.t, self._segments(o, margin)).path
             if len(path.t):
                 self.decide("avoid", "the way that arrives first, as the obstacles are predicted")
@@ -135,8 +135,8 @@ class Sipp(Follow):
                 )
             ]  # fmt: skip
         body = o.tracks.radius + robot.radius
-        room = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        contact_radius = body + np.clip(room - 1e-6, 0.0, margin)
+        inflated = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
+        contact_radius = body + np.clip(inflated - 1e-6, 0.0, margin)
         if self.predictions == "frozen":
             velocity = np.zeros_like(velocity)
         span = np.tile((o.t, o.t + horizon), (n, 1))
@@ -176,13 +176,13 @@ class DStarLite(Follow):
         super().reset(task, seed)
         size = task.grid.resolution
         # A diagonal dips towards a corner by at most half its length.
-        self.room = task.grid.inflate(math.hypot(task.robot.radius, size / math.sqrt(2)))
+        self.inflated = task.grid.inflate(math.hypot(task.robot.radius, size / math.sqrt(2)))
         start, goal = self._cell(task.start), self._cell(task.goal)
         self.repair = None
         if start is not None and goal is not None:
-            self.repair = Search(Problem(self.room, start, goal, Moves.EIGHT))
-        self.cells = self.room.to_xy(np.argwhere(~self.room.blocked))
-        self.index = np.argwhere(~self.room.blocked)
+            self.repair = Search(Problem(self.inflated, start, goal, Moves.EIGHT))
+        self.cells = self.inflated.to_xy(np.argwhere(~self.inflated.blocked))
+        self.index = np.argwhere(~self.inflated.blocked)
         self.closed = np.zeros(len(self.cells), np.bool_)
 
     def act(self, observation: Observation) -> Command:
@@ -202,7 +202,7 @@ class DStarLite(Follow):
         self.repair.move(here)
         self.repair.change(self.index[~self.closed & closed], True)
         self.closed = closed
-        nodes = self.room.to_xy(self.repair.plan().cells)
+        nodes = self.inflated.to_xy(self.repair.plan().cells)
         if not len(nodes):
             self.decide("wait", "every way is closed")
             return STOP
@@ -219,12 +219,12 @@ class DStarLite(Follow):
     def _cell(self, xy: XY) -> Cell | None:
         """Return the nearest free cell in straight reach."""
         try:
-            row, col = self.room.cell_at(xy)
+            row, col = self.inflated.cell_at(xy)
         except OutOfBounds:
             return None
-        around = [(row + i, col + j) for i in range(-2, 3) for j in range(-2, 3) if self.room.is_free((row + i, col + j))]
-        around.sort(key=lambda cell: (math.dist(self.room.centre(cell), xy), cell))
-        return next((cell for cell in around if self._clear(xy, self.room.centre(cell))), None)
+        around = [(row + i, col + j) for i in range(-2, 3) for j in range(-2, 3) if self.inflated.is_free((row + i, col + j))]
+        around.sort(key=lambda cell: (math.dist(self.inflated.centre(cell), xy), cell))
+        return next((cell for cell in around if self._clear(xy, self.inflated.centre(cell))), None)
 
 
 def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

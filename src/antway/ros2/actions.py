@@ -95,8 +95,8 @@ class Served:
         def work() -> None:
             xy, failure, radius = None, None, settings.robot.radius
             try:
-                room = node.pilot.standing_room(grid)
-                xy = find_path(grid, room, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
+                inflated = node.pilot.inflated_grid(grid)
+                xy = find_path(grid, inflated, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
             except Failure as found:
                 failure = found
             executor.create_task(answer, xy, failure)

@@ -70,11 +70,11 @@ class Failure(Exception):
 
 
 def find_path(
-    grid: Grid, room: Grid, stops: list[XY], radius: float, planner: str, limit: float, tolerance: float = 0.0
+    grid: Grid, inflated: Grid, stops: list[XY], radius: float, planner: str, limit: float, tolerance: float = 0.0
 ) -> NDArray[np.float64]:
     """Return the cell centres, float64[N, 2] in m, of the shortest path by way of `stops`, planned within `limit` s.
 
-    `room` is `grid` inflated by the robot's `radius`. Where the robot cannot stand at the last stop, the path leads to the
+    `inflated` is `grid` inflated by the robot's `radius`. Where the robot cannot stand at the last stop, the path leads to the
     nearest place within `tolerance` m of it where it can.
 
     Raises
@@ -85,16 +85,16 @@ def find_path(
     cells = []
     for i, xy in enumerate(stops):
         try:
-            cells.append(standing_cell("goal" if i else "start", xy, grid, room, radius))
+            cells.append(standing_cell("goal" if i else "start", xy, grid, inflated, radius))
         except BadInput as wrong:
-            near = _nearest(room, xy, tolerance) if i == len(stops) - 1 else None
+            near = _nearest(inflated, xy, tolerance) if i == len(stops) - 1 else None
             if near is None:
                 outside, occupied = (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED) if i else (START_OUTSIDE_MAP, START_OCCUPIED)
                 raise Failure(outside if isinstance(wrong, OutOfBounds) else occupied, str(wrong)) from None
             cells.append(near)
     end, legs = time.monotonic() + limit, list[NDArray[np.float64]]()
     for a, b in pairwise(cells):
-        plan = solve(Problem(room, a, b), planner, time_limit=max(end - time.monotonic(), 0.0))
+        plan = solve(Problem(inflated, a, b), planner, time_limit=max(end - time.monotonic(), 0.0))
         if plan.status is Status.BUDGET:
             raise Failure(PLAN_TIMEOUT, f"no path within {limit:g} s")
         if plan.status is Status.NO_PATH:
@@ -103,10 +103,10 @@ def find_path(
     return np.vstack(legs)
 
 
-def _nearest(room: Grid, xy: XY, tolerance: float) -> Cell | None:
-    """Return the free cell of `room` nearest to `xy` m, if its centre is within `tolerance` m."""
-    free = np.argwhere(~room.blocked)
-    away = np.hypot(*(room.to_xy(free) - xy).T)
+def _nearest(inflated: Grid, xy: XY, tolerance: float) -> Cell | None:
+    """Return the free cell of `inflated` nearest to `xy` m, if its centre is within `tolerance` m."""
+    free = np.argwhere(~inflated.blocked)
+    away = np.hypot(*(inflated.to_xy(free) - xy).T)
     if len(free) == 0 or not away.min() <= tolerance:
         return None
     row, col = free[away.argmin()].tolist()

@@ -91,9 +91,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         except (ImportError, AttributeError) as error:
             self.get_logger().error(f"obstacles_type = {self.values['obstacles_type']!r}: {error}")
             return TransitionCallbackReturn.FAILURE
-        room = World(Grid(np.zeros((8, 8), bool)))
-        run(Scenario(room, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
-        solve(Problem(room.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
+        place = World(Grid(np.zeros((8, 8), bool)))
+        run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
+        solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
         self.pilot, self.tracker = Pilot(settings), Tracker()
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; by the first scan that is forgotten
         self.done: Callable[[End, str], None] | None = None  # told how the drive to the goal ended

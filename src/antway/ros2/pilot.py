@@ -78,7 +78,7 @@ class Pilot:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.map: Grid | None = None
-        self.room: tuple[Grid, Grid] | None = None
+        self.inflated: tuple[Grid, Grid] | None = None
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: tuple[float, XY, XY, float] | None = None
@@ -102,11 +102,11 @@ class Pilot:
         self.grid, self.frame = level(grid)
         return None if self.goal is None else Answer(STAND, WARN, "the map has changed")
 
-    def standing_room(self, grid: Grid) -> Grid:
+    def inflated_grid(self, grid: Grid) -> Grid:
         """Return `grid`, inflated by the robot's radius; kept for the newest. Any thread may ask."""
-        kept = self.room
+        kept = self.inflated
         if kept is None or kept[0] is not grid:
-            kept = self.room = grid, grid.inflate(self.settings.robot.radius)
+            kept = self.inflated = grid, grid.inflate(self.settings.robot.radius)
         return kept[1]
 
     def go(self, goal: Goal) -> Answer | None:
@@ -179,7 +179,7 @@ class Pilot:
         here = move_point(into, xy)
         if self.policy is None:
             try:
-                standing_cell("goal", goal.xy, self.map, self.standing_room(self.map), settings.robot.radius)
+                standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
             except BadInput as wrong:
                 return self.drop(f"the goal {goal.xy} is refused: {wrong}", End.REFUSED, ERROR)
             try:

@@ -102,8 +102,8 @@ class Settings:
         policy["moves"] = Moves(checks.choice("policy.moves", policy["moves"], [m.value for m in Moves]))
         named(AntwayPolicy, "policy.", policy)
         robot = named(RobotSpec, "robot.", part("robot."))
-        room = Grid(np.zeros((1, 1), bool))
-        named(lambda **options: Task(room, robot, (0.5, 0.5), (0.5, 0.5), **options), "task.", part("task."))
+        place = Grid(np.zeros((1, 1), bool))
+        named(lambda **options: Task(place, robot, (0.5, 0.5), (0.5, 0.5), **options), "task.", part("task."))
         own: dict[str, Any] = {
             name: checks.number(name, values[name], low=0.0, open_low=True, unit=text.partition(";")[0])
             for name, (default, text) in _OWN.items()

@@ -79,10 +79,10 @@ class Mesh(NamedTuple):
     ports: NDArray[np.int64]
     at: NDArray[np.int32]
     widest: int  # the most portals of one strip
-    spare: list[Room]  # of searches that are done, for those to come
+    spare: list[Workspace]  # of searches that are done, for those to come
 
 
-class Room:
+class Workspace:
     """The memory of a search by Polyanya, see `kernels.anyangle.search`; it grows and is used again."""
 
     def __init__(self, corners: int, nodes: int) -> None:
@@ -111,19 +111,19 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
     if net.part[first] != net.part[last]:
         return not_found(True, 0, clock)
     most = 3 * net.widest
-    room = net.spare.pop() if net.spare else Room(2 * len(net.ports), 2048 + most)
-    room.best.fill(np.inf)
+    workspace = net.spare.pop() if net.spare else Workspace(2 * len(net.ports), 2048 + most)
+    workspace.best.fill(np.inf)
     count = np.array([0, 0, 0, most])
     code, corner = (FOUND if first == last else PAUSED), START
     try:
         while code == PAUSED and not clock.spent():
-            memory: tuple[Any, ...] = (room.best, room.parent, *room.nodes, count, STEPS)
+            memory: tuple[Any, ...] = (workspace.best, workspace.parent, *workspace.nodes, count, STEPS)
             code, corner = search(net.mesh, net.ports, ends, *memory)
-            if code == PAUSED and count[0] + most > len(room.nodes[0]):
-                room.grow()
-        way = unwind(net.ports, ends, room.parent, corner) if code == FOUND else None
+            if code == PAUSED and count[0] + most > len(workspace.nodes[0]):
+                workspace.grow()
+        way = unwind(net.ports, ends, workspace.parent, corner) if code == FOUND else None
     finally:
-        net.spare.append(room)
+        net.spare.append(workspace)
     if way is None:
         return not_found(False, int(count[2]), clock)
     return _found(problem, way, int(count[2]), clock, True)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Grid, Moves
-from antway.kernels.search.astar import FULL, NO_ROOM, solve_all
+from antway.kernels.search.astar import FULL, NO_SPACE, solve_all
 from antway.planning import Problem
 from antway.search.astar import MOST_CELLS, Searcher, searcher
 from antway.search.derived import NEIGHBOURS
@@ -117,7 +117,7 @@ def _search_all(
             query, work.base, code = solve_all(*search.net, *work.arrays, *chunk)
             if code == FULL:
                 work.grow()
-            elif code == NO_ROOM:
+            elif code == NO_SPACE:
                 cells = np.concatenate((cells, np.empty_like(cells)))
     finally:
         search.spare.append(work)

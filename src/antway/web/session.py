@@ -113,11 +113,11 @@ class Session(Tab):
     def describe(self) -> Message:
         """Return everything that stands still: map, ends, obstacles, parameters, names."""
         scenario, grid = self.scenario, self.scenario.world.grid
-        room = grid.inflate(scenario.robot.radius)
-        start, goal = room.cell_at(scenario.start), room.cell_at(scenario.goal)
-        found = room.is_free(start) and room.is_free(goal)
-        way = solve(Problem(room, start, goal), "jps").xy(grid).tolist() if found else []
-        far = Ways(room, goal).distance() if found else np.full(grid.shape, np.inf)
+        inflated = grid.inflate(scenario.robot.radius)
+        start, goal = inflated.cell_at(scenario.start), inflated.cell_at(scenario.goal)
+        found = inflated.is_free(start) and inflated.is_free(goal)
+        way = solve(Problem(inflated, start, goal), "jps").xy(grid).tolist() if found else []
+        far = Ways(inflated, goal).distance() if found else np.full(grid.shape, np.inf)
         most = far.max(initial=0.0, where=np.isfinite(far)) or 1.0
         near = np.where(np.isfinite(far), 0.04 + 0.96 * (1.0 - far / most) ** 2, 0.0)  # the page takes the root
         return {

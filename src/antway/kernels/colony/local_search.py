@@ -214,10 +214,10 @@ def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) 
 def settle(cities: Cities, search: Search, breadth: int, longest: int) -> float:
     """Improve until the queue is empty (or the log of reversals full); return the gain."""
     total = 0.0
-    room = len(search.log)
+    slack = len(search.log)
     while search.counts[SIZE] > 0:
         city = pop(search)
-        if room > 0 and search.counts[LOGGED] + 3 > room:
+        if slack > 0 and search.counts[LOGGED] + 3 > slack:
             continue
         gain = move(cities, search, city, breadth, longest)
         if gain > 0.0:

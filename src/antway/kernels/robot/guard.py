@@ -185,13 +185,13 @@ def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np
         ux, uy = tracks[k, 2] - vx, tracks[k, 3] - vy
         reach = radius + tracks[k, 4]
         closing = ax * ux + ay * uy
-        room = ax * ax + ay * ay - reach * reach
+        slack = ax * ax + ay * ay - reach * reach
         uu = ux * ux + uy * uy
-        root = closing * closing - uu * room
-        if room <= 0.0:
+        root = closing * closing - uu * slack
+        if slack <= 0.0:
             return 0.0
         if closing < 0.0 and root > 0.0:
-            earliest = min(earliest, room / (-closing + math.sqrt(root)))
+            earliest = min(earliest, slack / (-closing + math.sqrt(root)))
     return earliest
 
 

@@ -25,7 +25,7 @@ from antway.kernels.search.buckets import (
 from antway.kernels.search.canonical import START
 from antway.kernels.search.jps import jump, place
 
-RUNNING, DONE, FULL, NO_ROOM = 0, 1, 2, 3
+RUNNING, DONE, FULL, NO_SPACE = 0, 1, 2, 3
 LOWEST, HIGHEST = -(2**31), 2**31 - 1
 
 _ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
@@ -370,7 +370,7 @@ def solve_all(
                 return query, base, FULL
             if path.shape[0] > 0:
                 if begins[query] + path.shape[0] > cells.shape[0]:
-                    return query, base, NO_ROOM
+                    return query, base, NO_SPACE
                 begins[query + 1] += path.shape[0]
                 cells[begins[query] : begins[query + 1]] = path
                 diagonals[query] = turns

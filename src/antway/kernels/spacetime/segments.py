@@ -30,12 +30,12 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
     """Return the open interval of times in s at which piece p is less than `distance` m from (x, y); (inf, -inf) if none."""
     ax, ay = segments[p, 2] - x, segments[p, 3] - y
     vx, vy = segments[p, 4], segments[p, 5]
-    room = ax * ax + ay * ay - distance * distance
+    slack = ax * ax + ay * ay - distance * distance
     vv = vx * vx + vy * vy
     if vv == 0.0:
-        return (segments[p, 0], segments[p, 1]) if room < 0.0 else (math.inf, -math.inf)
+        return (segments[p, 0], segments[p, 1]) if slack < 0.0 else (math.inf, -math.inf)
     av = ax * vx + ay * vy
-    root = av * av - vv * room
+    root = av * av - vv * slack
     if root <= 0.0:
         return math.inf, -math.inf
     root = math.sqrt(root)
@@ -50,12 +50,12 @@ def _edge(
 ) -> bool:
     """Part of [low, high] in which |b + d z| < reach, written to out[0:2]; False if there is none."""
     dd = dx * dx + dy * dy
-    room = bx * bx + by * by - contact_radius * contact_radius
+    slack = bx * bx + by * by - contact_radius * contact_radius
     if dd == 0.0:
         out[0], out[1] = low, high
-        return room < 0.0
+        return slack < 0.0
     bd = bx * dx + by * dy
-    root = bd * bd - dd * room
+    root = bd * bd - dd * slack
     if root <= 0.0:
         return False
     root = math.sqrt(root)

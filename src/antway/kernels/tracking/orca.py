@@ -72,10 +72,10 @@ def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float
             continue
         px, py, dx, dy = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         foot = px * dx + py * dy
-        room = foot * foot + top * top - px * px - py * py
-        if room < 0.0:
+        slack = foot * foot + top * top - px * px - py * py
+        if slack < 0.0:
             return i
-        low, high = -foot - math.sqrt(room), -foot + math.sqrt(room)
+        low, high = -foot - math.sqrt(slack), -foot + math.sqrt(slack)
         for j in range(i):
             cross = dx * lines[j, 3] - dy * lines[j, 2]
             off = lines[j, 2] * (py - lines[j, 1]) - lines[j, 3] * (px - lines[j, 0])

@@ -70,9 +70,9 @@ def predict(
     for k in range(len(estimates)):
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
         body = robot_radius + estimates[k, RADIUS]
-        room = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
+        slack = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
         runs = min(speed_bound, math.hypot(vx, vy) + surge_bound * stopping_time) * stopping_time
-        held = min(room + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
+        held = min(slack + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
         spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
         x, y, t, mirrors = x - vx * stopping_time, y - vy * stopping_time, -age - stopping_time, 0
@@ -110,7 +110,7 @@ def predict(
                 wide = margin + quantile * math.sqrt(variance)
                 out[n, 0], out[n, 1] = now + t, now + until
                 out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
-                out[n, 6] = body + max(min(wide, room - 1e-6), 0.0)
+                out[n, 6] = body + max(min(wide, slack - 1e-6), 0.0)
                 out[n, 7] = max(held - 1e-6, 0.0) if past else body + wide + runs
                 if turns and t > LATER - 1e-9 and vx * vx + vy * vy > 0.01:
                     out[n, 7] = max(out[n, 7] - _SPARED, out[n, 6])

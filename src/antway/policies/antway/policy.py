@@ -109,9 +109,9 @@ class AntwayPolicy:
         self.task, robot, grid = task, task.robot, task.grid
         # what Grid.inflate tells, from a stencil of the few cells round a robot
         stands = move_mask(grid.blocked, np.zeros((1, 2), np.int32), robot.radius / grid.resolution)
-        room = replace(grid, blocked=stands == 0)
-        standing_cell("start", task.start, grid, room, robot.radius)
-        goal = standing_cell("goal", task.goal, grid, room, robot.radius)
+        inflated = replace(grid, blocked=stands == 0)
+        standing_cell("start", task.start, grid, inflated, robot.radius)
+        goal = standing_cell("goal", task.goal, grid, inflated, robot.radius)
         context = make_context(grid, robot, goal, self.moves)
         cells = grid.blocked.size
         self.memory, self.trails = make_memory(cells), make_trails(cells)

@@ -154,11 +154,11 @@ class PaperPolicy:
                 velocity[k] = ((x - px) / (seen.t - t), (y - py) / (seen.t - t)) if seen.t > t else (0.0, 0.0)
             self.places[number] = (seen.t, (x, y))
         tubes = Tubes.predict(seen, velocity, self.routes.task.grid, 2 * self.lookahead)
-        room = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
+        inflated = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
         if len(tracks):
             gaps = np.hypot(tracks.xy[:, 0] - seen.xy[0], tracks.xy[:, 1] - seen.xy[1]) - tracks.radius - self.spec.radius
-            room = max(min(margin, float(gaps.min()) - 0.01), 0.0)
-        return Ahead(seen, tubes, self.spec.radius + room, velocity, seen.t + self.lookahead, self.growth)
+            inflated = max(min(margin, float(gaps.min()) - 0.01), 0.0)
+        return Ahead(seen, tubes, self.spec.radius + inflated, velocity, seen.t + self.lookahead, self.growth)
 
     def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> tuple[float, int]:
         return ahead.conflict(self.routes.timed(ahead.seen, nodes, hold), ahead.until + hold + longer)
@@ -194,17 +194,17 @@ class PaperPolicy:
 
     def _detour(self, ahead: Ahead, when: float) -> Detour | None:
         """Steps 4-7: let ants look for the way to a local target in the sensed window; only those that arrive lay pheromone."""
-        seen, spec, routes, room = ahead.seen, self.spec, self.routes, self.routes.room
+        seen, spec, routes, inflated = ahead.seen, self.spec, self.routes, self.routes.inflated
         here = routes.cell(seen.xy)
         route = routes.to_goal(seen.xy) if self.retreating else self.nodes
         if here is None or not len(route):
             return None
         reach = min(spec.sensor_range, self.lookahead * spec.v_max)
-        half = math.ceil(reach / room.resolution)
+        half = math.ceil(reach / inflated.resolution)
         low = [max(here[k] - half, 0) for k in (0, 1)]
-        high = [min(here[k] + half + 1, room.shape[k]) for k in (0, 1)]
+        high = [min(here[k] + half + 1, inflated.shape[k]) for k in (0, 1)]
         window = (low[0], low[1], high[0] - low[0], high[1] - low[1])
-        cells = np.floor(room.to_points(route) + 0.5).astype(np.int64)
+        cells = np.floor(inflated.to_points(route) + 0.5).astype(np.int64)
         inside = ((cells >= low) & (cells < high)).all(axis=1)
         count = len(route) if inside.all() else int(np.argmin(inside))
         if count == 0:
@@ -213,16 +213,16 @@ class PaperPolicy:
         beyond = 0.0 if self.retreating else (when - seen.t) * spec.v_max
         for whole in (False, True):
             closed = ahead.tubes.close(
-                room, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
+                inflated, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
             )
             taken = closed[cells[:, 0], cells[:, 1]]
             i, reason = local_target(route, taken, beyond, seen.xy, reach, lambda p: routes.clear(seen.xy, p))
             target = (int(cells[i, 0]), int(cells[i, 1]))
-            if target == here or closed[target] or not room.is_free(target):
+            if target == here or closed[target] or not inflated.is_free(target):
                 continue
             self.colonies += 1
             found = self.found = explore(
-                Problem(room, here, target),
+                Problem(inflated, here, target),
                 seed=(self.seed + self.colonies) % 2**64,
                 persistence=Adaptive(),
                 ants=self.ants,
@@ -233,7 +233,7 @@ class PaperPolicy:
             )
             if found.plan.status is Status.NO_PATH or not len(found.plan.cells):
                 continue
-            nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(room), route[i + 1 :], rest)))
+            nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(inflated), route[i + 1 :], rest)))
             x, y = route[i].tolist()
             for way in (routes.pulled(seen.xy, nodes), nodes) if routes.stops else (nodes,):
                 if self._free(ahead, way):
@@ -246,12 +246,12 @@ class PaperPolicy:
         here = routes.cell(seen.xy)
         if here is None:
             return None
-        ways = Ways(routes.room, here, self.lookahead * v_max)
+        ways = Ways(routes.inflated, here, self.lookahead * v_max)
         field = ways.distance()
         cells = np.argwhere(np.isfinite(field))
         far = field[cells[:, 0], cells[:, 1]]
         for until in (ahead.until + self.lookahead, ahead.until):
-            free = ahead.tubes.standing(seen.t + far / v_max, routes.room.to_xy(cells), until, ahead.body, self.growth)
+            free = ahead.tubes.standing(seen.t + far / v_max, routes.inflated.to_xy(cells), until, ahead.body, self.growth)
             nearest = np.flatnonzero(free)[np.argsort(far[free], kind="stable")]
             for row, col in cells[nearest[:REFUGES]].tolist():
                 nodes = routes.joined(seen.xy, ways.nodes((row, col))[::-1])

@@ -24,16 +24,16 @@ Nodes = NDArray[np.float64]  # float64[N, 2], m: a chain of points still to be d
 class Ways:
     """Shortest ways between one cell and all cells within some way (m) of it, found at once by Dijkstra's algorithm."""
 
-    def __init__(self, room: Grid, cell: Cell, within: float = math.inf) -> None:
-        self.room, self.net = room, lattice(room, Moves.EIGHT)
-        self.field = DijkstraField(self.net, [cell], [], within / room.resolution)
+    def __init__(self, inflated: Grid, cell: Cell, within: float = math.inf) -> None:
+        self.inflated, self.net = inflated, lattice(inflated, Moves.EIGHT)
+        self.field = DijkstraField(self.net, [cell], [], within / inflated.resolution)
         self.field.run(None)
 
     def distance(self) -> NDArray[np.float64]:
         """Return the way to each cell in m, float64[H, W]; infinite for those not reached."""
         label = self.field.label
-        known = np.where(label <= self.field.known, label, np.inf) * (self.room.resolution / STRAIGHT)
-        return known.reshape(self.room.shape)
+        known = np.where(label <= self.field.known, label, np.inf) * (self.inflated.resolution / STRAIGHT)
+        return known.reshape(self.inflated.shape)
 
     def nodes(self, cell: Cell) -> Nodes:
         """Return the centres of the cells on the way from `cell` to the one cell; empty if there is none."""
@@ -41,7 +41,7 @@ class Ways:
         if not (math.isfinite(self.field.label[at]) and self.field.label[at] <= self.field.known):
             return np.empty((0, 2))
         flat = descend(net.around, net.table, net.offsets, self.field.label, at)
-        return self.room.to_xy(np.column_stack(np.divmod(flat, net.width)))
+        return self.inflated.to_xy(np.column_stack(np.divmod(flat, net.width)))
 
 
 class Routes:
@@ -49,7 +49,7 @@ class Routes:
 
     Attributes
     ----------
-    room : Grid
+    inflated : Grid
         The map inflated so that the robot's disc fits on every legal move between its free cells. On cells at least as wide as
         the robot that is the plain inflation; on finer ones a diagonal dips towards a corner by at most half its length.
     """
@@ -57,9 +57,9 @@ class Routes:
     def __init__(self, task: Task) -> None:
         radius, size = task.robot.radius, task.grid.resolution
         self.task = task
-        self.room = task.grid.inflate(radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2)))
+        self.inflated = task.grid.inflate(radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2)))
         goal = self.cell(task.goal)
-        self.home = None if goal is None else Ways(self.room, goal)
+        self.home = None if goal is None else Ways(self.inflated, goal)
         self.stops = task.robot.drive == "differential" or task.robot.a_max * task.robot.dt < 2 * task.robot.v_max
 
     def clear(self, a: XY, b: XY) -> bool:
@@ -75,9 +75,9 @@ class Routes:
         except OutOfBounds:
             return None
         around = [(row + i, col + j) for i in range(-3, 4) for j in range(-3, 4)]
-        free = [cell for cell in around if self.room.is_free(cell)]
-        free.sort(key=lambda cell: (math.dist(self.room.centre(cell), xy), cell))
-        return next((cell for cell in free if self.clear(xy, self.room.centre(cell))), None)
+        free = [cell for cell in around if self.inflated.is_free(cell)]
+        free.sort(key=lambda cell: (math.dist(self.inflated.centre(cell), xy), cell))
+        return next((cell for cell in free if self.clear(xy, self.inflated.centre(cell))), None)
 
     def to_goal(self, xy: XY) -> Nodes:
         """Return the shortest way from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
