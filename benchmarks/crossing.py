@@ -141,7 +141,7 @@ def throng(seed: int, people: int) -> Scenario:
     t = tuple(0.25 * k + 1e-6 for k in range(161))
     world = World(
         Grid(np.zeros((101, 101), dtype=bool), 0.2, (-10.1, -10.1, 0.0)),
-        tuple(Obstacle(0.3, Replay(t, tuple(way))) for way in tracks),
+        tuple(Obstacle(0.3, Replay(t, tuple(path))) for path in tracks),
     )
     robot, sensor = RobotSpec(dt=0.25, sensor_range=math.inf), Sensor(occlusion=False)
     return Scenario(world, (0.0, -far), (0.0, far), robot, sensor, horizon=40.0, goal_tolerance=0.3, obstacle_speed=1.0)

@@ -30,7 +30,7 @@ def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample",
     temperature = np.exp(-0.05 * ((np.arange(12)[:, None] - np.arange(12)[None, :]) ** 2)).astype(np.float32)
     for step in range(steps // 3, 2 * steps // 3):
         here, there = xy[step], xy[min(step + 30, steps)]
-        way = TimedPath(t[step] + np.array([0.0, 1.0, 3.0]), np.array([here, (here + there) / 2 + [0.6, -0.6], there]))
+        path = TimedPath(t[step] + np.array([0.0, 1.0, 3.0]), np.array([here, (here + there) / 2 + [0.6, -0.6], there]))
         row, col = int(max(here[1] - 2, 0)), int(max(here[0] - 2, 0))
         decisions.append(
             (
@@ -43,7 +43,7 @@ def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample",
                     time_to_closest=1.8,
                     distance_at_closest=0.1,
                     local_target=(float(there[0]), float(there[1])),
-                    path=way,
+                    path=path,
                     alternatives=(("pass behind", 0.4), ("wait", 1.1)),
                     pheromone=(row, col, temperature * (1 + step % 3)),
                 ),

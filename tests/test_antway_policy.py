@@ -243,8 +243,8 @@ def test_the_robot_moves_on_once_the_way_is_free() -> None:
     for seed in range(cases(6, 1000)):
         until, speed = float(rng.uniform(8.0, 20.0)), float(rng.uniform(0.3, 1.0))
         aside = (7.0, 4.4) if seed % 2 else (3.0, 4.4)
-        way = Replay((0.0, until, until + 3.0 / speed), ((5.0, 2.5), (5.0, 2.5), aside))
-        scenario = room(Obstacle(0.4, way), grid=Grid(blocked, 0.25), obstacle_speed=1.5, horizon=60.0)
+        path = Replay((0.0, until, until + 3.0 / speed), ((5.0, 2.5), (5.0, 2.5), aside))
+        scenario = room(Obstacle(0.4, path), grid=Grid(blocked, 0.25), obstacle_speed=1.5, horizon=60.0)
         result = run(scenario, seed=seed)
         check_episode(result)
         assert result.reached, (seed, result.reason)
@@ -259,8 +259,8 @@ def test_the_robot_moves_on_once_the_way_is_free() -> None:
 @pytest.mark.parametrize("drive", ["holonomic", "differential"])
 def test_the_robot_leaves_who_stands_beside_it(gap: float, angle: float, drive: str) -> None:
     """Nearer to one who stands than a moving robot may come, it leaves at once and goes round: no contact, no stall."""
-    way = (0.6 + gap) * math.cos(math.radians(angle)), (0.6 + gap) * math.sin(math.radians(angle))
-    at = (1.0 + way[0], 2.5 + way[1])
+    path = (0.6 + gap) * math.cos(math.radians(angle)), (0.6 + gap) * math.sin(math.radians(angle))
+    at = (1.0 + path[0], 2.5 + path[1])
     robot, sensor = RobotSpec(dt=0.25, sensor_range=math.inf, drive=drive), Sensor(occlusion=False)
     stands = Obstacle(0.3, Replay((0.0,), (at,)))
     result = run(room(stands, robot=robot, sensor=sensor, obstacle_speed=robot.v_max, horizon=25.0))

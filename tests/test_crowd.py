@@ -61,16 +61,16 @@ def circle(seed: int) -> Timeline:
 
 def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Places 2 s after each scan: as predicted (NaN: not), and on at the velocity seen."""
-    rows, trajectory, n, ways, straight = np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0, [], []
+    rows, trajectory, n, paths, straight = np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0, [], []
     for i in range(steps):
         t = i * STEP_TIME + 1e-6
         xy, velocity = line.at(t - 1e-9)[0], line.at(t - 1e-3)[1]
         velocity = np.zeros_like(velocity) if i == 0 else velocity
         estimates = np.column_stack((xy, velocity, line.radius, np.zeros((len(xy), 2)), line.id))
         n = crowd.foresee(rows, n, estimates, t, 1.0, trajectory)
-        ways.append(xy + trajectory[:n, :8].sum(axis=1) * STEP_TIME)
+        paths.append(xy + trajectory[:n, :8].sum(axis=1) * STEP_TIME)
         straight.append(xy + velocity * 2.0)
-    return ways, straight
+    return paths, straight
 
 
 def test_a_crowd_is_predicted_better_than_straight_on() -> None:
@@ -79,11 +79,11 @@ def test_a_crowd_is_predicted_better_than_straight_on() -> None:
     learnt, straight = [], []
     for seed in range(cases(4, 100)):
         line = circle(seed)
-        ways, on = watched(line, 20)
+        paths, on = watched(line, 20)
         for i in range(2, 20):
-            if np.isfinite(ways[i]).all():
+            if np.isfinite(paths[i]).all():
                 then = line.at(i * STEP_TIME + 2.0)[0]
-                learnt.append(np.hypot(*(ways[i] - then).T).mean())
+                learnt.append(np.hypot(*(paths[i] - then).T).mean())
                 straight.append(np.hypot(*(on[i] - then).T).mean())
     assert len(learnt) > 12 * cases(4, 100)
     assert np.mean(learnt) < np.mean(straight) / 3
@@ -141,7 +141,7 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     """Pieces lead along the course; what the guard asks for is spared in part once the first seconds are over, to who moves."""
     angle = np.linspace(0.0, 3.0, crowd.STEPS)
     trajectory = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
-    ways = np.vstack(([0.0, 0.0], np.cumsum(trajectory[0] * STEP_TIME, axis=0)))
+    paths = np.vstack(([0.0, 0.0], np.cumsum(trajectory[0] * STEP_TIME, axis=0)))
     estimates, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
     blocked, frame = np.zeros((60, 60), bool), np.array([-30.0, -30.0, 1.0])
     stopping_time, bound = 0.25, 1.0
@@ -152,7 +152,7 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     for start, end, x, y, vx, vy, stand, drive in out[:n]:
         if start >= 5.0 - 1e-9:
             i = round((start - 5.0) / STEP_TIME)
-            assert (x, y) == pytest.approx(tuple(ways[i]), abs=1e-9)
+            assert (x, y) == pytest.approx(tuple(paths[i]), abs=1e-9)
             assert end - start == pytest.approx(STEP_TIME if speed else LATER if start < 5.0 + LATER else 6.0 - LATER)
             assert (vx, vy) == pytest.approx(tuple(trajectory[0, i]))
         assert stand == pytest.approx(0.61)

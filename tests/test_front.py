@@ -121,16 +121,16 @@ def test_alternatives_are_different_short_and_legal():
     blocked = np.zeros((21, 31), dtype=bool)
     blocked[3:9, 8:23] = blocked[12:18, 8:23] = True
     problem = Problem(Grid(blocked, resolution=0.5), (10, 0), (10, 30))
-    ways = alternatives(problem, 3, overlap=0.55, seed=1)
-    assert len(ways) == 3 and ways[0].optimal and ways[-1].length <= 1.5 * ways[0].length
-    assert [way.length for way in ways] == sorted(way.length for way in ways)
-    rows = sorted(int(way.cells[len(way.cells) // 2, 0]) for way in ways)
+    paths = alternatives(problem, 3, overlap=0.55, seed=1)
+    assert len(paths) == 3 and paths[0].optimal and paths[-1].length <= 1.5 * paths[0].length
+    assert [path.length for path in paths] == sorted(path.length for path in paths)
+    rows = sorted(int(path.cells[len(path.cells) // 2, 0]) for path in paths)
     assert rows[0] < 3 and 9 <= rows[1] < 12 and rows[2] >= 18  # above, between and below the blocks
-    for way in ways:
-        check_plan(problem, way)
+    for path in paths:
+        check_plan(problem, path)
     assert len(alternatives(problem, 3, stretch=1.01)) == 1
     corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
-    assert [way.length for way in alternatives(corridor, 4)] == [8.0]
+    assert [path.length for path in alternatives(corridor, 4)] == [8.0]
 
 
 def test_fronts_and_ways_are_repeatable_with_any_number_of_threads():
@@ -139,11 +139,11 @@ def test_fronts_and_ways_are_repeatable_with_any_number_of_threads():
     blocked[4:8, 4:8] = True
     problem = Problem(Grid(blocked), (5, 0), (6, 11))
     fronts = [pareto(problem, seed=5, cycles=3, ants=9, threads=threads) for threads in (1, 2, 4)]
-    ways = [alternatives(problem, seed=5, threads=threads) for threads in (1, 2, 4)]
+    paths = [alternatives(problem, seed=5, threads=threads) for threads in (1, 2, 4)]
     for i in (1, 2):
         assert fronts[i].values.tobytes() == fronts[0].values.tobytes()
         assert [p.cells.tobytes() for p in fronts[i].plans] == [p.cells.tobytes() for p in fronts[0].plans]
-        assert [p.cells.tobytes() for p in ways[i]] == [p.cells.tobytes() for p in ways[0]]
+        assert [p.cells.tobytes() for p in paths[i]] == [p.cells.tobytes() for p in paths[0]]
 
 
 def test_no_way_no_time_and_no_distance_are_told():

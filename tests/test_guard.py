@@ -43,10 +43,10 @@ class Chasers:
                 self.aim = self.rng.uniform(0.0, 10.0, (len(self.radius), 2))
             lead = self.rng.uniform(0.0, 1.0)
             goal = (xy, xy + velocity * lead, self.aim[k], self.xy[k])[self.mood[k]]
-            way = goal - self.xy[k]
-            far = math.hypot(*way)
+            path = goal - self.xy[k]
+            far = math.hypot(*path)
             fastest = min(BOUND, math.hypot(*self.velocity[k]) + self.surge * DT)
-            self.velocity[k] = way / far * fastest if far > 1e-9 else 0.0
+            self.velocity[k] = path / far * fastest if far > 1e-9 else 0.0
 
 
 def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: float = 0.0) -> dict[str, int]:

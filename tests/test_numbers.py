@@ -61,13 +61,13 @@ PARTS = {
 }
 
 GRID = Grid(np.zeros((6, 6), dtype=bool))
-WAY = [(0.5, 0.5), (4.5, 0.5), (4.5, 4.5)]
+PATH = [(0.5, 0.5), (4.5, 0.5), (4.5, 4.5)]
 SOUND: dict[str, Any] = {  # by parameter, where it has no default
     "xy": [(0, 0), (1, 0), (1, 1), (0, 1)], "blocked": GRID.blocked, "grid": GRID, "world": World(GRID),
     "problem": Problem(GRID, (0, 0), (4, 4)),
     "robot": RobotSpec(), "start": (1, 1), "goal": (4, 4), "starts": [(1, 1)], "goals": [(4, 4)], "path": "nowhere.map",
     "instance": Tsp(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [2.0, 3.0]])),
-    "radius": 0.3, "v_max": 1.0, "a_max": 1.0, "speed": 0.5, "end": (4.0, 4.0), "points": WAY, "t": (0.0, 1.0, 2.0),
+    "radius": 0.3, "v_max": 1.0, "a_max": 1.0, "speed": 0.5, "end": (4.0, 4.0), "points": PATH, "t": (0.0, 1.0, 2.0),
     "motion": Line((1.0, 1.0), (2.0, 2.0), 0.5), "count": 2, "total": 4, "values": [1.0, 2.0], "time": [1.0], "bound": [1.0],
     "length": [1.0], "shortest": [1.0], "a": [1.0, 2.0], "b": [1.0, 3.0], "spec": "paper", "polygon": [(0, 0), (1, 0), (1, 1)],
     "cells": [(0, 0), (0, 1)], "costs": np.ones((6, 6)), "inflation_radius": 1.0, "name": "stop",
@@ -96,7 +96,7 @@ OWN: dict[str, dict[str, Any]] = {
     "solve_tsp": {"seconds": 0.0, "tours": 5},
     "trajectory.nlp.smooth": {"points": [(0.5, 0.5), (2.5, 0.5)], "knots": 4},
     "trajectory.profile.is_clear": {"path": TimedPath(np.array([0.0, 1.0]), np.array([[0.5, 0.5], [1.5, 0.5]]))},
-    "ants.tsplib.Tsp": {"xy": WAY},
+    "ants.tsplib.Tsp": {"xy": PATH},
     "search.costs.inflation_costs": {"radius": 0.3},
     "world.motions.Line": {"start": (1.0, 1.0)},
     "world.motions.Bounce": {"start": (1.0, 1.0)},

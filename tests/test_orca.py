@@ -30,9 +30,9 @@ def seen(xy, velocity, tracks) -> Observation:
 
 def test_two_robots_pass_each_other_by_symmetry() -> None:
     """Two that run head-on, each steered by the same policy, are mirror images all the way, never touch, and both arrive."""
-    ways = [((2.2, 6.2), (18.2, 6.2)), ((18.2, 6.2), (2.2, 6.2))]
+    paths = [((2.2, 6.2), (18.2, 6.2)), ((18.2, 6.2), (2.2, 6.2))]
     minds = []
-    for start, goal in ways:
+    for start, goal in paths:
         policy = make_policy("orca")
         policy.reset(Scenario(World(HALL), start, goal).task, 0)
         minds.append(policy)

@@ -39,10 +39,10 @@ def test_it_goes_straight_for_the_robot():
     """In every control period it drives at its speed towards where the robot was at the beginning of the period."""
     trace = chase(Obstacle(0.3, Pursue((6.0, 9.0), 0.5))).trace
     there = trace.timeline.places(trace.t)[:, 0]
-    steps, ways = np.diff(there, axis=0), trace.xy[:-1] - there[:-1]
-    far = np.hypot(*ways.T) > 0.9 + 0.05
+    steps, paths = np.diff(there, axis=0), trace.xy[:-1] - there[:-1]
+    far = np.hypot(*paths.T) > 0.9 + 0.05
     assert far.sum() > 10
-    assert steps[far] == pytest.approx(ways[far] / np.hypot(*ways[far].T)[:, None] * 0.05, abs=1e-9)
+    assert steps[far] == pytest.approx(paths[far] / np.hypot(*paths[far].T)[:, None] * 0.05, abs=1e-9)
 
 
 @pytest.mark.parametrize("speed", [0.3, 0.9, 2.5])
@@ -108,10 +108,10 @@ def test_every_kind_of_encounter_is_met():
             t, xy = line.trajectory(k)
             assert (np.hypot(*np.diff(xy, axis=0).T) <= scenario.obstacle_speed * np.diff(t) + 1e-9).all()
         assert math.isnan(known.bound) == (episode.group == "pursuer") and math.isfinite(known.shortest)
-        way = np.subtract(scenario.goal, scenario.start)
+        path = np.subtract(scenario.goal, scenario.start)
         velocity = line.at(min(line.knot_t.max(), 8.0) / 2)[1]
         if episode.group in ("head-on", "overtaking"):
-            assert np.sign(velocity[0] @ way) == (1 if episode.group == "overtaking" else -1)
+            assert np.sign(velocity[0] @ path) == (1 if episode.group == "overtaking" else -1)
         assert (episode.group == "crowd") == (len(line) > 20 and not line.at(1.0)[1].any())
         if episode.group == "ambush":
             assert scenario.sensor.occlusion and not result.trace.sensed[0].any()

@@ -38,10 +38,10 @@ def test_a_corridor_is_what_lies_near_the_way():
     for _ in range(cases(20, 1000)):
         grid = replace(random_grid(rng, low=5, high=40), resolution=0.25, origin=(1.0, -2.0, 0.0))
         rows, cols = grid.shape
-        way = grid.to_xy(rng.uniform(0, (rows - 1, cols - 1), (4, 2)))
+        path = grid.to_xy(rng.uniform(0, (rows - 1, cols - 1), (4, 2)))
         width = rng.uniform(0.2, 3.0)
-        part = corridor(grid, way, width)
-        dense = np.vstack([np.linspace(a, b, 300) for a, b in pairwise(way)])
+        part = corridor(grid, path, width)
+        dense = np.vstack([np.linspace(a, b, 300) for a, b in pairwise(path)])
         own = {grid.cell_at(point) for point in dense}
         centres = grid.to_xy(np.array(sorted(own)))
         for cell in np.argwhere(~part.blocked):
@@ -53,7 +53,7 @@ def test_a_corridor_is_what_lies_near_the_way():
             xy = grid.to_xy([cell])[0]
             if np.hypot(*(centres - xy).T).min() <= width - 0.25:
                 assert np.hypot(*(inside - xy).T).min() < 1e-9
-        assert keeps_within(replace(part, blocked=part.blocked & False), way)
+        assert keeps_within(replace(part, blocked=part.blocked & False), path)
     assert not keeps_within(corridor(ROOM, np.array([[1.0, 1.0], [9.0, 1.0]]), 0.5), np.array([[1.0, 1.0], [9.0, 3.0]]))
 
 
@@ -61,11 +61,11 @@ def test_tracking_measures_from_the_nearest_point():
     """Distance, side and rest of a way are those of the nearest of many points along it."""
     rng = np.random.default_rng(7)
     for _ in range(cases(200, 5000)):
-        way, xy = rng.uniform(0, 10, (5, 2)), tuple(rng.uniform(0, 10, 2))
+        path, xy = rng.uniform(0, 10, (5, 2)), tuple(rng.uniform(0, 10, 2))
         share = np.linspace(0, 1, 2000)[:, None]
-        dense = np.vstack([a + (b - a) * share for a, b in pairwise(way)])
+        dense = np.vstack([a + (b - a) * share for a, b in pairwise(path)])
         away = np.hypot(*(dense - xy).T)
-        found = tracking(way, xy, 0.0)
+        found = tracking(path, xy, 0.0)
         assert math.isclose(abs(found.aside), away.min(), abs_tol=0.01)
         i = int(away.argmin())
         assert math.isclose(found.left, np.hypot(*np.diff(dense[i:], axis=0).T).sum(), abs_tol=0.02) or found.index != i // 2000
@@ -271,11 +271,11 @@ def test_goals_are_replaced_and_dropped():
     answer = drive.pilot.go(Goal((2.0, 6.0)))
     assert answer.end is End.REPLACED and answer.command is STAND and "pre-empted" in answer.reason
     assert drive.step().drives
-    way = np.array([[2.0, 2.0], [6.0, 3.0], [10.0, 2.0]])
-    drive.pilot.go(Goal((10.0, 2.0), way, hurried=True))
+    path = np.array([[2.0, 2.0], [6.0, 3.0], [10.0, 2.0]])
+    drive.pilot.go(Goal((10.0, 2.0), path, hurried=True))
     drive.step()
     policy = drive.pilot.policy
-    answer = drive.pilot.go(Goal((10.0, 2.0), way + np.array([0.0, 0.3]), hurried=True))
+    answer = drive.pilot.go(Goal((10.0, 2.0), path + np.array([0.0, 0.3]), hurried=True))
     assert answer.end is End.REPLACED and answer.drives and drive.pilot.policy is policy
     answer = drive.pilot.go(Goal((10.0, 2.0), np.array([[2.0, 2.0], [6.0, 7.0], [10.0, 2.0]]), hurried=True))
     assert answer.command is STAND and drive.pilot.policy is None
@@ -284,9 +284,9 @@ def test_goals_are_replaced_and_dropped():
 
 def test_replanning_does_not_hide_that_it_waits():
     """Paths that are refreshed each 0.5 s neither move a robot whose sensor is silent, nor put off the end of its patience."""
-    way = np.array([[2.0, 2.0], [10.0, 2.0]])
-    for refreshed in (way, np.array([[2.0, 2.0], [6.0, 6.0], [10.0, 2.0]])):
-        drive = ready(Goal((10.0, 2.0), way, hurried=True), wait_timeout=2.0)
+    path = np.array([[2.0, 2.0], [10.0, 2.0]])
+    for refreshed in (path, np.array([[2.0, 2.0], [6.0, 6.0], [10.0, 2.0]])):
+        drive = ready(Goal((10.0, 2.0), path, hurried=True), wait_timeout=2.0)
         ends = []
         for i in range(40):
             answer = drive.step(None)
@@ -303,8 +303,8 @@ def test_replanning_does_not_hide_that_it_waits():
 
 def test_a_path_is_kept_to():
     """On a path that leads round, the robot keeps within the corridor, where without it the straight way would be driven."""
-    way = np.array([[2.0, 2.0], [2.0, 6.5], [10.0, 6.5], [10.0, 2.0]])
-    for goal, most in ((Goal((10.0, 2.0)), math.inf), (Goal((10.0, 2.0), way, hurried=True), 1.0 + 0.3)):
+    path = np.array([[2.0, 2.0], [2.0, 6.5], [10.0, 6.5], [10.0, 2.0]])
+    for goal, most in ((Goal((10.0, 2.0)), math.inf), (Goal((10.0, 2.0), path, hurried=True), 1.0 + 0.3)):
         drive, worst = ready(goal, corridor=1.0), 0.0
         for _ in range(400):
             answer = drive.step()
@@ -312,7 +312,7 @@ def test_a_path_is_kept_to():
                 break
             vx, vy = answer.command.velocity
             drive.xy = drive.xy[0] + 0.1 * vx, drive.xy[1] + 0.1 * vy
-            worst = max(worst, abs(tracking(way, drive.xy, 0.0).aside))
+            worst = max(worst, abs(tracking(path, drive.xy, 0.0).aside))
         assert answer.end is End.ARRIVED and worst <= most and (most < 9 or worst > 2.0), worst
 
 

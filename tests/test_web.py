@@ -205,11 +205,11 @@ def test_predictions_grow_with_time_and_with_noise() -> None:
         sensor = Sensor(occlusion=False, noise=noise)
         session._open(Scenario(place, (1.0, 1.0), (19.0, 19.0), RobotSpec(sensor_range=50.0), sensor))
         session.advance(1)
-        ((radius, growth, way),) = session.frame()["lanes"][0]["tubes"]
-        assert growth > 0.0 and way[0][0] == 0.0 and way[-1][0] == pytest.approx(3.0)
+        ((radius, growth, path),) = session.frame()["lanes"][0]["tubes"]
+        assert growth > 0.0 and path[0][0] == 0.0 and path[-1][0] == pytest.approx(3.0)
         widths.append(radius)
         if not noise:
-            (x, y), (_, end, high) = session.views[0].episode.stage.timeline.at(0.1)[0][0], way[-1]
+            (x, y), (_, end, high) = session.views[0].episode.stage.timeline.at(0.1)[0][0], path[-1]
             assert (end - x, high - y) == pytest.approx((3 * 0.8, 0.0), abs=0.01)
     assert widths[0] == pytest.approx(0.4) and widths[1] > 0.5
 
@@ -305,14 +305,14 @@ def test_the_ants_of_a_look_get_better() -> None:
     """With more ant cycles the best way of policy paper's ants never gets longer, and all of them give the decision taken."""
     session = Session()
     session.apply({"op": "policies", "names": ["paper"]})
-    view, ways = session.views[0], []
-    while not ways or view.look is not None:
+    view, paths = session.views[0], []
+    while not paths or view.look is not None:
         session.apply({"op": "ants"})
         if view.look is not None:
             assert view.look.decision.history is not None and view.look.decision.pheromone is not None
-            ways.append(view.look.decision.history[-1, 0])
+            paths.append(view.look.decision.history[-1, 0])
             last = view.look
-    assert ways == sorted(ways, reverse=True) and last.done
+    assert paths == sorted(paths, reverse=True) and last.done
     assert view.episode.decisions[-1][1].action == last.decision.action
 
 

@@ -18,11 +18,11 @@ def least_change(a: np.ndarray, u: np.ndarray, contact_radius: float, horizon: f
     """Least change of `u`, over directions and lengths, to the border between velocities that meet and those that do not."""
     now, best = meets(a, u, contact_radius, horizon), math.inf
     for angle in np.linspace(-math.pi, math.pi, 120, endpoint=False):
-        way = np.array([math.cos(angle), math.sin(angle)])
+        path = np.array([math.cos(angle), math.sin(angle)])
         for length in np.arange(0.0, 3.5, 0.01):
             if length >= best:
                 break
-            if meets(a, u + length * way, contact_radius, horizon) != now:
+            if meets(a, u + length * path, contact_radius, horizon) != now:
                 best = float(length)
     return best
 

@@ -38,21 +38,21 @@ def _least_gap(px, py, v, heading, command, tracks, radius, limits, dt, blocked,
     v, heading = driven(v, heading, command, limits, dt)
     while math.hypot(*v) > 1e-9:
         s = np.linspace(0.0, dt, 101)
-        way = xy + s[:, None] * v
+        path = xy + s[:, None] * v
         for x, y, _, _, r, bound in tracks:
-            least = min(least, float((np.hypot(way[:, 0] - x, way[:, 1] - y) - r - radius - bound * (t + s)).min()))
-        least = min(least, _wall_gap(way, blocked, size) - radius)
+            least = min(least, float((np.hypot(path[:, 0] - x, path[:, 1] - y) - r - radius - bound * (t + s)).min()))
+        least = min(least, _wall_gap(path, blocked, size) - radius)
         xy, t = xy + v * dt, t + dt
         v, heading = driven(v, heading, (0.0, 0.0), limits, dt)
     return least
 
 
-def _wall_gap(way, blocked, size) -> float:
+def _wall_gap(path, blocked, size) -> float:
     rows, cols = blocked.shape
-    least = min(way.min(), (cols * size - way[:, 0]).min(), (rows * size - way[:, 1]).min())
+    least = min(path.min(), (cols * size - path[:, 0]).min(), (rows * size - path[:, 1]).min())
     row, col = np.nonzero(blocked)
-    dx = np.maximum(np.abs(way[:, 0, None] - (col + 0.5) * size) - size / 2, 0.0)
-    dy = np.maximum(np.abs(way[:, 1, None] - (row + 0.5) * size) - size / 2, 0.0)
+    dx = np.maximum(np.abs(path[:, 0, None] - (col + 0.5) * size) - size / 2, 0.0)
+    dy = np.maximum(np.abs(path[:, 1, None] - (row + 0.5) * size) - size / 2, 0.0)
     return min(float(least), float(np.hypot(dx, dy).min()))
 
 

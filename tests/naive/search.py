@@ -88,15 +88,15 @@ def canonical(bits: int, came: int, moves: Moves) -> set[int]:
         if through is None or end == before:
             continue
         first = math.hypot(*DIRECTIONS[came])
-        ways = [(length, [length]) for to, length in steps(grid, moves, before) if to == end]
+        paths = [(length, [length]) for to, length in steps(grid, moves, before) if to == end]
         for middle, one in steps(grid, moves, before):
-            ways += [(one + two, [one, middle]) for to, two in steps(grid, moves, middle) if to == end and middle != (1, 1)]
+            paths += [(one + two, [one, middle]) for to, two in steps(grid, moves, middle) if to == end and middle != (1, 1)]
         beaten = False
-        for total, way in ways:
+        for total, path in paths:
             if total < first + through - 1e-9:
                 beaten = True
             elif total < first + through + 1e-9:
-                beaten |= way[1][1] == before[1] if moves is Moves.FOUR else way[0] > first
+                beaten |= path[1][1] == before[1] if moves is Moves.FOUR else path[0] > first
         if not beaten:
             kept.add(d)
     return kept

@@ -185,10 +185,10 @@ def alternatives(
     status, graph = mixed.status(), mixed.graph
     if status is not Status.FOUND or graph.bound == 0.0:
         return (plan_of(problem, status, NO_PATH if status is Status.FOUND else None, 0.0, 0, clock),)
-    ways: list[NDArray[np.uint8]] = []
+    found_paths: list[NDArray[np.uint8]] = []
     near: list[NDArray[np.bool_]] = []  # the ground near each way
 
-    def new_way(dearer: float) -> NDArray[np.uint8] | None:
+    def new_path(dearer: float) -> NDArray[np.uint8] | None:
         """Return the shortest way of a cycle that is none of those there are."""
         cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(graph.distance.size))
         value = mixed.guide(cost, 0.0)
@@ -206,17 +206,17 @@ def alternatives(
 
     with mixed.walkers:
         for _ in range(k):
-            tries = (new_way(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
-            way = next((way for way in tries if way is not None), None)
-            if way is None:
+            tries = (new_path(2.0**cycle) for cycle in range(-2, cycles - 2) if not clock.spent())
+            moves_of = next((moves_of for moves_of in tries if moves_of is not None), None)
+            if moves_of is None:
                 break
-            ways.append(way)
+            found_paths.append(moves_of)
             zone = np.zeros(problem.grid.shape, dtype=bool)
-            zone[tuple(np.array(np.divmod(graph.cells(way), graph.net.width)) - 1)] = True
+            zone[tuple(np.array(np.divmod(graph.cells(moves_of), graph.net.width)) - 1)] = True
             near.append(graph.flat(maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
-    if not ways:
+    if not found_paths:
         return (plan_of(problem, Status.BUDGET, None, graph.bound, 0, clock),)
-    plans = (plan_of(problem, Status.FOUND, way, graph.bound, 0, clock) for way in ways)
+    plans = (plan_of(problem, Status.FOUND, moves_of, graph.bound, 0, clock) for moves_of in found_paths)
     return tuple(sorted(plans, key=lambda plan: plan.length))
 
 

@@ -115,8 +115,8 @@ def orca_tracks(walks: list[Walk], steps: int) -> list[list[XY]]:
                 mind.set_agent_velocity(i, velocity[j])
                 mind.set_agent_pref_velocity(i, (0.0, 0.0))
             preferred = walks[k][1][0] - xy[k][0], walks[k][1][1] - xy[k][1]
-            way = max(math.hypot(*preferred), 1.0)
-            mind.set_agent_pref_velocity(0, (preferred[0] / way, preferred[1] / way))
+            path = max(math.hypot(*preferred), 1.0)
+            mind.set_agent_pref_velocity(0, (preferred[0] / path, preferred[1] / path))
             mind.do_step()
             found = mind.get_agent_velocity(0)
             chosen.append((found.x, found.y))

@@ -45,8 +45,8 @@ def doorway(chance: Chance) -> Scenario:
     row = chance.integer(8, 26)
     walls[:row, 29:31] = walls[row + 7 :, 29:31] = True
     middle = (row + 3.5) * CELL
-    way = ((10.5, chance.between(1.0, 7.0)), (7.0, middle), (5.0, middle), (1.0, chance.between(1.0, 7.0)))
-    comes = Waypoints(way, chance.between(0.4, 0.9), loop=False)
+    path = ((10.5, chance.between(1.0, 7.0)), (7.0, middle), (5.0, middle), (1.0, chance.between(1.0, 7.0)))
+    comes = Waypoints(path, chance.between(0.4, 0.9), loop=False)
     return _scenario("doorway", walls, (1.5, chance.between(1.0, 7.0)), (10.5, 4.0), [(0.35, comes)])
 
 

@@ -53,12 +53,12 @@ def side_changes(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
     approach each other within `near` m and would pass at least `clear` m off centre, if both went on as they do.
     """
     side_changes, steps = 0, np.diff(trace.t)[:, None, None]
-    way = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
+    path = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
     relative = trace.velocity[1:, None, :] - np.diff(trace.obstacle_xy, axis=0) / steps
     speed = np.hypot(relative[..., 0], relative[..., 1])
-    cross = relative[..., 0] * way[..., 1] - relative[..., 1] * way[..., 0]
-    ahead = (relative * way).sum(axis=2) > 0.0
-    counts = ahead & (np.hypot(way[..., 0], way[..., 1]) < near) & (np.abs(cross) >= clear * speed) & (speed > 0.0)
+    cross = relative[..., 0] * path[..., 1] - relative[..., 1] * path[..., 0]
+    ahead = (relative * path).sum(axis=2) > 0.0
+    counts = ahead & (np.hypot(path[..., 0], path[..., 1]) < near) & (np.abs(cross) >= clear * speed) & (speed > 0.0)
     for k in range(counts.shape[1]):
         moments = np.flatnonzero(counts[:, k])
         side = np.sign(cross[moments, k])

@@ -243,7 +243,7 @@ def _thumbnail(row: Row, replays: _Replays) -> str:
     grid, size = trace.task.grid, trace.task.grid.resolution
     (x0, y0, _), (rows, cols) = grid.origin, grid.shape
     wall = "".join(_runs(grid.blocked[r], r) for r in range(rows))
-    way = " ".join(f"{(x - x0) / size:.1f},{(y - y0) / size:.1f}" for x, y in trace.xy.tolist())
+    path = " ".join(f"{(x - x0) / size:.1f},{(y - y0) / size:.1f}" for x, y in trace.xy.tolist())
     discs = [(*at, r, "moving") for at, r in zip(trace.obstacle_xy[-1].tolist(), trace.obstacle_radius.tolist())]
     discs += [(*trace.task.goal, 0.2, "goal"), (*trace.xy[-1].tolist(), trace.task.robot.radius, "robot")]
     circles = "".join(
@@ -252,7 +252,7 @@ def _thumbnail(row: Row, replays: _Replays) -> str:
     )
     picture = (
         f'<svg viewBox="0 0 {cols} {rows}"><g transform="matrix(1 0 0 -1 0 {rows})"><path class="wall" d="{wall}"/>'
-        f'<polyline class="way" points="{way}"/>{circles}</g></svg>'
+        f'<polyline class="way" points="{path}"/>{circles}</g></svg>'
     )
     button = f'<button type="button" data-replay="{number}" title="Play it">{picture}</button>'
     return f"<figure>{button}<figcaption>{caption}</figcaption></figure>"

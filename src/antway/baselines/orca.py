@@ -80,8 +80,8 @@ class Orca(Follow):
             return STOP
         target = look_ahead(self.task, o, path, self.look_ahead)
         dx, dy = target[0] - o.xy[0], target[1] - o.xy[1]
-        way = max(math.hypot(dx, dy), 1.0 if target == self.task.goal else 1e-9)
-        preferred = dx * robot.v_max / way, dy * robot.v_max / way
+        distance = max(math.hypot(dx, dy), 1.0 if target == self.task.goal else 1e-9)
+        preferred = dx * robot.v_max / distance, dy * robot.v_max / distance
         self._place(0, o.xy, o.velocity, robot.radius, preferred)
         xy, velocity = now(o)
         for k in range(max(len(o.tracks), mind.get_num_agents() - 1)):

@@ -20,7 +20,7 @@ class PotentialField(Follow):
     """Drive down a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
 
     The target attracts with a force that grows to full speed over `conic` m and stays there. A wall at distance d < `influence`
-    repels with `wall` (1/d - 1/reach) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal beside a
+    repels with `wall` (1/d - 1/influence) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal beside a
     wall can be reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002, see
     `kernels.field_forces`). No step is longer than the way to the next wall, where the potential is infinite.
 
@@ -107,7 +107,7 @@ class PotentialField(Follow):
         gx, gy = self.task.goal[0] - x, self.task.goal[1] - y
         rho = math.hypot(gx, gy)
         held = min(rho / self.conic, 1.0)
-        # -grad of eta/2 (1/d - 1/reach)^2 rho^2: the second part pulls to the goal, and is nil where rho is held.
+        # -grad of eta/2 (1/d - 1/influence)^2 rho^2: the second part pulls to the goal, and is nil where rho is held.
         back = u / self.conic**2 if rho < self.conic else 0.0
         xy, velocity = now(o)
         brake = min(self.brake, robot.a_max)

@@ -106,13 +106,13 @@ class Sipp(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         super().reset(task, seed)
-        self.inflated = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
+        self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
         self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o = observation
-        for margin in (self.inflated, 0.0):
+        for margin in (self.clearance, 0.0):
             path = self.search.search(o.xy, o.t, self._segments(o, margin)).path
             if len(path.t):
                 self.decide("avoid", "the way that arrives first, as the obstacles are predicted")
@@ -135,8 +135,8 @@ class Sipp(Follow):
                 )
             ]  # fmt: skip
         body = o.tracks.radius + robot.radius
-        inflated = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        contact_radius = body + np.clip(inflated - 1e-6, 0.0, margin)
+        gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
+        contact_radius = body + np.clip(gap - 1e-6, 0.0, margin)
         if self.predictions == "frozen":
             velocity = np.zeros_like(velocity)
         span = np.tile((o.t, o.t + horizon), (n, 1))

@@ -167,7 +167,7 @@ class Served:
             error = INVALID_PATH, "path.poses = []: must be at least one pose"
         else:
             try:
-                way = np.array([node.place(goal.path.header, one.pose)[:2] for one in goal.path.poses], np.float64)
+                path = np.array([node.place(goal.path.header, one.pose)[:2] for one in goal.path.poses], np.float64)
             except BadInput as wrong:
                 tf = wrong.field == "header.frame_id" or "tf" in wrong.field
                 error = FOLLOW_TF_ERROR if tf else INVALID_PATH, str(wrong)
@@ -179,17 +179,19 @@ class Served:
                 self.following = None
             self._finish(handle, kind, ENDS[end], end is End.REPLACED, error_code=ENDS[end], error_msg=reason)
 
-        node.go(Goal((float(way[-1, 0]), float(way[-1, 1])), way, hurried=True), done, lambda: self._feed(handle, kind, way))
+        node.go(
+            Goal((float(path[-1, 0]), float(path[-1, 1])), path, hurried=True), done, lambda: self._feed(handle, kind, path)
+        )
         self.following = handle
         return None
 
-    def _feed(self, handle: Any, kind: Kind, way: NDArray[np.float64]) -> None:
+    def _feed(self, handle: Any, kind: Kind, path: NDArray[np.float64]) -> None:
         """Publish feedback of follow_path."""
         pilot: Pilot = self.node.pilot
         if not handle.is_active or pilot.odometry is None:
             return
         t, xy, velocity, heading = pilot.odometry
-        found = tracking(way, xy, heading)
+        found = tracking(path, xy, heading)
         speed = math.hypot(*velocity)
         fields = {"distance_to_goal": found.left, "speed": speed}
         if "tracking_feedback" in kind.type.Feedback.get_fields_and_field_types():
@@ -201,7 +203,7 @@ class Served:
                 heading_tracking_error=found.turned,
                 current_path_index=found.index,
                 robot_pose=make("geometry_msgs/msg/PoseStamped", header=header, pose=convert.pose_message(*xy, heading, make)),
-                distance_to_goal=math.dist(xy, way[-1]),
+                distance_to_goal=math.dist(xy, path[-1]),
                 speed=speed,
                 remaining_path_length=found.left,
             )

@@ -14,8 +14,8 @@ from antway.kernels.base.geometry import wrap
 from antway.world.policy import XY
 
 
-def corridor(grid: Grid, way: NDArray[np.float64], width: float) -> Grid:
-    """Return the part of `grid` about `way`, float64[N, 2] in m, all blocked that is further than `width` m from it.
+def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
+    """Return the part of `grid` about `path`, float64[N, 2] in m, all blocked that is further than `width` m from it.
 
     Distances are those between centres of cells.
 
@@ -26,9 +26,9 @@ def corridor(grid: Grid, way: NDArray[np.float64], width: float) -> Grid:
     ((0.0, 3.0, 0.0), (3, 9))
     """
     size, (rows, cols) = grid.resolution, grid.shape
-    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(way, axis=0)).max(axis=1) / size).astype(int), 1)
-    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(way, way[1:], steps.tolist())]
-    cells = np.floor(grid.to_points(np.vstack((*dense, way[-1:]))) + 0.5).astype(np.int64)
+    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(path, axis=0)).max(axis=1) / size).astype(int), 1)
+    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(path, path[1:], steps.tolist())]
+    cells = np.floor(grid.to_points(np.vstack((*dense, path[-1:]))) + 0.5).astype(np.int64)
     pad = math.ceil(width / size)
     low = np.clip(cells.min(axis=0) - pad, 0, (rows - 1, cols - 1))
     high = np.clip(cells.max(axis=0) + pad, 0, (rows - 1, cols - 1))
@@ -42,9 +42,9 @@ def corridor(grid: Grid, way: NDArray[np.float64], width: float) -> Grid:
     return Grid(grid.blocked[window] | far, size, corner, unknown)
 
 
-def keeps_within(part: Grid, way: NDArray[np.float64]) -> bool:
-    """Tell whether every vertex of `way`, float64[N, 2] in m, lies in a free cell of `part`."""
-    cells = np.floor(part.to_points(way) + 0.5).astype(np.int64)
+def keeps_within(part: Grid, path: NDArray[np.float64]) -> bool:
+    """Tell whether every vertex of `path`, float64[N, 2] in m, lies in a free cell of `part`."""
+    cells = np.floor(part.to_points(path) + 0.5).astype(np.int64)
     return all(part.is_free((row, col)) for row, col in cells.tolist())
 
 
@@ -70,17 +70,17 @@ class Tracking:
     left: float
 
 
-def tracking(way: NDArray[np.float64], xy: XY, heading: float) -> Tracking:
-    """Return where a robot at `xy` m with that heading is along `way`, float64[N, 2] in m.
+def tracking(path: NDArray[np.float64], xy: XY, heading: float) -> Tracking:
+    """Return where a robot at `xy` m with that heading is along `path`, float64[N, 2] in m.
 
     Examples
     --------
     >>> tracking(np.array([[0.0, 0.0], [4.0, 0.0]]), (1.0, 0.5), 0.25)
     Tracking(index=0, aside=0.5, turned=-0.25, left=3.0)
     """
-    if len(way) == 1:
-        return Tracking(0, 0.0, 0.0, math.dist(xy, way[0]))
-    start, step = way[:-1], np.diff(way, axis=0)
+    if len(path) == 1:
+        return Tracking(0, 0.0, 0.0, math.dist(xy, path[0]))
+    start, step = path[:-1], np.diff(path, axis=0)
     to = np.array(xy) - start
     share = np.clip((to * step).sum(axis=1) / np.maximum((step**2).sum(axis=1), 1e-300), 0.0, 1.0)
     away = np.hypot(*(to - share[:, None] * step).T)

@@ -58,14 +58,14 @@ class Goal:
     ----------
     xy : (x, y)
         m.
-    way : float64[N, 2] or None
+    path : float64[N, 2] or None
         The way there; the robot keeps within `corridor` m of it.
     hurried : bool
         Whether it ends when `wait_timeout` passes or progress ceases.
     """
 
     xy: XY
-    way: NDArray[np.float64] | None = None
+    path: NDArray[np.float64] | None = None
     hurried: bool = False
 
 
@@ -120,8 +120,8 @@ class Pilot:
         if before is None:
             self.due = -math.inf
             return None
-        if self.policy is not None and self._same_way(before, goal):
-            self.goal = replace(goal, way=before.way)
+        if self.policy is not None and self._same_path(before, goal):
+            self.goal = replace(goal, path=before.path)
             return Answer(self.command, OK, "the path is refreshed", End.REPLACED)
         self.policy, self.due = None, -math.inf
         return Answer(STAND, OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
@@ -221,18 +221,18 @@ class Pilot:
         """Return the policy at the start of its way; the map is that of the goal's corridor, if it has one."""
         settings, into = self.settings, inverse(self.frame)
         grid = self.grid
-        if goal.way is not None:
-            grid = corridor(grid, np.vstack((here, move(into, goal.way))), settings.corridor + settings.robot.radius)
+        if goal.path is not None:
+            grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
         policy = AntwayPolicy(**settings.policy)
         policy.reset(Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task), 0)
         return policy
 
-    def _same_way(self, before: Goal, goal: Goal) -> bool:
+    def _same_path(self, before: Goal, goal: Goal) -> bool:
         """Tell whether `goal` is the one before, reached by a way that keeps to the inner half of the same corridor."""
-        if before.way is None or goal.way is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
+        if before.path is None or goal.path is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
             return False
-        ways = [move(inverse(self.frame), way) for way in (before.way, goal.way)]
-        return keeps_within(corridor(self.grid, ways[0], self.settings.corridor / 2), ways[1])
+        paths = [move(inverse(self.frame), path) for path in (before.path, goal.path)]
+        return keeps_within(corridor(self.grid, paths[0], self.settings.corridor / 2), paths[1])
 
     # What is shown
 

@@ -121,12 +121,12 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
             code, corner = search(net.mesh, net.ports, ends, *memory)
             if code == PAUSED and count[0] + most > len(workspace.nodes[0]):
                 workspace.grow()
-        way = unwind(net.ports, ends, workspace.parent, corner) if code == FOUND else None
+        path = unwind(net.ports, ends, workspace.parent, corner) if code == FOUND else None
     finally:
         net.spare.append(workspace)
-    if way is None:
+    if path is None:
         return not_found(False, int(count[2]), clock)
-    return _found(problem, way, int(count[2]), clock, True)
+    return _found(problem, path, int(count[2]), clock, True)
 
 
 def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
@@ -146,8 +146,8 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
         flat = [goal]
         while parent[flat[-1]] != flat[-1]:
             flat.append(int(parent[flat[-1]]))
-        way = 2 * np.column_stack(np.divmod(np.array(flat[::-1]), cols)) + 1
-        return _found(problem, way, int(count[1]), clock, False)
+        path = 2 * np.column_stack(np.divmod(np.array(flat[::-1]), cols)) + 1
+        return _found(problem, path, int(count[1]), clock, False)
     return not_found(code == EMPTY, int(count[1]), clock)
 
 
@@ -155,11 +155,11 @@ def _longer(array: NDArray[T]) -> NDArray[T]:
     return np.concatenate((array, np.empty_like(array)))
 
 
-def _found(problem: Problem, way: NDArray[np.int64], expanded: int, clock: Clock, optimal: bool) -> Plan:
-    """Return the plan along `way`, doubled lattice points, int64[N, 2]."""
-    points = (way - 1) / 2
+def _found(problem: Problem, path: NDArray[np.int64], expanded: int, clock: Clock, optimal: bool) -> Plan:
+    """Return the plan along `path`, doubled lattice points, int64[N, 2]."""
+    points = (path - 1) / 2
     res = problem.grid.resolution
     length = math.fsum(np.hypot(*np.diff(points, axis=0).T)) * res
     bound = length if optimal else min(length, math.dist(problem.start, problem.goal) * res)
-    cells = cells_along(problem.grid.blocked, way)
+    cells = cells_along(problem.grid.blocked, path)
     return Plan(Status.FOUND, cells, length, optimal, expanded, clock.elapsed(), bound, points)

@@ -98,15 +98,15 @@ def _leg(
     peak = min(v_max, math.sqrt(a_max * length + (start * start + end * end) / 2.0))
     up, down = (peak - start) / a_max, (peak - end) / a_max
     level = max(length - (peak * peak - start * start + peak * peak - end * end) / (2.0 * a_max), 0.0) / peak
-    since, gone, now, way = [], [], 0.0, 0.0
+    since, gone, now, path = [], [], 0.0, 0.0
     for duration, speed, rate in ((up, start, a_max), (level, peak, 0.0), (down, peak, -a_max)):
         steps = math.ceil(duration / dt) if rate else 1
         if duration > 1e-12:
             z = duration * np.arange(1, steps + 1) / steps
             since.append(now + z)
-            gone.append(way + speed * z + rate * z * z / 2.0)
-            now, way = now + duration, float(gone[-1][-1])
-    return np.concatenate(gone) / way, np.concatenate(since)
+            gone.append(path + speed * z + rate * z * z / 2.0)
+            now, path = now + duration, float(gone[-1][-1])
+    return np.concatenate(gone) / path, np.concatenate(since)
 
 
 def is_clear(path: TimedPath, grid: Grid, radius: float, segments: NDArray[np.float64] | None = None) -> bool:

@@ -112,8 +112,8 @@ class _Painter:
 
     def dashes(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, dash: float) -> None:
         """A dashed line, its dashes and gaps `dash` pixels long."""
-        ways = np.hypot(*np.diff(points, axis=0).T)
-        along = np.concatenate(([0.0], np.cumsum(ways)))
+        paths = np.hypot(*np.diff(points, axis=0).T)
+        along = np.concatenate(([0.0], np.cumsum(paths)))
         step = dash * SUPER / self.scale
         for k in range(0, math.ceil(along[-1] / step), 2):
             ends = np.array([k * step, min((k + 1) * step, along[-1])])

@@ -60,10 +60,10 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
     path = shortest(trace.task) if path is None else path
     if len(path.cells) < 2:
         raise BadParameter("path", path.status.value, "a path of two cells or more")
-    way, along = _points(path.xy(trace.task.grid))
+    points, along = _points(path.xy(trace.task.grid))
     rows = np.flatnonzero((trace.t >= start - 1e-9) & (trace.t <= end + 1e-9))
     t, xy = trace.t[rows], trace.xy[rows]
-    away = np.hypot(*(xy[:, None] - way).transpose(2, 0, 1))
+    away = np.hypot(*(xy[:, None] - points).transpose(2, 0, 1))
     progress = along[away.argmin(axis=1)]
     beside = away.min(axis=1) > trace.task.robot.radius / 2 + trace.task.grid.resolution / 4
 
@@ -73,7 +73,7 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
     extent = (t[0] - half, t[-1] + half, along[0], along[-1])
     numbers: list[tuple[int, int, str]] = []
     for k, radius in enumerate(trace.obstacle_radius.tolist()):
-        gap = np.hypot(*(trace.obstacle_xy[rows, k][:, None] - way).transpose(2, 0, 1))
+        gap = np.hypot(*(trace.obstacle_xy[rows, k][:, None] - points).transpose(2, 0, 1))
         taken = gap < radius + trace.task.robot.radius
         if taken.any():
             look = ListedColormap([(0.0, 0.0, 0.0, 0.0), to_rgba(style.RED, 0.42)])

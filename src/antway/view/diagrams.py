@@ -169,24 +169,27 @@ def _draw_box(axes: Axes, box: Box) -> None:
 def _draw_arrow(axes: Axes, a: Box, b: Box, arrow: Arrow) -> None:
     (ax, ay), (bx, by), half = a.centre, b.centre, WIDE / 2
     if arrow.side == "":
-        way = [(ax, ay - a.height / 2), (bx, by + b.height / 2)]
+        path = [(ax, ay - a.height / 2), (bx, by + b.height / 2)]
         label = (ax + 0.12, ay - a.height / 2 - 0.14)
     elif arrow.into:
         column = (ax + half + bx - half) / 2
-        way = [(ax + half, ay), (column, ay), (column, by), (bx - half, by)]
+        path = [(ax + half, ay), (column, ay), (column, by), (bx - half, by)]
         label = (ax + half + 0.08, ay + 0.12)
     elif arrow.side == "down-left":
         column, low = bx - half - arrow.column, ay - a.height / 2 - 0.3
-        way = [(ax, ay - a.height / 2), (ax, low), (column, low), (column, by + 0.12), (bx - half, by + 0.12)]
+        path = [(ax, ay - a.height / 2), (ax, low), (column, low), (column, by + 0.12), (bx - half, by + 0.12)]
         label = (0.0, 0.0)
     else:
         sign = 1 if arrow.side == "right" else -1
         column = max(sign * ax, sign * bx) * sign + sign * (half + arrow.column)
-        way = [(ax + sign * half, ay), (column, ay), (column, by), (bx + sign * half, by)]
+        path = [(ax + sign * half, ay), (column, ay), (column, by), (bx + sign * half, by)]
         label = (ax + sign * (half + 0.12) - (0.0 if sign > 0 else 0.22), ay + 0.12)
-    axes.plot(*zip(*way), color=style.INK, linewidth=1.1, zorder=2, solid_joinstyle="miter")
+    axes.plot(*zip(*path), color=style.INK, linewidth=1.1, zorder=2, solid_joinstyle="miter")
     axes.annotate(
-        "", way[-1], way[-2], arrowprops={"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0}
+        "",
+        path[-1],
+        path[-2],
+        arrowprops={"arrowstyle": "-|>", "color": style.INK, "linewidth": 1.1, "shrinkA": 0, "shrinkB": 0},
     )
     if arrow.label:
         axes.text(*label, arrow.label, fontsize=8, color=style.BLUE, fontweight="bold", zorder=5)

@@ -36,7 +36,7 @@ def shortest(task: Task) -> Plan:
     ends = routes.cell(task.start), routes.cell(task.goal)
     if ends[0] is None or ends[1] is None:
         return Plan(Status.NO_PATH)
-    return solve(Problem(routes.room, ends[0], ends[1]), "dijkstra")
+    return solve(Problem(routes.inflated, ends[0], ends[1]), "dijkstra")
 
 
 @style.styled

@@ -64,9 +64,9 @@ def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | 
 def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
     """Everything that the page's script reads; places are quantised to 1/65535 of the box that holds them all."""
     task, grid = trace.task, trace.task.grid
-    ways = [decision.path.xy for _, decision in trace.decisions if decision.path is not None]
-    way = shortest.xy(grid) if shortest is not None and len(shortest.cells) else np.empty((0, 2))
-    box = _Box([trace.xy, trace.obstacle_xy.reshape(-1, 2), way, *ways])
+    paths = [decision.path.xy for _, decision in trace.decisions if decision.path is not None]
+    path = shortest.xy(grid) if shortest is not None and len(shortest.cells) else np.empty((0, 2))
+    box = _Box([trace.xy, trace.obstacle_xy.reshape(-1, 2), path, *paths])
     masks: dict[bytes, int] = {}
     heaps: list[dict[str, Any]] = []
     decisions = [_decision(step, decision, box, masks, heaps) for step, decision in trace.decisions]
@@ -96,7 +96,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
             "xy": box.pack(trace.obstacle_xy.reshape(-1, 2)),
             "sensed": base64.b64encode(np.packbits(trace.sensed.ravel(), bitorder="little").tobytes()).decode(),
         },
-        "global": box.pack(way) if len(way) else None,
+        "global": box.pack(path) if len(path) else None,
         "decisions": decisions,
         "pheromone": heaps,
         "cycle_ms": _pack(trace.cycle_ms, "<f4"),

@@ -67,10 +67,10 @@ def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
         done = tested < budget or budget >= expansions
     decision = ants.explain()
     if isinstance(ants, PaperPolicy) and ants.found is not None:  # whether or not its way was taken
-        found, room = ants.found, ants.routes.room
+        found, room = ants.found, ants.routes.inflated
         here = np.array([episode.stage.xy[episode.steps]])
-        way = TimedPath(np.arange(len(found.plan.cells) + 1.0), np.vstack((here, found.plan.xy(room))))
-        decision = replace(decision, path=way, pheromone=(*found.window[:2], found.by_cell), history=found.history)
+        path = TimedPath(np.arange(len(found.plan.cells) + 1.0), np.vstack((here, found.plan.xy(room))))
+        decision = replace(decision, path=path, pheromone=(*found.window[:2], found.by_cell), history=found.history)
     return Look(cycles, done, decision, ants)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.planning import Problem, solve
-from antway.policies.paper.routes import Ways
+from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file
@@ -116,8 +116,8 @@ class Session(Tab):
         inflated = grid.inflate(scenario.robot.radius)
         start, goal = inflated.cell_at(scenario.start), inflated.cell_at(scenario.goal)
         found = inflated.is_free(start) and inflated.is_free(goal)
-        way = solve(Problem(inflated, start, goal), "jps").xy(grid).tolist() if found else []
-        far = Ways(inflated, goal).distance() if found else np.full(grid.shape, np.inf)
+        path = solve(Problem(inflated, start, goal), "jps").xy(grid).tolist() if found else []
+        far = PathsFrom(inflated, goal).distance() if found else np.full(grid.shape, np.inf)
         most = far.max(initial=0.0, where=np.isfinite(far)) or 1.0
         near = np.where(np.isfinite(far), 0.04 + 0.96 * (1.0 - far / most) ** 2, 0.0)  # the page takes the root
         return {
@@ -135,7 +135,7 @@ class Session(Tab):
             "surge": short(scenario.obstacle_surge),
             "field": {"row": 0, "col": 0, "farthest": short(most), **shades(near, FIELD)} if found else None,
             "radii": [obstacle.radius for obstacle in scenario.world.obstacles],
-            "shortest": [[short(v) for v in point] for point in way],
+            "shortest": [[short(v) for v in point] for point in path],
             "policies": self.policies,
             "parameters": {p.field: short(_get(scenario, p.field)) for p in PARAMETERS},
             "undo": self.place > 0,

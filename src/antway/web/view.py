@@ -105,12 +105,12 @@ class View:
         start, end = self.sent, min(n + 1, self.sent + _ROWS)
         self.sent = end
         look = self.look
-        way, stand = self._braking()
+        path, stand = self._braking()
         record: Message = {
             "t": short(stage.t[n]),
             "robot": [short(v) for v in (*stage.xy[n], stage.heading[n])],
             "speed": short(math.hypot(*stage.velocity[n])),
-            "braking": [short(way), short(math.atan2(stage.velocity[n, 1], stage.velocity[n, 0])), short(stand)],
+            "braking": [short(path), short(math.atan2(stage.velocity[n, 1], stage.velocity[n, 0])), short(stand)],
             "obstacles": [
                 [short(v) for v in (*context, *velocity)] + [int(seen)]
                 for context, velocity, seen in zip(places, velocities, sensed)
@@ -155,12 +155,12 @@ class View:
         for k, radius in enumerate(seen.tracks.radius.tolist()):
             t, xy = (a[tubes.first[k] : tubes.first[k + 1]] for a in (tubes.knot_t, tubes.knot_xy))
             times = np.unique(np.concatenate(([now], t[(t > now) & (t < now + HORIZON)], [now + HORIZON])))
-            way = np.column_stack((times - now, *(np.interp(times, t, xy[:, i]) for i in (0, 1))))
+            path = np.column_stack((times - now, *(np.interp(times, t, xy[:, i]) for i in (0, 1))))
             spread = (0.0, 0.0)
             if seen.tracks.covariance is not None:
                 spread = (seen.tracks.covariance[k, 0, 0], seen.tracks.covariance[k, 2, 2])
             wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in spread)
-            result.append([short(radius + wide), short(_GROWTH + faster), [[short(v) for v in knot] for knot in way]])
+            result.append([short(radius + wide), short(_GROWTH + faster), [[short(v) for v in knot] for knot in path]])
         return result
 
 

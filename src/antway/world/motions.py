@@ -60,10 +60,10 @@ class Line:
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
         speed, delay = draw.of(self.speed), draw.of(self.delay)
-        way = math.dist(self.start, self.end)
-        if way == 0.0 or speed == 0.0:
+        path = math.dist(self.start, self.end)
+        if path == 0.0 or speed == 0.0:
             return _standing(self.start)
-        t, xy = [delay, delay + way / speed], [self.start, self.end]
+        t, xy = [delay, delay + path / speed], [self.start, self.end]
         return np.array(t), np.array(xy)
 
 

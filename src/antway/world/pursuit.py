@@ -50,8 +50,8 @@ class Pursuit:
             away = math.dist((x, y), robot)
             room = away - radius - self.task.robot.radius - pursuer.gap
             if room > 0.0:
-                way = min(pursuer.speed * dt, room) / away
-                knots[i + 1 :] = _slide(grid.blocked, grid.origin, grid.resolution, radius, (x, y), robot, way)
+                path = min(pursuer.speed * dt, room) / away
+                knots[i + 1 :] = _slide(grid.blocked, grid.origin, grid.resolution, radius, (x, y), robot, path)
 
 
 def _slide(

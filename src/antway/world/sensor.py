@@ -77,7 +77,7 @@ class Scanner:
             self.tracker, self.covariance = np.full((count, 8), math.nan), np.empty((count, 4, 4))
         self.direct = sensor.period == sensor.latency == 0.0
         self.scans, self.due = 0, 0.0
-        self.under_way: deque[tuple[float, Tracks, NDArray[np.int64]]] = deque()
+        self.in_transit: deque[tuple[float, Tracks, NDArray[np.int64]]] = deque()
         self.latest = (-math.inf, Tracks.none(), np.empty(0, np.int64))
 
     def observe(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
@@ -85,11 +85,11 @@ class Scanner:
         if self.direct:
             return self._scan(t, x, y)
         if t >= self.due - 1e-9:
-            self.under_way.append(self._scan(t, x, y))
+            self.in_transit.append(self._scan(t, x, y))
             if self.sensor.period > 0.0:
                 self.due = self.sensor.period * (math.floor((t + 1e-9) / self.sensor.period) + 1)
-        while self.under_way and t >= self.under_way[0][0] + self.sensor.latency - 1e-9:
-            self.latest = self.under_way.popleft()
+        while self.in_transit and t >= self.in_transit[0][0] + self.sensor.latency - 1e-9:
+            self.latest = self.in_transit.popleft()
         return self.latest
 
     def _scan(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:

@@ -198,13 +198,13 @@ def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) 
                     inside = between(search, t2, t5, t3 if cycle else t4, forward)
                     if t5 in (t3, t1) or (cycle and not inside) or not small(search, t2, t3, t5, longest):
                         continue
-                    for way in (True, False):
-                        t6 = beside(search, t5, way)
-                        if t6 in (t1, t4) or (not cycle and way != (inside == forward)):
+                    for path in (True, False):
+                        t6 = beside(search, t5, path)
+                        if t6 in (t1, t4) or (not cycle and path != (inside == forward)):
                             continue
                         gain = g3 + distance(kind, xy, matrix, t5, t6) - distance(kind, xy, matrix, t6, t1)
                         if gain > least:
-                            shape = THREE if not cycle else SWAPPED if way == forward else REVERSED
+                            shape = THREE if not cycle else SWAPPED if path == forward else REVERSED
                             exchange(search, shape, t1, t2, t3, t4, t5, t6)
                             return gain
     return 0.0

@@ -113,8 +113,8 @@ def wheels_segment(
 def along(theta: float, v: float, a: float, w: float, b: float, h: float) -> tuple[float, float]:
     """Way (dx, dy) in m made in h s on a segment: the integral of (v + a t) (cos, sin)(theta + w t + b t^2 / 2), to 1e-10."""
     if w == 0.0 and b == 0.0:
-        way = (v + 0.5 * a * h) * h
-        return way * math.cos(theta), way * math.sin(theta)
+        path = (v + 0.5 * a * h) * h
+        return path * math.cos(theta), path * math.sin(theta)
     turn = max(abs(w), abs(w + b * h)) * h
     parts = 1 if turn <= _TURN else math.ceil(turn / _TURN)
     step = h / parts

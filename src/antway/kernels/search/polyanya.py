@@ -155,13 +155,13 @@ def _expand(
 ) -> None:
     """Add the successors of node `n`: what its root sees of the portals beyond, and what lies round the interval's ends."""
     k, down, root = node[n, 0], node[n, 1], node[n, 2]
-    y, polygon, way = ports[k, Y], ports[k, POLYGON + down], cost[n]
+    y, polygon, path = ports[k, Y], ports[k, POLYGON + down], cost[n]
     x0, y0 = _place(ports, ends, root)
     first, end = mesh[polygon, NEAR + 2 * down], mesh[polygon, NEAR + 2 * down + 1]
     if y0 == y:  # the root is a corner of the strip itself: it sees all of it
         for j in range(first, end):
-            _add(node, cost, count, j, down, root, way, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
-        _add_flat(mesh, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, way)
+            _add(node, cost, count, j, down, root, path, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
+        _add_flat(mesh, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, path)
         return
     ax, ay, bx, by = node[n, 3], node[n, 4], node[n, 5], node[n, 6]
     left, left_rise, right, right_rise = ax - x0, abs(ay - y0), bx - x0, abs(by - y0)
@@ -172,10 +172,10 @@ def _expand(
         if left * rise < (x2 - x0) * left_rise and right * rise > (x1 - x0) * right_rise:
             px, py = (ax, ay) if at_1 > 0 else (x1, y1)
             qx, qy = (bx, by) if at_2 < 0 else (x2, y1)
-            _add(node, cost, count, j, down, root, way, px, py, qx, qy)
+            _add(node, cost, count, j, down, root, path, px, py, qx, qy)
     for side in range(2):
         x, corner, sign = ports[k, LEFT + side], 2 * k + side, 1 - 2 * side
-        further = way + _length(x - x0, y - y0)
+        further = path + _length(x - x0, y - y0)
         if not (_may_turn(mesh, ports, node, n, side) and _improve(best, parent, corner, root, further)):
             continue
         for j in range(first, end):
@@ -203,7 +203,7 @@ def _add_flat(
     down: int,
     side: int,
     root: int,
-    way: float,
+    path: float,
 ) -> None:
     """Add the portals beside `k`, left (0) or right (1) of it, on the same side of the strip: reached along the wall."""
     polygon = ports[k, POLYGON + down]
@@ -214,7 +214,7 @@ def _add_flat(
         first = k + 1
     for j in range(first, end):
         corner = 2 * j + 1 - side
-        further = way + abs(ports[root >> 1, LEFT + (root & 1)] - ports[j, RIGHT - side])
+        further = path + abs(ports[root >> 1, LEFT + (root & 1)] - ports[j, RIGHT - side])
         if _improve(best, parent, corner, root, further):
             _add(node, cost, count, j, 1 - down, corner, further, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
 
@@ -254,26 +254,26 @@ def _place(ports: Ints, ends: Ints, corner: int) -> tuple[int, int]:
 
 
 @bare_kernel
-def _improve(best: Floats, parent: Ints, corner: int, root: int, way: float) -> bool:
+def _improve(best: Floats, parent: Ints, corner: int, root: int, path: float) -> bool:
     """Note a way to `corner` if it is shorter than all before.
 
     Of two equal ways the first will do: where a shortest path goes on from the corner, both are taut, or one is not shortest.
     """
-    if way >= best[corner]:
+    if path >= best[corner]:
         return False
-    best[corner] = way
+    best[corner] = path
     parent[corner] = root
     return True
 
 
 @bare_kernel
 def _add(
-    node: Ints, cost: Floats, count: Ints, k: int, down: int, root: int, way: float, ax: int, ay: int, bx: int, by: int
+    node: Ints, cost: Floats, count: Ints, k: int, down: int, root: int, path: float, ax: int, ay: int, bx: int, by: int
 ) -> None:
     """Add the node of portal `k` between the rays from `root` through (ax, ay) and (bx, by)."""
     n = count[0]
     count[0] = n + 1
-    node[n, 0], node[n, 1], node[n, 2], cost[n] = k, down, root, way
+    node[n, 0], node[n, 1], node[n, 2], cost[n] = k, down, root, path
     node[n, 3], node[n, 4], node[n, 5], node[n, 6] = ax, ay, bx, by
 
 
@@ -309,17 +309,17 @@ def unwind(ports: Ints, ends: Ints, parent: Ints, corner: int) -> Ints:
     while c != START:
         c = parent[c]
         count += 1
-    way = np.empty((count, 2), np.int64)
-    way[count - 1, 1], way[count - 1, 0] = ends[3], ends[4]
+    path = np.empty((count, 2), np.int64)
+    path[count - 1, 1], path[count - 1, 0] = ends[3], ends[4]
     for i in range(count - 2, -1, -1):
-        way[i, 1], way[i, 0] = _place(ports, ends, corner)
+        path[i, 1], path[i, 0] = _place(ports, ends, corner)
         corner = parent[corner] if i > 0 else START
     n = 1
     for i in range(1, count):
-        (r0, c0), (r1, c1), (r2, c2) = way[n - 1], way[i], way[min(i + 1, count - 1)]
-        on_the_way = (r1 - r0) * (c2 - c1) == (c1 - c0) * (r2 - r1)
-        if (on_the_way and i + 1 < count) or (r0 == r1 and c0 == c1):
+        (r0, c0), (r1, c1), (r2, c2) = path[n - 1], path[i], path[min(i + 1, count - 1)]
+        on_the_path = (r1 - r0) * (c2 - c1) == (c1 - c0) * (r2 - r1)
+        if (on_the_path and i + 1 < count) or (r0 == r1 and c0 == c1):
             continue
-        way[n] = way[i]
+        path[n] = path[i]
         n += 1
-    return way[:n].copy()
+    return path[:n].copy()

@@ -72,10 +72,10 @@ def theta(
                 if not _may_step(blocked, r, c, dr, dc) or closed[t]:
                     continue
                 by = parent[s] if lazy or _sees(blocked, parent[s], t, scratch) else s
-                way = length[by] + _between(by, t, cols)
-                if way < length[t]:
-                    length[t], parent[t] = way, by
-                    count[0] = push(heap, count[0], way + _between(t, goal, cols), t)
+                path = length[by] + _between(by, t, cols)
+                if path < length[t]:
+                    length[t], parent[t] = path, by
+                    count[0] = push(heap, count[0], path + _between(t, goal, cols), t)
     return EMPTY
 
 
@@ -100,14 +100,14 @@ def _sees(blocked: NDArray[np.bool_], s: int, t: int, scratch: NDArray[np.int32]
 
 
 @kernel
-def cells_along(blocked: NDArray[np.bool_], way: Ints) -> NDArray[np.int32]:
-    """Return the free cells along the polyline `way`, doubled lattice points [N, 2]; none if it is illegal."""
+def cells_along(blocked: NDArray[np.bool_], path: Ints) -> NDArray[np.int32]:
+    """Return the free cells along the polyline `path`, doubled lattice points [N, 2]; none if it is illegal."""
     crossings = 2
-    for i in range(1, len(way)):
-        crossings += abs(way[i, 0] - way[i - 1, 0]) + abs(way[i, 1] - way[i - 1, 1]) + 1
+    for i in range(1, len(path)):
+        crossings += abs(path[i, 0] - path[i - 1, 0]) + abs(path[i, 1] - path[i - 1, 1]) + 1
     cells, n = np.empty((crossings, 2), np.int32), 0
-    for i in range(len(way)):
-        a, b = way[max(i - 1, 0)], way[i]
+    for i in range(len(path)):
+        a, b = path[max(i - 1, 0)], path[i]
         n = trace(blocked, a[0], a[1], b[0], b[1], cells, n)
         if n < 0:
             return cells[:0].copy()

@@ -70,7 +70,7 @@ class Situation:
         )
         return out[:count]
 
-    def way(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
+    def path(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
         """Return the way among `segments` that the colony finds, or None; without a `memory` to work in it makes one."""
         context, s, (x, y) = self.context, self.settings, self.xy
         memory = make_memory(context.field.size) if memory is None else memory
@@ -104,7 +104,7 @@ class Situation:
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
         """Return the way as if nothing moved, in legs so short that they tell when there would be a conflict."""
-        path = self.way(self.segments[:0], memory)
+        path = self.path(self.segments[:0], memory)
         if path is None:
             return None
         t = np.union1d(path.t, np.arange(self.now, float(path.t[-1]), _LEG))
@@ -167,7 +167,7 @@ class Weighed(Sequence[tuple[str, float]]):
         own = now.segments_of(k)
         sides = CROSSING if encounter.startswith("crossing") else ELSE
         other = sides[1 - sides.index(how)]
-        path = now.way(np.vstack((now.segments, _wall(own, other, velocity, now.xy, now.now))))
+        path = now.path(np.vstack((now.segments, _wall(own, other, velocity, now.xy, now.now))))
         found = path is not None and manner(encounter, velocity, path, own, now.now) == other
         return self._done, (other, now.cost(path) if found and path is not None else math.inf), _wait(now)
 

@@ -98,8 +98,8 @@ def _velocity(path: TimedPath, now: float) -> XY:
         i += 1
     i = min(i, len(path.t) - 1)
     span = float(path.t[i] - path.t[i - 1])
-    way = (path.xy[i] - path.xy[i - 1]) / span if span > 0.0 else path.xy[i] * 0.0
-    return float(way[0]), float(way[1])
+    velocity = (path.xy[i] - path.xy[i - 1]) / span if span > 0.0 else path.xy[i] * 0.0
+    return float(velocity[0]), float(velocity[1])
 
 
 def wait_of(path: TimedPath, now: float) -> float:

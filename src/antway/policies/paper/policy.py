@@ -20,7 +20,7 @@ from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
-from antway.policies.paper.routes import STOP, Nodes, Routes, Ways
+from antway.policies.paper.routes import STOP, Nodes, PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 
@@ -235,9 +235,9 @@ class PaperPolicy:
                 continue
             nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(inflated), route[i + 1 :], rest)))
             x, y = route[i].tolist()
-            for way in (routes.pulled(seen.xy, nodes), nodes) if routes.stops else (nodes,):
-                if self._free(ahead, way):
-                    return Detour(way, (x, y), reason, found)
+            for candidate in (routes.pulled(seen.xy, nodes), nodes) if routes.stops else (nodes,):
+                if self._free(ahead, candidate):
+                    return Detour(candidate, (x, y), reason, found)
         return None
 
     def _refuge(self, ahead: Ahead) -> Nodes | None:
@@ -246,15 +246,15 @@ class PaperPolicy:
         here = routes.cell(seen.xy)
         if here is None:
             return None
-        ways = Ways(routes.inflated, here, self.lookahead * v_max)
-        field = ways.distance()
+        found_paths = PathsFrom(routes.inflated, here, self.lookahead * v_max)
+        field = found_paths.distance()
         cells = np.argwhere(np.isfinite(field))
         far = field[cells[:, 0], cells[:, 1]]
         for until in (ahead.until + self.lookahead, ahead.until):
             free = ahead.tubes.standing(seen.t + far / v_max, routes.inflated.to_xy(cells), until, ahead.body, self.growth)
             nearest = np.flatnonzero(free)[np.argsort(far[free], kind="stable")]
             for row, col in cells[nearest[:REFUGES]].tolist():
-                nodes = routes.joined(seen.xy, ways.nodes((row, col))[::-1])
+                nodes = routes.joined(seen.xy, found_paths.nodes((row, col))[::-1])
                 nodes = routes.pulled(seen.xy, nodes) if routes.stops else nodes
                 if ahead.conflict(routes.timed(seen, nodes), until)[0] == math.inf:
                     return nodes
@@ -284,9 +284,11 @@ class PaperPolicy:
         """Write down the decision, the encounter as it would be on the present course, and what the ants left."""
         seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
         aim = self.nodes[0].tolist()
-        way = math.dist(seen.xy, aim)
+        to_aim = math.dist(seen.xy, aim)
         velocity = (
-            ((aim[0] - seen.xy[0]) / way * spec.v_max, (aim[1] - seen.xy[1]) / way * spec.v_max) if way else seen.velocity
+            ((aim[0] - seen.xy[0]) / to_aim * spec.v_max, (aim[1] - seen.xy[1]) / to_aim * spec.v_max)
+            if to_aim
+            else seen.velocity
         )
         (x, y), (vx, vy) = tracks.xy[obstacle].tolist(), ahead.velocity[obstacle].tolist()
         time, distance = closest_approach(seen.xy, velocity, (x, y), (vx, vy))

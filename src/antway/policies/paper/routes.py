@@ -21,7 +21,7 @@ STOP = Command((0.0, 0.0))
 Nodes = NDArray[np.float64]  # float64[N, 2], m: a chain of points still to be driven to, the robot's own place not among them
 
 
-class Ways:
+class PathsFrom:
     """Shortest ways between one cell and all cells within some way (m) of it, found at once by Dijkstra's algorithm."""
 
     def __init__(self, inflated: Grid, cell: Cell, within: float = math.inf) -> None:
@@ -59,7 +59,7 @@ class Routes:
         self.task = task
         self.inflated = task.grid.inflate(radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2)))
         goal = self.cell(task.goal)
-        self.home = None if goal is None else Ways(self.inflated, goal)
+        self.home = None if goal is None else PathsFrom(self.inflated, goal)
         self.stops = task.robot.drive == "differential" or task.robot.a_max * task.robot.dt < 2 * task.robot.v_max
 
     def clear(self, a: XY, b: XY) -> bool:
@@ -128,20 +128,20 @@ class Routes:
         if len(points) == 1:
             return np.zeros(1), points
         angle = angle[corner[:-1]]
-        way = np.diff(points, axis=0)
-        length = np.hypot(*way.T)
+        path = np.diff(points, axis=0)
+        length = np.hypot(*path.T)
         along = math.cos(angle[0]) * seen.velocity[0] + math.sin(angle[0]) * seen.velocity[1]
         speed = math.hypot(*seen.velocity)
         on = speed - along < 1e-6  # it drives along the first leg already; else it stops first
-        start = np.zeros(len(way))
+        start = np.zeros(len(path))
         start[0] = along if on else 0.0
-        pause = np.full(len(way), 2.0 * spec.dt)
+        pause = np.full(len(path), 2.0 * spec.dt)
         pause[0] = 0.0 if on else speed / spec.a_max
         if spec.drive == "differential":
             turn = np.diff(np.concatenate(([seen.heading], angle)))
             pause += np.abs(turn - 2 * math.pi * np.round(turn / (2 * math.pi))) / spec.turn_rate
         if math.isinf(spec.a_max):
-            top, up, down = np.full(len(way), spec.v_max), np.zeros(len(way)), np.zeros(len(way))
+            top, up, down = np.full(len(path), spec.v_max), np.zeros(len(path)), np.zeros(len(path))
         else:
             top = np.minimum(np.sqrt(spec.a_max * length + start**2 / 2), spec.v_max)
             top = np.maximum(top, start)
@@ -152,7 +152,7 @@ class Routes:
         spans = np.column_stack((pause, up / 2, up / 2, cruise, down / 2, down / 2))
         done = np.column_stack((0 * length, half_up, gained, length - lost, length - lost / 4, length))
         share = np.minimum(np.maximum(done, 0.0), length[:, None]) / length[:, None]
-        places = points[:-1, None, :] + share[:, :, None] * way[:, None, :]
+        places = points[:-1, None, :] + share[:, :, None] * path[:, None, :]
         return np.concatenate(([0.0], np.cumsum(spans.ravel()))), np.vstack((points[:1], places.reshape(-1, 2)))
 
     def driven(self, seen: Observation, velocity: XY, push: float) -> TimedPath | None:
@@ -218,20 +218,20 @@ class Routes:
         while i + 1 < len(nodes) and _straight(seen.xy, nodes[i].tolist(), nodes[i + 1].tolist()):
             i += 1
         x, y = nodes[i].tolist()
-        way = math.dist(seen.xy, (x, y))
-        if way < 1e-9 or not self.clear(seen.xy, (x, y)):
+        path = math.dist(seen.xy, (x, y))
+        if path < 1e-9 or not self.clear(seen.xy, (x, y)):
             return STOP
-        ux, uy = (x - seen.xy[0]) / way, (y - seen.xy[1]) / way
+        ux, uy = (x - seen.xy[0]) / path, (y - seen.xy[1]) / path
         aside = abs(ux * seen.velocity[1] - uy * seen.velocity[0])
         if aside > 1e-6 or ux * seen.velocity[0] + uy * seen.velocity[1] < -1e-6:
             return STOP
         if spec.drive == "differential" and math.cos(seen.heading) * ux + math.sin(seen.heading) * uy < 1.0 - 1e-12:
             return Command((ux * 1e-6, uy * 1e-6)) if math.hypot(*seen.velocity) < 1e-6 else STOP
         # Fastest speed v with v dt + v^2 / 2a <= way, so that it can still stop at the corner.
-        speed = way / spec.dt
+        speed = path / spec.dt
         if math.isfinite(spec.a_max):
             change = spec.a_max * spec.dt
-            speed = min(speed, 2 * way * spec.a_max / (change + math.sqrt(change * change + 2 * spec.a_max * way)))
+            speed = min(speed, 2 * path * spec.a_max / (change + math.sqrt(change * change + 2 * spec.a_max * path)))
         speed = min(speed, spec.v_max)
         return Command((ux * speed, uy * speed))
 
