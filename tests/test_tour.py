@@ -148,7 +148,7 @@ def test_small_instances_are_solved(options):
 def test_focused_changes_keep_the_books():
     """A focused ant's length is that of its tour after every cycle, and never rises."""
     instance = Tsp(np.random.default_rng(14).random((150, 2)) * 1000, metric="EUC_2D")
-    colony = Colony(instance, ants=3, candidates=8, local_search=tsp.LocalSearchOptions(5, 150, 100, 30))
+    colony = Colony(instance, ants=3, candidates=8, options=tsp.LocalSearchOptions(5, 150, 100, 30))
     before = np.full(3, np.inf)
     for _ in range(cases(20, 200)):
         colony.run(1, np.empty((1, 2)))

@@ -247,20 +247,20 @@ def update(
     shortest = length[order[0]]
     excess = shortest / best - 1.0 if shortest < math.inf else math.inf
     if rule.best_only:
-        rho = persistence(rule.evaporate, 1.0, 1.0, t, excess)
+        rho = persistence(rule.persistence_rule, 1.0, 1.0, t, excess)
         cell = start
         for k in best_path:
             tau[cell, k] = rho * tau[cell, k] + (1.0 - rho) * rule.q / best
             cell += offsets[k]
     else:
-        evaporate(tau, seen, rule.evaporate, t, excess)
+        evaporate(tau, seen, rule.persistence_rule, t, excess)
         champion = best_deposits(rule.schedule, since)
         if rule.elite > 0.0 and (champion or len(rule.schedule) == 0):
             _lay(tau, offsets, start, best_path, len(best_path), rule.elite * rule.q / best)
         for rank in range(depth.size):
             ant = order[rank]
-            if not champion and depth[ant] >= 0 and rule.share[rank] > 0.0:
-                _lay(tau, offsets, start, moves[ant], depth[ant], rule.share[rank] * rule.q / length[ant])
+            if not champion and depth[ant] >= 0 and rule.deposit_weight[rank] > 0.0:
+                _lay(tau, offsets, start, moves[ant], depth[ant], rule.deposit_weight[rank] * rule.q / length[ant])
     for cell in range(tau.shape[0]):
         for k in range(8):
             if seen[cell, k] > 0.0:

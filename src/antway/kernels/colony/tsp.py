@@ -214,10 +214,10 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
         evaporate(tau, numbers.persistence_rule, since, excess)
         alone = best_deposits(numbers.schedule, since)
         if not alone:
-            ranking = np.argsort(lengths, kind="mergesort") if np.any(numbers.share[1:] > 0.0) else np.array([first])
+            ranking = np.argsort(lengths, kind="mergesort") if np.any(numbers.deposit_weight[1:] > 0.0) else np.array([first])
             for r in range(len(ranking)):
-                if numbers.share[r] > 0.0:
-                    amount = numbers.share[r] * numbers.q / max(lengths[ranking[r]], 1e-300)
+                if numbers.deposit_weight[r] > 0.0:
+                    amount = numbers.deposit_weight[r] * numbers.q / max(lengths[ranking[r]], 1e-300)
                     deposit(near, tau, colony.orders[ranking[r]], 1.0, amount)
         if numbers.elite > 0.0 and (alone or len(numbers.schedule) == 0):
             deposit(near, tau, colony.bests[1], 1.0, numbers.elite * numbers.q / best)
