@@ -384,7 +384,15 @@ def test_ends_in_walls_and_off_the_map_raise(start, goal, error) -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"horizon": 0.0}, {"margin": -0.1}, {"chance": 1.5}, {"gain": 0.0}, {"tests": 0}, {"deposit": -1.0}, {"second_looks": -1}],
+    [
+        {"horizon": 0.0},
+        {"margin": -0.1},
+        {"chance": 1.5},
+        {"minimum_improvement": 0.0},
+        {"expansions": 0},
+        {"deposit": -1.0},
+        {"improvement_expansions": -1},
+    ],
 )
 def test_wrong_settings_raise(wrong: dict) -> None:
     """Settings out of range raise `BadParameter`."""

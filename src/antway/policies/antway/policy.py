@@ -88,10 +88,10 @@ class AntwayPolicy:
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
         chance = checks.number("chance", chance, low=1e-9, high=1.0 - 1e-9)
         self.quantile = max(NormalDist().inv_cdf(1.0 - chance), 0.0)  # of the error towards the robot
-        self.hysteresis = checks.number("commitment", hysteresis, low=0.0, unit="s")
-        self.minimum_improvement = checks.number("gain", minimum_improvement, low=0.0, open_low=True, unit="s")
-        self.expansions = checks.integer("tests", expansions, low=1)
-        self.improvement_expansions = checks.integer("second_looks", improvement_expansions, low=0)
+        self.hysteresis = checks.number("hysteresis", hysteresis, low=0.0, unit="s")
+        self.minimum_improvement = checks.number("minimum_improvement", minimum_improvement, low=0.0, open_low=True, unit="s")
+        self.expansions = checks.integer("expansions", expansions, low=1)
+        self.improvement_expansions = checks.integer("improvement_expansions", improvement_expansions, low=0)
         if checks.instance("moves", moves, Moves) not in (Moves.EIGHT, Moves.SIXTEEN, Moves.THIRTY_TWO):
             raise BadParameter("moves", moves.value, "eight, sixteen or thirty-two")
         self.moves = moves
@@ -124,9 +124,9 @@ class AntwayPolicy:
             robot_radius=robot.radius,
             horizon=self.horizon,
             margin=self.margin,
-            bound=float(task.obstacle_speed) if self.guard else 0.0,
+            speed_bound=float(task.obstacle_speed) if self.guard else 0.0,
             preferred_speed=float(task.obstacle_speed),
-            surge=float(task.obstacle_surge) if self.guard else 0.0,
+            surge_bound=float(task.obstacle_surge) if self.guard else 0.0,
             stopping_time=stopping if self.guard else 0.0,
             quantile=self.quantile,
             minimum_improvement=self.minimum_improvement,
