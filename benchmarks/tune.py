@@ -1,8 +1,8 @@
-"""Choose the options of the rivals by grid search, on episodes that no table counts.
+"""Choose the options of the baselines by grid search, on episodes that no table counts.
 
-Run as `python benchmarks/tune.py [RIVAL ...]`. Every combination of a rival's options plays the suite `synthetic`, one episode
-of each of its 18 groups, numbered from 10,000 on; the best quarter plays three more of each. The winner reached the goal most
-often and, among equals, in the least time over the clairvoyant optimum. Prints the best five and writes them to
+Run as `python benchmarks/tune.py [BASELINE ...]`. Every combination of a baseline's options plays the suite `synthetic`, one
+episode of each of its 18 groups, numbered from 10,000 on; the best quarter plays three more of each. The winner reached the
+goal most often and, among equals, in the least time over the clairvoyant optimum. Prints the best five and writes them to
 benchmarks/out/tune.json.
 """
 
@@ -33,10 +33,10 @@ GRIDS: dict[str, dict[str, tuple[object, ...]]] = {
 }
 
 
-def tune(rival: str) -> list[tuple[str, Summary]]:
+def tune(baseline: str) -> list[tuple[str, Summary]]:
     """Return the candidates of the second round, best first."""
-    options = GRIDS[rival]
-    specs = [f"{rival}/" + "/".join(map("{}={}".format, options, values)) for values in product(*options.values())]
+    options = GRIDS[baseline]
+    specs = [f"{baseline}/" + "/".join(map("{}={}".format, options, values)) for values in product(*options.values())]
     rows: dict[str, list[Row]] = {spec: [] for spec in specs}
     for low, high, kept in ((0, 1, len(specs)), (1, 4, max(3, len(specs) // 4))):
         specs = sorted(specs, key=lambda spec: _score(rows[spec]))[:kept]
@@ -55,15 +55,15 @@ def _score(rows: list[Row]) -> tuple[int, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("rivals", nargs="*", metavar="RIVAL", help=f"{', '.join(GRIDS)}; all of them without any")
-    wanted = parser.parse_args().rivals or list(GRIDS)
+    parser.add_argument("baselines", nargs="*", metavar="BASELINE", help=f"{', '.join(GRIDS)}; all of them without any")
+    wanted = parser.parse_args().baselines or list(GRIDS)
     out = Path(__file__).parent / "out" / "tune.json"
     found = json.loads(out.read_text()) if out.exists() else {}
-    for rival in wanted:
-        best = tune(rival)[:5]
+    for baseline in wanted:
+        best = tune(baseline)[:5]
         for spec, one in best:
             print(f"{spec}: {100 * one.success:.1f} % of {one.episodes}, {one.time_ratio:.3f} of the optimum", flush=True)
-        found[rival] = {"best": best[0][0], "success": best[0][1].success, "regret": best[0][1].time_ratio}
+        found[baseline] = {"best": best[0][0], "success": best[0][1].success, "time_ratio": best[0][1].time_ratio}
         out.parent.mkdir(exist_ok=True)
         out.write_text(json.dumps(found, indent=1) + "\n")
 

@@ -13,7 +13,7 @@ from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
 from common import cases
 from crossing import crowd
-from naive import rivals as naive
+from naive import baselines as naive
 
 HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
 

@@ -63,7 +63,7 @@ def every_figure() -> dict[str, Figure]:
         ),
         "sensitivity": colonies.sensitivity_figure("beta", [1, 2, 5], [[9, 8.5], [8, 8], [8, 9]], optimum=8.0),
         "success": charts.success_figure(summarise(ROWS)),
-        "regret": charts.time_ratio_figure(ROWS),
+        "time-ratio": charts.time_ratio_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),
         "chart 2": diagrams.improved_chart(),
         "chart 3": diagrams.avoidance_chart(),
@@ -89,7 +89,7 @@ def test_no_text_lies_over_another_or_off_the_page(name: str, monkeypatch: pytes
         assert across <= 1 or along <= 1, f"{a!r} lies over {b!r}"
 
 
-TITLED = ["plan", "meet", "avoid", "final", "strip", "convergence", "space and time", "pheromone", "success", "regret"]
+TITLED = ["plan", "meet", "avoid", "final", "strip", "convergence", "space and time", "pheromone", "success", "time-ratio"]
 
 
 @pytest.mark.parametrize("name", TITLED)

@@ -16,8 +16,8 @@ from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Problem, Status
 from antway.verify import check_plan
 from common import SHARED, cases, needs_data
-from naive import walk as naive
-from test_walk import random_ground, random_weights
+from naive import grid_walk as naive
+from test_grid_walk import random_ground, random_weights
 
 
 def test_the_guide_is_the_fixed_point_of_bellmans_equation():

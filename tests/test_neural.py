@@ -13,7 +13,7 @@ from antway.world.motions import BackAndForth
 from antway.world.policy import Task
 from antway.world.world import Obstacle
 from common import cases
-from naive import rivals as naive
+from naive import baselines as naive
 
 POINT = RobotSpec(radius=0.1)
 

@@ -33,7 +33,7 @@ PARTS = {
     "antway.ants.persistence": "Constant Adaptive Decay ByQuality",
     "antway.ants.rules": "AntSystem ElitistAntSystem RankBasedAntSystem MaxMinAntSystem AntColonySystem",
     "antway.ants.tsplib": "Tsp",
-    "antway.arena.metrics": "wilson bootstrap regret stretch real_difference",
+    "antway.arena.metrics": "wilson bootstrap time_ratio path_ratio real_difference",
     "antway.arena.suites": "load_suite episodes",
     "antway.arena.gym": "CrossingEnv",
     "antway.policies.guard": "Guard",

@@ -76,7 +76,7 @@ def pictures() -> dict[str, Figure]:
         "space-time": charts.space_time_figure(trace, path=path),
         "pheromone": charts.pheromone_figure(grid, colony(grid)),
         "success": charts.success_figure(summarise(episodes())),
-        "regret": charts.time_ratio_figure(episodes()),
+        "time-ratio": charts.time_ratio_figure(episodes()),
     }
 
 
@@ -107,7 +107,7 @@ def drawn() -> dict[str, Figure]:
 
 
 NAMES = ("plan", "no-path", "meet", "avoid", "final", "strip", "convergence", "tour", "chart", "space-time", "pheromone")
-NAMES += ("success", "regret")
+NAMES += ("success", "time-ratio")
 
 
 @pytest.mark.parametrize("name", NAMES)

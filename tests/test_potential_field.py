@@ -19,7 +19,7 @@ from antway.world.motions import Line
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle
 from common import cases
-from naive import rivals as naive
+from naive import baselines as naive
 
 
 def trap(horizon: float = 60.0) -> Scenario:

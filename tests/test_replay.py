@@ -190,10 +190,10 @@ def test_two_episodes_play_side_by_side(browser: Any, tmp_path: Path) -> None:
     from playwright.sync_api import expect
 
     one, other = sample_trace(60, 2), sample_trace(120, 3)
-    object.__setattr__(other, "policy", "rival")
+    object.__setattr__(other, "policy", "another")
     page, complaints = opened(browser, write_replay(one, tmp_path / "r.html", beside=[other]).as_uri(), OWN, **DESKTOP)
     announced = page.locator(".told")
-    expect(announced).to_have_text([f"{one.policy}: {one.outcome.value}", f"rival: {other.outcome.value}"])
+    expect(announced).to_have_text([f"{one.policy}: {one.outcome.value}", f"another: {other.outcome.value}"])
     expect(announced.nth(0)).to_have_attribute("aria-pressed", "true")
 
     def pictures() -> list[str]:
@@ -207,7 +207,7 @@ def test_two_episodes_play_side_by_side(browser: Any, tmp_path: Path) -> None:
     assert all(a != b for a, b in zip(began, later))
     announced.nth(1).click()
     expect(announced.nth(1)).to_have_attribute("aria-pressed", "true")
-    expect(page.locator("#subtitle")).to_contain_text("policy rival")
+    expect(page.locator("#subtitle")).to_contain_text("policy another")
     page.locator("#scrub").fill("60")
     first = pictures()
     page.keyboard.press("End")

@@ -14,7 +14,7 @@ from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.search.sipp import TIMED_MOVES, Sipp, sipp, timed_field, timed_moves
 from antway.world.timeline import Timeline
 from common import cases, random_grid
-from naive import timed as naive
+from naive import sipp as naive
 from naive.geometry import hits_cells
 
 

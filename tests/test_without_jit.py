@@ -18,7 +18,7 @@ TWINS = {
     "test_search": "naive_twin",
     "test_sipp": "against_samples or against_heap or against_naive or against_unit",
     "test_tour": "local_optima",
-    "test_walk": "naive_ant or retreats",
+    "test_grid_walk": "naive_ant or retreats",
     "test_world": "drive_agrees",
 }
 

@@ -62,7 +62,7 @@ _HOME = {
     "grid": "Grid Moves",
     "maps": "load_costs load_map load_scen save_map",
     "planning": "PLANNERS Budget Plan Problem Status TimedPath plan solve",
-    "search.dijkstra": "distance_field",
+    "search.distance_field": "distance_field",
     "search.batch": "solve_many",
     "search.sipp": "sipp",
     "ants.gridpath": "explore",

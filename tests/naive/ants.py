@@ -1,4 +1,4 @@
-"""Ant colonies by the definitions, over edge dictionaries: the slow, obvious twin of `kernels.tsp` and `kernels.colony`."""
+"""Ant colonies by the definitions, over edge dictionaries: the slow, obvious twin of the room `kernels/colony`."""
 
 from __future__ import annotations
 

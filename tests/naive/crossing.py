@@ -32,7 +32,7 @@ def gap_to_reach(a: np.ndarray, w: np.ndarray, contact_radius: float, growth: fl
 
 
 def closest(knots: np.ndarray, segments: np.ndarray, step: float = 0.005) -> float:
-    """Least sampled distance of a motion, rows (t, x, y), from contact with pieces: gap of the centres less `contact_radius`."""
+    """Least sampled distance of a motion, rows (t, x, y), from contact with the segments."""
     t = np.arange(knots[0, 0], knots[-1, 0], step)
     x, y = np.interp(t, knots[:, 0], knots[:, 1]), np.interp(t, knots[:, 0], knots[:, 2])
     least = math.inf

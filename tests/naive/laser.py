@@ -9,8 +9,8 @@ import numpy as np
 from antway import Grid
 
 
-def measured(grid: Grid, places: np.ndarray, radii: np.ndarray, pose, beams: int, contact_radius: float) -> np.ndarray:
-    """Ranges in m of beams from -pi on, counted from the laser's heading; infinite where nothing is within `contact_radius` m."""
+def measured(grid: Grid, places: np.ndarray, radii: np.ndarray, pose, beams: int, max_range: float) -> np.ndarray:
+    """Ranges in m of beams from -pi on, relative to the laser's heading; infinite where nothing is within `max_range` m."""
     angle = pose[2] - math.pi + 2 * math.pi * np.arange(beams) / beams
     ux, uy = np.cos(angle), np.sin(angle)
     best = np.full(beams, math.inf)
@@ -26,7 +26,7 @@ def measured(grid: Grid, places: np.ndarray, radii: np.ndarray, pose, beams: int
         cuts = [0.0]
         for start, v in ((col, vx[i]), (row, vy[i])):
             if abs(v) > 1e-12:
-                ends = sorted((start, start + v * contact_radius))
+                ends = sorted((start, start + v * max_range))
                 lines = np.arange(math.ceil(ends[0] - 0.5), math.floor(ends[1] - 0.5) + 1) + 0.5
                 cuts += ((lines - start) / v).tolist()
         cuts = np.sort(cuts)
@@ -37,4 +37,4 @@ def measured(grid: Grid, places: np.ndarray, radii: np.ndarray, pose, beams: int
         blocked[inside] = grid.blocked[r[inside], c[inside]]
         if blocked.any():
             best[i] = min(best[i], cuts[:-1][blocked.argmax()])
-    return np.where(best <= contact_radius, best, math.inf)
+    return np.where(best <= max_range, best, math.inf)

@@ -1,4 +1,4 @@
-"""Slow, obvious twins of the rivals' kernels: gradients by differences, linear systems solved whole, dense sampling."""
+"""Slow, obvious twins of the baselines' kernels: gradients by differences, linear systems solved whole, dense sampling."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from antway.kernels.colony import grid_walk as kernel
 from antway.kernels.colony.pheromone import persistence
 from antway.planning import Budget, Problem
 from common import cases, free_cells, random_grid
-from naive import walk as naive
+from naive import grid_walk as naive
 
 ANT_MOVES = [Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT]
 

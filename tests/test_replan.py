@@ -1,4 +1,4 @@
-"""Rivals that replan, and the oracle: what they must manage, what they cannot, and that the exact ones never touch anything."""
+"""Baselines that replan, and the oracle: what they must manage, what they cannot; the exact ones never touch anything."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def room(*obstacles, walls=None, horizon=40.0, reach=math.inf, **more):
 
 @pytest.mark.parametrize("name", ALL)
 def test_free_ways_are_driven_at_full_speed(name):
-    """With nothing in the way each drives the shortest way round walls, touching none, in the time it must take."""
+    """With nothing in the way each drives the shortest path around walls, touching none, in the time it must take."""
     walls = np.zeros((40, 60), np.bool_)
     walls[10:30, 28:32] = True
     result = run(room(walls=walls), name)
@@ -50,7 +50,7 @@ def test_stop_waits():
 
 @pytest.mark.parametrize("name", ["sipp", "oracle"])
 def test_nothing_is_touched_where_the_future_is_known(name):
-    """Where everything is seen and goes straight on, `sipp` touches nothing; `oracle` does not where discs bounce, either."""
+    """Where everything is seen and keeps its velocity, `sipp` touches nothing; `oracle` does not where discs bounce, either."""
     solved = 0
     for k in range(cases(40, 1000)):
         chance = Chance(seed_of("known future", k))
