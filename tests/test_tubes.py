@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, distance_field, run
-from antway.policies.paper.routes import Paths, Routes
+from antway.policies.paper.routes import PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
 from antway.world.policy import Observation, Tracks
 from common import cases, free_cells, random_grid
@@ -71,7 +71,7 @@ def test_ways_are_shortest_and_none_leads_where_none_can() -> None:
             continue
         cell = tuple(free[rng.integers(len(free))].tolist())
         within = [math.inf, 5.0][rng.integers(2)]
-        exact, paths = distance_field(grid, cell, within=within), Paths(grid, cell, within)
+        exact, paths = distance_field(grid, cell, within=within), PathsFrom(grid, cell, within)
         assert np.allclose(paths.distance(), exact)
         for row, col in free[:: max(1, len(free) // 10)].tolist():
             nodes = paths.nodes((row, col))

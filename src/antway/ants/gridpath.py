@@ -49,10 +49,10 @@ class Exploration:
     window: Window
 
     @property
-    def by_cell(self) -> NDArray[np.float32]:
+    def pheromone_by_cell(self) -> NDArray[np.float32]:
         """Pheromone of each cell of the window, float32[h, w]: the sum over its moves."""
-        by_cell: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
-        return by_cell
+        pheromone_by_cell: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
+        return pheromone_by_cell
 
 
 class Options(TypedDict, total=False):
@@ -183,7 +183,7 @@ def explore(
     --------
     >>> from antway import Grid
     >>> found = explore(Problem(Grid(np.zeros((20, 30), dtype=bool)), (5, 5), (5, 12)), window=(0, 0, 10, 15), cycles=3)
-    >>> found.plan.length, found.history.shape, found.heat.shape
+    >>> found.plan.length, found.history.shape, found.pheromone_by_cell.shape
     (7.0, (3, 4), (10, 15))
     """
     clock = start_clock(problem, seed, budget)

@@ -70,7 +70,7 @@ def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
         found, room = ants.found, ants.routes.inflated
         here = np.array([episode.stage.xy[episode.steps]])
         path = TimedPath(np.arange(len(found.plan.cells) + 1.0), np.vstack((here, found.plan.xy(room))))
-        decision = replace(decision, path=path, pheromone=(*found.window[:2], found.by_cell), history=found.history)
+        decision = replace(decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history)
     return Look(cycles, done, decision, ants)
 
 

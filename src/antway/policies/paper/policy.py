@@ -297,7 +297,7 @@ class PaperPolicy:
             row, col = detour.found.window[:2]
             more = {
                 "local_target": detour.target,
-                "pheromone": (row, col, detour.found.by_cell),
+                "pheromone": (row, col, detour.found.pheromone_by_cell),
                 "history": detour.found.history,
             }
         if action in ("avoid", "step-back"):
