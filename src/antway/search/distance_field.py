@@ -114,6 +114,16 @@ class DijkstraField:
         self.state = np.array([0, len(starts), -1, len(starts), 0])
         self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
 
+    def restart(self, source: int, targets: NDArray[np.int64]) -> None:
+        """Begin anew from the flat cell `source`, towards flat cells; the arrays are used again."""
+        self.label.fill(np.inf)
+        self.label[source] = 0.0
+        self.first.fill(-1)
+        self.first[0] = 0
+        self.entries[0] = source << 4 | START, -1
+        self.state[:] = 0, 1, -1, 1, 0
+        self.targets = targets
+
     def run(self, clock: Clock | None) -> bool:
         """Spread until done, or until the clock runs out; tell which."""
         net, code = self.net, RUNNING

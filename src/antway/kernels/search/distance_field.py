@@ -61,7 +61,9 @@ def spread(
         low = band * STRAIGHT
         unsettled = targets.size == 0
         for target in targets:
-            unsettled |= label[target] >= low
+            if label[target] >= low:
+                unsettled = True
+                break
         if low > within or not unsettled or opened == 0:
             code = DONE
             break

@@ -1,0 +1,88 @@
+"""Exact distances among all stops on a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.grid import Cell, Grid, Moves
+from antway.kernels.search.distance_field import STRAIGHT
+from antway.search import best_first
+from antway.search.costs import checked_costs
+from antway.search.derived import NEIGHBOURS, lattice
+from antway.search.distance_field import Wave, free_cells
+
+
+def stop_distances(
+    grid: Grid, stops: Iterable[Iterable[int]], moves: Moves = Moves.EIGHT, *, costs: ArrayLike | None = None
+) -> NDArray[np.float64]:
+    """Return the exact distances among all `stops`.
+
+    Parameters
+    ----------
+    grid : Grid
+        Inflated by the robot's radius, if it has one.
+    stops : sequence of (row, col)
+        Free cells.
+    moves : Moves
+    costs : float[H, W] or None
+        Cost of each cell, see `antway.search.costs`; the result is then the least cost instead.
+
+    Returns
+    -------
+    float64[N, N]
+        m, symmetric; infinite where no path leads from one to the other.
+
+    Raises
+    ------
+    OutOfBounds, CellBlocked, BadParameter
+        If a stop is no free cell of the map, or a parameter is out of range.
+
+    Notes
+    -----
+    One search by Dijkstra for each stop but the last, up to the farthest of the later ones.
+
+    Examples
+    --------
+    >>> stop_distances(Grid(np.zeros((3, 3), dtype=bool)), [(0, 0), (0, 2), (2, 2)]).round(3).tolist()
+    [[0.0, 2.0, 2.828], [2.0, 0.0, 2.0], [2.828, 2.0, 0.0]]
+    """
+    checks.instance("grid", grid, Grid)
+    checks.instance("moves", moves, Moves)
+    cells = free_cells("stops", list(stops), grid)
+    weights = None if costs is None else checked_costs(costs, grid)
+    if weights is not None or moves not in NEIGHBOURS:
+        rows, unit = _by_best_first(grid, cells, moves, weights), grid.resolution
+    else:
+        rows, unit = _by_cells(grid, cells, moves), grid.resolution / STRAIGHT
+    result = np.zeros((len(cells), len(cells)))
+    for i, row in enumerate(rows):
+        result[i, i + 1 :] = result[i + 1 :, i] = row[i + 1 :] * unit
+    return result
+
+
+def _by_best_first(
+    grid: Grid, cells: list[Cell], moves: Moves, costs: NDArray[np.float64] | None
+) -> Iterator[NDArray[np.float64]]:
+    rows, cols = np.array(cells).T
+    for i, cell in enumerate(cells[:-1]):
+        field, _ = best_first.field(grid, moves, [cell], cells[i + 1 :], math.inf, costs)
+        yield field[rows, cols]
+
+
+def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[np.float64]]:
+    net = lattice(grid, moves)
+    places = np.array(cells)
+    at = places @ np.array([net.width, 1])
+    wave = Wave(net, cells[:1], cells)
+    for i in range(len(cells) - 1):
+        far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
+        wave.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])  # the farthest first: the kernel waits for each in turn
+        wave.run(None)
+        yield wave.label[at]
+
+
