@@ -39,8 +39,10 @@ if TYPE_CHECKING:
     from antway.search.batch import solve_many as solve_many
     from antway.search.distance_field import distance_field as distance_field
     from antway.search.sipp import sipp as sipp
+    from antway.tours.plan import plan_tour as plan_tour
     from antway.verify import check_episode as check_episode
     from antway.verify import check_plan as check_plan
+    from antway.verify_tour import check_tour as check_tour
     from antway.world.episode import EpisodeResult as EpisodeResult
     from antway.world.episode import Outcome as Outcome
     from antway.world.episode import run as run
@@ -67,7 +69,9 @@ _HOME = {
     "search.sipp": "sipp",
     "ants.gridpath": "explore",
     "ants.front": "alternatives pareto",
+    "tours.plan": "plan_tour",
     "verify": "check_episode check_plan",
+    "verify_tour": "check_tour",
     "ants.tsp": "load_tsp solve_tsp",
     "world.world": "World",
     "world.scenario": "Scenario load_scenario",

@@ -9,17 +9,31 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from antway.console import exit_with, number_option, print_decisions, print_json, print_summaries, print_table, working
+from antway import tour_commands
+from antway.console import (
+    CONTACT,
+    NO_PATH,
+    OUT_OF_BUDGET,
+    Json,
+    Seed,
+    exit_with,
+    number_option,
+    pair,
+    print_decisions,
+    print_json,
+    print_summaries,
+    print_table,
+    working,
+)
 from antway.errors import BadParameter
 
 if TYPE_CHECKING:
     pass
 
-NO_PATH, OUT_OF_BUDGET, CONTACT = 3, 4, 5
 
 app = typer.Typer(
     add_completion=False,
@@ -29,8 +43,6 @@ app = typer.Typer(
 )
 
 
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
-Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
 PolicyName = Annotated[
     str, typer.Option(metavar="NAME", help="What steers the robot: antway, paper, follow, stop, ..., or MODULE:CLASS.")
@@ -73,7 +85,7 @@ def plan_command(
     from antway import Moves, Problem, Status, check_plan, checks, load_map, solve
     from antway.planning import standing_cell
 
-    ends = {name: _pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
+    ends = {name: pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
@@ -378,16 +390,7 @@ def ros2_command(context: typer.Context) -> int:
     return spin(["antway", *context.args])
 
 
-def _pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
-    """Read "A,B" as two numbers of `kind`."""
-    wanted = "two integers ROW,COL" if kind is int else "two numbers X,Y (m)"
-    try:
-        values = [kind(part) for part in text.split(",")]
-    except ValueError:
-        raise BadParameter(name, text, wanted) from None
-    if len(values) != 2:
-        raise BadParameter(name, text, wanted)
-    return values[0], values[1]
+tour_commands.add_to(app)
 
 
 def main() -> None:

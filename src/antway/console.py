@@ -7,7 +7,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +15,10 @@ from antway.errors import BadInput, BadParameter
 
 if TYPE_CHECKING:
     from antway.arena.summary import Summary
+    from antway.tours.plan import TourPlan
+
+
+NO_PATH, OUT_OF_BUDGET, CONTACT = 3, 4, 5  # exit statuses
 
 
 class Refused(Exception):
@@ -31,6 +35,22 @@ def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
             raise Refused(BadParameter(field, text, "an integer" if kind is int else "a number")) from None
 
     return typer.Option(parser=parse, metavar=metavar, help=help)
+
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
+
+
+def pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
+    """Read "A,B" as two numbers of `kind`."""
+    wanted = "two integers ROW,COL" if kind is int else "two numbers X,Y (m)"
+    try:
+        values = [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise BadParameter(name, text, wanted) from None
+    if len(values) != 2:
+        raise BadParameter(name, text, wanted)
+    return values[0], values[1]
 
 
 @contextmanager
@@ -178,6 +198,40 @@ def print_summaries(table: Sequence[Summary]) -> None:
             f"{one.cycle[0]:.2f} / {one.cycle[1]:.2f}",
         )
     Console(width=None if sys.stdout.isatty() else 140).print(shown)
+
+
+def print_tour(tour: TourPlan) -> None:
+    """Print a tour as a table, one row a stop in the order of the visits, and what it comes to."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    task, table = tour.task, Table(title="Tour", title_justify="left")
+    several = len(tour.routes) > 1
+    for head in (*(["robot"] if several else []), "visit", "stop", "leg", "arrives", "waits", "window", "late"):
+        table.add_column(head, justify="left" if head == "stop" else "right")
+    for k, route in enumerate(tour.routes):
+        for n, stop in enumerate(route.order.tolist()):
+            earliest, latest = task.windows[stop].tolist()
+            late = max(0.0, float(route.arrival[n] + route.waiting[n]) - latest)
+            table.add_row(
+                *([str(k + 1)] if several else []),
+                str(n + 1),
+                escape(task.names[stop]),
+                f"{route.legs[n].length:.1f} m",
+                f"{route.arrival[n]:.1f} s",
+                f"{route.waiting[n]:.1f} s" if route.waiting[n] > 0 else "-",
+                f"{earliest:g} - {'' if latest == float('inf') else f'{latest:g}'} s"
+                if (earliest, latest) != (0, float("inf"))
+                else "-",
+                f"[red]{late:.1f} s[/]" if late > 1e-9 * (1 + tour.duration) else "-",
+            )
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    proof = f"; at most {100 * tour.gap:.1f} % over the best" if tour.feasible and tour.gap < 1.0 else ""
+    left = f"; left out: {', '.join(task.names[stop] for stop in tour.skipped)}" if tour.skipped else ""
+    print(f"{tour.length:.1f} m, done after {tour.duration:.1f} s{proof}{left}")
+    if not tour.feasible:
+        print(f"not in time: {tour.lateness:.1f} s late in all")
 
 
 def _shown(value: float | None, form: str, unit: str) -> str:

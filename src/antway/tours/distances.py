@@ -81,8 +81,7 @@ def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[n
     wave = Wave(net, cells[:1], cells)
     for i in range(len(cells) - 1):
         far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
-        wave.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])  # the farthest first: the kernel waits for each in turn
+        # The farthest first: the kernel waits for each in turn.
+        wave.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
         wave.run(None)
         yield wave.label[at]
-
-

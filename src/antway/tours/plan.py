@@ -1,0 +1,303 @@
+"""A tour on a map: distances among the stops, their best order, and a path for each leg."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway.errors import BadParameter
+from antway.grid import Cell, Grid, Moves
+from antway.planning import Plan, Problem, solve
+from antway.search.astar import astar
+from antway.tours.distances import stop_distances
+from antway.tours.ordering import Ordering, order_stops
+from antway.tours.task import Floats, TourTask, tour_task
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """What one robot drives.
+
+    Attributes
+    ----------
+    order : int32[m]
+        The stops in the order it visits them, as indices into the task's stops.
+    arrival, waiting : float64[m]
+        When it gets to each of them, and how long it waits there until the window opens, s.
+    legs : tuple of Plan
+        The path from the start to the first stop, from each to the next, and to the end if one is given; empty for a robot
+        that stays where it is.
+    length : float
+        Of all legs, m.
+    duration : float
+        From t = 0 s until it is done, s.
+    """
+
+    order: NDArray[np.int32]
+    arrival: Floats
+    waiting: Floats
+    legs: tuple[Plan, ...]
+    length: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        for array in (self.order, self.arrival, self.waiting):
+            array.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TourPlan:
+    """What `plan_tour` found; `order`, `arrival`, `waiting` and `legs` are those of the first robot.
+
+    Attributes
+    ----------
+    task : TourTask
+    routes : tuple of Route
+        One for each robot.
+    skipped : tuple of int
+        Stops that are not visited; empty unless the stops have priorities.
+    length : float
+        Of all routes, m.
+    duration : float
+        When the last robot is done, s.
+    cost : float
+        What was made small: the time spent driving, summed over all robots, or for "makespan" the duration, s.
+    lateness : float
+        By how much service begins after the ends of windows and the robots are done after the deadline, summed, s.
+    feasible : bool
+        Whether nothing is late.
+    collected : float
+        The sum of the priorities of the stops visited; 0.0 without priorities.
+    bound : float
+        No feasible tour costs less, s; with priorities: none collects more.
+    gap : float
+        cost / bound - 1 (with priorities bound / collected - 1): at most so far from the best.
+    elapsed : float
+        Seconds of planning.
+    ordering : Ordering
+        The order as the search left it; hand it on as `initial` to go on after a small change.
+    """
+
+    task: TourTask
+    routes: tuple[Route, ...]
+    skipped: tuple[int, ...]
+    length: float
+    duration: float
+    cost: float
+    lateness: float
+    feasible: bool
+    collected: float
+    bound: float
+    gap: float
+    elapsed: float
+    ordering: Ordering
+
+    @property
+    def order(self) -> NDArray[np.int32]:
+        """The stops that the first robot visits, in order, int32[m]."""
+        return self.routes[0].order
+
+    @property
+    def arrival(self) -> Floats:
+        """When the first robot gets to each of them, s, float64[m]."""
+        return self.routes[0].arrival
+
+    @property
+    def waiting(self) -> Floats:
+        """How long the first robot waits at each of them until the window opens, s, float64[m]."""
+        return self.routes[0].waiting
+
+    @property
+    def legs(self) -> tuple[Plan, ...]:
+        """The paths that the first robot drives."""
+        return self.routes[0].legs
+
+
+def plan_tour(
+    grid: Grid,
+    start: Iterable[float],
+    stops: ArrayLike | Sequence[Iterable[float]],
+    *,
+    end: Iterable[float] | str | None = None,
+    windows: Sequence[Iterable[float] | None] | ArrayLike | None = None,
+    service: ArrayLike | None = None,
+    priorities: ArrayLike | None = None,
+    deadline: float = math.inf,
+    robots: int = 1,
+    objective: str = "travel time",
+    speed: float = 1.0,
+    robot_radius: float = 0.0,
+    moves: Moves = Moves.EIGHT,
+    costs: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    seconds: float | None = None,
+    cycles: int | None = None,
+    seed: int = 0,
+    initial: TourPlan | None = None,
+) -> TourPlan:
+    """Plan a tour that visits all stops in the best order, or with `priorities` the best of them.
+
+    Parameters
+    ----------
+    grid : Grid
+    start : (x, y)
+        Where every robot starts at t = 0 s, m.
+    stops : sequence of (x, y)
+        Where to go, m; at most 4,998, no two in the same cell.
+    end : (x, y), "start" or None
+        Where every robot ends: in m, back at the start, or wherever its last stop is.
+    windows : sequence of (earliest, latest) or None
+        For each stop when service may begin, s; None for any time. A robot that comes early waits.
+    service : float or float[N]
+        How long each stop takes, s.
+    priorities : float[N] or None
+        What each stop is worth, >= 0: as much as possible is collected within windows and deadline, then as cheaply as
+        possible. None: all stops are visited.
+    deadline : float
+        By when every robot must be done, s.
+    robots : int
+        How many share the stops; all start at `start`.
+    objective : str
+        "travel time": the time spent driving, summed over the robots; "makespan": when the last one is done.
+    speed, robot_radius : float
+        m/s, m.
+    moves : Moves
+    costs : float[H, W] or None
+        Cost of each cell, see `antway.search.costs`: a metre takes so many times as long there.
+    names : sequence of str or None
+        What the stops are called.
+    seconds, cycles : float, int or None
+        When the search for the order stops, whichever comes first; with neither, after 1 s.
+    seed : int
+        In [0, 2**64 - 1]; the same seed and number of cycles give the same bytes.
+    initial : TourPlan or None
+        An earlier tour through the same stops, on a map or with windows that have changed since, to go on from.
+
+    Returns
+    -------
+    TourPlan
+
+    Raises
+    ------
+    BadParameter, OutOfBounds, CellBlocked, TooLarge
+        For a stop in a wall, off the map, in the cell of another or out of reach, a window that ends before it begins, and so
+        on; the error names the stop.
+
+    Examples
+    --------
+    >>> tour = plan_tour(Grid(np.zeros((3, 9), dtype=bool)), (0.5, 1.5), [(8.5, 1.5), (3.5, 1.5), (6.5, 1.5)], cycles=10)
+    >>> tour.order.tolist(), tour.arrival.tolist(), tour.length
+    ([1, 2, 0], [3.0, 6.0, 8.0], 8.0)
+    """
+    began = time.perf_counter()
+    task = tour_task(
+        grid,
+        start,
+        stops,
+        names=names,
+        end=end,
+        windows=windows,
+        service=service,
+        priorities=priorities,
+        deadline=deadline,
+        robots=robots,
+        objective=objective,
+        speed=speed,
+        robot_radius=robot_radius,
+        moves=moves,
+        costs=costs,
+    )
+    free, cells = task.places()
+    away = stop_distances(free, cells, moves, costs=costs) / task.speed
+    _check_reach(task, away)
+    known = None
+    if initial is not None:
+        if len(initial.task.stops) != len(task.stops) or initial.task.robots != task.robots:
+            raise BadParameter("initial", len(initial.task.stops), f"a tour of {len(task.stops)} stops and {robots} robots")
+        known = initial.ordering
+    ordering = order_stops(away, **arguments(task), seconds=seconds, cycles=cycles, seed=seed, initial=known)
+    return finished(task, free, cells, away, ordering, began)
+
+
+def arguments(task: TourTask) -> dict[str, Any]:
+    """Return the arguments of `order_stops` for `task`; row 0 is the start, row i + 1 stop i, the last an end of its own."""
+    head, tail = np.zeros(1), np.zeros(1 if isinstance(task.end, tuple) else 0)
+    always = np.array([[0.0, math.inf]])
+    return {
+        "end": len(task.stops) + 1 if len(tail) else task.end,
+        "windows": np.concatenate((always, task.windows, always[: len(tail)])),
+        "service": np.concatenate((head, task.service, tail)),
+        "priorities": None if task.priorities is None else np.concatenate((head, task.priorities, tail)),
+        "deadline": task.deadline,
+        "robots": task.robots,
+        "objective": task.objective,
+    }
+
+
+def _check_reach(task: TourTask, away: Floats) -> None:
+    """Raise the error that names all stops that cannot be reached from the start."""
+    lost = np.flatnonzero(np.isinf(away[0, 1:]))
+    if not len(lost):
+        return
+    if lost[0] == len(task.stops):
+        raise BadParameter("end", task.end, "where a path leads from the start")
+    fields = [f"stops[{i}] ({task.names[i]})" for i in lost.tolist() if i < len(task.stops)]
+    also = f"; nor does one to {', '.join(fields[1:10])}" if fields[1:] else ""
+    also += f" and {len(fields) - 10} more" if len(fields) > 10 else ""
+    raise BadParameter(fields[0], tuple(task.stops[lost[0]].tolist()), f"where a path leads from the start{also}")
+
+
+def finished(task: TourTask, free: Grid, cells: list[Cell], away: Floats, ordering: Ordering, began: float) -> TourPlan:
+    """Return the tour of `ordering`, with a path for each leg."""
+    routes = tuple(
+        _route(task, free, cells, away, order, arrival, waiting)
+        for order, arrival, waiting in zip(ordering.orders, ordering.arrival, ordering.waiting)
+    )
+    visited = {int(stop) for route in routes for stop in route.order}
+    return TourPlan(
+        task,
+        routes,
+        tuple(i for i in range(len(task.stops)) if i not in visited),
+        math.fsum(route.length for route in routes),
+        max(route.duration for route in routes),
+        ordering.cost,
+        ordering.lateness,
+        ordering.feasible,
+        ordering.collected,
+        ordering.bound,
+        ordering.gap,
+        time.perf_counter() - began,
+        ordering,
+    )
+
+
+def _route(
+    task: TourTask, free: Grid, cells: list[Cell], away: Floats, order: NDArray[np.int32], arrival: Floats, waiting: Floats
+) -> Route:
+    """Return the route along `order`, rows of the matrix `away` with both ends."""
+    rows = order.tolist()
+    legs = tuple(leg(free, cells[a], cells[b], task) for a, b in pairwise(rows))
+    inner = np.array([k for k, row in enumerate(rows) if 0 < row <= len(task.stops)], dtype=np.int64)
+    last = int(rows[-1])
+    stays = float(task.service[last - 1]) if 0 < last <= len(task.stops) else 0.0
+    return Route(
+        (order[inner] - 1).astype(np.int32),
+        arrival[inner],
+        waiting[inner],
+        legs,
+        math.fsum(one.length for one in legs),
+        float(arrival[-1] + waiting[-1]) + stays,
+    )
+
+
+def leg(free: Grid, source: Cell, target: Cell, task: TourTask) -> Plan:
+    """Return the shortest path of a leg, or the cheapest where the task has costs."""
+    problem = Problem(free, source, target, task.moves)
+    return solve(problem, "jps") if task.costs is None else astar(problem, costs=task.costs)

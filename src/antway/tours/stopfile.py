@@ -1,0 +1,131 @@
+"""Files of stops: a table of comma-separated values, one stop a line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+from antway import checks
+from antway.errors import BadMap, BadParameter, TooLarge
+from antway.maps.limits import as_path, opened
+from antway.tours.stops import MAX_STOPS
+
+MAX_BYTES = 2_000_000
+COLUMNS = ("x", "y", "name", "earliest", "latest", "service", "priority")
+
+
+@dataclass(frozen=True, slots=True)
+class StopFile:
+    """What a file of stops says; the keyword arguments of `plan_tour` of the same names.
+
+    Attributes
+    ----------
+    stops : tuple of (x, y)
+        m.
+    names : tuple of str
+    windows : tuple of (earliest, latest)
+        s.
+    service : tuple of float
+        s.
+    priorities : tuple of float or None
+        None without a column of that name.
+    """
+
+    stops: tuple[tuple[float, float], ...]
+    names: tuple[str, ...]
+    windows: tuple[tuple[float, float], ...]
+    service: tuple[float, ...]
+    priorities: tuple[float, ...] | None
+
+    def arguments(self) -> dict[str, Any]:
+        """Return all but the stops themselves, as keyword arguments of `plan_tour`."""
+        return {"names": self.names, "windows": self.windows, "service": self.service, "priorities": self.priorities}
+
+
+def load_stops(path: str | PathLike[str]) -> StopFile:
+    """Read a file of stops: a heading with the columns x and y (m) and, as far as wanted, name, earliest, latest (s; the window
+    in which service may begin), service (s) and priority, in any order; then one stop a line.
+
+    An empty entry says that there is none. Without a heading the columns are x and y. Lines that begin with # say nothing.
+
+    Raises
+    ------
+    BadMap, BadParameter, TooLarge
+        The error names file, line and column.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> file = pathlib.Path(tempfile.mkdtemp()) / "stops.csv"
+    >>> _ = file.write_text("name,x,y,latest\\nward 1,2.0,3.5,60\\n")
+    >>> load_stops(file).windows
+    ((0.0, 60.0),)
+    """
+    file = as_path(path)
+    with opened(file, MAX_BYTES) as (source, _):
+        data = source.read()
+    try:
+        text = data.decode("utf-8-sig")
+        rows = [
+            (number, [entry.strip() for entry in row])
+            for number, row in enumerate(csv.reader(io.StringIO(text), strict=True), 1)
+            if any(entry.strip() for entry in row) and not row[0].lstrip().startswith("#")
+        ]
+    except (UnicodeDecodeError, csv.Error) as fault:
+        raise BadMap("file", file.name, f"comma-separated values in UTF-8 ({fault})", where=str(file)) from None
+    columns = _columns(rows[0][1], f"{file}:{rows[0][0]}") if rows else []
+    if columns:
+        rows = rows[1:]
+    if not rows:
+        raise BadMap("stops", 0, "one stop or more", where=str(file))
+    if len(rows) > MAX_STOPS - 2:
+        raise TooLarge("stops", len(rows), f"at most {MAX_STOPS - 2} stops", where=str(file))
+    stops = [_stop(columns or ["x", "y"], row, f"{file}:{number}") for number, row in rows]
+    return StopFile(
+        tuple((one["x"], one["y"]) for one in stops),
+        tuple(one["name"] or f"stop {i}" for i, one in enumerate(stops)),
+        tuple((one["earliest"], one["latest"]) for one in stops),
+        tuple(one["service"] for one in stops),
+        tuple(one["priority"] for one in stops) if "priority" in columns else None,
+    )
+
+
+def _columns(heading: list[str], where: str) -> list[str]:
+    """Return the names of the columns; none where the first line is a stop already."""
+    try:
+        float(heading[0])
+        return []
+    except ValueError:
+        pass
+    names = [name.lower() for name in heading]
+    for name in names:
+        checks.choice("column", name, COLUMNS, error=BadMap, where=where)
+        if names.count(name) > 1:
+            raise BadMap("column", name, "there once", where=where)
+    for name in ("x", "y"):
+        if name not in names:
+            raise BadMap("columns", ",".join(names), "x, y and more", where=where)
+    return names
+
+
+def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
+    if len(row) != len(columns):
+        raise BadMap("entries", len(row), f"{len(columns)}: {', '.join(columns)}", where=where)
+    usual: dict[str, Any] = {"name": "", "earliest": 0.0, "latest": math.inf, "service": 0.0, "priority": 0.0}
+    for name, text in zip(columns, row):
+        if name == "name":
+            usual[name] = text
+        elif text or name in ("x", "y"):
+            try:
+                value = float(text)
+            except ValueError:
+                raise BadParameter(name, text, "a number", where=where) from None
+            low = -1e9 if name in ("x", "y", "earliest") else 0.0
+            usual[name] = checks.number(name, value, low=low, infinite=name in ("earliest", "latest"), where=where)
+    if usual["latest"] < usual["earliest"]:
+        raise BadParameter("latest", usual["latest"], f"no earlier than earliest, {usual['earliest']:g} s", where=where)
+    return usual

@@ -1,0 +1,204 @@
+"""What a tour on a map has to do, checked once: where it starts and ends, which stops it visits, when, with how many robots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from antway import checks
+from antway.errors import BadParameter, TooLarge
+from antway.grid import Cell, Grid, Moves
+from antway.planning import standing_cell
+from antway.search.costs import checked_costs
+from antway.tours.stops import MAX_STOPS, OBJECTIVES
+
+Point = tuple[float, float]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TourTask:
+    """A checked task of `plan_tour`; made by `tour_task`.
+
+    Attributes
+    ----------
+    grid : Grid
+        The map, not inflated.
+    start : (x, y)
+        m.
+    stops : float64[N, 2]
+        (x, y) of each stop in m.
+    names : tuple of str
+        What each stop is called.
+    end : (x, y), "start" or None
+        Where the robots end: in m, back at the start, or at their last stops.
+    windows : float64[N, 2]
+        Earliest and latest time in s at which service may begin; 0 and infinite where there is none.
+    service : float64[N]
+        How long each stop takes, s.
+    priorities : float64[N] or None
+        What each stop is worth; None: all must be visited.
+    deadline : float
+        By when each robot must be done, s.
+    robots : int
+    objective : str
+        "travel time" or "makespan".
+    speed, robot_radius : float
+        m/s, m.
+    moves : Moves
+    costs : float64[H, W] or None
+        What a metre costs in each cell (see `antway.search.costs`): so many times as long does it take.
+    """
+
+    grid: Grid
+    start: Point
+    stops: Floats
+    names: tuple[str, ...]
+    end: Point | Literal["start"] | None
+    windows: Floats
+    service: Floats
+    priorities: Floats | None
+    deadline: float
+    robots: int
+    objective: str
+    speed: float
+    robot_radius: float
+    moves: Moves
+    costs: Floats | None
+
+    def places(self) -> tuple[Grid, list[Cell]]:
+        """Return the inflated grid and the cells of the start, of each stop, and of the end if that is a place of its own."""
+        free = self.grid.inflate(self.robot_radius)
+        points = [self.start, *((float(x), float(y)) for x, y in self.stops)]
+        points += [self.end] if isinstance(self.end, tuple) else []
+        return free, [free.cell_at(point) for point in points]
+
+
+def tour_task(
+    grid: Grid,
+    start: Iterable[float],
+    stops: ArrayLike | Sequence[Iterable[float]],
+    *,
+    names: Sequence[str] | None = None,
+    end: Iterable[float] | str | None = None,
+    windows: Sequence[Iterable[float] | None] | ArrayLike | None = None,
+    service: ArrayLike | None = None,
+    priorities: ArrayLike | None = None,
+    deadline: float = math.inf,
+    robots: int = 1,
+    objective: str = "travel time",
+    speed: float = 1.0,
+    robot_radius: float = 0.0,
+    moves: Moves = Moves.EIGHT,
+    costs: ArrayLike | None = None,
+) -> TourTask:
+    """Check what `plan_tour` is handed; parameters are its own.
+
+    Raises
+    ------
+    BadParameter, OutOfBounds, CellBlocked, TooLarge
+        Each names the stop.
+    """
+    checks.instance("grid", grid, Grid)
+    checks.instance("moves", moves, Moves)
+    robot_radius = checks.number("robot_radius", robot_radius, low=0.0, unit="m")
+    free = grid.inflate(robot_radius)
+    listed = _listed("stops", stops, "a sequence of points (x, y) in m")
+    if not listed:
+        raise BadParameter("stops", listed, "one stop or more")
+    if len(listed) > MAX_STOPS - 2:
+        raise TooLarge("stops", len(listed), f"at most {MAX_STOPS - 2} stops")
+    standing_cell("start", start, grid, free, robot_radius)
+    n = len(listed)
+    known = _names(names, n)
+    said = [f" ({name})" for name in known] if names is not None else [""] * n  # what errors call the stops
+    first: dict[Cell, int] = {}
+    for i, point in enumerate(listed):
+        cell = standing_cell(f"stops[{i}]{said[i]}", point, grid, free, robot_radius)
+        k = first.setdefault(cell, i)
+        if k != i:
+            raise BadParameter(
+                f"stops[{i}]{said[i]}", _point(point), f"a stop of its own; stops[{k}]{said[k]} is in the same cell"
+            )
+    last: Point | Literal["start"] | None
+    if isinstance(end, str):
+        checks.choice("end", end, ["start"])
+        last = "start"
+    else:
+        last = None if end is None else _point(end, "end")
+        if last is not None:
+            standing_cell("end", last, grid, free, robot_radius)
+    return TourTask(
+        grid,
+        _point(start, "start"),
+        checks.array("stops", [_point(point) for point in listed], (n, 2)),
+        known,
+        last,
+        _windows(windows, n, said),
+        _amounts("service", 0.0 if service is None else service, n),
+        None if priorities is None else _amounts("priorities", priorities, n),
+        checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
+        checks.integer("robots", robots, low=1, high=1_000),
+        checks.choice("objective", objective, OBJECTIVES),
+        checks.number("speed", speed, low=1e-6, high=1e6, unit="m/s"),
+        robot_radius,
+        moves,
+        None if costs is None else checked_costs(costs, grid),
+    )
+
+
+def _point(value: Iterable[float], name: str = "stops") -> Point:
+    x, y = checks.point(name, value)
+    return x, y
+
+
+def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
+    if names is None:
+        return tuple(f"stop {i}" for i in range(n))
+    listed = _listed("names", names, "a sequence of names")
+    if len(listed) != n:
+        raise BadParameter("len(names)", len(listed), f"that of stops, {n}")
+    return tuple(checks.instance(f"names[{i}]", name, str) for i, name in enumerate(listed))
+
+
+def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: int, said: Sequence[str]) -> Floats:
+    """Return windows, of which each may be None, as float64[n, 2]."""
+    pairs = np.tile([0.0, math.inf], (n, 1))
+    listed = [None] * n if windows is None else _listed("windows", windows, "for each stop (earliest, latest) in s, or None")
+    if len(listed) != n:
+        raise BadParameter("len(windows)", len(listed), f"that of stops, {n}")
+    for i, window in enumerate(listed):
+        if window is None:
+            continue
+        field, wanted = f"windows[{i}]{said[i]}", "(earliest, latest) in s, or None"
+        parts = _listed(field, window, wanted)
+        if len(parts) != 2:
+            raise BadParameter(field, window, wanted)
+        early, late = (checks.number(field, part, low=-math.inf, infinite=True, unit="s") for part in parts)
+        if early > late or late < 0.0 or early > 1e9:
+            raise BadParameter(field, (early, late), "an earliest time of at most 1e9 s and a latest no earlier, >= 0")
+        pairs[i] = max(early, 0.0), late
+    pairs.flags.writeable = False
+    return pairs
+
+
+def _amounts(name: str, value: ArrayLike, n: int) -> Floats:
+    """Return one number for each stop, each in [0, 1e9]; a single one holds for all."""
+    if np.ndim(value) == 0:
+        return np.full(n, checks.number(name, value, low=0.0, high=1e9))
+    listed = _listed(name, value, "one number for each stop")
+    if len(listed) != n:
+        raise BadParameter(f"len({name})", len(listed), f"that of stops, {n}")
+    return np.array([checks.number(f"{name}[{i}]", one, low=0.0, high=1e9) for i, one in enumerate(listed)])
+
+
+def _listed(field: str, value: object, wanted: str) -> list[Any]:
+    """Return what the iterable `value` holds, whose parts need not be of one shape."""
+    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)) or getattr(value, "ndim", 1) == 0:
+        raise BadParameter(field, value, wanted)
+    return list(value)

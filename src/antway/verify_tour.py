@@ -1,0 +1,154 @@
+"""An independent check of tours: shares no code with what plans them and knows the rules from their definitions alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from antway.errors import InvalidPlan
+from antway.grid import Cell
+from antway.planning import Plan, Problem, Status
+from antway.verify import check_plan
+
+if TYPE_CHECKING:
+    from antway.tours.plan import Route, TourPlan
+
+_NEAR = 1e-9  # of the duration: by how much sums of times may differ
+
+
+def check_tour(tour: TourPlan) -> None:
+    """Raise `InvalidPlan` with every way in which `tour` is no legal answer to its own task.
+
+    Parameters
+    ----------
+    tour : TourPlan
+
+    Raises
+    ------
+    InvalidPlan
+        If a stop is visited twice or, without priorities, not at all; a leg is no legal path (see `check_plan`) from where the
+        last one ended to the next stop; arrivals, waiting, length, duration, cost, lateness or what is collected differ from
+        what legs, windows and service give; the tour is called feasible and is late; or the bound contradicts the tour.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from antway import Grid, plan_tour
+    >>> check_tour(plan_tour(Grid(np.zeros((3, 9), dtype=bool)), (0.5, 1.5), [(8.5, 1.5), (3.5, 1.5)], cycles=10))
+    """
+    faults = list(_visit_faults(tour))
+    late, driven, done = 0.0, 0.0, [0.0]
+    if not faults:
+        for k, route in enumerate(tour.routes):
+            own, times, end, lateness = _drive(tour, route)
+            faults += [f"robot {k}: {fault}" for fault in own]
+            late += lateness
+            driven += times
+            done.append(end)
+        faults += _sum_faults(tour, late, driven, max(done))
+    if faults:
+        raise InvalidPlan(faults)
+
+
+def _visit_faults(tour: TourPlan) -> Iterator[str]:
+    """Say which stops are not visited as they should be."""
+    task, count = tour.task, len(tour.task.stops)
+    if len(tour.routes) != task.robots:
+        yield f"has {len(tour.routes)} routes for {task.robots} robots"
+    seen: set[int] = set()
+    for k, route in enumerate(tour.routes):
+        order = [int(stop) for stop in route.order]
+        for stop in order:
+            if not 0 <= stop < count:
+                yield f"robot {k} visits stop {stop}, and there are {count}"
+            elif stop in seen:
+                yield f"stop {stop} ({task.names[stop]}) is visited twice"
+            seen.add(stop)
+        if len(route.arrival) != len(order) or len(route.waiting) != len(order):
+            yield f"robot {k} has {len(order)} stops, {len(route.arrival)} arrivals and {len(route.waiting)} times of waiting"
+        legs = len(order) + (task.end is not None)
+        if len(route.legs) != legs and not (not order and not route.legs):
+            yield f"robot {k} has {len(route.legs)} legs for {legs} places to go to"
+    missing = set(range(count)) - seen
+    if task.priorities is None:
+        yield from (f"stop {stop} ({task.names[stop]}) is not visited" for stop in sorted(missing))
+    if sorted(tour.skipped) != sorted(missing):
+        yield f"says that stops {sorted(tour.skipped)} are left out, and these are: {sorted(missing)}"
+
+
+def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float]:
+    """Drive along the legs; return what is wrong with the route, the time spent driving, when it is done, and lateness."""
+    task, faults = tour.task, []
+    free = task.grid.inflate(task.robot_radius)
+    at, now, driven, late = free.cell_at(task.start), 0.0, 0.0, 0.0
+    targets: list[int | None] = [int(stop) for stop in route.order]
+    if task.end is not None and route.legs:
+        targets.append(None)
+    for k, (stop, plan) in enumerate(zip(targets, route.legs)):
+        place = task.stops[stop] if stop is not None else task.start if task.end == "start" else task.end
+        assert place is not None and not isinstance(place, str)
+        target = free.cell_at((float(place[0]), float(place[1])))
+        name = "the end" if stop is None else f"stop {stop} ({task.names[stop]})"
+        try:
+            check_plan(Problem(free, at, target, task.moves), plan)
+        except InvalidPlan as error:
+            faults.append(f"leg {k} to {name}: {error}")
+        if plan.status is not Status.FOUND:
+            faults.append(f"leg {k} to {name} is no path: {plan.status.value}")
+            return faults, driven, now, late
+        took = _time(tour, plan)
+        at, now, driven = target, now + took, driven + took
+        if stop is None:
+            continue
+        earliest, latest = (float(t) for t in task.windows[stop])
+        waits = max(0.0, earliest - now)
+        for what, stated, true in (("arrival", route.arrival[k], now), ("waiting", route.waiting[k], waits)):
+            if not math.isclose(stated, true, rel_tol=_NEAR, abs_tol=_NEAR * (1.0 + now)):
+                faults.append(f"states for {name} an {what} of {float(stated)!r} s; it is {true!r} s")
+        now += waits
+        late += max(0.0, now - latest)
+        now += float(task.service[stop])
+    late += max(0.0, now - task.deadline)
+    for what, stated, true in (
+        ("length", route.length, math.fsum(plan.length for plan in route.legs)),
+        ("duration", route.duration, now),
+    ):
+        if not math.isclose(stated, true, rel_tol=_NEAR, abs_tol=_NEAR):
+            faults.append(f"states a {what} of {stated!r}; it is {true!r}")
+    return faults, driven, now, late
+
+
+def _time(tour: TourPlan, plan: Plan) -> float:
+    """Return how long a leg takes: its length, each move times the mean cost of both ends, by the speed."""
+    task = tour.task
+    if task.costs is None:
+        return plan.length / task.speed
+    path: list[Cell] = [(int(r), int(c)) for r, c in plan.cells]
+    moves = (math.dist(a, b) * (float(task.costs[a]) + float(task.costs[b])) / 2 for a, b in pairwise(path))
+    return math.fsum(moves) * task.grid.resolution / task.speed
+
+
+def _sum_faults(tour: TourPlan, late: float, driven: float, done: float) -> Iterator[str]:
+    """Say which figures of the whole tour its routes contradict."""
+    task, near = tour.task, _NEAR * (1.0 + done) * (1 + len(tour.task.stops))
+    worth = 0.0
+    if task.priorities is not None:
+        worth = math.fsum(float(task.priorities[stop]) for route in tour.routes for stop in route.order)
+    for what, stated, true in (
+        ("length", tour.length, math.fsum(route.length for route in tour.routes)),
+        ("duration", tour.duration, done),
+        ("cost", tour.cost, done if task.objective == "makespan" else driven),
+        ("lateness", tour.lateness, late),
+        ("sum of priorities", tour.collected, worth),
+    ):
+        if not math.isclose(stated, true, rel_tol=_NEAR, abs_tol=near):
+            yield f"states a {what} of {stated!r}; it is {true!r}"
+    if tour.feasible and late > near:
+        yield f"is called feasible and is {late!r} s late"
+    if not tour.feasible and late == 0.0 and not tour.skipped:
+        yield "is called infeasible, visits all stops and is never late"
+    best, least = (tour.bound, tour.collected) if task.priorities is not None else (tour.cost, tour.bound)
+    if math.isnan(tour.bound) or tour.bound < 0 or (tour.feasible and least > best * (1 + _NEAR) + near):
+        yield f"has a bound of {tour.bound!r} that its own {'priorities' if task.priorities is not None else 'cost'} contradict"

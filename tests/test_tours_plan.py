@@ -1,0 +1,258 @@
+"""Tours on maps: distances among stops, plan_tour against exhaustive search, check_tour, wrong input, files and doors."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import antway
+from antway import BadInput, Grid, InvalidPlan, Moves, Plan, check_tour, distance_field, plan_tour
+from antway.tours.distances import stop_distances
+from antway.tours.plan import TourPlan
+from antway.tours.stopfile import load_stops
+from common import SHARED, cases, needs_data
+
+ALL_MOVES = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT, Moves.SIXTEEN, Moves.THIRTY_TWO)
+
+
+def connected(rng: np.random.Generator, n: int, *, side: int = 24) -> tuple[Grid, list[tuple[float, float]]]:
+    """A random map and n free points of one part of it, in m, no two in a cell."""
+    while True:
+        grid = Grid(rng.random((side, side)) < rng.uniform(0.0, 0.3), resolution=0.5)
+        free = np.argwhere(~grid.blocked)
+        reach = np.argwhere(np.isfinite(distance_field(grid, tuple(free[rng.integers(len(free))]))))
+        if len(reach) >= n:
+            xy = grid.to_xy(reach[rng.choice(len(reach), n, replace=False)])
+            return grid, [(float(x), float(y)) for x, y in xy]
+
+
+def cell_list(grid: Grid, points: list[tuple[float, float]]) -> list[tuple[int, int]]:
+    return [grid.cell_at(point) for point in points]
+
+
+def matrix_of(grid: Grid, points: list[tuple[float, float]]) -> np.ndarray:
+    """The distances by one field each, which is what `stop_distances` must equal."""
+    cells = cell_list(grid, points)
+    rows, cols = np.array(cells).T
+    return np.array([distance_field(grid, cell)[rows, cols] for cell in cells])
+
+
+@pytest.mark.parametrize("moves", ALL_MOVES)
+@pytest.mark.parametrize("costly", [False, True])
+def test_distances_are_those_of_dijkstra(moves: Moves, costly: bool) -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(cases(4, 100)):
+        grid = Grid(rng.random((17, 23)) < rng.uniform(0.0, 0.5), resolution=0.25)
+        free = np.argwhere(~grid.blocked)
+        cells = [tuple(map(int, cell)) for cell in free[rng.choice(len(free), min(9, len(free)), replace=False)]]
+        costs = rng.uniform(0.5, 4.0, grid.shape) if costly else None
+        found = stop_distances(grid, cells, moves, costs=costs)
+        rows, cols = np.array(cells).T
+        for i, cell in enumerate(cells):
+            np.testing.assert_allclose(found[i], distance_field(grid, cell, moves, costs=costs)[rows, cols], rtol=1e-12)
+
+
+@needs_data
+def test_distances_on_a_large_map() -> None:
+    grid = antway.load_map(SHARED / "movingai" / "Berlin_0_1024.map")
+    rng = np.random.default_rng(0)
+    free = np.argwhere(~grid.blocked)
+    cells = [tuple(map(int, cell)) for cell in free[rng.choice(len(free), 12, replace=False)]]
+    found = stop_distances(grid, cells)
+    rows, cols = np.array(cells).T
+    for i in (0, 5, 11):
+        np.testing.assert_allclose(found[i], distance_field(grid, cells[i])[rows, cols], rtol=1e-12)
+
+
+def some_tour() -> TourPlan:
+    grid, points = connected(np.random.default_rng(3), 7)
+    windows = [None, (0.0, 1e4), (300.0, 900.0), None, None]
+    return plan_tour(
+        grid, points[0], points[1:6], end=points[6], windows=windows, service=2.0, cycles=20, names=["a", "b", "c", "d", "e"]
+    )
+
+
+def spoil(tour: TourPlan, **changes: object) -> TourPlan:
+    return replace(tour, routes=(replace(tour.routes[0], **changes), *tour.routes[1:]))
+
+
+def exchanged(tour: TourPlan) -> TourPlan:
+    order = tour.order.copy()
+    order[:2] = order[1::-1]
+    return spoil(tour, order=order)
+
+
+def twice(tour: TourPlan) -> TourPlan:
+    order = tour.order.copy()
+    order[0] = order[1]
+    return spoil(tour, order=order)
+
+
+def through_a_wall(tour: TourPlan) -> TourPlan:
+    leg = max(tour.legs, key=lambda plan: len(plan.cells))
+    straight = leg.cells[[0, -1]].copy()
+    plan = Plan(leg.status, straight, float(np.hypot(*np.diff(straight, axis=0)[0]) * tour.task.grid.resolution))
+    return spoil(tour, legs=tuple(plan if one is leg else one for one in tour.legs))
+
+
+BROKEN: dict[str, Callable[[TourPlan], TourPlan]] = {
+    "a stop visited twice": twice,
+    "two stops exchanged, the legs not": exchanged,
+    "a stop left out": lambda t: spoil(t, order=t.order[:-1], arrival=t.arrival[:-1], waiting=t.waiting[:-1]),
+    "a stop that does not exist": lambda t: spoil(t, order=np.r_[t.order[:-1], 99].astype(np.int32)),
+    "a leg missing": lambda t: spoil(t, legs=t.legs[:-1]),
+    "a leg that jumps": through_a_wall,
+    "legs in another order": lambda t: spoil(t, legs=(t.legs[1], t.legs[0], *t.legs[2:])),
+    "an arrival too early": lambda t: spoil(t, arrival=t.arrival - np.eye(len(t.arrival))[2]),
+    "no waiting for a window": lambda t: spoil(t, waiting=np.zeros_like(t.waiting)),
+    "a wrong length": lambda t: replace(t, length=t.length * 0.999),
+    "a wrong duration": lambda t: replace(t, duration=t.duration - 1.0),
+    "a wrong cost": lambda t: replace(t, cost=t.cost - 1e-3),
+    "a bound above the cost": lambda t: replace(t, bound=t.cost * 1.01),
+    "lateness hidden": lambda t: replace(t, task=replace(t.task, windows=t.task.windows * [1.0, 1e-3])),
+    "a deadline missed": lambda t: replace(t, task=replace(t.task, deadline=t.duration / 2)),
+    "a robot without a route": lambda t: replace(t, task=replace(t.task, robots=2)),
+    "another start": lambda t: replace(t, task=replace(t.task, start=tuple(t.task.stops[0]))),
+    "another end": lambda t: replace(t, task=replace(t.task, end="start")),
+    "a faster robot": lambda t: replace(t, task=replace(t.task, speed=2.0)),
+    "a stop said to be left out": lambda t: replace(t, skipped=(1,)),
+}
+
+
+def test_check_tour_accepts_a_tour() -> None:
+    tour = some_tour()
+    check_tour(tour)
+    assert (tour.waiting > 0).any()
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_check_tour_rejects(what: str) -> None:
+    with pytest.raises(InvalidPlan):
+        check_tour(BROKEN[what](some_tour()))
+
+
+def test_several_robots_costs_and_moves_pass_the_check() -> None:
+    rng = np.random.default_rng(8)
+    grid, points = connected(rng, 9)
+    costs = rng.uniform(1.0, 3.0, grid.shape)
+    for kwargs in (
+        {"robots": 3, "objective": "makespan", "end": "start"},
+        {"robots": 2},
+        {"costs": costs, "end": "start", "speed": 0.5},
+        {"moves": Moves.SIXTEEN},
+        {"robot_radius": 0.2, "end": points[8]},
+    ):
+        tour = plan_tour(grid, points[0], points[1:8], cycles=30, **kwargs)
+        check_tour(tour)
+        assert sorted(stop for route in tour.routes for stop in route.order.tolist()) == list(range(7))
+
+
+def test_the_same_seed_gives_the_same_tour() -> None:
+    grid, points = connected(np.random.default_rng(9), 12)
+    one, two = (plan_tour(grid, points[0], points[1:], cycles=20, seed=5) for _ in range(2))
+    assert one.order.tobytes() == two.order.tobytes()
+    assert one.arrival.tobytes() == two.arrival.tobytes()
+
+
+HALL = Grid(np.array([[False] * 6 + [True] + [False] * 5] * 4), resolution=1.0)
+GOOD = [(1.5, 1.5), (3.5, 2.5)]
+WRONG: dict[str, tuple[dict[str, object], str]] = {
+    "in a wall": ({"stops": [*GOOD, (6.5, 1.5)]}, r"stops\[2\] = \(6.5, 1.5\): .*blocked"),
+    "nearer to a wall than its radius": ({"stops": [*GOOD, (0.5, 0.5)], "robot_radius": 0.7}, r"stops\[2\]"),
+    "off the map": ({"stops": [*GOOD, (99.0, 1.5)]}, r"stops\[2\] = \(99.0, 1.5\): .*on the map"),
+    "twice": ({"stops": [*GOOD, (1.6, 1.6)]}, r"stops\[2\] = .*stops\[0\]"),
+    "out of reach": ({"stops": [*GOOD, (8.5, 1.5), (9.5, 1.5)]}, r"stops\[2\].*path leads from the start.*stops\[3\]"),
+    "not a number": ({"stops": [(1.5, math.nan)]}, r"stops\[0\]"),
+    "three numbers": ({"stops": [(1.5, 1.5, 1.5)]}, r"stops\[0\]"),
+    "none": ({"stops": []}, "stops"),
+    "10,001 of them": ({"stops": [(0.5, 0.5)] * 10_001}, "stops = 10001: must be at most"),
+    "a window that ends before it begins": ({"windows": [None, (5.0, 4.0)]}, r"windows\[1\] = \(5.0, 4.0\)"),
+    "a window of NaN": ({"windows": [(math.nan, 4.0), None]}, r"windows\[0\]"),
+    "a window too few": ({"windows": [None]}, "windows"),
+    "service below zero": ({"service": [1.0, -1.0]}, r"service\[1\] = -1.0"),
+    "priority of NaN": ({"priorities": [1.0, math.nan]}, r"priorities\[1\]"),
+    "no robots": ({"robots": 0}, "robots = 0"),
+    "a speed of zero": ({"speed": 0.0}, "speed"),
+    "an unknown end": ({"end": "home"}, "end = 'home'"),
+    "an end in the wall": ({"end": (6.5, 0.5)}, "end"),
+    "an end out of reach": ({"end": (9.5, 0.5)}, "end"),
+    "a start in the wall": ({"start": (6.5, 0.5)}, "start"),
+    "an unknown objective": ({"objective": "beauty"}, "objective"),
+    "costs of zero": ({"costs": np.zeros((4, 12))}, "costs"),
+    "an earlier tour of other stops": ({"initial": "tour"}, "initial"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_wrong_input_is_one_error_that_names_the_stop(what: str) -> None:
+    arguments, words = WRONG[what]
+    arguments = {"start": (0.5, 0.5) if what != "nearer to a wall than its radius" else (2.5, 1.5), "stops": GOOD, **arguments}
+    if arguments.get("initial") is not None:
+        arguments["initial"] = some_tour()
+    with pytest.raises(BadInput) as caught:
+        plan_tour(HALL, cycles=1, **arguments)  # type: ignore[arg-type]
+    assert re.search(words, str(caught.value)), str(caught.value)
+
+
+def test_errors_call_stops_by_their_names() -> None:
+    with pytest.raises(BadInput, match=r"stops\[1\] \(lab\) = \(6.5, 1.5\)"):
+        plan_tour(HALL, (0.5, 0.5), [(1.5, 1.5), (6.5, 1.5)], names=["ward", "lab"])
+
+
+def test_a_file_of_stops_is_read(tmp_path) -> None:
+    file = tmp_path / "stops.csv"
+    file.write_text("# a comment\nname,x,y,earliest,latest,service,priority\nlab,1.5,2,10,20,3,5\n,3,4,,,,\n", encoding="utf-8")
+    read = load_stops(file)
+    assert read.stops == ((1.5, 2.0), (3.0, 4.0))
+    assert read.names == ("lab", "stop 1")
+    assert read.windows == ((10.0, 20.0), (0.0, math.inf))
+    assert read.service == (3.0, 0.0)
+    assert read.priorities == (5.0, 0.0)
+    file.write_text("1,2\n3,4\n", encoding="utf-8")
+    assert load_stops(file).stops == ((1.0, 2.0), (3.0, 4.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "stops"),
+        ("x,y,color\n1,2,red\n", "column = 'color'"),
+        ("x,name\n1,a\n", "columns"),
+        ("x,y\n1\n", r"stops.csv:2: entries = 1"),
+        ("x,y\n1,abc\n", r"stops.csv:2: y = 'abc'"),
+        ("x,y\n1,nan\n", r"stops.csv:2: y = nan"),
+        ("x,y,earliest,latest\n1,2,9,8\n", r"stops.csv:2: latest = 8.0"),
+        ("x,y,x\n1,2,3\n", "there once"),
+        ("x,y\n", "one stop or more"),
+        ('x,y\n"1,2\n', "comma-separated"),
+    ],
+)
+def test_a_wrong_file_of_stops_says_where(tmp_path, text: str, words: str) -> None:
+    file = tmp_path / "stops.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(BadInput, match=words):
+        load_stops(file)
+
+
+def test_the_command_plans_draws_and_prints(tmp_path, capsys) -> None:
+    from antway.cli import app
+
+    antway.save_map(HALL, tmp_path / "hall.yaml")
+    stops = tmp_path / "stops.csv"
+    stops.write_text("name,x,y,latest\nlab,4.5,1.5,\nward,1.5,2.5,30\n", encoding="utf-8")
+    told = ["tour", str(tmp_path / "hall.yaml"), "--start", "0.5,0.5", "--stops", str(stops), "--seconds", "0.1"]
+    assert not app([*told, "--out", str(tmp_path / "tour.png"), "--end", "start"], standalone_mode=False)
+    assert "lab" in capsys.readouterr().out
+    assert (tmp_path / "tour.png").stat().st_size > 10_000
+    assert not app([*told, "--json"], standalone_mode=False)
+    record = json.loads(capsys.readouterr().out)
+    assert [visit["name"] for visit in record["routes"][0]["visits"]] == ["ward", "lab"]
+    assert record["feasible"] is True
+    stops.write_text("name,x,y,latest\nlab,4.5,1.5,0.5\n", encoding="utf-8")
+    assert app(told, standalone_mode=False) == 4
