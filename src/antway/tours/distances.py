@@ -14,7 +14,7 @@ from antway.kernels.search.distance_field import STRAIGHT
 from antway.search import best_first
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, lattice
-from antway.search.distance_field import Wave, free_cells
+from antway.search.distance_field import DijkstraField, free_cells
 
 
 def stop_distances(
@@ -78,10 +78,10 @@ def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[n
     net = lattice(grid, moves)
     places = np.array(cells)
     at = places @ np.array([net.width, 1])
-    wave = Wave(net, cells[:1], cells)
+    field = DijkstraField(net, cells[:1], cells)
     for i in range(len(cells) - 1):
         far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
         # The farthest first: the kernel waits for each in turn.
-        wave.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
-        wave.run(None)
-        yield wave.label[at]
+        field.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
+        field.run(None)
+        yield field.label[at]
