@@ -204,7 +204,7 @@ def test_a_window_and_forbidden_cells_bound_the_search():
     rows, cols = found.plan.cells.T
     assert rows.min() >= 8 and cols.max() < 22 and not forbidden[rows[1:], cols[1:]].any()
     assert found.pheromone.shape == (12, 12, 8) and found.pheromone_by_cell.shape == (12, 12) and found.window == (8, 10, 12, 12)
-    assert found.temperature[2, 5] == 0 and found.temperature[0, 5] > 0
+    assert found.pheromone_by_cell[2, 5] == 0 and found.pheromone_by_cell[0, 5] > 0
     assert found.plan.length == pytest.approx(0.5 * (4 + 4 * math.sqrt(2)))
     forbidden[8:20, 15] = True
     assert explore(problem, window=(8, 10, 12, 12), forbidden=forbidden).plan.status is Status.NO_PATH
@@ -222,8 +222,8 @@ def test_history_and_pheromone_tell_how_the_colony_converged():
     assert (np.diff(best) <= 0).all() and best[-1] == found.plan.length
     assert (mean >= best - 1e-9).all() and (share > 0.9).all()
     assert entropy[-1] < 0.7 * entropy[0] and entropy[0] <= math.log(found.pheromone.size)
-    path = found.temperature[tuple(found.plan.cells[:-1].T)]
-    assert np.median(path) > 3 * np.median(found.temperature[~problem.grid.blocked])
+    path = found.pheromone_by_cell[tuple(found.plan.cells[:-1].T)]
+    assert np.median(path) > 3 * np.median(found.pheromone_by_cell[~problem.grid.blocked])
 
 
 def test_pheromone_left_by_one_colony_starts_the_next():
