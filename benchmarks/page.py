@@ -64,7 +64,7 @@ def place() -> Scenario:
     )
 
 
-def measure(browser: object, address: str, folder: Path, seconds: float, lanes: int, speed: str) -> dict[str, float]:
+def measure(browser: object, address: str, folder: Path, seconds: float, views: int, speed: str) -> dict[str, float]:
     page = browser.new_context(**DESKTOP).new_page()  # type: ignore[attr-defined]
     sizes: list[int] = []
     page.on(
@@ -76,9 +76,9 @@ def measure(browser: object, address: str, folder: Path, seconds: float, lanes: 
     page.wait_for_selector("body[data-ready=true]")
     page.set_input_files("#files", sorted(folder.iterdir()))
     expect(page.locator("#scene option:checked")).to_have_text("large", timeout=60_000)
-    if lanes == 2:
+    if views == 2:
         page.click("#compare")
-        expect(page.locator(".lane")).to_have_count(2, timeout=60_000)
+        expect(page.locator(".view")).to_have_count(2, timeout=60_000)
     page.keyboard.press("0")
     page.select_option("#speed", speed)
     page.click("#play")
@@ -90,8 +90,8 @@ def measure(browser: object, address: str, folder: Path, seconds: float, lanes: 
     span, pictures, ms = (b - a for a, b in zip(before, after))
     page.context.close()
     return {
-        "lanes": lanes,
-        "pictures a second": round(pictures / lanes / span * 1000, 1),
+        "views": views,
+        "pictures a second": round(pictures / views / span * 1000, 1),
         "ms a picture": round(ms / pictures, 2),
         "frames a second": round(len(sizes) / span * 1000, 1),
         "bytes a frame, mean": round(float(np.mean(sizes))),
@@ -105,7 +105,7 @@ def main() -> None:
     seconds = parser.parse_args().seconds
     with tempfile.TemporaryDirectory() as name, served() as port, chromium() as browser:
         save_scenario(place(), Path(name) / "large.toml")
-        rows = [measure(browser, f"http://127.0.0.1:{port}/", Path(name), seconds, lanes, "2") for lanes in (1, 2)]
+        rows = [measure(browser, f"http://127.0.0.1:{port}/", Path(name), seconds, views, "2") for views in (1, 2)]
     table = Table(*rows[0])
     for row in rows:
         table.add_row(*map(str, row.values()))

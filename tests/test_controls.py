@@ -64,7 +64,7 @@ def test_no_control_is_dead(browser: Any, path: str) -> None:
     page, complaints = opened(browser[0], browser[1] + path, (browser[1], "data:"), **DESKTOP)
     if not path:
         page.click("#compare")
-        expect(page, ".lane").to_have_count(2)
+        expect(page, ".view").to_have_count(2)
     assert dead(page) == [] and complaints == []
     page.evaluate("() => document.body.append(document.createElement('button'))")
     assert dead(page) == ["button"], "what is dead is found"
@@ -172,9 +172,9 @@ def test_keys_zoom_and_colours(page: Any) -> None:
     page.keyboard.press("f")
     assert picture(page) == whole
     page.keyboard.press("c")
-    expect(page, ".lane").to_have_count(2)
+    expect(page, ".view").to_have_count(2)
     page.click("#compare")
-    expect(page, ".lane").to_have_count(1)
+    expect(page, ".view").to_have_count(1)
     page.click(".menu summary")
     page.keyboard.press("Escape")
     expect(page, "#save-png").to_be_hidden()
@@ -287,8 +287,8 @@ def test_tours_are_chosen_set_and_saved(tours: Any) -> None:
     expect(page, "#cycle").to_have_text("0")
 
 
-def test_a_refusal_stays_while_answers_to_other_wishes_come(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A refusal that comes before the answer to a later wish is still said after that, until something else is wished for."""
+def test_a_refusal_stays_while_answers_to_other_requests_come(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refusal that comes before the answer to a later request is still shown after it, until the next request."""
     let = threading.Event()
 
     def slowly(self: Session, message: dict[str, Any], done: Any = Session._set) -> list[dict[str, Any]]:
@@ -301,14 +301,14 @@ def test_a_refusal_stays_while_answers_to_other_wishes_come(page: Any, monkeypat
     page.fill("#seed", "-1")
     page.keyboard.press("Tab")
     page.click("#compare")
-    expect(page, ".lane").to_have_count(1)
+    expect(page, ".view").to_have_count(1)
     let.set()
-    expect(page, ".lane").to_have_count(2)
+    expect(page, ".view").to_have_count(2)
     expect(page, "#notice").to_contain_text("seed = -1")
     expect(page, "#seed").to_have_attribute("aria-invalid", "true")
     expect(page, "#seed").to_have_value("-1")
     page.click("#compare")
-    expect(page, ".lane").to_have_count(1)
+    expect(page, ".view").to_have_count(1)
     expect(page, "#notice").to_be_hidden()
     expect(page, "#seed").to_have_value("0")
     assert page.get_attribute("#seed", "aria-invalid") is None
@@ -324,7 +324,7 @@ def test_what_is_refused_is_said_beside_what_was_set(page: Any) -> None:
 
 
 def test_what_is_typed_stays_while_an_answer_comes(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A number that is being typed is not overwritten by the answer to a wish before it."""
+    """A number that is being typed is not overwritten by the answer to a request before it."""
     let = threading.Event()
 
     def slowly(self: Session, message: dict[str, Any], done: Any = Session._policies) -> list[dict[str, Any]]:
@@ -334,14 +334,14 @@ def test_what_is_typed_stays_while_an_answer_comes(page: Any, monkeypatch: pytes
     monkeypatch.setattr(Session, "_policies", slowly)
     page.reload()
     page.wait_for_selector("body[data-ready=true]")
-    for tool, field, typed in (("hand", "#seed", "12"), ("way", "#pace", "0.25"), ("way", "#size", "0.45")):
+    for tool, field, typed in (("hand", "#seed", "12"), ("waypoints", "#pace", "0.25"), ("waypoints", "#size", "0.45")):
         let.clear()
         page.click(f"[data-tool={tool}]")
-        views = page.locator(".lane").count()
+        views = page.locator(".view").count()
         page.click("#compare")
         page.fill(field, typed)
         let.set()
-        expect(page, ".lane").to_have_count(3 - views)
+        expect(page, ".view").to_have_count(3 - views)
         expect(page, field).to_have_value(typed)
     page.click("[data-tool=hand]")
     expect(page, "#undo").to_be_enabled()
@@ -357,7 +357,7 @@ def test_a_cycle_without_ants_says_so(page: Any) -> None:
     expect(page, ".card .ants").to_contain_text("No ants in this control cycle")
     page.click("#step")
     expect(page, ".card .ants").to_have_text("")
-    page.locator(".lane select").select_option("stop")
+    page.locator(".view select").select_option("stop")
     expect(page, "#time").to_have_text("0.0 s")
     page.click("#ants")
     expect(page, ".card .ants").to_have_text("This policy has no ants.")

@@ -88,12 +88,12 @@ async def frame(wire: ClientConnection) -> dict[str, Any]:
 async def steps(wire: ClientConnection) -> list[Any]:
     """Where the robot is after each of the first `STEPS` cycles."""
     await wire.send('{"op":"reset"}')
-    while (await frame(wire))["lanes"][0]["t"] > 0.0:
+    while (await frame(wire))["views"][0]["t"] > 0.0:
         pass
     places = []
     for step in range(1, STEPS + 1):
         await wire.send('{"op":"step"}')
-        while (view := (await frame(wire))["lanes"][0])["t"] < 0.1 * step - 0.05:
+        while (view := (await frame(wire))["views"][0])["t"] < 0.1 * step - 0.05:
             pass
         places.append(view["robot"])
     return places
@@ -108,7 +108,7 @@ async def page(port: int, token: str, ready: asyncio.Event, stop: asyncio.Event)
         now = await frame(wire)
         while not stop.is_set():
             now = await frame(wire)
-            if now["lanes"][0]["outcome"]:
+            if now["views"][0]["outcome"]:
                 await wire.send('{"op":"reset"}')
                 await wire.send('{"op":"play","on":true}')
         return await steps(wire)
@@ -139,7 +139,7 @@ async def junk(port: int, token: str, messages: list[str | bytes], timeout: floa
         return wire.close_code
 
 
-def wishes(rng: np.random.Generator, n: int) -> list[str | bytes]:
+def requests(rng: np.random.Generator, n: int) -> list[str | bytes]:
     """Messages that ask for nothing sensible."""
     texts: list[str | bytes] = ["{", "[]", "null", '{"op":"step","x":' + "[" * 3000, "1e999", '{"op":"drop"}', "\u0000"]
     texts += [
@@ -177,7 +177,7 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
         statuses = await asyncio.gather(*(ask(port, times) for _ in range(REQUESTS)))
         assert set(statuses) == {b"200"}, f"{len(statuses)} answers"
         rng = np.random.default_rng(0)
-        floods = await asyncio.gather(*(junk(port, token, wishes(rng, JUNK), 30.0 if JUNK > 1000 else 0.1) for _ in range(2)))
+        floods = await asyncio.gather(*(junk(port, token, requests(rng, JUNK), 30.0 if JUNK > 1000 else 0.1) for _ in range(2)))
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         head, printed = f"POST / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nContent-Length: 10000000\r\n\r\n", b""
         with contextlib.suppress(ConnectionError):  # the server may hang up before all is sent
@@ -323,7 +323,7 @@ def test_few_wait_for_a_thread_to_play_when_requests_come() -> None:
     asyncio.run(check())
 
 
-def test_wishes_are_done_while_play_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_requests_are_done_while_play_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     """While requests hold up play for as long as the test lasts, a step, an edit and a pause are answered all the same."""
     monkeypatch.setattr(player, "LULL", 600.0)
     monkeypatch.setattr(player, "HOLD", 600.0)
@@ -333,9 +333,9 @@ def test_wishes_are_done_while_play_is_held(monkeypatch: pytest.MonkeyPatch) -> 
             async with live(port, TOKEN) as wire:
                 await frame(wire)
                 await wire.send('{"op":"play","on":true}')
-                assert (now := await frame(wire))["playing"] and now["lanes"][0]["t"] == 0.0
+                assert (now := await frame(wire))["playing"] and now["views"][0]["t"] == 0.0
                 await wire.send('{"op":"play","on":false}')
-                assert not (now := await frame(wire))["playing"] and now["lanes"][0]["t"] == 0.0
+                assert not (now := await frame(wire))["playing"] and now["views"][0]["t"] == 0.0
                 await wire.send('{"op":"play","on":true}')
                 assert (await frame(wire))["playing"]
                 await wire.send('{"op":"set","field":"seed","value":7}')

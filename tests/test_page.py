@@ -211,10 +211,10 @@ def test_files_are_opened_and_bad_ones_said(page: Any, tmp_path: Path) -> None:
 
 
 def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: Path) -> None:
-    """Two lanes play in step; PNG, GIF, trace, replay page and link are what they say, and the link opens the same."""
+    """Two views play in step; PNG, GIF, trace, replay page and link are what they say, and the link opens the same."""
     page.click("#compare")
-    expect(page, ".lane").to_have_count(2)
-    page.locator(".lane select").nth(1).select_option("stop")
+    expect(page, ".view").to_have_count(2)
+    page.locator(".view select").nth(1).select_option("stop")
     expect(page, ".card h2").to_have_text(["Decision of antway", "Decision of stop"])
     page.select_option("#speed", "2")
     page.click("#play")
@@ -242,7 +242,7 @@ def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: 
     page.click("#close-link")
     page.goto("about:blank")
     page.goto(link)
-    expect(page, ".lane").to_have_count(2)
+    expect(page, ".view").to_have_count(2)
     expect(page, "#seed").to_have_value("7")
     assert page.url.endswith("/") and scenario(page, tmp_path).seed == 7
 
@@ -347,8 +347,8 @@ def test_touch_draws_drags_and_zooms(browser: Any, address: str, tmp_path: Path)
     page.click("button[data-tool=obstacle]")
     x, y = point(page, 15.5, 1.5)
     touch([(x, y)], [(x - 20, y)], [(x - 45, y)])
-    page.click("button[data-tool=way]")
-    expect(page, "button[data-tool=way]").to_have_attribute("aria-pressed", "true")
+    page.click("button[data-tool=waypoints]")
+    expect(page, "button[data-tool=waypoints]").to_have_attribute("aria-pressed", "true")
     for place in ((14.5, 2.5), (14.5, 5.5), (18.5, 6.5)):
         touch([point(page, *place)])
     page.click("#done")

@@ -192,7 +192,7 @@ def test_two_episodes_play_side_by_side(browser: Any, tmp_path: Path) -> None:
     one, other = sample_trace(60, 2), sample_trace(120, 3)
     object.__setattr__(other, "policy", "another")
     page, complaints = opened(browser, write_replay(one, tmp_path / "r.html", beside=[other]).as_uri(), OWN, **DESKTOP)
-    announced = page.locator(".told")
+    announced = page.locator(".chosen")
     expect(announced).to_have_text([f"{one.policy}: {one.outcome.value}", f"another: {other.outcome.value}"])
     expect(announced.nth(0)).to_have_attribute("aria-pressed", "true")
 

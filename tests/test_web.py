@@ -118,13 +118,13 @@ def test_no_path_leads_outside_the_list_of_files(port: int) -> None:
 
 
 def test_a_websocket_plays(port: int) -> None:
-    """A scene and a frame come first; a step moves the time on; a wrong wish is refused in the library's words."""
+    """A scene and a frame come first; a step moves the time on; a wrong request is refused in the library's words."""
     own = f"127.0.0.1:{port}"
     with connect(f"ws://{own}/live", origin=f"http://{own}", subprotocols=["antway", TOKEN]) as wire:  # type: ignore[arg-type]
         assert json.loads(wire.recv(60))["kind"] == "scene"
-        assert json.loads(wire.recv(60))["lanes"][0]["t"] == 0.0
+        assert json.loads(wire.recv(60))["views"][0]["t"] == 0.0
         wire.send(json.dumps({"op": "step"}))
-        assert json.loads(wire.recv(60))["lanes"][0]["t"] == pytest.approx(0.1)
+        assert json.loads(wire.recv(60))["views"][0]["t"] == pytest.approx(0.1)
         wire.send("{")
         text = "message = '{': must be JSON"
         refusal = {"kind": "refused", "error": "BadParameter", "field": "message", "number": None, "text": text}
@@ -132,7 +132,7 @@ def test_a_websocket_plays(port: int) -> None:
         wire.send(json.dumps({"op": "set", "field": "robot.radius", "value": 2.0, "number": 3}))
         while (message := json.loads(wire.recv(60)))["kind"] != "refused":
             pass
-        assert (message["number"], message["field"]) == (3, "start"), "which wish it was, and what is wrong then"
+        assert (message["number"], message["field"]) == (3, "start"), "which request it was, and what is wrong then"
 
 
 def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
@@ -175,7 +175,7 @@ def test_a_saved_scenario_opens_again_and_frames_are_small() -> None:
         session.advance(1)
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
-        assert frame["lanes"][0]["t"] == frame["lanes"][1]["t"]
+        assert frame["views"][0]["t"] == frame["views"][1]["t"]
 
 
 def test_frames_of_the_largest_place_are_small() -> None:
@@ -192,7 +192,7 @@ def test_frames_of_the_largest_place_are_small() -> None:
         session.advance(1)
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
-        assert len(frame["lanes"][0]["tubes"]) == MAX_OBSTACLES
+        assert len(frame["views"][0]["tubes"]) == MAX_OBSTACLES
 
 
 def test_predictions_grow_with_time_and_with_noise() -> None:
@@ -205,7 +205,7 @@ def test_predictions_grow_with_time_and_with_noise() -> None:
         sensor = Sensor(occlusion=False, noise=noise)
         session._open(Scenario(place, (1.0, 1.0), (19.0, 19.0), RobotSpec(sensor_range=50.0), sensor))
         session.advance(1)
-        ((radius, growth, path),) = session.frame()["lanes"][0]["tubes"]
+        ((radius, growth, path),) = session.frame()["views"][0]["tubes"]
         assert growth > 0.0 and path[0][0] == 0.0 and path[-1][0] == pytest.approx(3.0)
         widths.append(radius)
         if not noise:
@@ -217,9 +217,9 @@ def test_predictions_grow_with_time_and_with_noise() -> None:
 def test_the_braking_area_is_the_way_to_a_stand() -> None:
     """A robot that stands needs no way; one that drives needs what it drives until it stands, braked after a control period."""
     session = Session()
-    assert session.frame()["lanes"][0]["braking"][0] == 0.0
+    assert session.frame()["views"][0]["braking"][0] == 0.0
     session.advance(15)
-    view = session.frame()["lanes"][0]
+    view = session.frame()["views"][0]
     robot, driven, speed = session.scenario.robot, 0.0, view["speed"]
     assert speed > 0.5
     while speed > 1e-6:
@@ -259,9 +259,9 @@ def test_a_look_inside_a_cycle_changes_nothing() -> None:
         steps = session.views[0].episode.steps
         session.apply({"op": "ants"})
         frame = session.frame()
-        looked = [view["ants"] for view in frame["lanes"]]
+        looked = [view["ants"] for view in frame["views"]]
         looks += any(looked)
-        announced = [view["idle"] for view in frame["lanes"]]
+        announced = [view["idle"] for view in frame["views"]]
         assert not any(look and why for look, why in zip(looked, announced)), (looked, announced)
         if not any(looked) and not any(before):
             assert all("No ants in this control cycle" in why for why in announced)
@@ -272,9 +272,9 @@ def test_a_look_inside_a_cycle_changes_nothing() -> None:
     looked_into = session.views
     session.apply({"op": "policies", "names": ["stop"]})
     session.apply({"op": "ants"})
-    assert session.frame()["lanes"][0]["idle"] == "This policy has no ants."
+    assert session.frame()["views"][0]["idle"] == "This policy has no ants."
     session.apply({"op": "step"})
-    assert session.frame()["lanes"][0]["idle"] == ""
+    assert session.frame()["views"][0]["idle"] == ""
     session.apply({"op": "policies", "names": ["paper", "antway"]})
     for view, policy in zip(looked_into, session.policies):
         plain = Episode(session.scenario, policy)

@@ -68,11 +68,11 @@ def test_frames_of_many_cities_are_small() -> None:
     tab.colony.state.tau[:] = rng.random(tab.colony.state.tau.shape)
     frame = tab.frame()
     assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
-    ends, shares = unpack(frame["ends"], "<u2").reshape(-1, 2), unpack(frame["shares"], "u1")
-    assert len(ends) == len(shares) > 1000 and shares.min() > 200 and (ends[:, 0] < ends[:, 1]).all()
+    ends, amounts = unpack(frame["ends"], "<u2").reshape(-1, 2), unpack(frame["amounts"], "u1")
+    assert len(ends) == len(amounts) > 1000 and amounts.min() > 200 and (ends[:, 0] < ends[:, 1]).all()
 
 
-def test_files_open_and_wrong_wishes_change_nothing() -> None:
+def test_files_open_and_wrong_requests_change_nothing() -> None:
     """A TSPLIB file opens; wrong files, settings and messages are refused in the library's words and leave the run alone."""
     tab = Tours()
     tab.apply({"op": "open", "files": [file_of(FIVE)]})

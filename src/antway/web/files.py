@@ -1,4 +1,4 @@
-"""Files that come to the live page and go from it: maps, scenarios, traces, replay pages. Names and sizes are bounded."""
+"""Files that the live page opens and saves: maps, scenarios, traces, replay pages. Names and sizes are bounded."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_FILES = 8
 MAX_OBSTACLES = 200
 MAX_LINK = 30_000  # characters
 LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
-_PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what other methods unpack may ask for gigabytes of memory
+_PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods may need gigabytes of memory to unpack
 _SPOILT = (zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError)
 _NAME = re.compile(r"[^\W_][\w .()+-]{0,99}")
 _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
@@ -41,13 +41,13 @@ _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
 def read_upload(files: object) -> Scenario:
     """Return the scenario in `files`, a list of {name, data in base64}, or one made of the map in them.
 
-    A .zip is unpacked. What counts is the first file of .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm in this order; the
-    others are what it refers to.
+    A .zip is unpacked. The first file of .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm, in this order, is read; the
+    others are files that it refers to.
 
     Raises
     ------
     BadInput
-        For files that are too many, too large or no scenario or map; the text names them without the folder they stood in.
+        If there are too many files, they are too large, or hold no scenario or map; the text names them without folder.
     """
     contents = _unpacked(decoded(files))
     with tempfile.TemporaryDirectory(prefix="antway-") as name:

@@ -1,4 +1,4 @@
-"""Carries a tab's wishes to its session and frames back: bounded in size and rate, never waiting for a slow page."""
+"""Carries a tab's requests to its session and frames back: bounded in size and rate, never waiting for a slow page."""
 
 from __future__ import annotations
 
@@ -18,34 +18,35 @@ from antway.web.view import Message
 
 T = TypeVar("T")
 
-MAX_SMALL = 2**19  # bytes of a message that opens no file
-RATE, BURST = 60.0, 240.0  # messages a second, and at once
-IN_FLIGHT = 2  # frames that the page has not confirmed
-TIMEOUT = 7.0  # s that a page may take nothing: it is gone within 10, however busy the server
-TICK = 1 / 40  # s between frames at the least
-THREADS = 2  # that play; more would leave the loop, which shares the interpreter, less of the time
-LULL = 0.01  # s without a request, after which play goes on
-HOLD = 0.5  # s that requests may hold it up
+MAX_SMALL = 2**19  # bytes of a message, unless it opens a file
+RATE = 60.0  # messages a second that a page may send
+BURST = 240.0  # messages that a page may send at once
+IN_FLIGHT = 2  # frames that may be unconfirmed at a time
+TIMEOUT = 7.0  # s that a page may leave a frame unconfirmed; it is disconnected within 10 s, however busy the server is
+TICK = 1 / 40  # s between frames, at least
+THREADS = 2  # threads that play; more would take time from the event loop, which shares the interpreter
+LULL = 0.01  # s without a request after which play continues
+HOLD = 0.5  # s that requests may delay play, at most
 
 
 class Turns:
-    """Who may work beside the loop: a few tabs at a time, first come, first served; requests and wishes go before play.
+    """Shares a few threads beside the event loop among the tabs, first come, first served; requests go before play.
 
-    A request takes a fraction of a millisecond and somebody waits for it, as for the answer to a wish; a cycle that comes late
-    is left out.
+    Somebody waits for the answer to a request, which takes a fraction of a millisecond; a control cycle that comes late is
+    simply left out.
     """
 
     def __init__(self, threads: int = THREADS) -> None:
         self.free, self.workers = asyncio.Semaphore(threads), ThreadPoolExecutor(threads, "antway")
-        self.asked = -math.inf  # when the last request came
-        self.playing = asyncio.Semaphore(threads)  # so few look whether there is a lull, or play; the others wait for those
+        self.latest_request = -math.inf  # time on the loop's clock
+        self.playing = asyncio.Semaphore(threads)  # at most this many tabs play or wait for a lull at a time
 
     def request(self) -> None:
-        """Note that somebody asks for a file or opens a tab."""
-        self.asked = asyncio.get_running_loop().time()
+        """Note that a file is requested or a tab opened."""
+        self.latest_request = asyncio.get_running_loop().time()
 
     async def take(self, work: Callable[..., T], *given: object) -> T:
-        """Do work on one of a few threads, so that the server answers others meanwhile."""
+        """Run `work` on one of the threads, so that the server answers others meanwhile."""
         async with self.free:
             return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
 
@@ -55,26 +56,26 @@ class Turns:
         time = asyncio.get_running_loop().time
         latest = time() + HOLD
         async with self.playing:
-            while time() < self.asked + LULL:
-                await asyncio.sleep(LULL)  # in any case: not all who have waited go on at once, in the midst of the stream
+            while time() < self.latest_request + LULL:
+                await asyncio.sleep(LULL)  # always once, so that not all tabs that waited continue at the same time
                 if time() >= latest:
                     break
             yield
 
 
 class Player:
-    """Carries wishes to a session and frames back, at the pace of the clock and never ahead of the page."""
+    """Carries requests to a session and frames back, at the pace of the clock and never ahead of the page."""
 
     def __init__(self, websocket: WebSocket, session: Tab, turns: Turns, exports: Turns) -> None:
         self.websocket, self.session = websocket, session
-        self.turns, self.exports = turns, exports  # what is exported may take seconds: nobody else's play waits for it
+        self.turns, self.exports = turns, exports  # an export may take seconds and must not delay the play of others
         self.turn, self.wake = asyncio.Lock(), asyncio.Event()
         self.owed, self.in_flight = True, 0
         self.answering, self.heard = False, 0.0
         self.clock = asyncio.get_running_loop().time
 
     async def run(self) -> None:
-        """Serve until the page is gone, asks too much, or does not take what it is sent."""
+        """Serve until the page is closed, sends too much, or stops confirming frames."""
         tasks = [asyncio.create_task(task) for task in (self.play(), self.listen(), self.watch())]
         try:
             await self.send(await self.turns.take(lambda: _text(self.session.describe())))
@@ -91,7 +92,7 @@ class Player:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def listen(self) -> None:
-        """Do what the page asks until it is gone or floods."""
+        """Answer the page's requests until it is closed or sends too many."""
         allowance, last = BURST, self.clock()
         while True:
             message = await self.websocket.receive()
@@ -105,7 +106,9 @@ class Player:
             self.answering = True
             await self.answer(text)
             self.answering, after = False, self.clock()
-            self.heard = max(self.heard, after - TIMEOUT + min(after - now, 1.0))  # it may have confirmed meanwhile, unread
+            self.heard = max(
+                self.heard, after - TIMEOUT + min(after - now, 1.0)
+            )  # a confirmation may have come meanwhile and not been read yet
 
     async def watch(self) -> None:
         """Return once the page has left a frame unconfirmed for too long."""
@@ -114,7 +117,7 @@ class Player:
         await self.hang_up()
 
     async def answer(self, text: str) -> None:
-        """Do one wish and say what came of it."""
+        """Carry out one request and send the answer."""
         async with self.turn:
             request: object = None
             try:
@@ -134,7 +137,7 @@ class Player:
         await self.show()
 
     async def play(self) -> None:
-        """Advance the session as fast as the clock says; cycles that come too late are left out, not made up for."""
+        """Advance the session at the pace of the clock; cycles that come too late are left out, not made up for."""
         due = self.clock()
         while True:
             if not self.session.playing:
@@ -149,30 +152,30 @@ class Player:
             await self.show(steps)
 
     async def show(self, steps: int = 0) -> None:
-        """Play so many steps, and send the moment if the page has taken what it was sent before; otherwise it is skipped."""
+        """Play this many steps, and send a frame if the page has confirmed the earlier ones; otherwise skip it."""
         async with AsyncExitStack() as lull:
             if steps:
-                await lull.enter_async_context(self.turns.lull())  # not within the turn: wishes are not held up
+                await lull.enter_async_context(self.turns.lull())  # before the turn is taken, so that requests are not delayed
                 if self.turn.locked():
-                    return  # a wish is being answered, which may take long where nobody reads: these steps are left out
+                    return  # a request is being answered, which may take long: these steps are left out
             async with self.turn:
                 steps = steps if self.session.playing else 0
                 self.owed = self.owed or steps > 0
-                tell = self.owed and self.in_flight < IN_FLIGHT
-                if not (steps or tell):
+                send_frame = self.owed and self.in_flight < IN_FLIGHT
+                if not (steps or send_frame):
                     return
-                text = await self.turns.take(self.moment, steps, tell)
-                await lull.aclose()  # whoever is slow to be told holds up nobody's play
-                if tell:
+                text = await self.turns.take(self.moment, steps, send_frame)
+                await lull.aclose()  # a page that reads slowly does not delay the play of others
+                if send_frame:
                     await self.send(text)
                     self.heard = self.heard if self.in_flight else self.clock()
                     self.owed, self.in_flight = False, self.in_flight + 1
 
-    def moment(self, steps: int, tell: bool) -> str:
-        """Play so many steps; return the frame of the moment then, or nothing where none is to be sent."""
+    def moment(self, steps: int, send_frame: bool) -> str:
+        """Play this many steps; return the frame of the moment reached, or nothing if none is to be sent."""
         if steps:
             self.session.advance(steps)
-        return _text(self.session.frame()) if tell else ""
+        return _text(self.session.frame()) if send_frame else ""
 
     async def hang_up(self) -> None:
         if self.websocket.application_state is WebSocketState.CONNECTED:
@@ -185,7 +188,7 @@ class Player:
 
 
 def _refusal(error: BadInput, request: object) -> Message:
-    """Say why a wish was refused, and its number if the page gave it one: what is wrong may be another field than was set."""
+    """Return why a request was refused, and its number if the page gave one: another field than the one set may be wrong."""
     number = request.get("number") if isinstance(request, dict) else None
     number = number if isinstance(number, int) else None
     return {"kind": "refused", "error": type(error).__name__, "field": error.field, "number": number, "text": str(error)}

@@ -1,8 +1,8 @@
-"""The live page's server: a fixed list of files over HTTP, one session per websocket; this machine alone unless told otherwise.
+"""The live page's server: a fixed list of files over HTTP and one session per websocket, by default for this machine alone.
 
-Every request is held to the names that the server goes by (Host, against names rebound to it) and to its own pages (Origin,
-against other sites). There is nothing to post: a page's wishes come over its websocket, which opens only with the token that
-the page was served with. A session lives as long as its socket.
+Every request must name this server (its Host header, which stops DNS rebinding) and come from its own pages (its Origin header,
+which stops other sites). There is nothing to post: a page sends its requests over its websocket, which opens only with the
+token that the page was served with. A session lives as long as its socket.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from antway.web.session import PARAMETERS, POLICIES, Session
 from antway.web.tab import Tab
 
 PORT = 8765
-MAX_MESSAGE = 6 * 2**20  # bytes; an upload in base64
+MAX_MESSAGE = 6 * 2**20  # bytes of a message; the largest is an upload in base64
 MAX_SESSIONS = 256
-MAX_HEAD = 2**16  # bytes of a request
-MAX_FILES = 8192  # open at once, where the system allows as many
+MAX_HEAD = 2**16  # bytes of an HTTP request
+MAX_FILES = 8192  # sockets and files open at once, where the system allows as many
 
 _FILES = {  # path: package, file, type
     "/": ("antway.web", "page.html", "text/html"),
@@ -47,7 +47,7 @@ _FILES = {  # path: package, file, type
     "/tsp.js": ("antway.web", "tsp.js", "text/javascript"),
     "/page.css": ("antway.web", "page.css", "text/css"),
     "/page.js": ("antway.web", "page.js", "text/javascript"),
-    "/lane.js": ("antway.web", "lane.js", "text/javascript"),
+    "/view.js": ("antway.web", "view.js", "text/javascript"),
     "/edit.js": ("antway.web", "edit.js", "text/javascript"),
     "/parts.js": ("antway.web", "parts.js", "text/javascript"),
     "/canvas.js": ("antway.view", "canvas.js", "text/javascript"),
@@ -68,7 +68,7 @@ _HEADERS = {
 
 
 def is_loopback(host: str) -> bool:
-    """Tell whether `host` is this machine and no other."""
+    """Tell whether `host` names this machine's loopback interface."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -82,7 +82,7 @@ def names_of(host: str, port: int) -> frozenset[str]:
 
 
 class Gate:
-    """Lets through what names this server and comes from its own page; all else is answered with 403."""
+    """Passes requests that name this server and come from its own page on; all others are answered with 403."""
 
     def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns) -> None:
         self.app, self.names, self.turns = app, names, turns
@@ -114,9 +114,9 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     names : frozenset of str
         What a Host header may say (`names_of`).
     token : str
-        What a websocket must bring along.
+        What a websocket must present as its second subprotocol.
     open_page : bool
-        Whether the page is served, token and all, to whoever asks for it; otherwise it takes ?token=... to get it.
+        Whether the page, which holds the token, is served to anyone who asks for it; otherwise ?token=... is needed.
     """
     crossing = {
         "policies": POLICIES,
@@ -138,7 +138,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     def file(path: str) -> ASGIApp | Callable[[Request], Awaitable[Response]]:
         package, name, kind = _FILES[path]
         text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", pages.get(path, ""))
-        whole = Response(text, 200, _HEADERS, kind)  # made once: it is the same for all
+        whole = Response(text, 200, _HEADERS, kind)  # made once, because it is the same for all
 
         async def with_token(request: Request) -> Response:
             if not _same(request.query_params.get("token", ""), token):
@@ -181,7 +181,7 @@ def _same(one: str, other: str) -> bool:
 
 
 class Unstuck:
-    """A connection that is cut `TIMEOUT` s after the other side has ceased to take what it is sent."""
+    """A connection that is closed `TIMEOUT` s after the other side has stopped reading."""
 
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
@@ -200,7 +200,7 @@ class Wire(Unstuck, WebSocketsSansIOProtocol):
 
 
 class Prompt(Unstuck, HttpToolsProtocol):
-    """HTTP that hangs up on who has not asked within `TIMEOUT` s, or asks with more than `MAX_HEAD` bytes."""
+    """HTTP that closes a connection without a whole request within `TIMEOUT` s, or with one of more than `MAX_HEAD` bytes."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
@@ -221,7 +221,7 @@ class Prompt(Unstuck, HttpToolsProtocol):
 
 
 def config_of(app: ASGIApp) -> uvicorn.Config:
-    """Return how the server runs: small requests, bounded messages, nothing kept for long."""
+    """Return the server's configuration: small requests, bounded messages, short-lived connections."""
     return uvicorn.Config(
         app,
         log_level="error",
@@ -255,16 +255,17 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
     Parameters
     ----------
     host : str
-        An address or a name of this machine. Any but a loopback address opens the page to others, who need the token.
+        An address or a name of this machine. Any but a loopback address opens the page to other machines, which need the
+        token.
     port : int
-        0: any that is free.
+        0 means any free port.
     ready : callable
-        Told the address of the page once the port is taken.
+        Called with the address of the page once the port is open.
 
     Raises
     ------
     BadParameter
-        For a host or port that cannot be had.
+        If the host or port cannot be used.
     """
     port = checks.integer("port", port, low=0, high=65535)
     wild = host.strip("[]") in ("", "0.0.0.0", "::", "*")

@@ -1,4 +1,4 @@
-"""What one tab of the live page does: a scenario that can be edited, and one or two policies that play it in step."""
+"""One tab of the live page: a scenario that can be edited, and one or two policies that play it in step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from antway.world.world import Obstacle, World
 POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
 MAX_UNDO = 100
 MAX_WAYPOINTS = 50
-FIELD = 40_000  # cells of the distance field
+FIELD = 40_000  # cells of the distance field that is sent to the page, at most
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,19 +44,27 @@ class Parameter:
 
 
 PARAMETERS = (
-    Parameter("seed", "Seed", "", 0, 2**32 - 1, 1, "Draws where obstacles begin and how fast they are; same seed, same run."),
+    Parameter(
+        "seed",
+        "Seed",
+        "",
+        0,
+        2**32 - 1,
+        1,
+        "Draws where obstacles start and how fast they are; the same seed gives the same run.",
+    ),
     Parameter("robot.radius", "Robot's radius", "m", 0.05, 2.0, 0.05, "Half the robot's width."),
     Parameter("robot.v_max", "Robot's top speed", "m/s", 0.1, 5.0, 0.1, "The robot never drives faster."),
     Parameter("robot.sensor_range", "Sensed range", "m", 0.5, 50.0, 0.5, "How far the robot senses what moves."),
-    Parameter("sensor.noise", "Sensor's noise", "m", 0.0, 1.0, 0.01, "Standard deviation of the places it senses."),
+    Parameter("sensor.noise", "Sensor's noise", "m", 0.0, 1.0, 0.01, "Standard deviation of the positions it measures."),
     Parameter("sensor.dropout", "Missed obstacles", "", 0.0, 0.9, 0.05, "Share of the scans that miss an obstacle."),
-    Parameter("obstacle_speed", "Fastest obstacle", "m/s", 0.1, 5.0, 0.1, "The bound that the guard counts on."),
-    Parameter("horizon", "Time limit", "s", 1.0, 600.0, 1.0, "The run ends then at the latest."),
+    Parameter("obstacle_speed", "Fastest obstacle", "m/s", 0.1, 5.0, 0.1, "The bound on their speed that the guard relies on."),
+    Parameter("horizon", "Time limit", "s", 1.0, 600.0, 1.0, "The run ends after this time at the latest."),
 )
 
 
 class Session(Tab):
-    """The state behind one tab; its speed is the simulated seconds for one of the clock."""
+    """The state behind one tab; its speed is the number of simulated seconds in a second of the clock."""
 
     SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
@@ -64,7 +72,7 @@ class Session(Tab):
         super().__init__(1.0)
         self.policies: tuple[str, ...] = ("antway",)
         self.history: list[Scenario] = []
-        self.place = -1
+        self.position = -1
         self._open(load_scenario(scene(SCENES[0])))
         self.operations |= {
             "ants": self._ants,
@@ -84,7 +92,7 @@ class Session(Tab):
 
     @property
     def scenario(self) -> Scenario:
-        return self.history[self.place]
+        return self.history[self.position]
 
     @property
     def period(self) -> float:
@@ -108,10 +116,10 @@ class Session(Tab):
     def frame(self) -> Message:
         """Return what the page shows of this moment: at most 60 kB as JSON."""
         views = [view.frame(len(self.views)) for view in self.views]
-        return {"kind": "frame", "playing": self.playing, "speed": self.speed, "lanes": views}
+        return {"kind": "frame", "playing": self.playing, "speed": self.speed, "views": views}
 
     def describe(self) -> Message:
-        """Return everything that stands still: map, ends, obstacles, parameters, names."""
+        """Return everything that does not move: map, start and goal, obstacles, parameters, names."""
         scenario, grid = self.scenario, self.scenario.world.grid
         inflated = grid.inflate(scenario.robot.radius)
         start, goal = inflated.cell_at(scenario.start), inflated.cell_at(scenario.goal)
@@ -119,7 +127,7 @@ class Session(Tab):
         path = solve(Problem(inflated, start, goal), "jps").xy(grid).tolist() if found else []
         far = PathsFrom(inflated, goal).distance() if found else np.full(grid.shape, np.inf)
         most = far.max(initial=0.0, where=np.isfinite(far)) or 1.0
-        near = np.where(np.isfinite(far), 0.04 + 0.96 * (1.0 - far / most) ** 2, 0.0)  # the page takes the root
+        near = np.where(np.isfinite(far), 0.04 + 0.96 * (1.0 - far / most) ** 2, 0.0)  # shades() takes the root
         return {
             "kind": "scene",
             "name": scenario.name,
@@ -132,39 +140,39 @@ class Session(Tab):
             "dt": scenario.robot.dt,
             "occlusion": scenario.sensor.occlusion,
             "fastest": scenario.obstacle_speed,
-            "surge": short(scenario.obstacle_surge),
+            "acceleration": short(scenario.obstacle_surge),
             "field": {"row": 0, "col": 0, "farthest": short(most), **shades(near, FIELD)} if found else None,
             "radii": [obstacle.radius for obstacle in scenario.world.obstacles],
             "shortest": [[short(v) for v in point] for point in path],
             "policies": self.policies,
             "parameters": {p.field: short(_get(scenario, p.field)) for p in PARAMETERS},
-            "undo": self.place > 0,
-            "redo": self.place + 1 < len(self.history),
+            "undo": self.position > 0,
+            "redo": self.position + 1 < len(self.history),
         }
 
-    def _lay(self, scenario: Scenario, policies: tuple[str, ...]) -> None:
-        """Begin again with these; where that is refused, all stays as it was."""
+    def _set_up(self, scenario: Scenario, policies: tuple[str, ...]) -> None:
+        """Start again with these; if that is refused, everything stays as it was."""
         if len(scenario.world.obstacles) > MAX_OBSTACLES:
             raise TooLarge("obstacles.length", len(scenario.world.obstacles), f"at most {MAX_OBSTACLES} on the page")
         self.views = [View(scenario, policy) for policy in policies]
 
     def _open(self, scenario: Scenario) -> list[Message]:
         """Make `scenario` the present one, as a step that can be undone."""
-        self._lay(scenario, self.policies)
-        self.history = [*self.history[: self.place + 1], scenario][-MAX_UNDO:]
-        self.place = len(self.history) - 1
+        self._set_up(scenario, self.policies)
+        self.history = [*self.history[: self.position + 1], scenario][-MAX_UNDO:]
+        self.position = len(self.history) - 1
         return [self.describe()]
 
     def _go(self, steps: int) -> list[Message]:
-        place = self.place + steps
-        if not 0 <= place < len(self.history):
+        position = self.position + steps
+        if not 0 <= position < len(self.history):
             return []
-        self._lay(self.history[place], self.policies)
-        self.place = place
+        self._set_up(self.history[position], self.policies)
+        self.position = position
         return [self.describe()]
 
     def _ants(self, message: Message) -> list[Message]:
-        """Let the ants do one cycle more within the control cycle; where there is none, play it and say why there was none."""
+        """Run one more ant cycle within the control cycle; if no ants take part in it, play it and say why they do not."""
         self.playing = False
         looked = [view.look_inside() for view in self.views]
         if True not in looked:
@@ -176,7 +184,7 @@ class Session(Tab):
 
     def _reset(self, message: Message) -> list[Message]:
         self.playing = False
-        self._lay(self.scenario, self.policies)
+        self._set_up(self.scenario, self.policies)
         return [self.describe()]
 
     def _policies(self, message: Message) -> list[Message]:
@@ -184,7 +192,7 @@ class Session(Tab):
         if not isinstance(names, list) or not 1 <= len(names) <= 2:
             raise BadParameter("names", names, "one or two names of policies")
         policies = tuple(checks.choice(f"names[{i}]", name, POLICIES) for i, name in enumerate(names))
-        self._lay(self.scenario, policies)
+        self._set_up(self.scenario, policies)
         self.policies = policies
         return [self.describe()]
 
@@ -254,13 +262,13 @@ class Session(Tab):
         return self._open(replace(self.scenario, **changes))
 
     def _export(self, message: Message) -> list[Message]:
-        """Play a copy of an episode to its end and return it as a file; or return the scenario, as a file or a link."""
+        """Return a file of an episode, played to its end on a copy; or the scenario, as a file or a link."""
         what = checks.choice("what", message.get("what"), ("scenario", "link", *EXPORTS))
         if what == "scenario":
             return [scenario_file(self.scenario)]
         if what == "link":
             return [link(self.scenario, self.policies)]
-        view = checks.integer("lane", message.get("lane", 0), low=0, high=len(self.views) - 1)
+        view = checks.integer("view", message.get("view", 0), low=0, high=len(self.views) - 1)
         episode = Episode(self.scenario, self.policies[view])
         while episode.outcome is None:
             if self.closed.is_set():

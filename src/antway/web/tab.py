@@ -1,4 +1,4 @@
-"""What is behind one tab of a page: wishes come in, scenes and frames go out. A tab knows nothing of sockets."""
+"""The state behind one tab of a page: requests come in, scenes and frames go out. A tab knows nothing of sockets."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Tab(ABC):
     speed : float
         How fast the run plays.
     closed : threading.Event
-        Set when the tab is gone: long work ends.
+        Set when the tab is closed, so that long work ends.
     operations : dict of str to callable
-        What the page may wish for: each takes the message and returns those to send back.
+        The requests of the page: each takes a message and returns the messages to send back.
     """
 
     SPEEDS: ClassVar[tuple[float, ...]]
@@ -51,7 +51,7 @@ class Tab(ABC):
 
     @abstractmethod
     def advance(self, steps: int) -> None:
-        """Play so many steps, or fewer once `closed` or `ended`; `playing` ends with the run."""
+        """Play this many steps, or fewer if the tab is closed or the run ends; a run that ends sets `playing` to False."""
 
     @abstractmethod
     def frame(self) -> Message:
@@ -59,15 +59,15 @@ class Tab(ABC):
 
     @abstractmethod
     def describe(self) -> Message:
-        """Return everything that stands still."""
+        """Return everything that does not change while the run plays."""
 
     def apply(self, message: object) -> list[Message]:
-        """Do what `message` asks and return what to send; a frame is due after it in any case.
+        """Carry out the request in `message` and return the messages to send; a frame follows in any case.
 
         Raises
         ------
         BadInput
-            For wrong messages; nothing has changed then.
+            For wrong messages, which change nothing.
         """
         if not isinstance(message, dict):
             raise BadParameter("message", message, "a JSON object")

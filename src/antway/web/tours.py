@@ -1,4 +1,4 @@
-"""What one tab of the page of tours does: a colony at work on a travelling salesman problem, one cycle after another."""
+"""One tab of the page of tours: a colony that solves a travelling salesman problem, one cycle after another."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from antway.web.view import Message, short
 MAX_CITIES = 5000
 SEARCHES = ("none", "2opt", "oropt", "3opt")
 PERSISTENCES = ("the rule's", "adaptive")
-_EDGES = 2000  # of pheromone in one frame
-_SLICE = 0.1  # s that one call may take
+_EDGES = 2000  # edges with pheromone in one frame, at most
+_SLICE = 0.1  # s that one call of `advance` may take
 
 
 def _scattered() -> Tsp:
@@ -48,7 +48,7 @@ INSTANCES: dict[str, Callable[[], Tsp]] = {"scattered": _scattered, "clusters": 
 
 
 class Tours(Tab):
-    """The state behind one tab; its speed is in cycles a second."""
+    """The state behind one tab; its speed is in cycles per second."""
 
     SPEEDS = (1.0, 4.0, 16.0, 64.0, 1024.0)
 
@@ -82,26 +82,26 @@ class Tours(Tab):
         return optimum is not None and self.colony.best_cost <= optimum * (1 + 1e-12)
 
     def advance(self, cycles: int) -> None:
-        """Run so many cycles, or as many as fit into a tenth of a second."""
+        """Run this many cycles, or as many as fit into a tenth of a second."""
         until = time.perf_counter() + _SLICE
-        room = np.empty((1, 2))
+        history = np.empty((1, 2))
         for _ in range(cycles):
             if self.closed.is_set() or self.ended or time.perf_counter() > until:
                 break
-            self.colony.run(1, room)
+            self.colony.run(1, history)
             self.curve.append((float(self.colony.cycle), self.colony.best_cost, float(self.colony.state.lengths.mean())))
         if self.ended:
             self.playing = False
 
     def frame(self) -> Message:
-        """Return the colony as it is: at most 60 kB as JSON."""
+        """Return the present state of the colony: at most 60 kB as JSON."""
         curve = self.curve[:]
         self.curve.clear()
         if len(curve) > 200:
             curve = [curve[i] for i in np.linspace(0, len(curve) - 1, 200).astype(int)]
         best = self.colony.best_cost
         optimum = self.instance.optimum
-        ends, shares = self._trails()
+        ends, amounts = self._trails()
         return {
             "kind": "frame",
             "playing": self.playing,
@@ -114,11 +114,11 @@ class Tours(Tab):
             "curve": [[short(value) for value in row] for row in curve],
             "tour": _packed(self.colony.best, "<u2") if self.colony.cycle else None,
             "ends": _packed(ends, "<u2"),
-            "shares": _packed(shares, "u1"),
+            "amounts": _packed(amounts, "u1"),
         }
 
     def describe(self) -> Message:
-        """Return what stands still: the cities, the settings."""
+        """Return what does not change while the colony runs: the cities and the settings."""
         xy, instance = self.instance.xy, self.instance
         assert xy is not None
         low, size = xy.min(axis=0), float(np.ptp(xy, axis=0).max()) or 1.0
@@ -132,20 +132,20 @@ class Tours(Tab):
         }
 
     def _trails(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the edges that hold most pheromone above the least, int[m, 2], and how much, in [0, 255]."""
+        """Return the edges with the most pheromone, int[m, 2], and their amounts scaled to [0, 255]."""
         tau, near = self.colony.state.tau, self.colony.cities.near.astype(np.int64)
         low, high = float(tau.min()), float(tau.max())
         if high <= low * (1 + 1e-9):
             return np.empty((0, 2), np.int64), np.empty(0)
-        share = ((tau - low) / (high - low)).ravel()
-        order = np.argsort(-share, kind="stable")[:_EDGES]
-        order = order[share[order] > 0.04]
+        amount = ((tau - low) / (high - low)).ravel()
+        order = np.argsort(-amount, kind="stable")[:_EDGES]
+        order = order[amount[order] > 0.04]
         ends = np.sort(np.column_stack((order // near.shape[1], near.ravel()[order])), axis=1)
         first = np.unique(ends, axis=0, return_index=True)[1]
-        return ends[first], np.round(255 * share[order][first])
+        return ends[first], np.round(255 * amount[order][first])
 
     def _restart(self, instance: Tsp, settings: dict[str, Any]) -> list[Message]:
-        """Begin again with these; where that is refused, all stays as it was."""
+        """Start again with these; if that is refused, everything stays as it was."""
         if instance.xy is None:
             raise BadParameter(
                 "EDGE_WEIGHT_TYPE", "a matrix", "one of cities with places: EUC_2D, CEIL_2D or ATT", where=instance.name

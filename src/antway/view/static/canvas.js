@@ -6,11 +6,11 @@
 //   first row is the highest y.
 import { HORIZON, drawAmounts, drawBraking, drawSight, drawTrails, drawTubes } from "./layers.js";
 
-// `live`: known to the one who runs the episode, not to its trace. `off`: not shown at first.
+// `live`: known while the episode runs but not kept in its trace. `off`: not shown at first.
 const LAYERS = [
   { key: "global", label: "Shortest path", swatch: "dash" },
-  { key: "trail", label: "Way driven", swatch: "line" },
-  { key: "planned", label: "Planned way", swatch: "line" },
+  { key: "trail", label: "Path driven", swatch: "line" },
+  { key: "planned", label: "Planned path", swatch: "line" },
   { key: "target", label: "Local target", swatch: "diamond" },
   { key: "prediction", label: `Predicted, next ${HORIZON} s`, swatch: "area" },
   { key: "range", label: "Sensed range", swatch: "dot" },
@@ -206,8 +206,8 @@ class Stage {
     c.beginPath();
     for (let k = 0; k < 10; k++) {
       const a = (k * Math.PI) / 5 - Math.PI / 2;
-      const reach = k % 2 ? r * 0.42 : r;
-      c.lineTo(sx + reach * Math.cos(a), sy + reach * Math.sin(a));
+      const tip = k % 2 ? r * 0.42 : r;
+      c.lineTo(sx + tip * Math.cos(a), sy + tip * Math.sin(a));
     }
     c.closePath();
     c.fillStyle = this.colour.goal;
@@ -297,8 +297,8 @@ function navigate(stage, changed) {
     held.set(event.pointerId, now);
     if (held.size === 2) {
       const other = [...held].find(([id]) => id !== event.pointerId)[1];
-      const reach = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
-      stage.zoomAt(reach(now) / Math.max(1, reach(before)), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
+      const spread = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]);
+      stage.zoomAt(spread(now) / Math.max(1, spread(before)), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
     } else {
       const [a, b] = [stage.toWorld(...before), stage.toWorld(...now)];
       stage.panBy(a[0] - b[0], a[1] - b[1]);

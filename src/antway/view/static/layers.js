@@ -17,26 +17,26 @@ function drawAmounts(stage, { mask, row, col, height, width }, colour, framed) {
   c.strokeRect(left, top, ...size);
 }
 
-// What each sensed obstacle sweeps in the next seconds as predicted, {radius, growth, way [[s, x, y], ...]}, paler with time.
+// What each sensed obstacle sweeps in the next seconds as predicted, {radius, growth, path [[s, x, y], ...]}, paler with time.
 function drawTubes(stage, tubes) {
   const c = stage.context;
   c.save();
   c.globalAlpha = 0.24;
   c.fillStyle = stage.colour.prediction;
-  for (const share of [1, 2 / 3, 1 / 3]) {
+  for (const fraction of [1, 2 / 3, 1 / 3]) {
     const path = new Path2D(); // one path, all of it clockwise: what overlaps is filled once
-    for (const tube of tubes) sweep(stage, path, tube, HORIZON * share);
+    for (const tube of tubes) sweep(stage, path, tube, HORIZON * fraction);
     c.fill(path);
   }
   c.restore();
 }
 
-function sweep(stage, path, { radius, growth, way }, until) {
+function sweep(stage, path, { radius, growth, path: knots }, until) {
   let before = null;
-  for (let i = 0; i < way.length && (i === 0 || way[i - 1][0] < until); i++) {
-    let [t, x, y] = way[i];
+  for (let i = 0; i < knots.length && (i === 0 || knots[i - 1][0] < until); i++) {
+    let [t, x, y] = knots[i];
     if (t > until) {
-      const [s, a, b] = way[i - 1];
+      const [s, a, b] = knots[i - 1];
       const part = (until - s) / (t - s);
       [t, x, y] = [until, a + (x - a) * part, b + (y - b) * part];
     }
@@ -60,15 +60,15 @@ function sweep(stage, path, { radius, growth, way }, until) {
   }
 }
 
-// The moves that ants laid pheromone on, [[x, y, x, y, share of the most], ...]: the more, the bolder.
+// The moves that ants laid pheromone on, [[x, y, x, y, fraction of the most], ...]: the more, the bolder.
 function drawTrails(stage, trails) {
   const c = stage.context;
   c.save();
   c.lineCap = "round";
   for (let k = 1; k <= 4; k++) {
     c.beginPath();
-    for (const [ax, ay, bx, by, share] of trails) {
-      if (Math.min(4, Math.floor(share * 4) + 1) !== k) continue;
+    for (const [ax, ay, bx, by, fraction] of trails) {
+      if (Math.min(4, Math.floor(fraction * 4) + 1) !== k) continue;
       c.moveTo(...stage.toScreen([ax, ay]));
       c.lineTo(...stage.toScreen([bx, by]));
     }
@@ -116,11 +116,11 @@ function outline(stage, x, y, range) {
   return points;
 }
 
-// What the guard weighs: the area that the robot needs to stop, and how far each sensed obstacle may come until then.
-function drawBraking(stage, robot, { way, course, stand, fastest, surge }, obstacles) {
-  if (!stand) return;
+// What the guard compares: the area that the robot needs to stop, and how far each sensed obstacle can move until then.
+function drawBraking(stage, robot, { distance, direction, stoppingTime, fastest, acceleration }, obstacles) {
+  if (!stoppingTime) return;
   const c = stage.context;
-  const end = [robot.x + way * Math.cos(course), robot.y + way * Math.sin(course)];
+  const end = [robot.x + distance * Math.cos(direction), robot.y + distance * Math.sin(direction)];
   c.save();
   c.lineCap = "round";
   c.globalAlpha = 0.35;
@@ -136,10 +136,10 @@ function drawBraking(stage, robot, { way, course, stand, fastest, surge }, obsta
   c.arc(ex, ey, robot.radius * stage.scale, 0, 2 * Math.PI);
   for (const { x, y, vx, vy, radius, sensed } of obstacles) {
     if (!sensed) continue;
-    const reach = radius + Math.min(fastest, Math.hypot(vx, vy) + surge * stand) * stand;
+    const farthest = radius + Math.min(fastest, Math.hypot(vx, vy) + acceleration * stoppingTime) * stoppingTime;
     const [sx, sy] = stage.toScreen([x, y]);
-    c.moveTo(sx + reach * stage.scale, sy);
-    c.arc(sx, sy, reach * stage.scale, 0, 2 * Math.PI);
+    c.moveTo(sx + farthest * stage.scale, sy);
+    c.arc(sx, sy, farthest * stage.scale, 0, 2 * Math.PI);
   }
   stage.stroke(stage.colour.braking, 1.6, [6, 3]);
 }

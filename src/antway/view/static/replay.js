@@ -7,7 +7,7 @@ const SHOWN = LAYERS.filter(({ live }) => !live);
 // ---- episodes, unpacked ----
 const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 
-class Lane {
+class View {
   constructor(data, canvas) {
     this.data = data;
     this.stage = new Stage(canvas);
@@ -67,8 +67,8 @@ class Lane {
     const i = this.stepAt(time);
     const j = Math.min(i + 1, this.last);
     const dt = t[j] - t[i];
-    const share = dt > 0 ? Math.min(1, Math.max(0, (time - t[i]) / dt)) : 0;
-    const mix = (a, b) => [a[0] + (b[0] - a[0]) * share, a[1] + (b[1] - a[1]) * share];
+    const fraction = dt > 0 ? Math.min(1, Math.max(0, (time - t[i]) / dt)) : 0;
+    const mix = (a, b) => [a[0] + (b[0] - a[0]) * fraction, a[1] + (b[1] - a[1]) * fraction];
     const [x, y] = mix(robotXY[i], robotXY[j]);
     const decision = this.decision(i);
     const obstacles = data.obstacles.id.map((id, k) => {
@@ -80,7 +80,7 @@ class Lane {
     });
     const range = data.robot.range ?? Infinity;
     const seen = obstacles.filter((o) => o.sensed);
-    const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, way: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
+    const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, path: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
     return {
       step: i, decision, obstacles, start: data.start, goal: data.goal, tolerance: data.tolerance,
       robot: { x, y, heading: this.heading[i], radius: data.robot.radius, range, occlusion: data.robot.occlusion }, tubes,
@@ -108,34 +108,34 @@ const image = async (source) => {
 // ---- state ----
 const state = { time: 0, playing: false, speed: 1, show: Object.fromEntries(SHOWN.map(({ key }) => [key, true])) };
 const records = JSON.parse(byId("episode").textContent);
-const lanes = [records, ...(records.beside ?? [])].map((data, i) => new Lane(data, canvasOf(data, i)));
-const longest = lanes.reduce((a, b) => (b.t[b.last] > a.t[a.last] ? b : a)); // whose steps the slider counts
+const views = [records, ...(records.beside ?? [])].map((data, i) => new View(data, canvasOf(data, i)));
+const longest = views.reduce((a, b) => (b.t[b.last] > a.t[a.last] ? b : a)); // whose steps the slider counts
 const { t, last } = longest;
-let told = lanes[0]; // whose decisions the panel tells
+let chosen = views[0]; // the panel shows the decisions of this one
 
-// The canvas of an episode; several stand side by side under their names, and a click on a name has the panel tell of it.
+// The canvas of an episode. Several stand side by side under their names; a click on a name shows that episode in the panel.
 function canvasOf(data, i) {
   const first = byId("stage");
   if (!records.beside) return first;
-  const [lane, name] = [document.createElement("div"), document.createElement("button")];
+  const [view, name] = [document.createElement("div"), document.createElement("button")];
   const canvas = i ? first.cloneNode() : first;
   if (i) canvas.id = `stage-${i}`;
-  lane.className = "episode";
-  Object.assign(name, { type: "button", className: "told", textContent: `${data.policy}: ${data.outcome.replaceAll("-", " ")}` });
-  name.title = "Tell this one's decisions";
-  name.addEventListener("click", () => tell(lanes[i]));
-  byId("lanes").append(lane);
-  lane.append(name, canvas);
+  view.className = "episode";
+  Object.assign(name, { type: "button", className: "chosen", textContent: `${data.policy}: ${data.outcome.replaceAll("-", " ")}` });
+  name.title = "Show the decisions of this episode";
+  name.addEventListener("click", () => choose(views[i]));
+  byId("views").append(view);
+  view.append(name, canvas);
   return canvas;
 }
 
-function tell(lane) {
-  told = lane;
-  document.querySelectorAll(".told").forEach((name, i) => name.setAttribute("aria-pressed", String(lanes[i] === lane)));
-  put("subtitle", `policy ${lane.data.policy}, seed ${lane.data.seed}`);
-  put("outcome", lane.data.outcome.replaceAll("-", " "));
-  byId("outcome").dataset.good = String(lane.data.outcome === "reached");
-  byId("outcome").title = lane.data.reason;
+function choose(view) {
+  chosen = view;
+  document.querySelectorAll(".chosen").forEach((name, i) => name.setAttribute("aria-pressed", String(views[i] === view)));
+  put("subtitle", `policy ${view.data.policy}, seed ${view.data.seed}`);
+  put("outcome", view.data.outcome.replaceAll("-", " "));
+  byId("outcome").dataset.good = String(view.data.outcome === "reached");
+  byId("outcome").title = view.data.reason;
   drawRibbon();
   redraw();
 }
@@ -168,21 +168,21 @@ function showDecision(decision) {
 }
 
 function render() {
-  if (lanes.some(({ stage }) => !stage.map)) return; // pictures are still being unpacked
-  for (const { stage } of lanes) stage.resize();
-  const moments = lanes.map((lane) => lane.momentAt(state.time));
-  lanes.forEach(({ stage }, i) => stage.draw(moments[i], state.show));
-  const moment = moments[lanes.indexOf(told)];
+  if (views.some(({ stage }) => !stage.map)) return; // pictures are still being unpacked
+  for (const { stage } of views) stage.resize();
+  const moments = views.map((view) => view.momentAt(state.time));
+  views.forEach(({ stage }, i) => stage.draw(moments[i], state.show));
+  const moment = moments[views.indexOf(chosen)];
   const { step, robot, obstacles } = moment;
-  const dt = step < told.last ? told.t[step + 1] - told.t[step] : 0;
-  const speed = dt > 0 ? (told.driven[step + 1] - told.driven[step]) / dt : 0;
+  const dt = step < chosen.last ? chosen.t[step + 1] - chosen.t[step] : 0;
+  const speed = dt > 0 ? (chosen.driven[step + 1] - chosen.driven[step]) / dt : 0;
   const clearance = Math.min(...obstacles.map((o) => Math.hypot(o.x - robot.x, o.y - robot.y) - o.radius - robot.radius));
   showDecision(moment.decision);
   put("time", `${state.time.toFixed(1)} / ${t[last].toFixed(1)} s`);
   put("speed-now", fixed(speed, 2, "m/s"));
-  put("driven", fixed(told.driven[step], 2, "m"));
+  put("driven", fixed(chosen.driven[step], 2, "m"));
   put("clearance", fixed(clearance, 2, "m"));
-  put("cycle", fixed(told.cycleMs[Math.min(step, told.last - 1)], 2, "ms"));
+  put("cycle", fixed(chosen.cycleMs[Math.min(step, chosen.last - 1)], 2, "ms"));
   const scrub = byId("scrub");
   if (Number(scrub.value) !== longest.stepAt(state.time)) scrub.value = String(longest.stepAt(state.time));
   scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);
@@ -231,7 +231,7 @@ function setSpeed(speed) {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
   byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
-  for (const { stage } of lanes) stage.refresh();
+  for (const { stage } of views) stage.refresh();
   drawRibbon();
   redraw();
 }
@@ -250,7 +250,7 @@ function drawRibbon() {
   canvas.width = 1000;
   canvas.height = 1;
   for (let x = 0; x < 1000; x++) {
-    const action = told.decision(told.stepAt((x / 1000) * t[last]))?.action ?? "follow";
+    const action = chosen.decision(chosen.stepAt((x / 1000) * t[last]))?.action ?? "follow";
     const kind = { follow: "calm", arrived: "calm", avoid: "planned", "step-aside": "planned", "step-back": "planned" }[action] ?? "prediction";
     c.fillStyle = css.getPropertyValue(`--${kind}`);
     c.fillRect(x, 0, 1, 1);
@@ -258,7 +258,7 @@ function drawRibbon() {
 }
 
 function build() {
-  const available = { global: lanes[0].global.length > 0, pheromone: lanes.some(({ data }) => data.pheromone.length > 0) };
+  const available = { global: views[0].global.length > 0, pheromone: views.some(({ data }) => data.pheromone.length > 0) };
   byId("layers").replaceChildren(...SHOWN.map(({ key, label, swatch }, i) => {
     const row = document.createElement("label");
     const box = document.createElement("input");
@@ -275,7 +275,7 @@ function build() {
     return row;
   }));
   byId("speed").replaceChildren(...SPEEDS.map((speed) => new Option(`${speed}×`, String(speed), speed === 1, speed === 1)));
-  put("title", lanes[0].data.scenario);
+  put("title", views[0].data.scenario);
   Object.assign(byId("scrub"), { min: "0", max: String(last), step: "1", value: "0" });
 }
 
@@ -288,7 +288,7 @@ function listen() {
   byId("scrub").addEventListener("input", (event) => seek(Number(event.target.value)));
   byId("speed").addEventListener("change", (event) => setSpeed(Number(event.target.value)));
   byId("theme").addEventListener("click", () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark"));
-  byId("fit").addEventListener("click", () => (lanes.forEach(({ stage }) => stage.fit()), redraw()));
+  byId("fit").addEventListener("click", () => (views.forEach(({ stage }) => stage.fit()), redraw()));
   byId("save").addEventListener("click", save);
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
@@ -305,10 +305,10 @@ function listen() {
     if (!(event.key === " " && onButton)) event.preventDefault();
     action();
   });
-  new ResizeObserver(redraw).observe(byId("lanes"));
-  for (const { stage } of lanes) {
+  new ResizeObserver(redraw).observe(byId("views"));
+  for (const { stage } of views) {
     navigate(stage, () => {
-      for (const { stage: other } of lanes) [other.zoom, other.centre] = [stage.zoom, [...stage.centre]]; // all show the same part
+      for (const { stage: other } of views) [other.zoom, other.centre] = [stage.zoom, [...stage.centre]]; // all show the same part
       redraw();
     });
   }
@@ -316,14 +316,14 @@ function listen() {
 
 // The next step at which a decision of another kind begins; after the last one, the first step.
 function nextEncounter() {
-  const kind = (i) => told.decision(i)?.action;
-  for (let i = told.stepAt(state.time) + 1; i < told.last; i++)
-    if (kind(i) !== kind(i - 1) && !["follow", "arrived"].includes(kind(i))) return longest.stepAt(told.t[i]);
+  const kind = (i) => chosen.decision(i)?.action;
+  for (let i = chosen.stepAt(state.time) + 1; i < chosen.last; i++)
+    if (kind(i) !== kind(i - 1) && !["follow", "arrived"].includes(kind(i))) return longest.stepAt(chosen.t[i]);
   return 0;
 }
 
 function save() {
-  told.stage.canvas.toBlob((blob) => {
+  chosen.stage.canvas.toBlob((blob) => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(blob);
     link.download = `antway-${state.time.toFixed(1)}s.png`;
@@ -335,10 +335,10 @@ function save() {
 async function open() {
   build();
   listen();
-  await Promise.all(lanes.map((lane) => lane.unpack()));
-  const { rows, cols } = lanes[0].data.map;
+  await Promise.all(views.map((view) => view.unpack()));
+  const { rows, cols } = views[0].data.map;
   document.documentElement.style.setProperty("--ratio", String(rows / cols));
-  tell(lanes[0]);
+  choose(views[0]);
   setTheme(matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
   setPlaying(false);
   document.body.dataset.ready = "true";

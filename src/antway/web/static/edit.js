@@ -1,38 +1,38 @@
-// The tools that change the place: each gesture on a stage becomes one wish to the server.
-// `page` gives: scene, tool, brush, size and pace of a new obstacle, wish(message), obstacleAt(lane, [x, y], reach) -> index or
-// -1, setDone(shown), redraw(). A gesture lasts from press to release, but one of waypoints from its first to its last.
+// The tools that edit the scenario: each gesture on a stage becomes one request to the server.
+// `page` gives: scene, tool, brush, size and pace of a new obstacle, request(message), obstacleAt(view, [x, y], within) -> index or
+// -1, setDone(shown), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
 
-const GRAB = 16; // pixels of the page round start or goal
-const FULL = 90; // pixels of the page for the fastest obstacle
+const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
+const FULL = 90; // pixels of the page; length of the arrow of the fastest obstacle
 
 class Editor {
   constructor(page) {
     this.page = page;
     this.gesture = null;
-    this.cursor = null; // the cell that the keyboard aims at: {lane, cell: [row, col]}
+    this.cursor = null; // {view, cell: [row, col]}: the cell that the keyboard points at
   }
 
-  // Take the gestures on a lane's stage that the present tool means; what it does not take is left to pan and zoom.
-  listen(lane) {
-    const { canvas } = lane.stage;
+  // Handle the gestures on a view's stage that belong to the present tool; all others pan and zoom.
+  listen(view) {
+    const { canvas } = view.stage;
     const at = (event) => {
       const box = canvas.getBoundingClientRect();
       return [event.clientX - box.left, event.clientY - box.top];
     };
     canvas.addEventListener("pointerdown", (event) => {
       this.cursor = null;
-      if (this.page.tool === "way" && event.button === 0) return event.stopImmediatePropagation(), this.waypoint(lane, at(event));
+      if (this.page.tool === "waypoints" && event.button === 0) return event.stopImmediatePropagation(), this.waypoint(view, at(event));
       if (this.gesture && this.gesture.pointer !== event.pointerId) return this.drop(); // a second finger: pan or zoom
       if (event.button !== 0) return;
-      const gesture = this.begin(lane, at(event));
+      const gesture = this.start(view, at(event));
       if (!gesture) return;
-      this.gesture = { ...gesture, lane, pointer: event.pointerId };
+      this.gesture = { ...gesture, view, pointer: event.pointerId };
       canvas.setPointerCapture(event.pointerId);
       event.stopImmediatePropagation();
       this.page.redraw();
     });
     canvas.addEventListener("pointermove", (event) => {
-      if (this.gesture?.kind === "way") return (this.gesture.xy = lane.stage.toWorld(...at(event))), this.page.redraw();
+      if (this.gesture?.kind === "waypoints") return (this.gesture.xy = view.stage.toWorld(...at(event))), this.page.redraw();
       if (this.gesture?.pointer !== event.pointerId) return;
       event.stopImmediatePropagation();
       for (const each of event.getCoalescedEvents?.() ?? [event]) this.move(at(each));
@@ -43,18 +43,18 @@ class Editor {
       if (this.gesture && this.gesture.pointer === event.pointerId) this.end();
     });
     canvas.addEventListener("pointercancel", () => this.drop());
-    canvas.addEventListener("keydown", (event) => this.key(lane, event));
+    canvas.addEventListener("keydown", (event) => this.key(view, event));
     canvas.addEventListener("blur", () => ((this.cursor = null), this.page.redraw()));
   }
 
   drop() {
-    if (this.gesture?.kind === "way") this.page.setDone(false);
+    if (this.gesture?.kind === "waypoints") this.page.setDone(false);
     this.gesture = null;
     this.page.redraw();
   }
 
-  // Aim with the arrows, do what the tool does with Enter; the hand puts the goal there, with Shift the start.
-  key(lane, event) {
+  // The arrow keys move the cursor, Enter applies the tool there; the hand puts the goal there, and the start with Shift.
+  key(view, event) {
     const step = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
     if (event.ctrlKey || event.altKey || event.metaKey || !(step || (event.key === "Enter" && this.cursor))) return;
     event.preventDefault();
@@ -63,25 +63,25 @@ class Editor {
     const { rows, cols, resolution, x, y } = page.scene.map;
     const [row, col] = this.cursor?.cell ?? [1, 0].map((k) => Math.floor((page.scene.start[k] - [x, y][k]) / resolution));
     const centre = [x + (col + 0.5) * resolution, y + (row + 0.5) * resolution];
-    if (step) this.cursor = { lane, cell: [Math.min(rows - 1, Math.max(0, row + step[0])), Math.min(cols - 1, Math.max(0, col + step[1]))] };
-    else if (page.tool === "hand") page.wish({ op: "move", end: event.shiftKey ? "start" : "goal", xy: centre });
-    else if (page.tool === "way") this.waypoint(lane, null, centre);
+    if (step) this.cursor = { view, cell: [Math.min(rows - 1, Math.max(0, row + step[0])), Math.min(cols - 1, Math.max(0, col + step[1]))] };
+    else if (page.tool === "hand") page.request({ op: "move", end: event.shiftKey ? "start" : "goal", xy: centre });
+    else if (page.tool === "waypoints") this.waypoint(view, null, centre);
     else {
-      this.gesture = { ...this.begin(lane, null, centre), lane };
+      this.gesture = { ...this.start(view, null, centre), view };
       this.end();
     }
     page.redraw();
   }
 
-  // One waypoint more; the first or the last again ends the round.
-  waypoint(lane, point, xy = lane.stage.toWorld(...point)) {
+  // Add a waypoint; a press on the first or the last one ends the sequence.
+  waypoint(view, point, xy = view.stage.toWorld(...point)) {
     const { gesture } = this;
-    if (gesture?.kind !== "way") {
-      this.gesture = { kind: "way", lane, points: [xy], xy };
+    if (gesture?.kind !== "waypoints") {
+      this.gesture = { kind: "waypoints", view, points: [xy], xy };
       this.page.setDone(true);
     } else {
-      const reach = (GRAB * lane.stage.unit) / lane.stage.scale;
-      const again = [gesture.points[0], gesture.points.at(-1)].some(([x, y]) => Math.hypot(x - xy[0], y - xy[1]) <= reach / 2);
+      const within = (GRAB * view.stage.unit) / view.stage.scale;
+      const again = [gesture.points[0], gesture.points.at(-1)].some(([x, y]) => Math.hypot(x - xy[0], y - xy[1]) <= within / 2);
       if (again && gesture.points.length > 1) return this.finish();
       if (!again) gesture.points.push(xy);
     }
@@ -90,23 +90,23 @@ class Editor {
 
   finish() {
     const { gesture, page } = this;
-    if (gesture?.kind !== "way") return;
-    if (gesture.points.length > 1) page.wish({ op: "drop", points: gesture.points, speed: page.pace, radius: page.size });
+    if (gesture?.kind !== "waypoints") return;
+    if (gesture.points.length > 1) page.request({ op: "drop", points: gesture.points, speed: page.pace, radius: page.size });
     this.drop();
   }
 
-  begin(lane, point, xy = lane.stage.toWorld(...point)) {
+  start(view, point, xy = view.stage.toWorld(...point)) {
     const { page } = this;
-    const reach = (GRAB * lane.stage.unit) / lane.stage.scale;
+    const within = (GRAB * view.stage.unit) / view.stage.scale;
     if (page.tool === "hand") {
       const near = (end) => Math.hypot(end[0] - xy[0], end[1] - xy[1]);
       const end = near(page.scene.goal) <= near(page.scene.start) ? "goal" : "start";
-      const own = Math.max(reach, end === "goal" ? page.scene.tolerance : page.scene.radius);
+      const own = Math.max(within, end === "goal" ? page.scene.tolerance : page.scene.radius);
       return near(page.scene[end]) <= own ? { kind: "end", end, xy } : null;
     }
     if (page.tool === "obstacle") return { kind: "obstacle", xy, from: point, velocity: [0, 0] };
     if (page.tool === "erase") {
-      const obstacle = page.obstacleAt(lane, xy, reach / 2);
+      const obstacle = page.obstacleAt(view, xy, within / 2);
       if (obstacle >= 0) return { kind: "remove", obstacle };
     }
     const gesture = { kind: "paint", blocked: page.tool === "wall", cells: new Map(), last: null };
@@ -116,7 +116,7 @@ class Editor {
 
   move(point) {
     const { gesture, page } = this;
-    const xy = gesture.lane.stage.toWorld(...point);
+    const xy = gesture.view.stage.toWorld(...point);
     if (gesture.kind === "end") gesture.xy = xy;
     if (gesture.kind === "paint") this.stroke(gesture, xy);
     if (gesture.kind === "obstacle") {
@@ -131,12 +131,12 @@ class Editor {
     const { gesture, page } = this;
     this.gesture = null;
     const { kind, end, xy, velocity, obstacle, blocked, cells } = gesture;
-    if (kind === "end") page.wish({ op: "move", end, xy });
-    if (kind === "obstacle") page.wish({ op: "drop", xy, velocity, radius: page.size });
-    if (kind === "remove") page.wish({ op: "remove", obstacle });
+    if (kind === "end") page.request({ op: "move", end, xy });
+    if (kind === "obstacle") page.request({ op: "drop", xy, velocity, radius: page.size });
+    if (kind === "remove") page.request({ op: "remove", obstacle });
     if (kind === "paint" && cells.size) {
-      page.wish({ op: "paint", blocked, cells: [...cells.values()] });
-      page.pending = { lane: null, kind, blocked, cells }; // shown until the server answers
+      page.request({ op: "paint", blocked, cells: [...cells.values()] });
+      page.pending = { view: null, kind, blocked, cells }; // shown until the server answers
     }
     page.redraw();
   }
@@ -157,12 +157,12 @@ class Editor {
     gesture.last = here;
   }
 
-  // What the gesture under way will do, and where the keyboard aims, over the stage's picture.
+  // Draw over the stage what the present gesture will do and the cell that the keyboard points at.
   draw(stage, gesture) {
     if (gesture?.kind === "paint") this.drawCells(stage, gesture);
     if (gesture?.kind === "obstacle") this.drawThrow(stage, gesture);
-    if (gesture?.kind === "way") this.drawWay(stage, gesture);
-    if (this.cursor?.lane.stage !== stage) return;
+    if (gesture?.kind === "waypoints") this.drawWaypoints(stage, gesture);
+    if (this.cursor?.view.stage !== stage) return;
     const { resolution, x, y } = this.page.scene.map;
     const [row, col] = this.cursor.cell;
     const [left, top] = stage.toScreen([x + col * resolution, y + (row + 1) * resolution]);
@@ -183,7 +183,7 @@ class Editor {
     }
   }
 
-  drawWay(stage, { points, xy }) {
+  drawWaypoints(stage, { points, xy }) {
     const c = stage.context;
     stage.line([...points, xy, points[0]], stage.colour.moving, 1.5, [5, 4]);
     for (const point of points) {

@@ -1,18 +1,18 @@
 import { LAYERS } from "/canvas.js";
 import { Editor } from "/edit.js";
-import { Lane } from "/lane.js";
+import { View } from "/view.js";
 import {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
   setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
 } from "/parts.js";
 
 const page = {
-  scene: null, field: null, lanes: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1,
+  scene: null, field: null, views: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1,
   show: Object.fromEntries(LAYERS.map(({ key, off }) => [key, !off])),
-  wish: (message) => wish(message), redraw, align, obstacleAt, askPolicies, setDone,
+  request: (message) => request(message), redraw, align, obstacleAt, askPolicies, setDone,
 };
 const editor = new Editor(page);
-const wish = connect("/live", (message) => {
+const request = connect("/live", (message) => {
   if (message.kind === "frame") takeFrame(message);
   if (message.kind === "scene") takeScene(message);
   if (message.kind === "link") showLink(message.hash);
@@ -29,16 +29,16 @@ function takeScene(scene) {
   }
   const sameMap = page.scene && ["rows", "cols", "resolution", "x", "y"].every((key) => page.scene.map[key] === map[key]);
   page.scene = scene;
-  page.field = scene.field && heat(scene.field, 150);
+  page.field = scene.field && shadeMask(scene.field, 150);
   page.pending = null;
   document.documentElement.style.setProperty("--ratio", String(map.rows / map.cols));
-  buildLanes(scene.policies);
-  for (const lane of page.lanes) {
-    lane.reset();
-    if (sameMap && lane.stage.map) lane.stage.change(map);
-    else lane.stage.setMap(map);
+  buildViews(scene.policies);
+  for (const view of page.views) {
+    view.reset();
+    if (sameMap && view.stage.map) view.stage.change(map);
+    else view.stage.setMap(map);
   }
-  if (sameMap) align(page.lanes[0].stage);
+  if (sameMap) align(page.views[0].stage);
   choose("scene", choices.scenes, scene.name);
   document.title = `${scene.name} – antway`;
   byId("undo").disabled = !scene.undo;
@@ -61,35 +61,35 @@ function takeRefusal(message) {
 }
 
 function takeFrame(frame) {
-  wish({ op: "seen" });
+  request({ op: "seen" });
   page.playing = frame.playing;
   page.speed = frame.speed;
-  frame.lanes.forEach((record, i) => page.lanes[i].take(record));
+  frame.views.forEach((record, i) => page.views[i].take(record));
   showPlaying(frame.playing);
   byId("speed").value = String(frame.speed);
-  const over = page.lanes.every((lane) => lane.now.outcome);
+  const over = page.views.every((view) => view.now.outcome);
   for (const id of ["play", "step", "ants"]) byId(id).disabled = over;
   byId("cards").setAttribute("aria-live", frame.playing ? "off" : "polite");
   busy("");
-  byId("time").textContent = fixed(Math.max(...page.lanes.map((lane) => lane.now.t)), 1, "s");
+  byId("time").textContent = fixed(Math.max(...page.views.map((view) => view.now.t)), 1, "s");
   redraw();
 }
 
-// ---- the lanes ----
-function buildLanes(policies) {
-  while (page.lanes.length > policies.length) page.lanes.pop().remove();
-  while (page.lanes.length < policies.length) page.lanes.push(new Lane(page, editor));
-  policies.forEach((name, i) => (page.lanes[i].select.value = name));
+// ---- the views ----
+function buildViews(policies) {
+  while (page.views.length > policies.length) page.views.pop().remove();
+  while (page.views.length < policies.length) page.views.push(new View(page, editor));
+  policies.forEach((name, i) => (page.views[i].select.value = name));
 }
 
 // Show the same part of the map on every stage.
 function align(from) {
-  for (const { stage } of page.lanes) if (stage !== from) [stage.zoom, stage.centre] = [from.zoom, [...from.centre]];
+  for (const { stage } of page.views) if (stage !== from) [stage.zoom, stage.centre] = [from.zoom, [...from.centre]];
 }
 
-function obstacleAt(lane, [x, y], reach) {
+function obstacleAt(view, [x, y], within) {
   const distance = ({ x: ox, y: oy, radius }) => Math.hypot(ox - x, oy - y) - radius;
-  const near = (lane.shown ?? []).filter((o) => distance(o) <= reach).sort((a, b) => distance(a) - distance(b));
+  const near = (view.shown ?? []).filter((o) => distance(o) <= within).sort((a, b) => distance(a) - distance(b));
   return near.length ? near[0].id : -1;
 }
 
@@ -99,32 +99,32 @@ function redraw() {
   queued = true;
   requestAnimationFrame((time) => {
     queued = false;
-    const moving = page.lanes.map((lane) => lane.draw(time));
+    const moving = page.views.map((view) => view.draw(time));
     if (moving.includes(true)) redraw();
   });
 }
 
 // ---- controls ----
 
-// Ask for these policies; without names, for those that the lanes' choosers show.
-function askPolicies(names = page.lanes.map((lane) => lane.select.value)) {
+// Request these policies; without names, those that the choosers of the views show.
+function askPolicies(names = page.views.map((view) => view.select.value)) {
   busy("preparing …");
-  wish({ op: "policies", names });
+  request({ op: "policies", names });
 }
 
 function setTool(tool) {
   page.tool = tool;
   editor.drop();
   setDone(false);
-  byId("done").hidden = tool !== "way";
+  byId("done").hidden = tool !== "waypoints";
   document.querySelector("main").dataset.tool = tool;
   for (const button of document.querySelectorAll("[data-tool]:not(main)")) button.setAttribute("aria-pressed", String(button.dataset.tool === tool));
   const brushing = tool === "wall" || tool === "erase";
-  const dropping = tool === "obstacle" || tool === "way";
-  for (const [id, on] of [["brush", brushing], ["size", dropping], ["pace", tool === "way"]]) byId(`${id}-label`).hidden = !on;
+  const dropping = tool === "obstacle" || tool === "waypoints";
+  for (const [id, on] of [["brush", brushing], ["size", dropping], ["pace", tool === "waypoints"]]) byId(`${id}-label`).hidden = !on;
 }
 
-// The button that ends a way of waypoints; its place is kept, so that the map does not move under the finger.
+// Show the button that ends a sequence of waypoints; its space is always kept, so that the map does not move under the finger.
 function setDone(shown) {
   byId("done").style.visibility = shown ? "visible" : "hidden";
 }
@@ -136,18 +136,18 @@ function showLink(hash) {
   byId("link").select();
 }
 
-// Open what the address names after its #: policies, and a scenario's file.
+// Open what the address holds after its #: the names of policies, and a scenario's file.
 function openAddress() {
   const named = new URLSearchParams(location.hash.slice(1));
   if (!named.has("open")) return;
   const data = named.get("open").replaceAll("-", "+").replaceAll("_", "/");
-  wish({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
-  if (named.has("policies")) wish({ op: "policies", names: named.get("policies").split(",") });
+  request({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
+  if (named.has("policies")) request({ op: "policies", names: named.get("policies").split(",") });
   history.replaceState(null, "", location.pathname);
 }
 
 function picture() {
-  const canvases = page.lanes.map((lane) => lane.stage.canvas);
+  const canvases = page.views.map((view) => view.stage.canvas);
   const whole = make("canvas", "", { width: canvases.reduce((sum, c) => sum + c.width, 0), height: canvases[0].height });
   const c = whole.getContext("2d");
   c.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--page");
@@ -158,10 +158,10 @@ function picture() {
 
 function faster(by) {
   const at = choices.speeds.indexOf(page.speed) + by;
-  if (choices.speeds[at] !== undefined) wish({ op: "speed", speed: choices.speeds[at] });
+  if (choices.speeds[at] !== undefined) request({ op: "speed", speed: choices.speeds[at] });
 }
 
-// Take a number of the palette, if it is within its range.
+// Read a number of the palette if it is within its range.
 function setNumber(input, name) {
   const value = Number(input.value);
   const right = input.value.trim() !== "" && value >= Number(input.min) && value <= Number(input.max);
@@ -177,7 +177,7 @@ function build() {
   for (const parameter of choices.parameters) {
     const { field: name, label, unit, low, high, meaning } = parameter;
     if (name === "seed") {
-      setting(name, byId("seed"), make("span", ""), numberOf, wish);
+      setting(name, byId("seed"), make("span", ""), numberOf, request);
       byId("seed").title = meaning;
     }
     const row = make("label", "");
@@ -187,23 +187,23 @@ function build() {
     input.setAttribute("aria-describedby", wrong.id);
     row.append(make("span", unit ? `${label}, ${unit}` : label), input, wrong, make("small", `${meaning} ${low} to ${high}${unit && ` ${unit}`}.`));
     byId("parameters").append(row);
-    setting(name, input, wrong, numberOf, wish);
+    setting(name, input, wrong, numberOf, request);
   }
 }
 
 function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
-  const play = () => byId("play").disabled || (working(), wish({ op: "play", on: !page.playing }));
+  const play = () => byId("play").disabled || (working(), request({ op: "play", on: !page.playing }));
   const actions = {
-    play, step: () => (working(), wish({ op: "step" })), ants: () => (busy("looking …"), wish({ op: "ants" })), reset: () => wish({ op: "reset" }), undo: () => wish({ op: "undo" }), redo: () => wish({ op: "redo" }),
-    done: () => editor.finish(), fit: () => { for (const { stage } of page.lanes) stage.fit(); redraw(); },
-    compare: () => askPolicies(page.lanes.length > 1 ? [page.lanes[0].select.value] : [page.lanes[0].select.value, page.lanes[0].select.value === "paper" ? "antway" : "paper"]),
+    play, step: () => (working(), request({ op: "step" })), ants: () => (busy("looking …"), request({ op: "ants" })), reset: () => request({ op: "reset" }), undo: () => request({ op: "undo" }), redo: () => request({ op: "redo" }),
+    done: () => editor.finish(), fit: () => { for (const { stage } of page.views) stage.fit(); redraw(); },
+    compare: () => askPolicies(page.views.length > 1 ? [page.views[0].select.value] : [page.views[0].select.value, page.views[0].select.value === "paper" ? "antway" : "paper"]),
     "save-png": picture,
   };
-  for (const what of ["scenario", "link", "trace", "replay", "gif"]) actions[`save-${what}`] = () => (busy("writing …"), wish({ op: "export", what }));
+  for (const what of ["scenario", "link", "trace", "replay", "gif"]) actions[`save-${what}`] = () => (busy("writing …"), request({ op: "export", what }));
   for (const [id, action] of Object.entries(actions)) on(id, "click", action);
-  on("scene", "change", (event) => (busy("opening …"), wish({ op: "scene", name: event.target.value })));
-  on("speed", "change", (event) => wish({ op: "speed", speed: Number(event.target.value) }));
+  on("scene", "change", (event) => (busy("opening …"), request({ op: "scene", name: event.target.value })));
+  on("speed", "change", (event) => request({ op: "speed", speed: Number(event.target.value) }));
   on("brush", "change", (event) => (page.brush = Number(event.target.value)));
   for (const id of ["size", "pace"]) on(id, "change", (event) => setNumber(event.target, id));
   on("copy", "click", async () => {
@@ -214,9 +214,9 @@ function listen() {
   on("close-link", "click", () => byId("link-box").close());
   on("link-box", "close", () => (byId("copy").textContent = "Copy"));
   on("parameters", "submit", (event) => event.preventDefault());
-  takeFiles((files) => wish({ op: "open", files }));
+  takeFiles((files) => request({ op: "open", files }));
   for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
-  const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "way" };
+  const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "waypoints" };
   listenToKeys((key, event, onButton) => {
     if (byId("link-box").open) return null;
     if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);
@@ -231,7 +231,7 @@ function listen() {
 const closeMenu = menus();
 const toggle = boxes(LAYERS, page.show, redraw);
 const changeTheme = themes(() => {
-  for (const { stage } of page.lanes) stage.refresh();
+  for (const { stage } of page.views) stage.refresh();
   redraw();
 });
 build();

@@ -1,4 +1,4 @@
-// Small things that the pages share: elements, numbers as text, packed data, files, and the line to the server.
+// What the two live pages share: elements, numbers as text, packed data, files, and the connection to the server.
 
 const byId = (id) => document.getElementById(id);
 const choices = JSON.parse(byId("choices").textContent);
@@ -22,19 +22,19 @@ function mask(rows, cols, amount) {
   return canvas;
 }
 
-// The mask of amounts in 16 shades, two to a byte.
-function heat(record, most) {
+// The mask of amounts that come in 16 shades, two to a byte.
+function shadeMask(record, most) {
   const shades = bits(record.shades);
   return { ...record, mask: mask(record.rows, record.cols, (i) => Math.round((most * ((shades[i >> 1] >> (4 * (i & 1))) & 15)) / 15)) };
 }
 
-let late = 0; // the timer of what is to be said
+let late = 0; // timer of the text that working() shows
 function busy(text) {
   clearTimeout(late);
   byId("busy").textContent = text;
 }
 
-// Say that something is worked on, where it takes half a second: kernels compile when they are called for the first time.
+// Say that the server is busy once it has been for half a second: kernels are compiled when they are first called.
 function working() {
   clearTimeout(late);
   late = setTimeout(busy, 500, "working … (longer the first time)");
@@ -45,19 +45,19 @@ function notice(text) {
   byId("notice").firstElementChild.textContent = text;
 }
 
-// Settings, {field, input, wrong, number}: a field, what is wrong with it, and the number of its latest wish. What was refused stays
-// said until something else is wished for, so that no answer to another wish takes it away.
+// Settings, {field, input, wrong, number}: a field, the element that shows what is wrong with it, and the number of its latest
+// request. The text of a refusal stays until the next request, so that the answer to an earlier request does not remove it.
 const settings = [];
-const asked = []; // {row, text}, by the number of the wish
+const asked = []; // {row, text}, by the number of the request
 
-// Have the setting's input wish for its value, as `valueOf` reads it, when that was changed.
-function setting(field, input, wrong, valueOf, wish) {
+// Request the value of the setting's input, as `valueOf` reads it, whenever the input changes.
+function setting(field, input, wrong, valueOf, request) {
   const row = { field, input, wrong, number: -1 };
   settings.push(row);
   input.addEventListener("change", () => {
     accept(row);
     row.number = asked.push({ row, text: input.value }) - 1;
-    wish({ op: "set", field, value: valueOf(input.value.trim()), number: row.number });
+    request({ op: "set", field, value: valueOf(input.value.trim()), number: row.number });
   });
 }
 
@@ -68,7 +68,7 @@ function accept({ input, wrong }) {
 
 const refused = ({ input }) => input.getAttribute("aria-invalid") === "true";
 
-// Show these values, but where a value was refused, or another is being typed.
+// Show these values, except where a value was refused or is being typed.
 function showSettings(values) {
   for (const row of settings) {
     const { field, input } = row;
@@ -78,18 +78,18 @@ function showSettings(values) {
   }
 }
 
-// Say what was refused: beside the setting that was to be changed, where that can be seen, and otherwise over the page.
+// Show a refusal beside the setting that caused it where that is visible, and otherwise over the page.
 function refuse({ number, text }) {
   const { row, text: value } = asked[number] ?? {};
-  if (row?.number !== number) return notice(text); // or it was set again meanwhile
+  if (row?.number !== number) return notice(text); // no setting caused it, or the setting was changed again meanwhile
   const { input, wrong } = row;
-  if (input !== document.activeElement) input.value = value; // an answer to another wish may have put it back
+  if (input !== document.activeElement) input.value = value; // the answer to another request may have replaced it
   input.setAttribute("aria-invalid", "true");
   wrong.textContent = text;
   if (!input.offsetParent || !wrong.isConnected) notice(text);
 }
 
-// What was refused no longer matters: something else is wished for.
+// Clear what was refused, because a new request is made.
 function forget() {
   notice("");
   for (const row of settings.filter(refused)) {
@@ -104,7 +104,7 @@ function save(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
-// Which of `names` is shown by the chooser `id`; what is none of them, opened from a file, is named above them.
+// Offer `names` in the chooser `id` and select `name`; a name that is none of them, opened from a file, stands first.
 function choose(id, names, name) {
   const known = names.includes(name);
   byId(id).replaceChildren(...names.map((one) => make("option", one, { value: one })));
@@ -156,8 +156,8 @@ function menus() {
   return close;
 }
 
-// Call what `actionOf(key, event, onButton)` returns for a key pressed where nothing is typed or chosen; `onButton` has space and
-// Enter for itself.
+// Call what `actionOf(key, event, onButton)` returns for a key pressed outside text fields and choosers; on a button, space and
+// Enter press the button.
 function listenToKeys(actionOf) {
   document.addEventListener("keydown", (event) => {
     const { tagName, type } = event.target;
@@ -171,7 +171,7 @@ function listenToKeys(actionOf) {
 
 const stemOf = (name) => name.replace(/[^\w-]+/g, "-").slice(0, 60);
 
-// Connect to `path`; `take(message)` gets each message. Returns wish(message).
+// Connect to `path`; `take(message)` is called with each message. Returns request(message), which sends one.
 function connect(path, take) {
   working();
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}`, ["antway", choices.token]);
@@ -194,7 +194,7 @@ function connect(path, take) {
   };
 }
 
-// The files as the server takes them, or null where they cannot be had; the page then says why.
+// The files as the server takes them, or null if they cannot be read; the page then says why.
 async function packedFiles(list) {
   const files = [...list];
   if (!files.length) return null;
@@ -238,6 +238,6 @@ function takeFiles(open) {
 }
 
 export {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, heat, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
   setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
 };

@@ -10,8 +10,8 @@ const LAYERS = [
   { key: "cities", label: "Cities", swatch: "dot" },
 ];
 const SETTINGS = [
-  { field: "rule", label: "Rule", options: choices.rules, meaning: "Who deposits, and within which limits: Ant System, elitist, rank-based, MAX-MIN, Ant Colony System." },
-  { field: "persistence", label: "Persistence", options: choices.persistences, meaning: "How much pheromone outlives a cycle; adaptive: strong edges persist more." },
+  { field: "rule", label: "Rule", options: choices.rules, meaning: "Which ants deposit, and within which limits: Ant System, elitist, rank-based, MAX-MIN, Ant Colony System." },
+  { field: "persistence", label: "Persistence", options: choices.persistences, meaning: "Share of the pheromone that remains after a cycle; adaptive: strong edges keep more." },
   { field: "search", label: "Local search", options: choices.searches, meaning: "What improves each tour before it deposits." },
   { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 400 cities on with local search, 4 that change tours." },
   { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
@@ -20,7 +20,7 @@ const state = {
   scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])),
 };
 
-const wish = connect("/tours", (message) => {
+const request = connect("/tours", (message) => {
   if (message.kind === "frame") takeFrame(message);
   if (message.kind === "scene") takeScene(message);
   if (message.kind === "refused") refuse(message);
@@ -44,9 +44,9 @@ function takeScene(scene) {
 }
 
 function takeFrame(frame) {
-  wish({ op: "seen" });
+  request({ op: "seen" });
   busy("");
-  state.frame = { ...frame, tour: frame.tour && new Uint16Array(bits(frame.tour).buffer), ends: pairs(frame.ends), shares: bits(frame.shares) };
+  state.frame = { ...frame, tour: frame.tour && new Uint16Array(bits(frame.tour).buffer), ends: pairs(frame.ends), amounts: bits(frame.amounts) };
   state.curve.push(...frame.curve);
   if (state.curve.length > 4000) state.curve = state.curve.filter((_, i) => i % 2 === 0 || i > 3000);
   showPlaying(frame.playing);
@@ -89,7 +89,7 @@ function drawMap() {
       c.lineWidth = (0.8 + 0.9 * k) * unit;
       c.beginPath();
       frame.ends.forEach(([a, b], i) => {
-        if (Math.min(5, Math.floor((frame.shares[i] / 256) * 6)) !== k) return;
+        if (Math.min(5, Math.floor((frame.amounts[i] / 256) * 6)) !== k) return;
         c.moveTo(...places[a]);
         c.lineTo(...places[b]);
       });
@@ -192,26 +192,26 @@ function build() {
     else input.inputMode = "numeric";
     row.append(make("span", label), input, wrong, make("small", meaning));
     byId("settings").append(row);
-    setting(field, input, wrong, options ? String : numberOf, wish);
+    setting(field, input, wrong, options ? String : numberOf, request);
   }
 }
 
 function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
   const actions = {
-    play: () => (working(), wish({ op: "play", on: !state.frame?.playing })), step: () => (working(), wish({ op: "step" })), reset: () => wish({ op: "reset" }),
-    "save-tour": () => wish({ op: "export", what: "tour" }),
+    play: () => (working(), request({ op: "play", on: !state.frame?.playing })), step: () => (working(), request({ op: "step" })), reset: () => request({ op: "reset" }),
+    "save-tour": () => request({ op: "export", what: "tour" }),
     "save-png": () => byId("map").toBlob((blob) => save(blob, `antway-${stemOf(state.scene.name)}.png`)),
   };
   for (const [id, action] of Object.entries(actions)) on(id, "click", action);
-  on("instance", "change", (event) => wish({ op: "instance", name: event.target.value }));
-  on("speed", "change", (event) => wish({ op: "speed", speed: Number(event.target.value) }));
+  on("instance", "change", (event) => request({ op: "instance", name: event.target.value }));
+  on("speed", "change", (event) => request({ op: "speed", speed: Number(event.target.value) }));
   on("settings", "submit", (event) => event.preventDefault());
-  takeFiles((files) => wish({ op: "open", files }));
+  takeFiles((files) => request({ op: "open", files }));
   for (const id of ["map", "curve"]) new ResizeObserver(redraw).observe(byId(id));
   const faster = (by) => {
     const speed = choices.speeds[choices.speeds.indexOf(state.frame?.speed) + by];
-    if (speed) wish({ op: "speed", speed });
+    if (speed) request({ op: "speed", speed });
   };
   listenToKeys((key, event, onButton) => {
     if (event.ctrlKey || event.metaKey) return null;

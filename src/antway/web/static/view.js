@@ -1,17 +1,17 @@
-// One policy's half of the page: its stage, its card of decisions, and the record of its run.
+// One policy's part of the page: its stage, its card of decisions, and the record of its run.
 import { Stage, navigate } from "/canvas.js";
-import { byId, choices, fixed, heat, make } from "/parts.js";
+import { byId, choices, fixed, shadeMask, make } from "/parts.js";
 
 const CALM = ["follow", "arrived"];
 const ASIDE = ["avoid", "step-aside", "step-back"];
 
-class Lane {
+class View {
   // `page` is as in page.js, `editor` takes gestures on the stage.
   constructor(page, editor) {
     [this.page, this.editor] = [page, editor];
-    this.figure = byId("lane-template").content.firstElementChild.cloneNode(true);
+    this.figure = byId("view-template").content.firstElementChild.cloneNode(true);
     this.card = byId("card-template").content.firstElementChild.cloneNode(true);
-    byId("lanes").append(this.figure);
+    byId("views").append(this.figure);
     byId("cards").append(this.card);
     this.select = this.figure.querySelector("select");
     this.select.replaceChildren(...choices.policies.map((name) => make("option", name, { value: name })));
@@ -33,7 +33,7 @@ class Lane {
 
   reset() {
     [this.now, this.before, this.arrived] = [null, null, 0];
-    [this.trail, this.ms, this.driven, this.decision, this.heat, this.trails] = [[], [], [0], null, null, []];
+    [this.trail, this.ms, this.driven, this.decision, this.pheromone, this.trails] = [[], [], [0], null, null, []];
   }
 
   take(record) {
@@ -51,18 +51,18 @@ class Lane {
     if ("decision" in record) {
       this.decision = record.decision;
       this.trails = record.trails;
-      this.heat = record.decision?.pheromone ? heat(record.decision.pheromone, 215) : null;
+      this.pheromone = record.decision?.pheromone ? shadeMask(record.decision.pheromone, 215) : null;
     }
     this.describe();
   }
 
-  // The moment that the stage draws: between the last two frames, so that motion is smooth at any rate of frames.
+  // The moment that the stage draws, interpolated between the last two frames so that motion is smooth at any frame rate.
   moment(time) {
     const { now, before, decision, page } = this;
     const { scene } = page;
     const span = before && page.playing && !now.outcome ? now.t - before.t : 0;
-    const share = span > 0 ? Math.min(1, (((time - this.arrived) / 1000) * page.speed) / span) : 1;
-    const mix = (a, b) => (share < 1 ? a + (b - a) * share : b);
+    const fraction = span > 0 ? Math.min(1, (((time - this.arrived) / 1000) * page.speed) / span) : 1;
+    const mix = (a, b) => (fraction < 1 ? a + (b - a) * fraction : b);
     const [x, y] = [0, 1].map((k) => mix(before?.robot[k], now.robot[k]));
     const obstacles = now.obstacles.map(([ox, oy, vx, vy, sensed], id) => ({
       id, vx, vy, radius: scene.radii[id], sensed: Boolean(sensed), focus: decision?.obstacle === id,
@@ -70,12 +70,12 @@ class Lane {
     }));
     const gesture = this.editor.gesture?.kind === "end" ? this.editor.gesture : null;
     const ends = { start: scene.start, goal: scene.goal, ...(gesture && { [gesture.end]: gesture.xy }) };
-    const trail = share < 1 ? [...this.trail.slice(0, -1), [x, y]] : this.trail;
-    const [way, course, stand] = now.braking;
+    const trail = fraction < 1 ? [...this.trail.slice(0, -1), [x, y]] : this.trail;
+    const [distance, direction, stoppingTime] = now.braking;
     return {
       ...ends, obstacles, trail, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path, target: decision?.target,
-      tubes: now.tubes.map(([radius, growth, knots]) => ({ radius, growth, way: knots })), trails: this.trails, pheromone: this.heat,
-      field: page.field, braking: { way, course, stand, fastest: scene.fastest, surge: scene.surge ?? Infinity }, moving: share < 1,
+      tubes: now.tubes.map(([radius, growth, knots]) => ({ radius, growth, path: knots })), trails: this.trails, pheromone: this.pheromone,
+      field: page.field, braking: { distance, direction, stoppingTime, fastest: scene.fastest, acceleration: scene.acceleration ?? Infinity }, moving: fraction < 1,
       robot: { x, y, heading: now.robot[2], radius: scene.radius, range: scene.range ?? Infinity, occlusion: scene.occlusion },
     };
   }
@@ -87,7 +87,7 @@ class Lane {
     const moment = this.moment(time);
     this.shown = moment.obstacles;
     this.stage.draw(moment, page.show);
-    const own = ["paint", "way"].includes(editor.gesture?.kind) || editor.gesture?.lane === this ? editor.gesture : null;
+    const own = ["paint", "waypoints"].includes(editor.gesture?.kind) || editor.gesture?.view === this ? editor.gesture : null;
     editor.draw(this.stage, page.pending ?? own);
     return moment.moving;
   }
@@ -103,7 +103,7 @@ class Lane {
     figure.querySelector(".numbers").textContent =
       `${fixed(now.t, 1, "s")} · ${fixed(driven, 1, "m driven")} · ${fixed(now.speed, 2, "m/s")} · nearest ${fixed(now.clearance, 2, "m")}`;
     this.stage.canvas.setAttribute("aria-label", `Map with the robot steered by ${this.select.value}; the panel says in words what it does.`);
-    card.querySelector("h2").textContent = this.page.lanes.length > 1 ? `Decision of ${this.select.value}` : "Decision";
+    card.querySelector("h2").textContent = this.page.views.length > 1 ? `Decision of ${this.select.value}` : "Decision";
     const action = card.querySelector(".action");
     action.textContent = now.outcome ? now.outcome.replaceAll("-", " ") : (decision?.action.replaceAll("-", " ") ?? "ready");
     action.dataset.kind = !decision || CALM.includes(decision.action) ? "calm" : ASIDE.includes(decision.action) ? "planned" : "alert";
@@ -123,7 +123,7 @@ class Lane {
     this.spark();
   }
 
-  // The policy's time for each of the last cycles, on a scale of logarithms from 0.01 ms on.
+  // The policy's time for each of the last cycles, on a logarithmic scale that starts at 0.01 ms.
   spark() {
     const canvas = this.card.querySelector(".spark");
     const last = this.ms.slice(-120);
@@ -139,4 +139,4 @@ class Lane {
   }
 }
 
-export { Lane };
+export { View };
