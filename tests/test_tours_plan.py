@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import re
@@ -68,6 +69,26 @@ def test_distances_on_a_large_map() -> None:
     rows, cols = np.array(cells).T
     for i in (0, 5, 11):
         np.testing.assert_allclose(found[i], distance_field(grid, cells[i])[rows, cols], rtol=1e-12)
+
+
+@pytest.mark.parametrize("end", [None, "start", "point"])
+def test_tours_are_as_short_as_the_best_of_all_orders(end: str | None) -> None:
+    rng = np.random.default_rng(11)
+    for case in range(cases(6, 200)):
+        grid, points = connected(rng, 2 + int(rng.integers(1, 8)))
+        start, last, stops = points[0], points[1], points[2:]
+        where = last if end == "point" else end
+        tour = plan_tour(grid, start, stops, end=where, cycles=200, seed=case)
+        check_tour(tour)
+        away = matrix_of(grid, points)
+        home = {"point": [1], "start": [0]}.get(str(end), [])
+        best = min(
+            sum(away[a, b] for a, b in itertools.pairwise([0, *order, *home]))
+            for order in itertools.permutations(range(2, len(points)))
+        )
+        assert tour.cost == pytest.approx(best)
+        assert tour.bound <= best * (1 + 1e-9)
+        assert tour.length == pytest.approx(best)
 
 
 def some_tour() -> TourPlan:

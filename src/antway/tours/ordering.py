@@ -11,6 +11,7 @@ import numpy as np
 from antway import checks
 from antway.planning import Budget, Clock
 from antway.tours.stops import Floats, Order, Stops, checked
+from antway.tours.untimed import is_untimed, shortest_order
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +121,9 @@ def order_stops(
     stops = checked(matrix, start, end, windows, service, priorities, deadline, robots, objective)
     checks.seed(seed)
     clock = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles).start()
+    if is_untimed(stops):
+        order, least = shortest_order(stops, clock, cycles, seed)
+        return finished(stops, [order], least)
     orders = _insertion(stops, clock)
     return finished(stops, orders, 0.0)
 

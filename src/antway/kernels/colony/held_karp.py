@@ -1,0 +1,128 @@
+"""What tours cost at least, and the best of few stops: the bound and the dynamic program of Held and Karp.
+
+Every tour is a spanning tree of all nodes but one, and two edges to that one: a 1-tree. Prices on the nodes, which a tour pays
+twice each, make nodes of too many edges dear and those of too few cheap; the cheapest 1-tree less twice the prices is at most
+any tour, whatever the prices are (Held and Karp, The traveling-salesman problem and minimum spanning trees, 1970).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel, kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@bare_kernel
+def one_tree(cost: Floats, price: Floats, near: Floats, link: Ints, degree: Ints) -> float:
+    """Return the cost of the cheapest 1-tree under `price`, node 0 being the one left out, and write each node's edges.
+
+    Prim's algorithm in n^2 steps. `near` float64[n] and `link` int64[n] are room; `degree` int64[n] is written.
+    """
+    n = len(cost)
+    degree[:] = 0
+    total = 0.0
+    for i in range(2, n):
+        near[i], link[i] = cost[1, i] + price[1] + price[i], 1
+    near[1] = -1.0
+    link[1] = -1
+    for _ in range(n - 2):
+        best, node = np.inf, -1
+        for i in range(2, n):
+            if link[i] >= 0 and near[i] < best:
+                best, node = near[i], i
+        total += best
+        degree[node] += 1
+        degree[link[node]] += 1
+        link[node] = -1
+        for i in range(2, n):
+            if link[i] >= 0:
+                longer = cost[node, i] + price[node] + price[i]
+                if longer < near[i]:
+                    near[i], link[i] = longer, node
+    first, second, one, two = np.inf, np.inf, -1, -1
+    for i in range(1, n):
+        away = cost[0, i] + price[0] + price[i]
+        if away < first:
+            second, two, first, one = first, one, away, i
+        elif away < second:
+            second, two = away, i
+    degree[0] = 2
+    degree[one] += 1
+    degree[two] += 1
+    return total + first + second
+
+
+@kernel
+def bound(cost: Floats, tour: float, rounds: int) -> float:
+    """Return a lower bound on closed tours over the symmetric `cost`, float64[n, n] with n >= 3, by subgradients.
+
+    `tour` is the cost of some tour, which sets the length of the first step (Volgenant and Jonker 1982).
+    """
+    n = len(cost)
+    price, last, degree = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
+    near, link = np.empty(n), np.empty(n, np.int64)
+    best, step = -np.inf, 0.0
+    first = one_tree(cost, price, near, link, degree)
+    step_0 = max(1e-3 * tour, 0.5 * (tour - first), 1e-12) / n
+    for k in range(rounds):
+        found = one_tree(cost, price, near, link, degree)
+        for i in range(n):
+            found -= 2.0 * price[i]
+        best = max(best, found)
+        is_tour = True
+        for i in range(n):
+            is_tour &= degree[i] == 2
+        if is_tour:
+            break
+        step = step_0 * (1.0 - k / rounds) ** 2
+        for i in range(n):
+            slope = degree[i] - 2.0
+            price[i] += step * (0.7 * slope + 0.3 * last[i])
+            last[i] = slope
+    return best
+
+
+@kernel
+def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
+    """Return the cheapest order of all n <= 14 nodes from node 0 to `end` (0: back to 0; -1: anywhere), by dynamic programming.
+
+    `cost` float64[n, n] may be asymmetric; for a closed tour the way back counts, and the order is without the second 0.
+    """
+    n = len(cost)
+    if n == 1:
+        return np.zeros(1, np.int32)
+    m = n - 1
+    least = np.full((1 << m, m), np.inf)
+    came = np.full((1 << m, m), -1, np.int8)
+    for i in range(m):
+        least[1 << i, i] = cost[0, i + 1]
+    for seen in range(1, 1 << m):
+        for i in range(m):
+            here = least[seen, i]
+            if here == np.inf or (end > 0 and i == end - 1 and seen != (1 << m) - 1):
+                continue
+            for j in range(m):
+                if not seen >> j & 1:
+                    further = here + cost[i + 1, j + 1]
+                    if further < least[seen | 1 << j, j]:
+                        least[seen | 1 << j, j] = further
+                        came[seen | 1 << j, j] = i
+    seen = (1 << m) - 1
+    best, at = np.inf, 0
+    for i in range(m):
+        whole = least[seen, i] + (cost[i + 1, 0] if end == 0 else 0.0)
+        if (end <= 0 or i == end - 1) and whole < best:
+            best, at = whole, i
+    if best == np.inf:
+        return np.empty(0, np.int32)
+    order = np.zeros(n, np.int32)
+    for k in range(m, 0, -1):
+        order[k] = at + 1
+        before = came[seen, at]
+        seen ^= 1 << at
+        at = before
+    return order

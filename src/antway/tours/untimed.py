@@ -1,0 +1,89 @@
+"""Stops without windows for one robot: the travelling salesman problem, closed, open or with a given end."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from antway.ants.tsp import Tsp, solve_tsp
+from antway.kernels.colony import held_karp
+from antway.planning import Clock
+from antway.tours.stops import Floats, Order, Stops
+
+FEW = 12  # stops that a dynamic program orders best in about a millisecond
+ROUNDS = 60, 400  # of the subgradient for the bound, at least and at most
+WORK = 20_000_000  # steps of the bound in between: some 50 ms
+
+
+def is_untimed(stops: Stops) -> bool:
+    """Tell whether `stops` are to be visited all, at any time, by one robot, and distances are the same both ways."""
+    away = stops.matrix
+    few = len(away) <= FEW
+    plain = not stops.timed and stops.robots == 1 and stops.priorities is None
+    return plain and bool(np.isfinite(away).all()) and (few or bool((away == away.T).all()))
+
+
+def shortest_order(stops: Stops, clock: Clock, cycles: int | None, seed: int) -> tuple[Order, float]:
+    """Return the best order of untimed `stops` that ants find until the clock runs out, and a lower bound on its travel time.
+
+    Up to 12 stops a dynamic program finds the best at once. An open tour is a closed one over a further node, which is 0 away
+    from both ends and 2 max d from all else; a tour that does not use both ends costs at least as much more as that saves.
+    """
+    away, n = stops.matrix, len(stops.matrix)
+    first = np.r_[stops.start, np.delete(np.arange(n), stops.start)]  # rows with the start as number 0
+    place = np.argsort(first)
+    end = -1 if stops.end is None else int(place[stops.end])
+    if n <= FEW:
+        order = held_karp.best_of_few(np.ascontiguousarray(away[np.ix_(first, first)]), end)
+        whole = _finish(first[order], stops)
+        return whole, stops.travel(whole)
+    closed = away[np.ix_(first, first)]
+    far = 2.0 * float(away.max())
+    if end != 0:
+        closed = np.pad(closed, (0, 1), constant_values=far)
+        closed[n, n] = closed[0, n] = closed[n, 0] = 0.0
+        if end > 0:
+            closed[end, n] = closed[n, end] = 0.0
+    extra = far if end < 0 else 0.0
+    closed = np.ascontiguousarray(closed)
+    least = held_karp.bound(closed, _nearest_first(closed), max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2)))
+    # Distances are sums of millions of roundings; the bound must not be above a tour by one of them.
+    least = max(0.0, (least - extra) * (1 - 1e-9))
+    left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
+    instance = Tsp(matrix=closed, optimum=(least + extra) * (1 + 2e-9))
+    tour = solve_tsp(instance, local_search="3opt", seconds=left, cycles=cycles, seed=seed, cancel=clock.cancel)
+    return _finish(first[_from_start(tour.order, n, end)], stops), least
+
+
+def _from_start(order: Order, n: int, end: int) -> Order:
+    """Return a closed tour over rows, the further node `n` left out, so that it begins with row 0 and ends with `end`."""
+    at = int(np.flatnonzero(order == 0)[0])
+    order = np.roll(order, -at)
+    if end != 0:
+        if order[1] == n:
+            order = np.r_[order[:1], order[:0:-1]]
+        assert order[-1] == n
+        order = order[:-1]
+    return order.astype(np.int32)
+
+
+def _finish(order: Order, stops: Stops) -> Order:
+    """Return `order`, for a closed tour with the start once more at its end, in the sense that comes first."""
+    if stops.closed:
+        order = np.r_[order, order[:1]]
+    return order.astype(np.int32)
+
+
+def _nearest_first(away: Floats) -> float:
+    """Return the cost of the closed tour that always goes on to the nearest node left."""
+    left = np.ones(len(away), dtype=bool)
+    at, total = 0, 0.0
+    left[0] = False
+    for _ in range(len(away) - 1):
+        to = int(np.argmin(np.where(left, away[at], np.inf)))
+        total += float(away[at, to])
+        left[to] = False
+        at = to
+    return total + float(away[at, 0])

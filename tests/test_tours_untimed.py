@@ -1,0 +1,79 @@
+"""Stops without windows: the dynamic program, the bound, and what ants find, against all orders."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from antway.kernels.colony import held_karp
+from antway.tours.ordering import order_stops
+from common import cases
+from naive import held_karp as naive
+
+
+def plane(rng: np.random.Generator, n: int) -> np.ndarray:
+    xy = rng.random((n, 2)) * 100
+    return np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
+
+
+@pytest.mark.parametrize("end", [None, "start", "last"])
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_few_stops_are_in_the_best_of_all_orders(end: str | None, symmetric: bool) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(cases(8, 200)):
+        n = int(rng.integers(2, 8))
+        away = plane(rng, n) if symmetric else rng.random((n, n)) * 10
+        last = n - 1 if end == "last" else end
+        found = order_stops(away, end=last, cycles=1)
+        best = naive.best_cost(away, {None: None, "start": 0, "last": n - 1}[end])
+        assert found.cost == pytest.approx(best)
+        assert found.bound == pytest.approx(best)
+        order = found.orders[0].tolist()
+        assert order[0] == 0 and set(order) == set(range(n)) and len(order) == n + (end == "start")
+        assert sum(away[a, b] for a, b in pairwise(order)) == pytest.approx(found.cost)
+
+
+def test_one_trees_are_those_of_kruskal() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(cases(20, 500)):
+        n = int(rng.integers(3, 12))
+        away, price = plane(rng, n), rng.normal(0, 10, n)
+        degree = np.zeros(n, np.int64)
+        found = held_karp.one_tree(away, price, np.empty(n), np.empty(n, np.int64), degree)
+        assert found == pytest.approx(naive.one_tree(away, price))
+        assert degree.sum() == 2 * n
+
+
+@pytest.mark.parametrize("end", [None, "start", 12])
+def test_the_bound_is_never_above_the_best_and_ants_find_it(end: str | int | None) -> None:
+    rng = np.random.default_rng(3)
+    for case in range(cases(5, 100)):
+        n = 13
+        away = plane(rng, n) if case % 2 else np.minimum(*(lambda m: (m, m.T))(rng.integers(1, 50, (n, n)).astype(float)))
+        np.fill_diagonal(away, 0.0)
+        code = {None: -1, "start": 0, 12: 12}[end]
+        order = held_karp.best_of_few(away, code)
+        best = float(away[order[:-1], order[1:]].sum()) + (away[order[-1], 0] if end == "start" else 0.0)
+        found = order_stops(away, end=end, cycles=60, seed=case)
+        assert found.bound <= best * (1 + 1e-9)
+        assert found.bound > 0.5 * best
+        assert found.cost == pytest.approx(best)
+
+
+def test_the_order_may_start_anywhere() -> None:
+    rng = np.random.default_rng(4)
+    for n in (6, 20):
+        away = plane(rng, n)
+        for end in (None, "start", 1):
+            found = order_stops(away, start=3, end=end, cycles=10)
+            order = found.orders[0].tolist()
+            assert order[0] == 3 and set(order) == set(range(n))
+            assert end is None or order[-1] == (3 if end == "start" else end)
+
+
+def test_the_same_seed_gives_the_same_order() -> None:
+    away = plane(np.random.default_rng(5), 60)
+    one, two = (order_stops(away, cycles=5, seed=9).orders[0] for _ in range(2))
+    assert one.tobytes() == two.tobytes()
