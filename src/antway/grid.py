@@ -138,6 +138,10 @@ class Grid:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[object, ...]:
+        # A copy or an unpickled grid is made by the constructor, so that its arrays are read-only too.
+        return Grid, (self.blocked, self.resolution, self.origin, self.unknown)
+
     def contains(self, cell: Cell) -> bool:
         """Tell whether `cell` lies on the map."""
         rows, cols = self.shape

@@ -17,6 +17,7 @@ from antway.errors import BadParameter, BadScenario
 from antway.grid import Grid
 from antway.kernels.base.rng import stream, uniform
 from antway.kernels.robot.motions import bounce
+from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME
 
 XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
@@ -177,6 +178,10 @@ class Replay:
         t = checks.array("t", self.t, (len(self.points),))
         if (np.diff(t) <= 0).any():
             raise BadParameter("t", float(t[int(np.argmax(np.diff(t) <= 0)) + 1]), "increasing (s)")
+        checks.number("t", float(np.abs(t).max()), high=MAX_TIME, unit="s")
+        with np.errstate(divide="ignore", over="ignore"):
+            speeds = np.hypot(*np.diff(np.array(self.points), axis=0).T) / np.diff(t)
+        checks.number("points", float(speeds.max(initial=0.0)), high=MAX_SPEED, infinite=True, unit="m/s between two of them")
         object.__setattr__(self, "t", tuple(t.tolist()))
         object.__setattr__(self, "_arrays", (t, np.array(self.points)))
 
@@ -263,20 +268,28 @@ def _from(t: NDArray[np.float64], xy: NDArray[np.float64], since: float) -> Traj
 
 def _points(motion: object, *names: str) -> None:
     for name in names:
-        object.__setattr__(motion, name, checks.point(name, getattr(motion, name)))
+        place = checks.point(name, getattr(motion, name))
+        for i, part in enumerate(place):
+            checks.number(f"{name}[{i}]", part, low=-MAX_PLACE, high=MAX_PLACE, unit="m")
+        object.__setattr__(motion, name, place)
 
 
 def _track(motion: object, name: str) -> None:
     points = checks.array(name, getattr(motion, name), (None, 2))
     if not 1 <= len(points) <= MAX_KNOTS:
         raise BadParameter(f"{name}.length", len(points), f"in [1, {MAX_KNOTS}]")
+    far = float(points.flat[int(np.abs(points).argmax())])
+    checks.number(name, far, low=-MAX_PLACE, high=MAX_PLACE, unit="m")
     object.__setattr__(motion, name, tuple(map(tuple, points.tolist())))
+
+
+_MOST = {"m/s": MAX_SPEED, "s": MAX_TIME, "m": MAX_PLACE, "rad": 1e6}  # the largest number of each unit
 
 
 def _spans(motion: object, *, low: float = 0.0, **units: str) -> None:
     for name, unit in units.items():
         value = getattr(motion, name)
-        high = 1.0 if name == "phase" else math.inf
+        high = _MOST.get(unit, math.inf) if name != "phase" else 1.0
         if isinstance(value, (tuple, list, np.ndarray)):
             ends = checks.point(name, value)
             for i, end in enumerate(ends):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import MISSING, dataclass, field, fields, replace
 from os import PathLike
@@ -10,18 +11,22 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
 from antway.kernels.base.geometry import segment_hits_cells
+from antway.limits import MAX_DEPTH, MAX_TIME
 from antway.trajectory.footprint import circumscribed_radius
-from antway.world.motions import MOTIONS, XY, Replay
+from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.sensor import Sensor
 from antway.world.world import MAX_OBSTACLES, Obstacle, World
 
 MAX_STEPS = 1_000_000
 MAX_BYTES = 16 * 2**20
+_DOTTED = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH},}}")
+_BRACKET = re.compile(r"[\[\]{}]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +75,7 @@ class Scenario:
         set_ = object.__setattr__
         checks.instance("world", self.world, World)
         checks.instance("sensor", self.sensor, Sensor)
-        set_(self, "horizon", checks.number("horizon", self.horizon, low=0.0, open_low=True, unit="s"))
+        set_(self, "horizon", checks.number("horizon", self.horizon, low=0.0, high=MAX_TIME, open_low=True, unit="s"))
         checks.seed(self.seed)
         for text in ("name", "map"):
             checks.instance(text, getattr(self, text), str)
@@ -120,12 +125,31 @@ def load_scenario(path: str | Path) -> Scenario:
             raise BadScenario("scenario", where, "an existing regular file")
         if path.stat().st_size > MAX_BYTES:
             raise TooLarge("size", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
-        record = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        record = read_toml(path.read_text(encoding="utf-8-sig"), where)
     except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, BadInput):
             raise
         raise BadScenario("scenario", str(error), "a TOML file in UTF-8", where=where) from None
     return _scenario(record, path.parent, where)
+
+
+def read_toml(text: str, where: str) -> dict[str, Any]:
+    """Parse TOML that is not deep, for the time of the parser grows with the square of the parts of a key, and it recurses.
+
+    Raises
+    ------
+    TooLarge, ValueError
+    """
+    deep = _DOTTED.search(text)
+    if deep:
+        raise TooLarge("key", deep[0], f"of at most {MAX_DEPTH} dotted parts", where=where)
+    depth = deepest = 0
+    for bracket in _BRACKET.findall(text):
+        depth = depth + 1 if bracket in "[{" else max(depth - 1, 0)
+        deepest = max(deepest, depth)
+    if deepest > MAX_DEPTH:
+        raise TooLarge("depth", deepest, f"at most {MAX_DEPTH} brackets within brackets", where=where)
+    return tomllib.loads(text)
 
 
 def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
@@ -173,14 +197,22 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
     if kind is Replay and "file" in values:
         _keys(values, name, ("file",), (), where)
         file = _inside(values["file"], f"{name}.file", folder, where)
-        try:
-            table = np.loadtxt(file, delimiter=",", ndmin=2, max_rows=1_000_000)
-        except (OSError, ValueError) as error:
-            raise BadScenario(f"{name}.file", str(error), "CSV lines t,x,y in s and m", where=where) from None
+        table = _read_csv(file, f"{name}.file", where)
         if table.ndim != 2 or table.shape[1] != 3:
             raise BadScenario(f"{name}.file", table.shape, "CSV lines t,x,y in s and m", where=where)
         values = {"t": table[:, 0], "points": table[:, 1:]}
     return Obstacle(radius, _build(name, kind, values, where))
+
+
+def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
+    """Read CSV lines of numbers from a plain text file; what `np.loadtxt` would unpack by its ending is not unpacked."""
+    if file.stat().st_size > MAX_BYTES:
+        raise TooLarge(name, file.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
+    try:
+        with file.open(encoding="utf-8-sig") as lines:
+            return np.loadtxt(lines, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
+    except (OSError, ValueError) as error:
+        raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
 
 
 def _build(name: str, kind: type, record: object, where: str) -> Any:
@@ -211,7 +243,11 @@ def _inside(value: object, name: str, folder: Path, where: str) -> Path:
     if not isinstance(value, str) or not value or "\0" in value or PurePosixPath(value).is_absolute():
         raise BadScenario(name, value, allowed, where=where)
     file = folder / value
-    if not file.resolve().is_relative_to(folder.resolve()) or not file.is_file():
+    try:
+        found = file.resolve().is_relative_to(folder.resolve()) and file.is_file()
+    except OSError:  # such as a name longer than a file's may be
+        found = False
+    if not found:
         raise BadScenario(name, value, allowed, where=where)
     return file
 

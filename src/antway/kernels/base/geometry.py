@@ -262,7 +262,17 @@ def first_wall(
                     n_row, n_col = (-side, 0.0) if axis == 0 else (0.0, -side)
     parts = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
     margin = r + 0.5
-    for part in range(parts):
+    enters, leaves = 0.0, 1.0  # the shares of the path between which the disc is near the map: only there can it meet a cell
+    for p, d, size in ((row, dr, rows), (col, dc, cols)):
+        if d == 0.0:
+            if p < -margin or p > size - 1.0 + margin:
+                leaves = -1.0
+        else:
+            a, b = (-margin - p) / d, (size - 1.0 + margin - p) / d
+            enters, leaves = max(enters, min(a, b)), min(leaves, max(a, b))
+    if enters > leaves:
+        return best, n_row, n_col
+    for part in range(max(int(enters * parts) - 1, 0), min(int(leaves * parts) + 2, parts)):
         if best <= part / parts:
             break
         r0, c0 = row + dr * (part / parts), col + dc * (part / parts)

@@ -1,0 +1,8 @@
+"""How large a number may be that describes a world: one table, so that no arithmetic on it overflows or takes for ever."""
+
+from __future__ import annotations
+
+MAX_SPEED = 1000.0  # m/s; no obstacle and no robot may be faster
+MAX_PLACE = 1e10  # m; coordinates of points lie within this, a little beyond the farthest origin that a map may have
+MAX_TIME = 1e9  # s; no motion, delay or horizon may be longer
+MAX_DEPTH = 32  # brackets within brackets, and parts of a dotted key, of a TOML file
