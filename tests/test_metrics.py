@@ -53,7 +53,7 @@ def test_jerk():
     assert metrics.jerk(trace) == pytest.approx(math.sqrt(2 / (len(v) - 2)) / 0.01)
 
 
-def test_side_flips():
+def test_side_changes():
     """Each change of the side on which the robot is about to pass counts once; a steady side counts nothing."""
     disc = Obstacle(0.2, Line((7.5, 5.0), (7.5, 5.0), 0.0))
     left, right = (1.0, 0.4), (1.0, -0.4)
@@ -101,7 +101,7 @@ def test_bootstrap():
 
 
 def test_ranks_tell_real_differences():
-    """Policies that differ by chance share a rank; one that is really better stands alone; order follows the direction."""
+    """Policies that differ by chance share a rank; one that is significantly better stands alone; order follows the direction."""
     rng = np.random.default_rng(2)
     hard = rng.random(300)
     scores = {"a": hard + 0.1, "b": hard + rng.normal(0.0, 0.1, 300), "c": hard + rng.normal(0.0, 0.1, 300)}

@@ -40,7 +40,7 @@ def episodes() -> list[Row]:
         for i, level in enumerate(("easy", "medium", "hard")):
             for e in range(20):
                 reached = (7 * e + 3 * i) % 20 >= 6 * k + 2 * i
-                facts: dict[str, Any] = {"time": 10.0 + k + (e % 5) / 2, "bound": 10.0, "survival": 1.0 - i / 4}
+                facts: dict[str, Any] = {"time": 10.0 + k + (e % 5) / 2, "bound": 10.0, "difficulty": 1.0 - i / 4}
                 rows.append(
                     Row("s", f"{level}-{e}", policy, 0, "1", f"x/{level}", "reached" if reached else "timeout", "", **facts)
                 )

@@ -90,7 +90,7 @@ def test_the_page_is_whole_and_safe(file, tmp_path):
         assert page == write_report(results, tmp_path / "r.html", replay_page).read_text(encoding="utf-8")
     assert "<script>alert(1)" not in page and "&lt;script&gt;alert(1)" in page
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", page)
-    for part in ("Suite synthetic", "Reached by", "Time over the optimum", "Which differences are real", "data-replay="):
+    for part in ("Suite synthetic", "Reached by", "Time over the optimum", "Which differences are significant", "data-replay="):
         assert part in page
 
 

@@ -76,6 +76,23 @@ def test_a_file_of_another_schema_is_refused_and_left_alone(tmp_path):
         Results(tmp_path / "none.db", write=False)
 
 
+def test_a_file_of_schema_1_is_brought_up_to_date(file):
+    """An older file is refused for reading alone, with a hint; opened for writing its columns get their names, its rows stay."""
+    with Results(file, write=False) as results:
+        right = [repr(one) for one in results.rows()]
+    with sqlite3.connect(file) as db:
+        for old, new in (("flips", "side_changes"), ("survival", "difficulty")):
+            db.execute(f"ALTER TABLE episodes RENAME COLUMN {new} TO {old}")
+        db.execute("PRAGMA user_version = 1")
+    db.close()
+    with pytest.raises(BadResults, match="schema 1, which opening it for writing brings up to date"):
+        Results(file, write=False)
+    for write in (True, False):
+        with Results(file, write=write) as results:
+            assert [repr(one) for one in results.rows()] == right
+            assert results.db.execute("PRAGMA user_version").fetchone()[0] == 2
+
+
 def test_damage_is_found_or_does_no_harm(file, tmp_path):
     """C35: cut off or with flipped bits a file is refused with the reason, or every row reads as it was written."""
     whole = file.read_bytes()

@@ -1,4 +1,4 @@
-"""What is measured: of one episode from its trace, of a policy over many, and which differences between policies are real.
+"""The measures: of one episode from its trace, of a policy over many, and which differences between policies are significant.
 
 An episode's outcome, time, length, least clearance and cycle times are those of its `EpisodeResult`.
 """
@@ -15,10 +15,10 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.world.trace import Outcome, Trace
 
-DISCOMFORT = 0.2  # m between the edges of the robot and an obstacle
-RESAMPLES = 2000
-PAIRS = 10  # fewer decide nothing
-Z95 = 1.959963984540054  # of the normal distribution
+DISCOMFORT = 0.2  # m between the edges of the robot and an obstacle; nearer counts as discomfort
+RESAMPLES = 2000  # of the bootstrap
+PAIRS = 10  # fewer pairs of episodes than this never make a difference significant
+Z95 = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
 Interval = tuple[float, float]
 
 
@@ -39,7 +39,7 @@ def discomfort(trace: Trace) -> float:
 
 
 def jerk(trace: Trace) -> float:
-    """Return the root mean square of the third derivative of the robot's place, m/s^3: second differences of its velocity."""
+    """Return the root mean square of the robot's jerk, m/s^3, by second differences of its velocity."""
     whole = trace.velocity[1:-1] if len(trace) > 1 else trace.velocity[1:]  # the last step may be cut short
     if len(whole) < 3:
         return 0.0
@@ -49,20 +49,20 @@ def jerk(trace: Trace) -> float:
 def side_changes(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
     """Return how often the robot changed the side on which it was about to pass an obstacle.
 
-    The side is the sign of the cross product of the way to the obstacle and the relative velocity. It counts while the two
-    approach each other within `near` m and would pass at least `clear` m off centre, if both went on as they do.
+    The side is the sign of the cross product of the vector to the obstacle and the relative velocity. It counts while the two
+    approach each other within `near` m and would pass at least `clear` m off centre at constant velocities.
     """
     side_changes, steps = 0, np.diff(trace.t)[:, None, None]
-    path = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
+    offset = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
     relative = trace.velocity[1:, None, :] - np.diff(trace.obstacle_xy, axis=0) / steps
     speed = np.hypot(relative[..., 0], relative[..., 1])
-    cross = relative[..., 0] * path[..., 1] - relative[..., 1] * path[..., 0]
-    ahead = (relative * path).sum(axis=2) > 0.0
-    counts = ahead & (np.hypot(path[..., 0], path[..., 1]) < near) & (np.abs(cross) >= clear * speed) & (speed > 0.0)
+    cross = relative[..., 0] * offset[..., 1] - relative[..., 1] * offset[..., 0]
+    ahead = (relative * offset).sum(axis=2) > 0.0
+    counts = ahead & (np.hypot(offset[..., 0], offset[..., 1]) < near) & (np.abs(cross) >= clear * speed) & (speed > 0.0)
     for k in range(counts.shape[1]):
         moments = np.flatnonzero(counts[:, k])
         side = np.sign(cross[moments, k])
-        same = np.diff(moments) <= 5  # steps; a longer pause is another meeting
+        same = np.diff(moments) <= 5  # steps; after a longer pause it counts as another encounter
         side_changes += int((same & (np.diff(side) != 0)).sum())
     return side_changes
 
@@ -76,7 +76,7 @@ def success(outcomes: Sequence[str]) -> float:
 
 
 def share(outcomes: Sequence[str], outcome: Outcome) -> float:
-    """Return the share of episodes that ended so."""
+    """Return the share of episodes that ended with `outcome`."""
     return sum(one == outcome.value for one in outcomes) / len(outcomes) if outcomes else math.nan
 
 
@@ -102,9 +102,9 @@ def wilson(count: int, total: int, z: float = Z95) -> Interval:
 
 
 def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] = np.mean, *, seed: int = 0) -> Interval:
-    """Return the 95 % percentile interval of a statistic of `values`, float[N], over 2000 resamples; (nan, nan) of none.
+    """Return the 95 % percentile interval of a statistic of `values`, float[N], over 2000 resamples; NaN without values.
 
-    Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes hand in the differences.
+    Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes pass the differences.
     """
     sample = checks.array("values", values, (None,), finite=False)
     if not callable(statistic):
@@ -118,12 +118,12 @@ def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] =
 
 
 def time_ratio(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
-    """Return times as multiples of the clairvoyant optimum; below 1 is possible, for the optimum is bound to its grid."""
+    """Return times as multiples of the clairvoyant optimum; the optimum moves on a grid, so below 1 is possible."""
     return _ratio("time", time, "bound", bound)
 
 
 def path_ratio(length: ArrayLike, shortest: ArrayLike) -> NDArray[np.float64]:
-    """Return lengths as multiples of the shortest way among the walls."""
+    """Return lengths as multiples of the shortest path among the walls."""
     return _ratio("length", length, "shortest", shortest)
 
 
@@ -140,7 +140,7 @@ def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.
 
 
 def real_difference(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> tuple[float, Interval, bool]:
-    """Return the mean of a - b over paired episodes, its 95 % interval, and whether ten pairs or more leave out 0."""
+    """Return the mean of a - b over paired episodes, its 95 % interval, and whether it excludes 0 with ten pairs or more."""
     one = checks.array("a", a, (None,))
     difference = one - checks.array("b", b, one.shape)
     if not len(difference):
@@ -150,7 +150,7 @@ def real_difference(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> tuple[float
 
 
 def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[tuple[str, float, int]]:
-    """Rank policies by their mean score on the same episodes; those whose difference is not real share a rank.
+    """Rank policies by their mean score on the same episodes; those whose difference is not significant share a rank.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[
     Returns
     -------
     list of (policy, mean, rank)
-        Best first. The rank is 1 and, for each policy that is really better, one more.
+        Best first. The rank is 1 plus the number of policies that are significantly better.
 
     Examples
     --------

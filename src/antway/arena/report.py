@@ -1,4 +1,4 @@
-"""The report: one HTML page of tables, plots and failures, made of the results file alone."""
+"""The report: one HTML page of tables, plots and failures, made from the results file alone."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from antway.arena.store import Results, Row
 from antway.arena.summary import Summary, levels, paired, summarise
 from antway.world.trace import Trace
 
-GALLERY = 8  # failures shown of each policy
-COLOURS = 8  # as many as report.css names; the next eight policies have the same, dashed
-WIDTH, HEIGHT, LEFT, BOTTOM = 460, 280, 52, 44  # of a plot
+GALLERY = 8  # failures shown for each policy
+COLOURS = 8  # number of colours in report.css; the next eight policies have the same ones, dashed
+WIDTH, HEIGHT, LEFT, BOTTOM = 460, 280, 52, 44  # size and margins of a plot, in pixels
 _DATA = re.compile(r'(<script type="application/json" id="episode">)(.*?)(</script>)', re.DOTALL)
 Point = tuple[float, float]
 
 
 def write_report(results: Results, path: str | Path, replay: Callable[[Trace], str]) -> Path:
-    """Write the report on everything in `results`; return where it is.
+    """Write the report on everything in `results`; return its path.
 
     Parameters
     ----------
     results : Results
     path : str or Path
     replay : function of Trace
-        Returns the page that plays an episode (`antway.view.replay.replay_page`).
+        Function that returns the page which plays an episode (`antway.view.replay.replay_page`).
     """
     path = Path(path)
     path.write_text(report_page(results, replay), encoding="utf-8")
@@ -43,7 +43,7 @@ def write_report(results: Results, path: str | Path, replay: Callable[[Trace], s
 
 
 def report_page(results: Results, replay: Callable[[Trace], str]) -> str:
-    """Return the page as text; it opens offline, and its security policy lets nothing but its own scripts run."""
+    """Return the page as text; it opens offline, and its security policy allows its own scripts only."""
     rows = results.rows()
     replays = _Replays(results, replay)
     suites = list(dict.fromkeys(row.suite for row in rows))
@@ -51,7 +51,7 @@ def report_page(results: Results, replay: Callable[[Trace], str]) -> str:
     style, script = _asset("report.css"), _asset("report.js")
     hashes = {"script": [_hash(script)], "style": [_hash(style)]}
     for kind, found in re.findall(r"(script|style)-src '(sha256-[^']+)'", replays.shell):
-        hashes[kind].append(found)  # a replay opened from here is bound by this page's policy as well
+        hashes[kind].append(found)  # a replay opened from this page must satisfy this page's policy as well
     allowed = "; ".join(f"{kind}-src {' '.join(map(repr, values))}" for kind, values in hashes.items())
     versions = ", ".join(sorted({row.version for row in rows}))
     parts = {
@@ -67,7 +67,7 @@ def report_page(results: Results, replay: Callable[[Trace], str]) -> str:
 
 
 class _Replays:
-    """The replay pages of failures: what they share once, and the data of each."""
+    """The replay pages of failures: the part they share, once, and the data of each."""
 
     def __init__(self, results: Results, page: Callable[[Trace], str]) -> None:
         self.results, self.page = results, page
@@ -104,7 +104,7 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
 def _table(table: Sequence[Summary]) -> str:
     heads = (
         "level", "policy", "episodes", "success", "95 %", "hit moving", "hit standing", "hit wall", "timeout", "error",
-        "time / optimum", "95 %", "time s", "length / shortest", "clearance m", "under 0.2 m s", "side flips", "jerk m/s³",
+        "time / optimum", "95 %", "time s", "length / shortest", "clearance m", "under 0.2 m s", "side changes", "jerk m/s³",
         "cycle ms p50", "p99", "max",
     )  # fmt: skip
     lines = []
@@ -127,25 +127,25 @@ def _table(table: Sequence[Summary]) -> str:
 
 
 def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
-    """Ranks by success, and by time over the optimum; a rank is lost only to what is really better."""
+    """Ranks by success and by time over the optimum; a rank is lost only to a policy that is significantly better."""
     wins, times = paired(rows, policies)
     time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
     lines = []
     for name, mean, rank in metrics.ranks(wins):
-        place, ratio = time[name]
-        cells = (name, rank, f"{100 * mean:.1f} %", place if math.isfinite(ratio) else "–", _number(ratio, 4))
+        by_time, ratio = time[name]
+        cells = (name, rank, f"{100 * mean:.1f} %", by_time if math.isfinite(ratio) else "–", _number(ratio, 4))
         lines.append(_cells("td", cells))
     paired_all = len(next(iter(wins.values()), ()))
     heads = ("policy", "rank by success", f"of {paired_all} paired", "rank by time / optimum", "mean of those reached")
     return (
-        "<h3>Which differences are real</h3><p>A rank is lost to each policy that is really better: on the same episodes, "
-        "by time on those that both reached, the 95 % interval of the difference leaves out 0.</p>"
+        "<h3>Which differences are significant</h3><p>A policy loses a rank to each policy that is significantly better: on the same "
+        "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"
         f"<table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table>"
     )
 
 
 def _success_plot(rows: Sequence[Row], policies: Sequence[str], tint: dict[str, str]) -> str:
-    """Share of episodes that had reached the goal by a time."""
+    """Share of the episodes that had reached the goal by a given time."""
     seconds = _round_numbers(0.0, max((row.time for row in rows if row.reached), default=1.0))
     end = seconds[-1]
     curves = []
@@ -252,7 +252,7 @@ def _thumbnail(row: Row, replays: _Replays) -> str:
     )
     picture = (
         f'<svg viewBox="0 0 {cols} {rows}"><g transform="matrix(1 0 0 -1 0 {rows})"><path class="wall" d="{wall}"/>'
-        f'<polyline class="way" points="{path}"/>{circles}</g></svg>'
+        f'<polyline class="path" points="{path}"/>{circles}</g></svg>'
     )
     button = f'<button type="button" data-replay="{number}" title="Play it">{picture}</button>'
     return f"<figure>{button}<figcaption>{caption}</figcaption></figure>"

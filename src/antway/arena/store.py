@@ -18,38 +18,41 @@ from typing import Any
 from antway.errors import BadParameter, BadResults
 
 EXPORTS = ("csv", "json", "parquet")
-APPLICATION, SCHEMA = 0x616E7477, 1  # "antw"
+APPLICATION = 0x616E7477  # "antw"; SQLite keeps this number in the file, which tells whose database it is
+SCHEMA = 2  # version of the table; version 1 is brought up to date when a file is opened for writing
+_RENAMED = {"flips": "side_changes", "survival": "difficulty"}  # columns of version 1, and their names since
 Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What came of one episode under one policy; numbers that there are none of are NaN.
+    """The result of one episode under one policy; numbers that do not exist are NaN.
 
     Attributes
     ----------
     suite, episode, policy : str
     seed : int
     version : str
-        Of antway. These five are the key.
+        Version of antway. These five are the key.
     group : str
-        What it is counted with.
+        Kind of episode, with which it is counted.
     outcome, reason : str
-        `Outcome` value, and a sentence.
+        Value of `Outcome`, and a sentence that explains it.
     time, length : float
         s, m.
     clearance : float
-        Least distance to a moving obstacle, m; infinite without any.
+        Least distance to a moving obstacle, m; infinite if there are none.
     discomfort : float
-        Time under 0.2 m, s.
+        Time spent nearer than 0.2 m to an obstacle, s.
     side_changes, replans, waits : int
-        Changes of side, of plan, and stops.
+        Changes of the side on which an obstacle is passed, changes of plan, and stops.
     jerk : float
-        m/s^3.
+        Root mean square, m/s^3.
     bound, shortest, difficulty : float
         `antway.arena.suites.Facts`.
     cycle_p50, cycle_p99, cycle_max : float
-        Time of a control cycle, ms: what differs between two equal runs.
+        Median, 99th percentile and maximum of the time of a control cycle, ms: the only columns that differ between two
+        runs of the same episode.
     """
 
     suite: str
@@ -82,7 +85,7 @@ class Row:
 
     @property
     def key(self) -> Key:
-        """What the row is of."""
+        """The five columns that name the row."""
         return self.suite, self.episode, self.policy, self.seed, self.version
 
     @property
@@ -103,18 +106,18 @@ _TABLE = (
 
 
 class Results:
-    """An open results file, made if there is none.
+    """An open results file, created if it does not exist.
 
     Parameters
     ----------
     path : str or Path
     write : bool
-        Whether rows will be added; without, the file must exist and is not touched.
+        Whether rows will be added; if not, the file must exist and is not changed.
 
     Raises
     ------
     BadResults
-        If the file is no results file, of another schema, damaged, or cannot be written. Nothing is overwritten.
+        If the file is no results file, has another schema, is damaged, or cannot be written. Nothing is overwritten.
     """
 
     def __init__(self, path: str | Path, *, write: bool = True) -> None:
@@ -123,8 +126,8 @@ class Results:
             raise BadResults("results", str(path), "an existing file")
         with self._refusals():
             mode = "rwc" if write else "ro"
-            place = f"{self.path.absolute().as_uri()}?mode={mode}"
-            self.db = sqlite3.connect(place, uri=True, timeout=60.0, isolation_level=None)
+            uri = f"{self.path.absolute().as_uri()}?mode={mode}"
+            self.db = sqlite3.connect(uri, uri=True, timeout=60.0, isolation_level=None)
             try:
                 self._open()
             except BaseException:
@@ -144,13 +147,33 @@ class Results:
             ids = [APPLICATION, SCHEMA, 1]
         if ids[0] != APPLICATION:
             raise BadResults("results", str(self.path), "a results file of antway")
-        if ids[1] != SCHEMA:
+        if ids[1] == 1 and self.write:
+            self._bring_up_to_date()
+        elif ids[1] == 1:
+            allowed = (
+                f"a results file of schema {SCHEMA}; this one is of schema 1, which opening it for writing brings up to date"
+            )
+            raise BadResults("results", str(self.path), allowed)
+        elif ids[1] != SCHEMA:
             raise BadResults("results", str(self.path), f"a results file of schema {SCHEMA}; this one is of schema {ids[1]}")
         if self.write:
             fault = self.db.execute("PRAGMA quick_check(1)").fetchone()[0]
             if fault != "ok":
                 raise BadResults("results", str(self.path), f"undamaged; {fault}")
             self.rows()
+
+    def _bring_up_to_date(self) -> None:
+        """Give the columns of a file of schema 1 their present names; its rows stay as they are."""
+        self.db.execute("BEGIN IMMEDIATE")
+        try:
+            if self.db.execute("PRAGMA user_version").fetchone()[0] == 1:  # another process may have been first
+                for old, new in _RENAMED.items():
+                    self.db.execute(f'ALTER TABLE episodes RENAME COLUMN "{old}" TO "{new}"')
+                self.db.execute(f"PRAGMA user_version = {SCHEMA}")
+            self.db.execute("COMMIT")
+        except sqlite3.Error:
+            self.db.execute("ROLLBACK")
+            raise
 
     def __enter__(self) -> Results:
         return self
@@ -163,7 +186,7 @@ class Results:
         self.db.close()
 
     def add(self, row: Row, trace: str = "") -> None:
-        """Write a finished row, and the JSON of its trace if there is one; a row of that key that is there already stays.
+        """Write a finished row, and the JSON of its trace if there is one; an existing row with that key is kept.
 
         Raises
         ------
@@ -179,7 +202,7 @@ class Results:
             )
 
     def has(self, key: Key) -> bool:
-        """Tell whether a row of that key is there."""
+        """Tell whether there is a row with that key."""
         query = "SELECT 1 FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
         with self._refusals():
             return self.db.execute(query, key).fetchone() is not None
@@ -190,7 +213,7 @@ class Results:
         Raises
         ------
         BadResults
-            If one is not as it was written.
+            If a row is not as it was written.
         """
         found = []
         with self._refusals():
@@ -203,7 +226,7 @@ class Results:
         return found
 
     def trace(self, key: Key) -> str:
-        """Return the JSON of the trace of that row; empty if none was kept."""
+        """Return the JSON of that row's trace; empty if none was kept."""
         query = "SELECT trace FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
         with self._refusals():
             found = self.db.execute(query, key).fetchone()
@@ -223,7 +246,7 @@ class Results:
 
 
 def export(rows: list[Row], path: str | Path) -> Path:
-    """Write rows to a .csv, .json or .parquet file (the last needs pyarrow); return where they are.
+    """Write rows to a .csv, .json or .parquet file (the last needs pyarrow); return its path.
 
     Raises
     ------
@@ -256,5 +279,5 @@ def _plain(value: Any) -> Any:
 
 
 def _digest(values: Any) -> bytes:
-    """Return a checksum of a row's values, of which SQLite keeps none."""
+    """Return a checksum of a row's values; SQLite itself keeps none."""
     return hashlib.blake2b(repr(list(values)).encode(), digest_size=8).digest()

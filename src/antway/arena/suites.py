@@ -1,4 +1,4 @@
-"""Suites of episodes: worlds drawn from seeds that depend on what they are called alone, so that a new suite changes none."""
+"""Suites of episodes: worlds drawn from seeds that depend on the episode's name alone, so that a new suite changes no other."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from antway.world.motions import Pursue
 from antway.world.policy import XY
 from antway.world.scenario import Scenario
 
-ROBOTS = 200  # that drive straight on, to tell how hard an episode is
-LOOK = 5.0  # s they drive
+ROBOTS = 200  # robots that drive at constant velocity to measure how difficult an episode is
+DRIVE = 5.0  # s that they drive
 
 SUITES: dict[str, str] = {
     "paper": "antway.arena.environments:paper",
@@ -36,7 +36,7 @@ SUITES: dict[str, str] = {
 
 
 def seed_of(*parts: object) -> int:
-    """Return the seed, in [0, 2**63), of what these parts name: a hash that is the same on every machine.
+    """Return a seed in [0, 2**63) made from these parts: a hash that is the same on every machine.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class Suite:
     make : function of (group, chance)
         Returns a scenario.
     default : int
-        Episodes of each group, unless said otherwise.
+        Episodes of each group, if no number is given.
     """
 
     name: str
@@ -104,23 +104,24 @@ class Episode:
 
     @property
     def seed(self) -> int:
-        """The seed of all chance in it, world and sensor and policy."""
+        """The seed of everything random in it: world, sensor and policy."""
         return seed_of(self.suite, self.group, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known of an episode without any policy.
+    """What is known of an episode before any policy plays it.
 
     Attributes
     ----------
     bound : float
         The clairvoyant optimum: when SIPP (32 directions, every future known) is within the goal's tolerance, s; infinite if
-        it has no way, NaN where something follows the robot, so that no future can be known.
+        there is none in time, NaN if an obstacle follows the robot, so that the future is not known.
     shortest : float
-        Length of the shortest way among the walls alone, up to the goal's tolerance, over the same moves, m.
+        Length of the shortest path among the walls alone, up to the goal's tolerance, over the same moves, m.
     difficulty : float
-        Share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s: low is hard.
+        Share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s; a low share
+        means a difficult episode.
     """
 
     bound: float
@@ -134,9 +135,9 @@ def load_suite(spec: str) -> Suite:
     Raises
     ------
     BadParameter
-        For an unknown suite, or one without the file it needs.
+        If the suite is unknown, or the file it needs is not given.
     BadMap, BadScenario
-        For a file that cannot be read.
+        If the file cannot be read.
     """
     name, colon, argument = checks.instance("suite", spec, str).partition(":")
     if name not in SUITES:
@@ -172,13 +173,13 @@ def build(episode: Episode) -> Scenario:
 
 @lru_cache(maxsize=8)
 def stage(episode: Episode) -> tuple[Scenario, Facts]:
-    """Return the scenario of an episode and what is known of it."""
+    """Return the scenario of an episode and the facts about it."""
     scenario = build(episode)
     return scenario, facts(scenario, episode.seed)
 
 
 def facts(scenario: Scenario, seed: int) -> Facts:
-    """Return what is known of a scenario, when chance falls as in `seed`, without any policy."""
+    """Return the facts about a scenario whose random choices are those of `seed`."""
     task, robot = scenario.task, scenario.robot
     timeline = scenario.world.timeline(seed, scenario.horizon)
     search = Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
@@ -194,28 +195,32 @@ def facts(scenario: Scenario, seed: int) -> Facts:
 
 
 def _arrival(t: NDArray[np.float64], xy: NDArray[np.float64], goal: XY, tolerance: float) -> float:
-    """Return when a motion that ends at the goal first is within the tolerance of it; infinite for an empty one."""
+    """Return when a motion that ends at the goal first comes within `tolerance` of it; infinite for an empty motion."""
     for i in range(len(t)):
         if math.dist(xy[i], goal) <= tolerance:
             if i == 0:
                 return float(t[0])
             step, away = xy[i] - xy[i - 1], xy[i - 1] - goal
             a, b, c = float(step @ step), float(step @ away), float(away @ away) - tolerance**2
-            share = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
-            return float(t[i - 1] + share * (t[i] - t[i - 1]))
+            fraction = (-b - math.sqrt(max(b * b - a * c, 0.0))) / a
+            return float(t[i - 1] + fraction * (t[i] - t[i - 1]))
     return math.inf
 
 
 def _difficulty(scenario: Scenario, seed: int) -> float:
-    task, robot, chance = scenario.task, scenario.robot, Chance(seed_of("survival", seed))
+    task, robot, chance = (
+        scenario.task,
+        scenario.robot,
+        Chance(seed_of("survival", seed)),
+    )  # this word draws the numbers: another would change them
     inflated = task.grid.inflate(robot.radius)
-    places = inflated.to_xy(np.argwhere(~inflated.blocked))
+    free = inflated.to_xy(np.argwhere(~inflated.blocked))
     robots = np.empty((ROBOTS, 4))
     for one in robots:
         angle = chance.turn()
-        one[:2] = places[chance.integer(0, len(places))]
+        one[:2] = free[chance.integer(0, len(free))]
         one[2:] = robot.v_max * math.cos(angle), robot.v_max * math.sin(angle)
-    line, (x, y, _) = scenario.world.timeline(seed, LOOK), task.grid.origin
+    line, (x, y, _) = scenario.world.timeline(seed, DRIVE), task.grid.origin
     frame = np.array([x, y, task.grid.resolution])
-    alive = survivors(robots, robot.radius, LOOK, task.grid.blocked, frame, line.knot_t, line.knot_xy, line.first, line.radius)
+    alive = survivors(robots, robot.radius, DRIVE, task.grid.blocked, frame, line.knot_t, line.knot_xy, line.first, line.radius)
     return alive / ROBOTS

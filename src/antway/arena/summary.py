@@ -1,4 +1,4 @@
-"""Rows of the results summed up: by level of difficulty and policy, and paired on the same episodes."""
+"""Summaries of the rows of the results: by level of difficulty and policy, and paired on the same episodes."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from antway.world.trace import Outcome
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """A policy on one level of difficulty (or all, ""): how many episodes, and what came of them.
+    """The results of a policy on one level of difficulty, or on all levels (level "").
 
     Attributes
     ----------
     outcomes : mapping of `Outcome` value to count
     success : float, and its Wilson interval at 95 %
     time_ratio : float, and its bootstrap interval at 95 %
-        Mean of time over the clairvoyant optimum, of episodes reached; below 1 is possible, as the optimum is one of its grid.
+        Mean of time over the clairvoyant optimum, of episodes that reached the goal; below 1 is possible, because that
+        optimum moves along the directions of a grid.
     time, path_ratio, clearance, discomfort, side_changes, jerk : float
-        Means over episodes reached, of time (s), length over the shortest way among the walls, and least clearance (m); over
-        all, of time under 0.2 m (s), changes of side, and jerk (m/s^3).
+        Means over the episodes that reached the goal, of time (s), length over the shortest path among the walls, and least
+        clearance (m); means over all episodes, of the time spent nearer than 0.2 m (s), side changes, and jerk (m/s^3).
     cycle : (p50, p99, max)
         Medians of the episodes' medians and 99th percentiles, and the longest cycle of all, ms.
     """
@@ -54,7 +55,7 @@ def level_of(row: Row) -> str:
 
 
 def levels(rows: Sequence[Row]) -> list[str]:
-    """Return the levels, the easiest (by survival) first."""
+    """Return the levels, the easiest (largest mean `difficulty`) first."""
     found: dict[str, list[float]] = {}
     for row in rows:
         found.setdefault(level_of(row), []).append(row.difficulty)
@@ -133,7 +134,7 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     """
     names = list(policies or sorted({row.policy for row in rows}))
     heads = ["level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"]
-    heads += ["time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "flips"]
+    heads += ["time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes"]
     lines = [_line(heads), _line(["---"] * 2 + ["--:"] * 10)]
     for one in summarise(rows, names):
         low, high = (100 * end for end in one.success_interval)
