@@ -30,6 +30,7 @@ from antway.console import (
     working,
 )
 from antway.errors import BadParameter
+from antway.tables import PLANNERS, POLICIES, SUITES, names
 
 if TYPE_CHECKING:
     pass
@@ -44,9 +45,7 @@ app = typer.Typer(
 
 
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
-PolicyName = Annotated[
-    str, typer.Option(metavar="NAME", help="What steers the robot: antway, paper, follow, stop, ..., or MODULE:CLASS.")
-]
+PolicyName = Annotated[str, typer.Option(metavar="NAME", help=f"What steers the robot: {names(POLICIES)}, or MODULE:CLASS.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -66,9 +65,7 @@ def plan_command(
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m (with --cells: ROW,COL).")],
     goal: Annotated[str, typer.Option(metavar="X,Y", help="Where to, in m (with --cells: ROW,COL).")],
     cells: Annotated[bool, typer.Option("--cells", help="Start and goal are cells, ROW,COL.")] = False,
-    planner: Annotated[
-        str, typer.Option(metavar="NAME", help="dijkstra, astar, jps, anyangle, dstarlite, ants or MODULE:NAME.")
-    ] = "jps",
+    planner: Annotated[str, typer.Option(metavar="NAME", help=f"{names(PLANNERS)}, or MODULE:NAME.")] = "jps",
     moves: Annotated[
         str, typer.Option(metavar="NAME", help="four, eight, eight-nosqueeze, eight-cut, sixteen or thirty-two.")
     ] = "eight",
@@ -195,7 +192,7 @@ def demo_command(
 def bench_command(
     suite: Annotated[
         str,
-        typer.Argument(metavar="SUITE", help="paper, synthetic, crossing, encounters, barn, maps:FILE or tracks:FILE."),
+        typer.Argument(metavar="SUITE", help=f"One of {names(SUITES)}."),
     ],
     policies: Annotated[
         str,

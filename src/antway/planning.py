@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
+from antway.tables import PLANNERS as PLANNERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,17 +220,6 @@ class Planner(Protocol):
     """What a planner is: a function of a problem, a seed and a budget (and its own keyword options) that returns a plan."""
 
     def __call__(self, problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan: ...
-
-
-PLANNERS: dict[str, str] = {
-    "dijkstra": "antway.search.distance_field:dijkstra",
-    "astar": "antway.search.astar:astar",
-    "jps": "antway.search.jps:jps",
-    "subgoals": "antway.search.subgoals:subgoals",
-    "anyangle": "antway.search.anyangle:anyangle",
-    "dstarlite": "antway.search.dstarlite:dstarlite",
-    "ants": "antway.ants.gridpath:ants",
-}
 
 
 @lru_cache(maxsize=64)

@@ -138,7 +138,7 @@ def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
     paired_all = len(next(iter(wins.values()), ()))
     heads = ("policy", "rank by success", f"of {paired_all} paired", "rank by time / optimum", "mean of those reached")
     return (
-        "<h3>Which differences are significant</h3><p>A policy loses a rank to each policy that is significantly better: on the same "
+        "<h3>Which differences are significant</h3><p>A rank is lost to each policy that is significantly better: on the same "
         "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"
         f"<table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table>"
     )

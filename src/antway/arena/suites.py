@@ -17,22 +17,13 @@ from antway.errors import BadParameter
 from antway.kernels.base.rng import below, stream, uniform
 from antway.kernels.baselines.oracle import survivors
 from antway.search.sipp import Sipp
+from antway.tables import OF_FILES, SUITES
 from antway.world.motions import Pursue
 from antway.world.policy import XY
 from antway.world.scenario import Scenario
 
 ROBOTS = 200  # robots that drive at constant velocity to measure how difficult an episode is
 DRIVE = 5.0  # s that they drive
-
-SUITES: dict[str, str] = {
-    "paper": "antway.arena.environments:paper",
-    "synthetic": "antway.arena.synthetic:synthetic",
-    "crossing": "antway.arena.crossing:crossing",
-    "encounters": "antway.arena.encounters:encounters",
-    "maps": "antway.arena.environments:maps",
-    "tracks": "antway.arena.environments:tracks",
-    "barn": "antway.arena.environments:barn",
-}
 
 
 def seed_of(*parts: object) -> int:
@@ -142,7 +133,7 @@ def load_suite(spec: str) -> Suite:
     name, colon, argument = checks.instance("suite", spec, str).partition(":")
     if name not in SUITES:
         raise BadParameter("suite", spec, f"one of {', '.join(SUITES)}")
-    if (name in ("maps", "tracks")) != bool(argument):
+    if (name in OF_FILES) != bool(argument):
         raise BadParameter("suite", spec, f"{name}:FILE" if not argument else f"{name}, which takes no file")
     module, _, attribute = SUITES[name].partition(":")
     make = getattr(importlib.import_module(module), attribute)

@@ -16,9 +16,9 @@ import numpy as np
 from antway import checks
 from antway.errors import BadInput, BadParameter
 from antway.grid import Grid, Moves
-from antway.planning import PLANNERS
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
+from antway.tables import PLANNERS, names
 from antway.world.policy import RobotSpec, Task
 
 LASER = "sensor_msgs/msg/LaserScan"
@@ -26,7 +26,7 @@ _OWN: dict[str, tuple[Any, str]] = {
     "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
     "frame": ("map", "Frame of the map; what comes in another needs tf."),
     "base_frame": ("base_link", "Frame of the robot, in which commands are given."),
-    "planner": ("jps", "What plans for get_plan and compute_path_to_pose."),
+    "planner": ("jps", f"Plans for get_plan and compute_path_to_pose: {names(PLANNERS)}."),
     "planner_id": ("GridBased", "Name by which compute_path_to_pose may ask for that planner; others are names of planners."),
     "controller_id": ("FollowPath", "Name by which follow_path may ask for this controller."),
     "plan_time": (5.0, "s; a plan that takes longer is given up."),

@@ -14,6 +14,7 @@ from antway import checks
 from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
 from antway.planning import TimedPath, find
+from antway.tables import POLICIES as POLICIES
 
 XY = tuple[float, float]  # m, or m/s
 
@@ -222,23 +223,6 @@ class Policy(Protocol):
 
     def explain(self) -> Decision:
         """Return why the last command was what it was."""
-
-
-POLICIES: dict[str, str] = {
-    "paper": "antway.policies.paper.policy:PaperPolicy",
-    "antway": "antway.policies.antway.policy:AntwayPolicy",
-    "follow": "antway.baselines.replan:Follow",
-    "stop": "antway.baselines.replan:Stop",
-    "replan": "antway.baselines.replan:Replan",
-    "dstarlite": "antway.baselines.replan:DStarLite",
-    "sipp": "antway.baselines.replan:Sipp",
-    "potential-field": "antway.baselines.potential_field:PotentialField",
-    "neural": "antway.baselines.neural:Neural",
-    "glasius": "antway.baselines.neural:Glasius",
-    "dwa": "antway.baselines.dwa:Dwa",
-    "orca": "antway.baselines.orca:Orca",
-    "oracle": "antway.baselines.oracle:Oracle",
-}
 
 
 def make_policy(name: str, **options: Any) -> Policy:

@@ -1,0 +1,84 @@
+"""The tables of names: planners, policies and suites, where each is found, and what each is in one sentence.
+
+Help texts and the tables in docs/ are made from these. This module imports nothing, so that `antway --help` stays quick.
+"""
+
+from __future__ import annotations
+
+PLANNERS: dict[str, str] = {
+    "dijkstra": "antway.search.distance_field:dijkstra",
+    "astar": "antway.search.astar:astar",
+    "jps": "antway.search.jps:jps",
+    "subgoals": "antway.search.subgoals:subgoals",
+    "anyangle": "antway.search.anyangle:anyangle",
+    "dstarlite": "antway.search.dstarlite:dstarlite",
+    "ants": "antway.ants.gridpath:ants",
+}
+
+POLICIES: dict[str, str] = {
+    "paper": "antway.policies.paper.policy:PaperPolicy",
+    "antway": "antway.policies.antway.policy:AntwayPolicy",
+    "follow": "antway.baselines.replan:Follow",
+    "stop": "antway.baselines.replan:Stop",
+    "replan": "antway.baselines.replan:Replan",
+    "dstarlite": "antway.baselines.replan:DStarLite",
+    "sipp": "antway.baselines.replan:Sipp",
+    "potential-field": "antway.baselines.potential_field:PotentialField",
+    "neural": "antway.baselines.neural:Neural",
+    "glasius": "antway.baselines.neural:Glasius",
+    "dwa": "antway.baselines.dwa:Dwa",
+    "orca": "antway.baselines.orca:Orca",
+    "oracle": "antway.baselines.oracle:Oracle",
+}
+
+SUITES: dict[str, str] = {
+    "paper": "antway.arena.environments:paper",
+    "synthetic": "antway.arena.synthetic:synthetic",
+    "crossing": "antway.arena.crossing:crossing",
+    "encounters": "antway.arena.encounters:encounters",
+    "maps": "antway.arena.environments:maps",
+    "tracks": "antway.arena.environments:tracks",
+    "barn": "antway.arena.environments:barn",
+}
+OF_FILES = ("maps", "tracks")  # suites made from a file, named as maps:FILE and tracks:FILE
+
+ABOUT: dict[str, dict[str, str]] = {  # what each name means, for docs/guide.md
+    "planners": {
+        "dijkstra": "exact: the distance field from the start, stopped at the goal",
+        "astar": "exact: A* with canonical successors, for every kind of moves",
+        "jps": "the default, exact: jump points on open maps, A* on cluttered ones",
+        "subgoals": "exact: a contraction hierarchy over the map's corners, for maps that are asked often",
+        "anyangle": "exact: the shortest path at any angle, by Polyanya",
+        "dstarlite": "exact: D* Lite, which keeps its search when cells change",
+        "ants": "an ant colony; slower than all of the above, and optimal only where its bound proves it",
+    },
+    "policies": {
+        "paper": "the paper's Steps 1-8: a local target, and ants on the cells of the sensed window",
+        "antway": "the default: prediction, ants in space and time, and a guard",
+        "follow": "follows the shortest path and ignores what moves",
+        "stop": "follows the shortest path and stops when an obstacle is near",
+        "replan": "plans anew each cycle around sensed obstacles as if they stood still",
+        "dstarlite": "the same as `replan`, by D* Lite, which keeps its search",
+        "sipp": "exact search in space and time, anew each cycle",
+        "potential-field": "goes down a potential with attracting goal and repelling obstacles",
+        "neural": "climbs the activity of a shunting neural network over the grid",
+        "glasius": "climbs the activity of Glasius' neural network over the grid",
+        "dwa": "the dynamic window approach: the best of the velocities that can be reached",
+        "orca": "optimal reciprocal collision avoidance (needs pyrvo)",
+        "oracle": "knows the future and drives the optimum",
+    },
+    "suites": {
+        "paper": "the shipped scenes; speeds and phases drawn anew",
+        "synthetic": "16 x 16 m, open, clutter and aisles, bouncing discs that see nobody: three densities, turners, noise, fast discs",
+        "crossing": "CrowdNav's circle and square: five humans steered by ORCA who do not see the robot",
+        "encounters": "head-on, doorway, overtaking, ambush at a corner, crossing flow, standing crowd, pursuer",
+        "maps": "discs that bounce about on any map file, three densities",
+        "tracks": "recorded pedestrians: an ETH/UCY `obsmat.txt`, or CSV lines t,id,x,y in s and m",
+        "barn": "fields of cylinders in which discs go from key frame to key frame",
+    },
+}
+
+
+def names(table: dict[str, str]) -> str:
+    """Return the names in a table for a help text, those of `OF_FILES` with their file."""
+    return ", ".join(f"{name}:FILE" if table is SUITES and name in OF_FILES else name for name in table)
