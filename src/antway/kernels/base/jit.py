@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import config, njit, typeof
+import numba
+from numba import njit, typeof
 
 from antway.version import __version__
 
 F = TypeVar("F", bound=Callable[..., object])
+config: Any = numba.config
 
 
 def _writable(folder: Path) -> bool:
