@@ -1,0 +1,189 @@
+"""A colony on stops with time windows: a beam of ants, local search and shaking of what it brings, pheromone of the best.
+
+Pheromone lies in [0, 1] and moves towards the orders of the cycle, since the last restart and ever, the latter the more the
+colony has converged (Blum, Dorigo, IEEE Transactions on Systems, Man, and Cybernetics B 34, 2004).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from antway.kernels.base import rng
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.colony.time_windows import Beam, Draw, search
+from antway.kernels.colony.window_search import Moves, Trail, refresh, settle, shake, value
+from antway.kernels.colony.windows import Floats, Ids, Windows
+
+BEST, SINCE, CYCLE, CONVERGED = range(4)
+
+
+class Colony(NamedTuple):
+    """What the colony knows; kernels change it in place."""
+
+    tau: Floats  # [n, n] pheromone
+    score: Floats  # [n, n] scratch: what it says against each arc
+    orders: Ids  # [3, n] best ever, best since the last restart, the cycle's
+    record: Floats  # [4] see BEST ... CONVERGED; costs are infinite as long as no order is known
+
+
+class Habits(NamedTuple):
+    """What does not change from cycle to cycle."""
+
+    width: int  # of the ants' beams
+    attempts: int  # shakes a cycle
+    fade: float  # share of pheromone that a cycle replaces
+    heat: float  # s, by how much worse a shaken order may be at first
+    scale: float  # s, a usual step
+    hurry: float  # how much an early arrival counts for ants at most, beside a second of lower bound
+
+
+@bare_kernel
+def toward(tau: Floats, order: Ids, share: float) -> None:
+    """Move the pheromone of the arcs of `order` to 1 by `share`."""
+    for p in range(1, len(order)):
+        tau[order[p - 1], order[p]] += share
+
+
+@bare_kernel
+def learn(colony: Colony, habits: Habits) -> None:
+    """Fade, deposit, and start anew once all orders are alike."""
+    tau, record, n = colony.tau, colony.record, colony.tau.shape[0]
+    near = record[CONVERGED]
+    share = 1.0, 0.0, 0.0
+    if near >= 0.4:
+        share = 2.0 / 3.0, 1.0 / 3.0, 0.0
+    if near >= 0.6:
+        share = 1.0 / 3.0, 2.0 / 3.0, 0.0
+    if near >= 0.8:
+        share = 0.0, 0.5, 0.5
+    for i in range(n):
+        for j in range(n):
+            tau[i, j] *= 1.0 - habits.fade
+    toward(tau, colony.orders[2], habits.fade * share[0])
+    toward(tau, colony.orders[1], habits.fade * share[1])
+    toward(tau, colony.orders[0], habits.fade * share[2])
+    total, low, high = 0.0, 0.001, 0.999
+    for i in range(n):
+        for j in range(n):
+            tau[i, j] = min(max(tau[i, j], low), high)
+    for p in range(1, n):
+        total += tau[colony.orders[1, p - 1], colony.orders[1, p]]
+    record[CONVERGED] = total / (n - 1)
+    if record[CONVERGED] > 0.97:
+        tau[:] = 0.5
+        record[SINCE], record[CONVERGED] = np.inf, 0.0
+
+
+@kernel
+def note(colony: Colony, order: Ids, cost: float) -> None:
+    """Take `order` as the best ever and since the restart, where it is."""
+    if cost < colony.record[BEST]:
+        colony.record[BEST] = cost
+        colony.orders[0] = order
+    if cost < colony.record[SINCE]:
+        colony.record[SINCE] = cost
+        colony.orders[1] = order
+
+
+@kernel
+def adopt(problem: Windows, colony: Colony, moves: Moves, t: Trail, order: Ids) -> None:
+    """Take `order`, which no stop is late in, from elsewhere, and improve it."""
+    t.order[:] = order
+    t.look[:] = True
+    refresh(problem, t)
+    settle(problem, t, moves)
+    note(colony, t.order, value(t, moves.makespan))
+
+
+@kernel
+def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Trail, state: rng.State) -> None:
+    """Shake and settle again and again; the cycle's best order, which none of them is late in, stays in orders[2]."""
+    t.look[:] = True
+    settle(problem, t, moves)
+    here = value(t, moves.makespan)
+    best = here
+    colony.orders[2] = t.order
+    last = t.saved
+    last[:] = t.order
+    for a in range(habits.attempts):
+        for _ in range(1 + rng.below(state, 4)):
+            shake(problem, t, moves, habits.scale, state)
+        settle(problem, t, moves)
+        cost = value(t, moves.makespan)
+        allowed = -habits.heat * (1.0 - a / habits.attempts) * math.log(1.0 - rng.uniform(state))
+        if cost <= here + allowed:
+            here = cost
+            last[:] = t.order
+            if cost < best - moves.least:
+                best = cost
+                colony.orders[2] = t.order
+        else:
+            t.order[:] = last
+            refresh(problem, t)
+    note(colony, colony.orders[2], best)
+
+
+@kernel
+def walk(
+    problem: Windows, mirror: Windows, colony: Colony, habits: Habits, moves: Moves, beam: Beam, state: rng.State
+) -> float:
+    """Have a beam of ants build orders[2], in every other cycle from the end to the start; return its cost or infinity."""
+    n = len(problem.opens)
+    backward = int(colony.record[CYCLE]) % 2 == 1
+    for i in range(n):
+        for j in range(n):
+            score = -math.log(colony.tau[i, j])
+            if backward:
+                colony.score[n - 1 - j, n - 1 - i] = score
+            else:
+                colony.score[i, j] = score
+    bound = (0.2 + 2.0 * rng.uniform(state)) / habits.scale
+    draw = Draw(
+        bound, bound * habits.hurry * rng.uniform(state) * rng.uniform(state), 1.0, moves.makespan and not backward, np.inf
+    )
+    order = colony.orders[2]
+    task = mirror if backward else problem
+    found, _ = search(task, task.before, colony.score, draw, habits.width, rng.next_bits(state), beam, order)
+    if backward and found < np.inf:
+        for p in range(n // 2):
+            order[p], order[n - 1 - p] = order[n - 1 - p], order[p]
+        for p in range(n):
+            order[p] = n - 1 - order[p]
+    return found
+
+
+@kernel
+def cycles(
+    problem: Windows,
+    mirror: Windows,
+    colony: Colony,
+    habits: Habits,
+    moves: Moves,
+    seed: np.uint64,
+    count: int,
+    target: float,
+    beam: Beam,
+    t: Trail,
+) -> int:
+    """Run up to `count` cycles, until an order costs at most `target`; return how many.
+
+    mirror : the same task from the end to the start: stop i is stop n - 1 - i, at times from the latest back.
+    """
+    state = np.zeros(1, dtype=np.uint64)
+    record = colony.record
+    for done in range(count):
+        if record[BEST] <= target:
+            return done
+        state[0] = rng.stream(seed, np.uint64(record[CYCLE]))
+        found = walk(problem, mirror, colony, habits, moves, beam, state)
+        record[CYCLE] += 1
+        if found == np.inf and record[BEST] == np.inf:
+            continue
+        t.order[:] = colony.orders[2] if found < np.inf else colony.orders[0]
+        refresh(problem, t)
+        wander(problem, colony, habits, moves, t, state)
+        learn(colony, habits)
+    return count

@@ -1,0 +1,91 @@
+"""Orders that are late, made less so: single stops are moved, first to where that helps, then at random."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from antway.kernels.base import rng
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.colony.windows import Floats, Ids
+
+
+@bare_kernel
+def lateness(time: Floats, opens: Floats, closes: Floats, order: Ids, most: float) -> float:
+    """Return by how much services begin late in sum, or something above `most` where it is more."""
+    late, now = 0.0, opens[order[0]]
+    for p in range(1, len(order)):
+        j = order[p]
+        now = max(now + time[order[p - 1], j], opens[j])
+        if now > closes[j]:
+            late += now - closes[j]
+            if late > most:
+                break
+    return late
+
+
+@bare_kernel
+def move(order: Ids, p: int, q: int) -> None:
+    """Take the stop at place p out and put it at place q."""
+    stop = order[p]
+    step = 1 if q > p else -1
+    while p != q:
+        order[p] = order[p + step]
+        p += step
+    order[q] = stop
+
+
+@bare_kernel
+def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float, state: rng.State) -> float:
+    """Move single stops as long as that makes the order less late; return its lateness."""
+    n = len(order)
+    quiet, p = 0, 1 + rng.below(state, n - 2)
+    while quiet < n - 2 and late > 0.0:
+        best, to = late, p
+        # The stop travels through all places one by one, so that each is tried with one exchange.
+        at = p
+        for turn in range(2):
+            step = -1 if turn == 0 else 1
+            move(order, at, p)
+            at = p
+            while 1 <= at + step <= n - 2:
+                move(order, at, at + step)
+                at += step
+                here = lateness(time, opens, closes, order, best)
+                if here < best:
+                    best, to = here, at
+        move(order, at, to)
+        if to != p:
+            late, quiet = best, 0
+        else:
+            quiet += 1
+            p = p + 1 if p < n - 2 else 1
+    return late
+
+
+@kernel
+def repair(time: Floats, opens: Floats, closes: Floats, order: Ids, attempts: int, seed: np.uint64) -> float:
+    """Make `order` less late in place, by `attempts` shakes of one to eight random moves; return its lateness.
+
+    time : [n, n] finite. The first and the last stop stay (variable neighbourhoods: da Silva, Urrutia 2010).
+    """
+    state = np.array([seed], dtype=np.uint64)
+    late = lateness(time, opens, closes, order, np.inf)
+    if len(order) < 4:
+        return late
+    late = descend(time, opens, closes, order, late, state)
+    trial = order.copy()
+    level = 1
+    for _ in range(attempts):
+        if late == 0.0:
+            break
+        trial[:] = order
+        for _ in range(level):
+            move(trial, 1 + rng.below(state, len(order) - 2), 1 + rng.below(state, len(order) - 2))
+        here = descend(time, opens, closes, trial, lateness(time, opens, closes, trial, np.inf), state)
+        level = level + 1 if level < 8 else 1
+        if here < late:
+            late, level = here, 1
+            order[:] = trial
+        elif here == late:
+            order[:] = trial
+    return late

@@ -1,0 +1,289 @@
+"""Local search of orders with time windows: neighbouring parts change places, one of them perhaps reversed; or one is reversed.
+
+A part of an order is a function of when it is entered: later than `latest` it is late somewhere; else it is left at
+max(entered + duration, earliest). Parts are joined in constant time, so that a move costs constant time (Savelsbergh, ORSA
+Journal on Computing 4, 1992; da Silva, Urrutia, Discrete Optimization 7, 2010). Insertion and Or-opt are parts of few stops.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base import rng
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.colony.windows import Floats, Ids, Windows
+
+Part = tuple[float, float, float]  # duration, earliest end, latest start
+
+
+class Trail(NamedTuple):
+    """An order under improvement, with when it gets where; kernels keep it in step."""
+
+    order: Ids  # [n]
+    ready: Floats  # [n] begin of service at each place
+    latest: Floats  # [n] latest begin of service at each place such that none after it is late
+    duration: Floats  # [n] travel time from each place to the end
+    earliest: Floats  # [n] earliest end of the order from each place on
+    copy: Ids  # [n] scratch
+    saved: Ids  # [n] scratch
+    look: NDArray[np.bool_]  # [n] stops whose moves are to be tried
+    state: rng.State  # [1] scratch
+
+
+class Moves(NamedTuple):
+    """Which moves are tried, and what they are worth."""
+
+    makespan: bool  # whether an order is worth when it ends, instead of how long it travels
+    longest: int  # stops in the shorter of two parts that change places
+    least: float  # s, gains up to this may be rounding errors
+
+
+@kernel
+def trail(n: int) -> Trail:
+    """Return scratch for an order of n stops."""
+    order, copy, saved = np.zeros(n, dtype=np.int32), np.zeros(n, dtype=np.int32), np.zeros(n, dtype=np.int32)
+    times = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    return Trail(order, *times, copy, saved, np.ones(n, dtype=np.bool_), np.zeros(1, dtype=np.uint64))
+
+
+@bare_kernel
+def join(problem: Windows, one: Part, a: int, b: int, two: Part) -> Part:
+    """Return the part of `one`, which ends at stop a, and `two`, which begins at b; latest is -inf if it is always late."""
+    step = problem.time[a, b]
+    latest = min(one[2], two[2] - step - one[0])
+    if one[1] + step > two[2]:
+        latest = -np.inf
+    return one[0] + step + two[0], max(one[1] + step + two[0], two[1]), latest
+
+
+@bare_kernel
+def refresh(problem: Windows, t: Trail) -> None:
+    """Work out when the order gets where."""
+    n = len(t.order)
+    t.ready[0] = problem.opens[t.order[0]]
+    for p in range(1, n):
+        t.ready[p] = max(t.ready[p - 1] + problem.time[t.order[p - 1], t.order[p]], problem.opens[t.order[p]])
+    end = t.order[n - 1]
+    t.latest[n - 1], t.duration[n - 1], t.earliest[n - 1] = problem.closes[end], 0.0, problem.opens[end]
+    for p in range(n - 2, -1, -1):
+        i = t.order[p]
+        step = problem.time[i, t.order[p + 1]]
+        t.latest[p] = min(problem.closes[i], t.latest[p + 1] - step)
+        t.duration[p] = t.duration[p + 1] + step
+        t.earliest[p] = max(problem.opens[i] + t.duration[p], t.earliest[p + 1])
+
+
+@bare_kernel
+def value(t: Trail, makespan: bool) -> float:
+    """Return the travel time of the order, or when it ends; of orders that end alike the shorter is a little better."""
+    travel = float(t.duration[0])
+    return float(t.ready[len(t.order) - 1]) + 1e-6 * travel if makespan else travel
+
+
+@bare_kernel
+def change(t: Trail, i: int, j: int, k: int, shape: int) -> None:
+    """Let the places i ... j and j + 1 ... k change places.
+
+    shape : 0 as they are; 1 the first part reversed; 2 the second; 3 no change of places, but i ... j reversed.
+    """
+    order, copy = t.order, t.copy
+    if shape == 3:
+        while i < j:
+            order[i], order[j] = order[j], order[i]
+            i += 1
+            j -= 1
+        return
+    at = i
+    for p in range(k - j):
+        copy[at] = order[k - p] if shape == 2 else order[j + 1 + p]
+        at += 1
+    for p in range(j - i + 1):
+        copy[at] = order[j - p] if shape == 1 else order[i + p]
+        at += 1
+    for p in range(i, k + 1):
+        order[p] = copy[p]
+
+
+@bare_kernel
+def gain_of(
+    problem: Windows,
+    t: Trail,
+    habits: Moves,
+    i: int,
+    k: int,
+    one: Part,
+    ends: tuple[int, int],
+    two: Part,
+    others: tuple[int, int],
+    least: float,
+) -> float:
+    """Return what the order gains if `one` and then `two` take the places i ... k; -inf if late or at most `least`.
+
+    ends, others : the first and the last stop of each part.
+    """
+    time, order = problem.time, t.order
+    first, between, last = time[order[i - 1], ends[0]], time[ends[1], others[0]], time[others[1], order[k + 1]]
+    travel = float(t.duration[i - 1] - t.duration[k + 1] - first - one[0] - between - two[0] - last)
+    if not habits.makespan and not travel > least:
+        return -np.inf
+    now = t.ready[i - 1] + first
+    if not now <= one[2]:
+        return -np.inf
+    now = max(now + one[0], one[1]) + between
+    if not now <= two[2]:
+        return -np.inf
+    now = max(now + two[0], two[1]) + last
+    if not now <= t.latest[k + 1]:
+        return -np.inf
+    if not habits.makespan:
+        return travel
+    return float(t.ready[len(order) - 1] - max(now + t.duration[k + 1], t.earliest[k + 1])) + 1e-6 * travel
+
+
+@bare_kernel
+def stirred(gain: float, heat: float, state: rng.State) -> float:
+    """Return `gain` with Gumbel noise, so that the largest is drawn with probability ~ exp(gain / heat)."""
+    if heat == 0.0 or gain == -np.inf:
+        return gain
+    return gain - heat * math.log(-math.log(rng.uniform(state) * (1.0 - 1e-12) + 1e-13))
+
+
+@bare_kernel
+def best_at(
+    problem: Windows, t: Trail, habits: Moves, i: int, heat: float, state: rng.State
+) -> tuple[float, int, int, int, int]:
+    """Return the best of the moves that begin or end at place i: its gain (more than `least`) and what `change` takes.
+
+    With heat > 0 it is drawn instead, see `stirred`.
+    """
+    opens, closes, order = problem.opens, problem.closes, t.order
+    n = len(order)
+    found = (habits.least if heat == 0.0 else -np.inf, -1, 0, 0, 0)
+    u = order[i]
+    # A short part i ... j and a part of any length after it.
+    forward = backward = (0.0, opens[u], closes[u])
+    for j in range(i, min(i + habits.longest, n - 2)):
+        x = order[j]
+        if j > i:
+            alone = (0.0, opens[x], closes[x])
+            forward = join(problem, forward, order[j - 1], x, alone)
+            backward = join(problem, alone, x, order[j - 1], backward)
+        if forward[2] < 0.0 and backward[2] < 0.0:
+            break
+        limit = max(forward[2], backward[2])
+        w = order[j + 1]
+        second = (0.0, opens[w], closes[w])
+        for k in range(j + 1, n - 1):
+            v = order[k]
+            if k > j + 1:
+                second = join(problem, second, order[k - 1], v, (0.0, opens[v], closes[v]))
+            if second[2] < 0.0 or second[1] > limit:
+                break
+            if forward[2] >= 0.0:
+                least = -np.inf if heat > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), forward, (u, x), least), heat, state)
+                if gain > found[0]:
+                    found = (gain, i, j, k, 0)
+            if j > i and backward[2] >= 0.0:
+                least = -np.inf if heat > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), backward, (x, u), least), heat, state)
+                if gain > found[0]:
+                    found = (gain, i, j, k, 1)
+    # A short part j + 1 ... i and a longer one before it.
+    forward = backward = (0.0, opens[u], closes[u])
+    for j in range(i - 1, max(i - habits.longest, 0) - 1, -1):
+        if j < 1:
+            break
+        x = order[j + 1]
+        if j < i - 1:
+            alone = (0.0, opens[x], closes[x])
+            forward = join(problem, alone, x, order[j + 2], forward)
+            backward = join(problem, backward, order[j + 2], x, alone)
+        if forward[2] < 0.0 and backward[2] < 0.0:
+            break
+        soonest = min(forward[1] if forward[2] >= 0.0 else np.inf, backward[1] if backward[2] >= 0.0 else np.inf)
+        w = order[j]
+        second = (0.0, opens[w], closes[w])
+        for h in range(j, 0, -1):
+            v = order[h]
+            if h < j:
+                second = join(problem, (0.0, opens[v], closes[v]), v, order[h + 1], second)
+            if second[2] < soonest:
+                break
+            if forward[2] >= 0.0 and j - h >= i - j:
+                least = -np.inf if heat > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, h, i, forward, (x, u), second, (v, w), least), heat, state)
+                if gain > found[0]:
+                    found = (gain, h, j, i, 0)
+            if j < i - 1 and backward[2] >= 0.0:
+                least = -np.inf if heat > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, h, i, backward, (u, x), second, (v, w), least), heat, state)
+                if gain > found[0]:
+                    found = (gain, h, j, i, 2)
+    return reversal(problem, t, habits, i, heat, state, found)
+
+
+@bare_kernel
+def reversal(
+    problem: Windows, t: Trail, habits: Moves, i: int, heat: float, state: rng.State, found: tuple[float, int, int, int, int]
+) -> tuple[float, int, int, int, int]:
+    """Return the best of `found` and of reversing a part that begins at place i."""
+    opens, closes, order = problem.opens, problem.closes, t.order
+    u = order[i]
+    alone = (0.0, opens[u], closes[u])
+    between = alone  # the part i + 1 ... j reversed
+    for j in range(i + 1, len(order) - 1):
+        v = order[j]
+        one = (0.0, opens[v], closes[v])
+        between = one if j == i + 1 else join(problem, one, v, order[j - 1], between)
+        if between[2] < 0.0 or between[1] > closes[u]:
+            break
+        least = -np.inf if heat > 0.0 else found[0]
+        gain = stirred(gain_of(problem, t, habits, i, j, between, (v, order[i + 1]), alone, (u, u), least), heat, state)
+        if gain > found[0]:
+            found = (gain, i, j, j, 3)
+    return found
+
+
+@bare_kernel
+def watch(t: Trail, a: int, j: int, k: int) -> None:
+    """Have the stops beside the cuts of a move looked at again."""
+    n = len(t.order)
+    for cut in (a, j + 1, k + 1, a + k - j):
+        for p in (cut - 1, cut):
+            if 0 < p < n - 1:
+                t.look[t.order[p]] = True
+
+
+@bare_kernel
+def settle(problem: Windows, t: Trail, habits: Moves) -> None:
+    """Make improving moves until none of the stops to look at has one; no stop is late before or after."""
+    n = len(t.order)
+    quiet, i = 0, 1
+    while quiet < n - 2:
+        if t.look[t.order[i]]:
+            _, a, b, c, shape = best_at(problem, t, habits, i, 0.0, t.state)
+            if a >= 0:
+                change(t, a, b, c, shape)
+                refresh(problem, t)
+                watch(t, a, b, c)
+                quiet = 0
+                continue
+            t.look[t.order[i]] = False
+        quiet += 1
+        i = i + 1 if i < n - 2 else 1
+
+
+@bare_kernel
+def shake(problem: Windows, t: Trail, habits: Moves, heat: float, state: rng.State) -> None:
+    """Make a move drawn at a place drawn; no stop is late before or after."""
+    i = 1 + rng.below(state, len(t.order) - 2)
+    _, a, b, c, shape = best_at(problem, t, habits, i, heat, state)
+    if a >= 0:
+        change(t, a, b, c, shape)
+        refresh(problem, t)
+        watch(t, a, b, c)

@@ -1,0 +1,218 @@
+"""Stops with time windows as kernels hold them, and what windows alone decide: precedence, arcs never used, a lower bound.
+
+A task is a path from stop 0 through all others to stop n - 1. Times are such that sums of them are exact in float64.
+Tightening: Desrochers, Desrosiers, Solomon, Operations Research 40 (1992); Ascheuer, Fischetti, Groetschel, Mathematical
+Programming 90 (2001).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel, kernel
+
+Floats = NDArray[np.float64]
+Ids = NDArray[np.int32]
+Sets = NDArray[np.uint64]  # sets of stops, 64 to a word
+
+
+class Windows(NamedTuple):
+    """n stops; `far` and `closes` only ever exclude what no feasible order has."""
+
+    time: Floats  # [n, n] service and travel from stop to stop, infinite for arcs that no feasible order has
+    far: Floats  # [n, n] shortest way with other stops in between
+    opens: Floats  # [n] earliest begin of service
+    closes: Floats  # [n] latest begin of service
+    after: Ids  # [n, n] stops that may come next, nearest first by reduced cost
+    afters: Ids  # [n] how many those are
+    before: Sets  # [n, w] the stops that must come earlier
+    by_closing: Ids  # [n] the stops by latest begin
+    reach: Floats  # [n] the farthest of `far`
+    leave: Floats  # [n] dual value of leaving a stop,
+    enter: Floats  # [n] and of entering it: leave[i] + enter[j] <= time[i, j]
+    mark: Sets  # [n] a random word for each stop; a set of stops has the exclusive or of theirs
+    bound: float  # no order travels less: the sum of all dual values
+
+
+@kernel
+def shortest(time: Floats) -> Floats:
+    """Return the shortest ways with any stops in between (Floyd, Warshall)."""
+    far = time.copy()
+    n = len(far)
+    for k in range(n):
+        for i in range(n):
+            if i != k:
+                for j in range(n):
+                    far[i, j] = min(far[i, j], far[i, k] + far[k, j])
+    return far
+
+
+@kernel
+def tighten(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_]) -> int:
+    """Tighten windows, precedence first[i, j] (i comes before j) and arcs in place until nothing changes.
+
+    Returns -1, or a stop whose window is empty or that would have to come before itself: then no order is feasible.
+    """
+    n = len(time)
+    last = n - 1
+    for j in range(1, n):
+        first[0, j] = True
+        first[j - 1, last] = True
+    changed = True
+    while changed:
+        changed = False
+        for i in range(n):
+            for j in range(n):
+                if i != j and not first[i, j] and opens[j] + far[j, i] > closes[i]:
+                    first[i, j] = changed = True
+        for k in range(n):
+            for i in range(n):
+                if first[i, k]:
+                    for j in range(n):
+                        if first[k, j] and not first[i, j]:
+                            first[i, j] = changed = True
+        for i in range(n):
+            if first[i, i]:
+                return i
+        for i in range(n):
+            for j in range(n):
+                if np.isfinite(time[i, j]) and i != j and excluded(far, time[i, j], opens, closes, first, i, j):
+                    time[i, j] = np.inf
+                    changed = True
+        for j in range(n):
+            soonest, latest = np.inf, -np.inf
+            for i in range(n):
+                if i != j:
+                    soonest = min(soonest, opens[i] + time[i, j])
+                    if np.isfinite(time[i, j]):
+                        latest = max(latest, closes[i] + time[i, j])
+            begins = opens[j]
+            if j > 0:
+                begins = max(begins, soonest)
+                for i in range(n):
+                    if first[i, j]:
+                        begins = max(begins, opens[i] + far[i, j])
+            ends = closes[j]
+            if j > 0:
+                ends = min(ends, max(begins, latest))
+            if j < last:
+                latest = -np.inf
+                for i in range(n):
+                    if i != j and np.isfinite(time[j, i]):
+                        latest = max(latest, closes[i] - time[j, i])
+                ends = min(ends, latest)
+                for i in range(n):
+                    if first[j, i]:
+                        ends = min(ends, closes[i] - far[j, i])
+            if begins > opens[j] or ends < closes[j]:
+                opens[j], closes[j] = begins, ends
+                changed = True
+            if begins > ends:
+                return j
+    return -1
+
+
+@bare_kernel
+def excluded(far: Floats, step: float, opens: Floats, closes: Floats, first: NDArray[np.bool_], i: int, j: int) -> bool:
+    """Tell whether no feasible order goes from i straight to j."""
+    n = len(far)
+    if first[j, i] or opens[i] + step > closes[j] or j == 0 or i == n - 1:
+        return True
+    there = max(opens[i] + step, opens[j])
+    for k in range(n):
+        if k in (i, j):
+            continue
+        # k comes before i, or after j, or the arc is none.
+        sooner = (
+            not first[i, k] and max(opens[k] + far[k, i], opens[i]) + step <= closes[j] and opens[k] + far[k, i] <= closes[i]
+        )
+        later = not first[k, j] and there + far[j, k] <= closes[k]
+        if not sooner and not later:
+            return True
+    return False
+
+
+@kernel
+def assignment(cost: Floats) -> tuple[Floats, Floats]:
+    """Return dual values (rows, columns) of the least assignment of rows to columns, by shortest augmenting paths.
+
+    An infinite cost is no arc; a row that can reach no column is left out, which keeps the duals feasible.
+    """
+    n = len(cost)
+    u, v = np.zeros(n + 1), np.zeros(n + 1)
+    row_of, way = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+    for i in range(1, n + 1):
+        row_of[0] = i
+        at = 0
+        least = np.full(n + 1, np.inf)
+        used = np.zeros(n + 1, dtype=np.bool_)
+        while True:
+            used[at] = True
+            row, delta, then = row_of[at], np.inf, -1
+            for j in range(1, n + 1):
+                if not used[j]:
+                    here = cost[row - 1, j - 1] - u[row] - v[j]
+                    if here < least[j]:
+                        least[j], way[j] = here, at
+                    if least[j] < delta:
+                        delta, then = least[j], j
+            if then < 0:
+                break
+            for j in range(n + 1):
+                if used[j]:
+                    u[row_of[j]] += delta
+                    v[j] -= delta
+                else:
+                    least[j] -= delta
+            at = then
+            if row_of[at] == 0:
+                break
+        if then < 0:
+            continue
+        while at != 0:
+            row_of[at] = row_of[way[at]]
+            at = way[at]
+    return u[1:], v[1:]
+
+
+@bare_kernel
+def late(far: Floats, opens: Floats, closes: Floats, i: int, j: int, k: int) -> bool:
+    """Tell whether going from the start through i, j and k to the end is late somewhere; a stop may stand twice."""
+    n = len(far)
+    now, at = opens[0], 0
+    for stop in (i, j, k, n - 1):
+        if stop != at:
+            now = max(now + far[at, stop], opens[stop])
+            at = stop
+        if now > closes[stop]:
+            return True
+    return False
+
+
+@kernel
+def conflict(far: Floats, opens: Floats, closes: Floats) -> tuple[int, int, int]:
+    """Return one stop, two or three that no order can visit in time, even alone; -1 for none, after those that there are."""
+    last = len(far) - 1
+    for i in range(last):
+        if late(far, opens, closes, i, i, i):
+            return i, -1, -1
+    for i in range(1, last):
+        for j in range(i + 1, last):
+            if late(far, opens, closes, i, j, j) and late(far, opens, closes, j, i, i):
+                return i, j, -1
+    for i in range(1, last):
+        for j in range(i + 1, last):
+            forward, backward = not late(far, opens, closes, i, j, j), not late(far, opens, closes, j, i, i)
+            for k in range(j + 1, last):
+                a, b, c = (i, j, k) if forward else (j, i, k)
+                possible = not (late(far, opens, closes, k, a, b) and late(far, opens, closes, a, k, b))
+                possible = possible or not late(far, opens, closes, a, b, c)
+                if not possible and backward and forward:
+                    possible = not (late(far, opens, closes, k, j, i) and late(far, opens, closes, j, k, i))
+                    possible = possible or not late(far, opens, closes, j, i, k)
+                if not possible:
+                    return i, j, k
+    return -1, -1, -1

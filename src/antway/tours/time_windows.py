@@ -1,0 +1,268 @@
+"""The travelling salesman problem with time windows: instances, their files, and the search for the best order."""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path as File
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadMap, BadParameter, TooLarge
+from antway.planning import Budget
+from antway.tours.stops import OBJECTIVES, checked_windows
+from antway.tours.windowed import Path, search
+
+MAX_BYTES = 64_000_000
+MAX_NODES = 1_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tsptw:
+    """A travelling salesman problem with time windows, in the manner of its benchmark sets.
+
+    Parameters
+    ----------
+    matrix : array_like[n, n]
+        Time from node to node, service at the first included, in [0, 1e9]; it may be asymmetric. The diagonal is not looked at.
+    windows : array_like[n, 2]
+        Earliest and latest arrival; whoever comes early waits. Node 0 is the depot: one leaves when its window opens, and is
+        back before it closes.
+    name : str
+
+    Raises
+    ------
+    BadParameter, TooLarge
+
+    Examples
+    --------
+    >>> task = Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 9], [0, 3]])
+    >>> solve_tsptw(task, cycles=5).order.tolist()
+    [0, 2, 1]
+    """
+
+    matrix: NDArray[np.float64]
+    windows: NDArray[np.float64]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        checks.instance("name", self.name, str)
+        matrix = checks.array("matrix", self.matrix, (None, None))
+        n = len(matrix)
+        if n == 0 or matrix.shape != (n, n):
+            raise BadParameter("matrix.shape", matrix.shape, "square and not empty")
+        if n > MAX_NODES:
+            raise TooLarge("matrix", n, f"of at most {MAX_NODES} nodes")
+        matrix = matrix.copy()
+        np.fill_diagonal(matrix, 0.0)
+        for i, j in np.argwhere((matrix < 0.0) | (matrix > 1e9))[:1]:
+            raise BadParameter(f"matrix[{i}, {j}]", float(matrix[i, j]), "in [0, 1e9]")
+        windows = checked_windows(self.windows, n)
+        matrix.flags.writeable = windows.flags.writeable = False
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "windows", windows)
+
+    @property
+    def size(self) -> int:
+        """Number of nodes, the depot included."""
+        return len(self.matrix)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TsptwResult:
+    """What `solve_tsptw` found.
+
+    Attributes
+    ----------
+    order : int32[n]
+        The nodes in the order of the tour, the depot 0 first.
+    cost : float
+        The objective: the sum of times along the closed tour, or when it is back at the depot.
+    feasible : bool
+        Whether no window is missed.
+    lateness : float
+        By how much arrivals come after the ends of windows, summed; 0.0 where feasible.
+    conflict : tuple of int
+        Where no order is feasible: one node, two or three of which no order visits all in time; empty if it takes more to see.
+    proven : bool
+        Whether no order is better; for an infeasible result, whether none is feasible.
+    bound : float
+        No feasible order costs less.
+    cycles : int
+        Cycles of the colony.
+    history : float64[h, 3]
+        (cycle, best cost, seconds) whenever the best feasible one became better.
+    elapsed : float
+        Seconds.
+    """
+
+    order: NDArray[np.int32]
+    cost: float
+    feasible: bool
+    lateness: float
+    conflict: tuple[int, ...]
+    proven: bool
+    bound: float
+    cycles: int
+    history: NDArray[np.float64]
+    elapsed: float
+
+    def __post_init__(self) -> None:
+        self.order.flags.writeable = self.history.flags.writeable = False
+
+
+def solve_tsptw(
+    instance: Tsptw,
+    *,
+    objective: str = "travel time",
+    seconds: float | None = None,
+    cycles: int | None = None,
+    seed: int = 0,
+    target: float | None = None,
+    initial: object = None,
+    cancel: threading.Event | None = None,
+) -> TsptwResult:
+    """Look for the best closed tour that misses no window.
+
+    A colony in which beams of ants build orders, forward and backward in time, by pheromone (Beam-ACO: Lopez-Ibanez, Blum,
+    Computers & Operations Research 37, 2010); each is improved by moving parts of it, shaken and improved again. From time to
+    time a wide beam looks at all partial orders that may be better than the best; once it drops none, the best is proven.
+
+    Parameters
+    ----------
+    instance : Tsptw
+    objective : str
+        "travel time" or "makespan" (when the tour is back).
+    seconds, cycles : float, int or None
+        When to stop, whichever comes first; with neither, after 10 s. The search ends once the best is proven, too.
+    seed : int
+        In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
+    target : float or None
+        A cost that is good enough to stop.
+    initial : sequence of int or None
+        An order of all nodes to start from, the depot first.
+    cancel : threading.Event or None
+        Ends the search when set; the best so far is returned.
+
+    Returns
+    -------
+    TsptwResult
+
+    Raises
+    ------
+    BadParameter
+
+    Examples
+    --------
+    >>> task = Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 1], [0, 3]])
+    >>> result = solve_tsptw(task, cycles=5)
+    >>> result.feasible, result.conflict
+    (False, (1,))
+    """
+    checks.instance("instance", instance, Tsptw)
+    makespan = checks.choice("objective", objective, OBJECTIVES) == "makespan"
+    checks.seed(seed)
+    good = -math.inf if target is None else checks.number("target", target)
+    n = instance.size
+    first = None
+    if initial is not None:
+        nodes = checks.array("initial", initial, (n,))
+        if nodes[0] != 0 or not np.array_equal(np.sort(nodes), np.arange(n)):
+            raise BadParameter("initial", initial, f"a permutation of the nodes 0 to {n - 1} that begins with 0")
+        first = np.append(nodes, n).astype(np.int32)
+    clock = Budget(seconds=10.0 if seconds is None and cycles is None else seconds, cycles=cycles, cancel=cancel).start()
+    # The depot stands at both ends of the path.
+    again = np.append(np.arange(n), 0)
+    path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
+    found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, target=good, initial=first)
+    order = found.order[:-1]
+    cost, late = evaluate(instance, order, makespan)
+    conflict = tuple(sorted({node % n for node in found.conflict}))
+    if late > 0.0 and not found.late > 0.0:
+        late = 0.0  # of rounding alone
+    return TsptwResult(
+        order.copy(),
+        cost,
+        not found.late > 0.0,
+        late,
+        conflict,
+        found.proven,
+        min(path.bound(makespan), cost) if not found.late > 0.0 else path.bound(makespan),
+        found.cycles,
+        np.array(found.history, dtype=np.float64).reshape(-1, 3),
+        clock.elapsed(),
+    )
+
+
+def evaluate(instance: Tsptw, order: NDArray[np.int32], makespan: bool) -> tuple[float, float]:
+    """Return cost and lateness of the closed tour `order`."""
+    now, late = float(instance.windows[order[0], 0]), 0.0
+    closed = [*order.tolist(), int(order[0])]
+    for here, there in pairwise(closed):
+        now = max(now + float(instance.matrix[here, there]), float(instance.windows[there, 0]))
+        late += max(0.0, now - float(instance.windows[there, 1]))
+    return now if makespan else math.fsum(instance.matrix[closed[:-1], closed[1:]]), late
+
+
+def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
+    """Read an instance in the usual text format: the number of nodes n, n x n times, n windows; `#` begins a comment.
+
+    Parameters
+    ----------
+    path : path_like
+        At most 64 MB and 1,000 nodes.
+
+    Returns
+    -------
+    Tsptw
+
+    Raises
+    ------
+    BadMap
+        If the file is no such file; the message names the node.
+    TooLarge
+        If it is beyond the limits.
+    OSError
+        If it cannot be opened.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise BadMap("path", path, "a path")
+    where = os.fspath(path)
+    if not File(path).is_file():
+        raise BadMap("path", where, "an existing regular file")
+    with open(path, "rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise TooLarge("size", len(data), f"at most {MAX_BYTES} bytes", where=where)
+    return parse(data, where)
+
+
+def parse(data: bytes, where: str = "") -> Tsptw:
+    """Return the instance in `data`; `where` stands in messages."""
+    try:
+        lines = data.decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError:
+        raise BadMap("file", data[:40], "text in UTF-8", where=where) from None
+    words = " ".join(line.split("#", 1)[0] for line in lines).split()
+    if not words or not (words[0].isascii() and words[0].isdigit() and len(words[0]) < 10) or int(words[0]) < 1:
+        raise BadMap("n", words[0] if words else "", "a whole number of nodes >= 1", where=where)
+    n = int(words[0])
+    if n > MAX_NODES:
+        raise TooLarge("n", n, f"at most {MAX_NODES} nodes", where=where)
+    if len(words) != 1 + n * n + 2 * n:
+        raise BadMap("numbers", len(words) - 1, f"{n * n + 2 * n}: {n} x {n} times and {n} windows", where=where)
+    try:
+        values = np.array(words[1:], dtype=np.float64)
+    except ValueError as error:
+        raise BadMap("numbers", str(error), "numbers alone", where=where) from None
+    if not (np.abs(values) <= 1e9).all():
+        raise BadMap("numbers", float(values[~(np.abs(values) <= 1e9)][0]), "in [-1e9, 1e9]", where=where)
+    try:
+        return Tsptw(values[: n * n].reshape(n, n), values[n * n :].reshape(n, 2), File(where).name)
+    except BadParameter as error:
+        raise BadMap(error.field, error.value, error.allowed, where=where) from None

@@ -1,0 +1,285 @@
+"""The search behind `solve_tsptw` and `order_stops`: a path through all stops in time, by a colony and widening beams."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.rng import mix, stream
+from antway.kernels.colony import time_windows as beams
+from antway.kernels.colony import window_colony as colonies
+from antway.kernels.colony import windows as kernel
+from antway.kernels.colony.window_repair import lateness, repair
+from antway.kernels.colony.window_search import Moves, trail
+from antway.planning import Clock
+
+Floats = NDArray[np.float64]
+Order = NDArray[np.int32]
+_LONGEST, _ATTEMPTS, _FADE, _HEAT, _HURRY, _WIDTH = 8, 100, 0.1, 0.5, 3.0, 30
+_STATES = 4_000_000  # partial orders times stops that a beam may hold, 12 bytes each
+_SLICE = 0.02  # s: how long cycles run before the budget is looked at
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The best order found: `late` is 0 where it is feasible; proven: there is no better one."""
+
+    order: Order
+    late: float
+    proven: bool
+    conflict: tuple[int, ...]
+    cycles: int
+    history: list[tuple[int, float, float]]
+    pheromone: Floats
+
+
+class Path:
+    """A path from the first stop through all others to the last one, in whole units in which sums are exact.
+
+    Parameters
+    ----------
+    time : float64[n, n]
+        Service and travel from stop to stop; infinite where there is no path.
+    opens, closes : float64[n]
+        When service may begin; closes may be infinite.
+
+    Notes
+    -----
+    Decimal numbers of at most six places become whole numbers. Others are rounded to 50 bits of the horizon, all to the safe
+    side: an order in time here is in time there.
+    """
+
+    def __init__(self, time: Floats, opens: Floats, closes: Floats) -> None:
+        n = len(time)
+        steps = time.copy()
+        np.fill_diagonal(steps, np.inf)
+        steps[:, 0] = steps[-1, :] = np.inf
+        # All is done by then in any order worth looking at.
+        longest = np.where(np.isfinite(steps), steps, 0.0).max(axis=1).sum()
+        horizon = float(opens.max() + longest) + 1.0
+        ends = np.minimum(closes, horizon)
+        self.scale = _decimal(np.concatenate([steps[np.isfinite(steps)], opens, ends]), horizon)
+        self.exact = self.scale > 0.0
+        if self.exact:
+            steps, opens, ends = (np.round(values * self.scale) for values in (steps, opens, ends))
+        else:
+            self.scale = 2.0 ** (50 - math.ceil(math.log2(horizon)))
+            steps, opens, ends = np.ceil(steps * self.scale), np.ceil(opens * self.scale), np.floor(ends * self.scale)
+        self.time, self.opens, self.closes = steps, opens.copy(), ends.copy()
+        whole = steps.copy()
+        np.fill_diagonal(whole, 0.0)
+        self.far = kernel.shortest(whole)
+        # For orders that are late in any case: an arc that does not exist takes as long as all others.
+        self.finite = np.where(np.isfinite(whole), whole, np.ceil(horizon * self.scale))
+        self.windows, self.feasible = self._prepare()
+        self.mirror = _mirror(self.windows) if self.feasible else self.windows
+        step = np.sort(steps, axis=1)[:-1, : min(3, n - 1)]
+        self.step = float(step[np.isfinite(step)].mean()) if np.isfinite(step).any() else 1.0
+
+    def _prepare(self) -> tuple[kernel.Windows, bool]:
+        steps, opens, closes, far = self.time.copy(), self.opens.copy(), self.closes.copy(), self.far
+        first = np.zeros(steps.shape, dtype=np.bool_)
+        stuck = -1
+        for _ in range(2):
+            stuck = kernel.tighten(steps, far, opens, closes, first)
+            if stuck >= 0:
+                break
+            loops = steps.copy()
+            np.fill_diagonal(loops, 0.0)
+            far = kernel.shortest(loops)
+        leave, enter = kernel.assignment(np.ascontiguousarray(steps[:-1, 1:])) if stuck < 0 else (np.zeros(1), np.zeros(1))
+        n = len(steps)
+        both = np.zeros(n), np.zeros(n)
+        if stuck < 0:
+            both[0][:-1], both[1][1:] = leave, enter
+        return _record(steps, far, opens, closes, first, both[0], both[1]), stuck < 0
+
+    def conflict(self) -> tuple[int, ...]:
+        """Return up to three stops that no order visits in time."""
+        return tuple(stop for stop in kernel.conflict(self.far, self.opens, self.closes) if stop >= 0)
+
+    def bound(self, makespan: bool) -> float:
+        """Return what no feasible order costs less than."""
+        if not self.feasible:
+            return 0.0
+        travel = self.windows.bound / self.scale
+        return max(self.windows.opens[-1] / self.scale, travel + self.windows.opens[0] / self.scale) if makespan else travel
+
+    def late(self, order: Order) -> float:
+        """Return by how much services begin late in sum."""
+        return float(lateness(self.finite, self.opens, self.closes, order, math.inf)) / self.scale
+
+
+def _decimal(values: Floats, horizon: float) -> float:
+    """Return the power of ten that makes all values whole and sums of them exact, or 0."""
+    for places in range(7):
+        scale = 10.0**places
+        if 4.0 * horizon * scale >= 2.0**53:
+            return 0.0
+        if np.array_equal(np.round(values * scale) / scale, values):
+            return scale
+    return 0.0
+
+
+def _record(
+    steps: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_], leave: Floats, enter: Floats
+) -> kernel.Windows:
+    """Return the record that kernels take."""
+    n = len(steps)
+    reduced = steps - leave[:, None] - enter[None, :]
+    words = (n + 63) // 64
+    padded = np.zeros((n, words * 64), dtype=np.uint8)
+    padded[:, :n] = first.T
+    before = np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64)
+    return kernel.Windows(
+        np.ascontiguousarray(steps),
+        np.ascontiguousarray(far),
+        opens,
+        closes,
+        np.argsort(reduced, axis=1, kind="stable").astype(np.int32),
+        np.isfinite(reduced).sum(axis=1).astype(np.int32),
+        np.ascontiguousarray(before),
+        np.argsort(closes, kind="stable").astype(np.int32),
+        np.where(np.isfinite(far), far, 0.0).max(axis=1),
+        leave,
+        enter,
+        np.array([mix(np.uint64(i + 1)) for i in range(n)], dtype=np.uint64),
+        float(leave.sum() + enter.sum()),
+    )
+
+
+def _unpacked(before: NDArray[np.uint64], n: int) -> NDArray[np.bool_]:
+    return np.unpackbits(before.astype("<u8").view(np.uint8), axis=1, bitorder="little")[:, :n].astype(np.bool_)
+
+
+def _mirror(windows: kernel.Windows) -> kernel.Windows:
+    """Return the same task from the end to the start, at times from the latest end back."""
+    n, horizon = len(windows.opens), windows.closes[-1]
+    first = _unpacked(windows.before, n).T
+    return _record(
+        windows.time[::-1, ::-1].T,
+        windows.far[::-1, ::-1].T,
+        (horizon - windows.closes)[::-1].copy(),
+        (horizon - windows.opens)[::-1].copy(),
+        np.ascontiguousarray(first[::-1, ::-1].T),
+        windows.enter[::-1].copy(),
+        windows.leave[::-1].copy(),
+    )
+
+
+def search(
+    path: Path,
+    clock: Clock,
+    *,
+    makespan: bool = False,
+    cycles: int | None = None,
+    seed: int = 0,
+    target: float = -math.inf,
+    initial: Order | None = None,
+    pheromone: Floats | None = None,
+) -> Found:
+    """Look for the best order until the clock is spent, `cycles` are done, one costs `target`, or none can be better."""
+    n = len(path.time)
+    start = np.arange(n, dtype=np.int32) if initial is None else initial.astype(np.int32)
+    if not path.feasible or n <= 3:
+        late = float(repair(path.finite, path.opens, path.closes, start, 0 if n <= 3 else 20, np.uint64(seed)))
+        conflict = () if path.feasible else path.conflict()
+        return Found(start, late / path.scale, True, conflict, 0, [], np.zeros((0, 0)))
+    return _Run(path, clock, makespan, seed, target, start, initial is not None, pheromone).go(cycles)
+
+
+class _Run:
+    """One run of `search`."""
+
+    def __init__(
+        self,
+        path: Path,
+        clock: Clock,
+        makespan: bool,
+        seed: int,
+        target: float,
+        start: Order,
+        warm: bool,
+        pheromone: Floats | None,
+    ) -> None:
+        n = len(path.time)
+        self.path, self.clock, self.seed, self.makespan = path, clock, np.uint64(seed), makespan
+        # Orders that end alike differ by a millionth of their travel.
+        self.target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
+        tau = np.full((n, n), 0.5) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
+        self.colony = colonies.Colony(
+            tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), np.array([math.inf, math.inf, 0.0, 0.0])
+        )
+        step = path.step
+        self.habits = colonies.Habits(_WIDTH, _ATTEMPTS, _FADE, _HEAT * step, step, _HURRY)
+        self.moves = Moves(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
+        self.beam, self.trail = beams.workspace(n, _WIDTH), trail(n)
+        self.start, self.warm, self.proven = start, warm, False
+        self.history: list[tuple[int, float, float]] = []
+
+    def _note(self) -> None:
+        best = float(self.colony.record[colonies.BEST]) / self.path.scale
+        if math.isfinite(best) and (not self.history or best < self.history[-1][1]):
+            self.history.append((int(self.colony.record[colonies.CYCLE]), best, self.clock.elapsed()))
+
+    def _widen(self, width: int) -> None:
+        """Look among all orders that `width` partial ones at a time allow."""
+        path, record = self.path, self.colony.record
+        n = len(path.time)
+        width = min(width, _STATES // n)
+        order = np.zeros(n, dtype=np.int32)
+        draw = beams.Draw(1.0, 0.0, 0.0, self.makespan, record[colonies.BEST] - self.moves.least)
+        none = np.zeros((n, n))
+        cost, whole = beams.search(
+            path.windows, path.windows.before, none, draw, width, np.uint64(1), beams.workspace(n, width), order
+        )
+        if cost < math.inf:
+            colonies.adopt(path.windows, self.colony, self.moves, self.trail, order)
+        self.proven = bool(whole)
+
+    def _repair(self, attempts: int) -> float:
+        path, draw = self.path, np.uint64(stream(self.seed, np.uint64(attempts)))
+        late = float(repair(path.finite, path.opens, path.closes, self.start, attempts, draw))
+        if late == 0.0:
+            colonies.adopt(self.path.windows, self.colony, self.moves, self.trail, self.start)
+        return late
+
+    def go(self, cycles: int | None) -> Found:
+        """Run the cycles; after 4, 16, 64, ... of them a beam takes about as long as they did."""
+        path, record = self.path, self.colony.record
+        limit = 2**62 if cycles is None else cycles
+        late = self._repair(0) if self.warm else math.inf
+        self._note()
+        batch, done, widened = 1, 0, 4
+        while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
+            batch = min(batch, limit - done, widened - done)
+            begun = time.perf_counter()
+            colonies.cycles(
+                path.windows,
+                path.mirror,
+                self.colony,
+                self.habits,
+                self.moves,
+                self.seed,
+                batch,
+                self.target,
+                self.beam,
+                self.trail,
+            )
+            done += batch
+            if record[colonies.BEST] == math.inf:
+                late = self._repair(batch)
+            batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - begun, 1e-9))))
+            if done == widened and not self.clock.spent():
+                self._widen(128 * done)
+                widened *= 4
+            self._note()
+        if record[colonies.BEST] < math.inf:
+            return Found(self.colony.orders[0].copy(), 0.0, self.proven, (), done, self.history, self.colony.tau)
+        late = self._repair(10) if math.isinf(late) else late
+        conflict = path.conflict() if self.proven else ()
+        return Found(self.start, late / path.scale, self.proven, conflict, done, self.history, self.colony.tau)
