@@ -40,9 +40,12 @@ if TYPE_CHECKING:
     from antway.search.distance_field import distance_field as distance_field
     from antway.search.sipp import sipp as sipp
     from antway.tours.plan import plan_tour as plan_tour
+    from antway.tours.time_windows import load_tsptw as load_tsptw
+    from antway.tours.time_windows import solve_tsptw as solve_tsptw
     from antway.verify import check_episode as check_episode
     from antway.verify import check_plan as check_plan
     from antway.verify_tour import check_tour as check_tour
+    from antway.verify_tsptw import check_tsptw as check_tsptw
     from antway.world.episode import EpisodeResult as EpisodeResult
     from antway.world.episode import Outcome as Outcome
     from antway.world.episode import run as run
@@ -70,8 +73,10 @@ _HOME = {
     "ants.gridpath": "explore",
     "ants.front": "alternatives pareto",
     "tours.plan": "plan_tour",
+    "tours.time_windows": "load_tsptw solve_tsptw",
     "verify": "check_episode check_plan",
     "verify_tour": "check_tour",
+    "verify_tsptw": "check_tsptw",
     "ants.tsp": "load_tsp solve_tsp",
     "world.world": "World",
     "world.scenario": "Scenario load_scenario",

@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from antway.console import OUT_OF_BUDGET, Json, Seed, number_option, pair, print_json, print_tour, working
+from antway.console import NO_PATH, OUT_OF_BUDGET, Json, Seed, number_option, pair, print_json, print_tour, working
 
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands to `app`."""
     app.command("tour")(tour_command)
+    app.command("tsptw")(tsptw_command)
 
 
 def tour_command(
@@ -78,3 +79,48 @@ def tour_command(
         if out is not None:
             print(f"drawn in {out}")
     return 0 if tour.feasible else OUT_OF_BUDGET
+
+
+def tsptw_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An instance: n, n x n times, n windows.")],
+    objective: Annotated[
+        str, typer.Option(metavar="NAME", help="travel-time, or makespan: when the tour is back.")
+    ] = "travel-time",
+    seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
+    seed: Seed = 0,
+    json: Json = False,
+) -> int:
+    """Solve a travelling salesman problem with time windows; exit status 3 if no order is in time, 4 if none was found."""
+    from antway import check_tsptw, checks, load_tsptw, solve_tsptw
+
+    instance = load_tsptw(file)
+    kind = checks.choice("objective", objective.replace("-", " "), ("travel time", "makespan"))
+    with working("searching"):
+        solve_tsptw(instance, objective=kind, cycles=1, seed=seed)  # kernels are loaded before the clock starts
+        result = solve_tsptw(instance, objective=kind, seconds=seconds, seed=seed)
+        check_tsptw(instance, result.order, result.cost, objective=kind, feasible=result.feasible)
+    if json:
+        print_json(
+            {
+                "file": str(file),
+                "objective": kind,
+                "order": result.order.tolist(),
+                "cost": result.cost,
+                "feasible": result.feasible,
+                "lateness": result.lateness,
+                "conflict": list(result.conflict),
+                "proven": result.proven,
+                "bound": result.bound,
+                "cycles": result.cycles,
+                "seconds": result.elapsed,
+            }
+        )
+    else:
+        known = "no order is better" if result.proven and result.feasible else f"no order costs less than {result.bound:,.6g}"
+        print(f"{kind} {result.cost:,.6g}, {known}; {result.cycles:,} cycles in {result.elapsed:.2f} s")
+        print("order " + " ".join(map(str, result.order.tolist())))
+        if not result.feasible:
+            print(f"late by {result.lateness:,.6g} in sum" + ("; no order is in time" if result.proven else ""))
+        if result.conflict:
+            print(f"cannot all be visited in time: {', '.join(map(str, result.conflict))}")
+    return 0 if result.feasible else NO_PATH if result.proven else OUT_OF_BUDGET

@@ -1,0 +1,61 @@
+"""An independent check of orders with time windows: shares no code with what finds them, and adds fractions, not floats."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from fractions import Fraction
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from antway.errors import InvalidPlan
+
+if TYPE_CHECKING:
+    from antway.tours.time_windows import Tsptw
+
+
+def check_tsptw(
+    instance: Tsptw, order: Iterable[int], cost: float | None = None, *, objective: str = "travel time", feasible: bool = True
+) -> None:
+    """Raise `InvalidPlan` with every way in which `order` is no answer to `instance`.
+
+    Parameters
+    ----------
+    instance : Tsptw
+    order : iterable of int
+        All nodes, the depot 0 first.
+    cost : float or None
+        What the answer says it costs.
+    objective : str
+        "travel time" or "makespan".
+    feasible : bool
+        Whether the answer says that no window is missed.
+
+    Raises
+    ------
+    InvalidPlan
+        If a node is missing or visited twice, a window is missed, or the cost is another. Numbers count as the shortest
+        decimals that they are read from, so that sums are exact.
+
+    Examples
+    --------
+    >>> from antway.tours.time_windows import Tsptw
+    >>> check_tsptw(Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 9], [0, 3]]), [0, 2, 1], 5.0)
+    """
+    stops = [int(stop) for stop in order]
+    n = len(instance.matrix)
+    if sorted(stops) != list(range(n)) or stops[0] != 0:
+        raise InvalidPlan([f"visits {stops[:20]}, not each of the nodes 0 to {n - 1} once and 0 first"])
+    faults = []
+    travelled, now = Fraction(0), Fraction(repr(float(instance.windows[0][0])))
+    for here, there in pairwise([*stops, 0]) if n > 1 else []:
+        step = Fraction(repr(float(instance.matrix[here][there])))
+        earliest, latest = (float(end) for end in instance.windows[there])
+        travelled += step
+        now = max(now + step, Fraction(repr(earliest)))
+        if feasible and latest != float("inf") and now > Fraction(repr(latest)):
+            faults.append(f"node {there} is reached at {float(now)}, after {latest}")
+    total = now if objective == "makespan" else travelled
+    if cost is not None and abs(Fraction(float(cost)) - total) > Fraction(1, 10**9) * (1 + total):
+        faults.append(f"costs {float(total)}, not {cost}")
+    if faults:
+        raise InvalidPlan(faults)

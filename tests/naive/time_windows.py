@@ -1,0 +1,60 @@
+"""Orders with time windows by the definitions: all permutations, and dynamic programming over sets of stops."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+
+def drive(matrix, windows, order):
+    """(travel time, end, lateness) of the path `order`, from when the first window opens."""
+    now, travelled, late = windows[order[0]][0], 0.0, 0.0
+    for here, there in itertools.pairwise(order):
+        travelled += matrix[here][there]
+        now = max(now + matrix[here][there], windows[there][0])
+        late += max(0.0, now - windows[there][1])
+    return travelled, now, late
+
+
+def feasible_orders(matrix, windows):
+    """All closed tours from 0 that miss no window, as paths that end at 0 once more."""
+    for rest in itertools.permutations(range(1, len(matrix))):
+        order = (0, *rest, 0)
+        if drive(matrix, windows, order)[2] == 0.0:
+            yield order
+
+
+def best(matrix, windows, makespan):
+    """Least cost of a closed tour that misses no window, infinite if there is none."""
+    return min((drive(matrix, windows, order)[makespan] for order in feasible_orders(matrix, windows)), default=math.inf)
+
+
+def dynamic_programming(matrix, windows, makespan):
+    """The same by Held and Karp's recursion, with all (time, cost) of a set and a last node of which none beats another."""
+    n = len(matrix)
+    layer = {(1, 0): [(windows[0][0], 0.0)]}
+    for _ in range(n - 1):
+        following = {}
+        for (visited, last), labels in layer.items():
+            for j in range(1, n):
+                if visited >> j & 1:
+                    continue
+                for now, cost in labels:
+                    then = max(now + matrix[last][j], windows[j][0])
+                    if then <= windows[j][1]:
+                        following.setdefault((visited | 1 << j, j), []).append((then, cost + matrix[last][j]))
+        layer = {}
+        for key, labels in following.items():
+            kept, least = [], math.inf
+            for now, cost in sorted(set(labels)):
+                if cost < least:
+                    kept.append((now, cost))
+                    least = cost
+            layer[key] = kept
+    ends = []
+    for (_, last), labels in layer.items():
+        for now, cost in labels:
+            back = max(now + matrix[last][0], windows[0][0])
+            if back <= windows[0][1] and n > 1:
+                ends.append(back if makespan else cost + matrix[last][0])
+    return min(ends, default=math.inf)

@@ -1,0 +1,366 @@
+"""C48: tours with time windows against all permutations and dynamic programming; the independent check; files."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import random
+import sys
+import threading
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.optimize import linear_sum_assignment
+
+import naive.time_windows as naive
+from antway import BadInput, BadMap, BadParameter, InvalidPlan, TooLarge, check_tsptw, load_tsptw, solve_tsptw
+from antway.cli import main
+from antway.kernels.base import rng as random_kernel
+from antway.kernels.colony import windows as kernel
+from antway.kernels.colony.window_repair import lateness, repair
+from antway.kernels.colony.window_search import Moves, refresh, settle, shake, trail, value
+from antway.tours.time_windows import Tsptw, parse
+from antway.tours.windowed import Path
+from common import SHARED, cases, needs_data
+from mapfiles import spoil
+
+TSPTW = SHARED / "tsptw"
+SMALL = b"""4
+0 2 3 9
+2 0 4 8
+3 4 0 7   # a comment
+9 8 7 0
+0 100
+0 10
+5 20
+0 90
+# Sum of service times: 0
+"""
+
+
+def task(rng: np.random.Generator, low: int, high: int, tight: float | None = None) -> Tsptw:
+    """A random instance, mostly feasible: windows stand around a random order; whole, decimal or any numbers."""
+    n = int(rng.integers(low, high + 1))
+    xy = rng.random((n, 2)) * 40
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    if rng.random() < 0.4:
+        matrix = matrix * rng.uniform(0.7, 1.3, matrix.shape)  # asymmetric, and the triangle inequality need not hold
+    kind = rng.integers(3)
+    matrix = np.round(matrix) if kind == 0 else np.round(matrix, 4) if kind == 1 else matrix
+    width = rng.choice([15.0, 40.0, 120.0]) if tight is None else tight
+    windows, now, order = np.zeros((n, 2)), 0.0, [0, *(1 + rng.permutation(n - 1)).tolist()]
+    for here, there in pairwise(order):
+        now += matrix[here, there] + rng.random() * 5
+        windows[there] = max(0.0, now - rng.random() * width), now + rng.random() * width
+    windows[0] = 0.0, now + matrix[order[-1], 0] + 50 if rng.random() < 0.9 else now * 0.8
+    return Tsptw(matrix, np.round(windows, 3) if kind < 2 else windows)
+
+
+@pytest.mark.parametrize("makespan", [False, True])
+def test_equal_to_all_permutations(makespan: bool) -> None:
+    rng, feasible = np.random.default_rng(17 + makespan), 0
+    for case in range(cases(60, 2_000)):
+        instance = task(rng, 2, 8)
+        best = naive.best(instance.matrix.tolist(), instance.windows.tolist(), makespan)
+        result = solve_tsptw(instance, objective="makespan" if makespan else "travel time", cycles=40, seed=case)
+        check_tsptw(
+            instance, result.order, result.cost, objective="makespan" if makespan else "travel time", feasible=result.feasible
+        )
+        assert result.feasible == (best < math.inf), case
+        if result.feasible:
+            feasible += 1
+            assert result.cost == pytest.approx(best, rel=1e-9), case
+            assert result.bound <= best * (1 + 1e-9) and result.conflict == ()
+        else:
+            assert result.lateness > 0.0
+    assert feasible > case / 3
+
+
+def test_equal_to_dynamic_programming() -> None:
+    rng = np.random.default_rng(5)
+    for case in range(cases(8, 300)):
+        instance = task(rng, 10, 12, 30.0)
+        makespan = bool(case % 2)
+        best = naive.dynamic_programming(instance.matrix.tolist(), instance.windows.tolist(), makespan)
+        result = solve_tsptw(instance, objective="makespan" if makespan else "travel time", cycles=64, seed=case)
+        check_tsptw(
+            instance, result.order, result.cost, objective="makespan" if makespan else "travel time", feasible=result.feasible
+        )
+        assert (result.cost if result.feasible else math.inf) == pytest.approx(best, rel=1e-9), case
+        assert not result.proven or result.bound <= result.cost * (1 + 1e-9)
+
+
+def test_tightening_excludes_no_feasible_order() -> None:
+    """Windows, precedence and arcs hold for every feasible order, and a stuck task has none."""
+    rng, seen = np.random.default_rng(3), 0
+    for case in range(cases(60, 3_000)):
+        instance = task(rng, 2, 6)
+        n = instance.size
+        again = np.append(np.arange(n), 0)
+        path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
+        orders = list(naive.feasible_orders(instance.matrix.tolist(), instance.windows.tolist()))
+        assert path.feasible or not orders, case
+        if not path.feasible:
+            conflict = path.conflict()
+            assert len(set(conflict)) == len(conflict)
+            continue
+        for order in orders:
+            seen += 1
+            full, now = [*order[:-1], n], path.opens[0]
+            for p, (i, j) in enumerate(pairwise(full)):
+                assert path.windows.time[i, j] == path.time[i, j], case
+                now = max(now + path.time[i, j], path.opens[j])
+                assert now <= path.windows.closes[j], case
+                must = {k for k in range(n + 1) if path.windows.before[j, k // 64] >> np.uint64(k % 64) & np.uint64(1)}
+                assert must <= set(full[: p + 1]), case
+    assert seen > 100
+
+
+def test_conflicts_name_stops_that_no_order_visits() -> None:
+    """Each conflict is real, and as small as can be: without one of its stops the others can be visited."""
+    rng, sizes = np.random.default_rng(8), set()
+    for _ in range(cases(300, 3_000)):
+        n = 6
+        xy = rng.random((n, 2)) * 30
+        matrix = np.round(np.hypot(*(xy[:, None] - xy[None]).T))
+        begin = rng.random(n) * 60
+        windows = np.c_[begin, begin + rng.random(n) * 25].round()
+        windows[0] = 0, 500
+        result = solve_tsptw(Tsptw(matrix, windows), cycles=4)
+        if result.conflict:
+            assert not result.feasible and result.proven
+            sizes.add(len(result.conflict))
+            nodes = [0, *result.conflict]
+            far = kernel.shortest(matrix)  # other stops may lie on the way
+
+            def possible(chosen: list[int], far: np.ndarray = far, windows: np.ndarray = windows) -> bool:
+                return naive.best(far[np.ix_(chosen, chosen)].tolist(), windows[chosen].tolist(), False) < math.inf
+
+            assert not possible(nodes)
+            assert all(possible([0, *set(result.conflict) - {stop}]) for stop in result.conflict)
+    assert sizes == {1, 2, 3}
+
+
+def test_duals_of_the_assignment() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(cases(50)):
+        n = int(rng.integers(1, 12))
+        cost = rng.integers(0, 50, (n, n)).astype(float)
+        rows, columns = kernel.assignment(cost)
+        assert (rows[:, None] + columns <= cost + 1e-9).all()
+        assert rows.sum() + columns.sum() == pytest.approx(cost[linear_sum_assignment(cost)].sum())
+
+
+@pytest.mark.parametrize("makespan", [False, True])
+def test_local_search_against_driving(makespan: bool) -> None:
+    """Moves keep a feasible order feasible, its times right, and settling leaves no better exchange of neighbouring parts."""
+    rng, settled = np.random.default_rng(4), 0
+    for case in range(cases(40, 1_000)):
+        instance = task(rng, 5, 9, 60.0)
+        n = instance.size
+        again = np.append(np.arange(n), 0)
+        path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
+        order = next(naive.feasible_orders(instance.matrix.tolist(), instance.windows.tolist()), None)
+        if order is None or not path.feasible:
+            continue
+        t, moves = trail(n + 1), Moves(makespan, n, 1e-9 * path.step)
+        state = np.array([random_kernel.stream(np.uint64(case), np.uint64(0))], dtype=np.uint64)
+        t.order[:] = [*order[:-1], n]
+        refresh(path.windows, t)
+        for _ in range(20):
+            shake(path.windows, t, moves, path.step, state)
+            assert sorted(t.order.tolist()) == list(range(n + 1)) and t.order[0] == 0 and t.order[n] == n
+            travelled, end, late = naive.drive(path.time.tolist(), np.c_[path.opens, path.closes].tolist(), t.order.tolist())
+            assert late == 0.0
+            assert value(t, False) == pytest.approx(travelled)
+            assert value(t, True) == pytest.approx(end + 1e-6 * travelled)
+        before = value(t, makespan)
+        while True:  # stops that a move has not touched are not looked at again, though windows may now allow more
+            t.look[:] = True
+            last = value(t, makespan)
+            settle(path.windows, t, moves)
+            if value(t, makespan) == last:
+                break
+        here = t.order.tolist()
+        assert last <= before
+        windows = np.c_[path.opens, path.closes].tolist()
+
+        def worth(order: list[int], path: Path = path, windows: list[list[float]] = windows) -> float:
+            travelled, end, late = naive.drive(path.time.tolist(), windows, order)
+            return math.inf if late > 0.0 else end + 1e-6 * travelled if makespan else travelled
+
+        settled += 1
+        for i in range(1, n):
+            for k in range(i + 1, n):
+                others = [here[:i] + here[i : k + 1][::-1] + here[k + 1 :]]
+                for j in range(i, k):
+                    one, two = here[i : j + 1], here[j + 1 : k + 1]
+                    others += [here[:i] + two + part + here[k + 1 :] for part in (one, one[::-1])]
+                assert min(map(worth, others)) >= worth(here) - 1e-6 * path.step - 1e-6, case
+    assert settled > 10
+
+
+def test_repair_finds_orders_in_time() -> None:
+    rng, found = np.random.default_rng(6), 0
+    for case in range(cases(30, 500)):
+        instance = task(rng, 5, 8, 15.0)
+        n = instance.size
+        again = np.append(np.arange(n), 0)
+        path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
+        order = np.arange(n + 1, dtype=np.int32)
+        late = repair(path.finite, path.opens, path.closes, order, 200, np.uint64(case))
+        assert sorted(order.tolist()) == list(range(n + 1)) and order[0] == 0 and order[n] == n
+        assert late == lateness(path.finite, path.opens, path.closes, order, math.inf)
+        twin = naive.drive(path.finite.tolist(), np.c_[path.opens, path.closes].tolist(), order.tolist())[2]
+        assert late == pytest.approx(twin)
+        best = naive.best(instance.matrix.tolist(), instance.windows.tolist(), False)
+        found += (late == 0.0) == (best < math.inf)
+    assert found > 0.9 * case
+
+
+def test_same_seed_same_bytes() -> None:
+    instance = task(np.random.default_rng(1), 40, 40, 120.0)
+    first, again = (solve_tsptw(instance, cycles=12, seed=7) for _ in range(2))
+    assert first.order.tobytes() == again.order.tobytes() and first.cost == again.cost
+    assert [row[:2] for row in first.history.tolist()] == [row[:2] for row in again.history.tolist()]
+
+
+def test_stops_when_told() -> None:
+    instance = task(np.random.default_rng(2), 60, 60, 400.0)
+    stop = threading.Event()
+    stop.set()
+    assert solve_tsptw(instance, cancel=stop).cycles <= 1
+    assert solve_tsptw(instance, seconds=0.0).cycles <= 1
+    reached = solve_tsptw(instance, cycles=20)
+    assert solve_tsptw(instance, cycles=10_000, target=reached.cost).cost <= reached.cost * (1 + 1e-9)
+    warm = solve_tsptw(instance, cycles=0, initial=reached.order)
+    assert warm.feasible and warm.cost <= reached.cost * (1 + 1e-12)
+
+
+def test_check_refuses_broken_orders() -> None:
+    instance = parse(SMALL)
+    check_tsptw(instance, [0, 1, 2, 3], 22.0)
+    check_tsptw(instance, [0, 1, 2, 3], 22.0, objective="makespan")
+    check_tsptw(instance, [0, 3, 2, 1], 22.0, feasible=False)
+    for order, cost in (
+        ([0, 3, 2, 1], 22.0),
+        ([0, 1, 2], None),
+        ([0, 1, 2, 2], None),
+        ([1, 0, 2, 3], None),
+        ([0, 1, 2, 3], 21.0),
+    ):
+        with pytest.raises(InvalidPlan):
+            check_tsptw(instance, order, cost)
+    tenths = Tsptw([[0, 0.1, 1], [1, 0, 0.2], [1, 1, 0]], [[0, 9], [0, 9], [0, 0.3]])  # 0.1 + 0.2 > 0.3 in floats alone
+    check_tsptw(tenths, [0, 1, 2], 1.3)
+    assert solve_tsptw(tenths, cycles=5).order.tolist() == [0, 1, 2]
+
+
+def test_reads_the_format() -> None:
+    instance = parse(SMALL)
+    assert instance.size == 4 and instance.matrix[3, 0] == 9.0 and instance.windows.tolist()[2] == [5.0, 20.0]
+    result = solve_tsptw(instance, cycles=10)
+    assert (result.order.tolist(), result.cost, result.feasible) == ([0, 1, 3, 2], 20.0, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        (b"", "n"),
+        (b"x", "n"),
+        (b"0", "n"),
+        (b"2 0 1 1 0 0 9 0", "numbers"),
+        (b"2 0 1 1 0 0 9 0 9 9", "numbers"),
+        (b"2 0 1 one 0 0 9 0 9", "numbers"),
+        (b"2 0 nan 1 0 0 9 0 9", "numbers"),
+        (b"2 0 -1 1 0 0 9 0 9", "matrix[0, 1]"),
+        (b"2 0 1 1 0 0 9 5 4", "windows[1]"),
+        (b"\xff\xfe", "file"),
+    ],
+)
+def test_refuses_wrong_files(text: bytes, field: str) -> None:
+    with pytest.raises(BadMap) as caught:
+        parse(text, "a.txt")
+    assert caught.value.field == field and caught.value.where == "a.txt"
+
+
+def test_spoilt_files_raise_typed_errors() -> None:
+    source = random.Random(3)
+    for _ in range(cases(300, 100_000)):
+        with contextlib.suppress(BadInput):
+            assert parse(spoil(SMALL, [b"3 0 1 1"], source)).size <= 1_000
+
+
+def test_refuses_wrong_arguments() -> None:
+    with pytest.raises(TooLarge):
+        parse(b"1001 ")
+    for wrong in (
+        {"matrix": [[0, 1]], "windows": [[0, 1]]},
+        {"matrix": np.zeros((0, 0)), "windows": np.zeros((0, 2))},
+        {"matrix": [[0, math.nan], [1, 0]], "windows": [[0, 1], [0, 1]]},
+        {"matrix": [[0, 1], [1, 0]], "windows": [[0, 1]]},
+        {"matrix": [[0, 1], [1, 0]], "windows": [[0, 1], [0, math.nan]]},
+    ):
+        with pytest.raises(BadParameter):
+            Tsptw(**wrong)
+    instance = parse(SMALL)
+    for wrong in (
+        {"objective": "length"},
+        {"seconds": -1.0},
+        {"cycles": -1},
+        {"seed": -1},
+        {"target": math.nan},
+        {"initial": [1, 0, 2, 3]},
+        {"initial": [0, 1, 1, 3]},
+    ):
+        with pytest.raises(BadParameter):
+            solve_tsptw(instance, **wrong)
+    with pytest.raises(BadParameter):
+        solve_tsptw("a file")
+
+
+def test_one_node_and_two() -> None:
+    assert solve_tsptw(Tsptw([[0]], [[0, 5]]), cycles=1).cost == 0.0
+    result = solve_tsptw(Tsptw([[0, 3], [4, 0]], [[1, 9], [0, 4]]), cycles=1)
+    assert (result.cost, result.feasible, result.proven) == (7.0, True, True)
+
+
+def test_command(tmp_path, monkeypatch, capsys) -> None:
+    file = tmp_path / "a.txt"
+
+    def run(*options: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["antway", "tsptw", str(file), "--seconds", "0.2", *options])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return int(end.value.code or 0), capsys.readouterr().out
+
+    file.write_bytes(SMALL)
+    status, text = run("--json")
+    answer = json.loads(text)
+    assert status == 0 and answer["order"] == [0, 1, 3, 2] and answer["proven"]
+    file.write_bytes(SMALL.replace(b"0 90", b"0 5"))
+    status, text = run()
+    assert status == 3 and "cannot all be visited in time: 3" in text
+    file.write_bytes(SMALL.replace(b"0 90", b"0"))
+    assert run()[0] == 2
+
+
+@needs_data
+def test_benchmark_instances() -> None:
+    """A few instances of each set at their best known values, all files readable."""
+    for folder in ("AFG", "Dumas", "SolomonPesant", "SolomonPotvinBengio"):
+        known = {
+            words[0]: float(words[1])
+            for line in (TSPTW / "best_known_sol" / f"{folder}.txt").read_text().splitlines()
+            if (words := line.split()) and words[0] != "#"
+        }
+        files = sorted((TSPTW / folder).iterdir())
+        for place, file in enumerate(files):
+            instance = load_tsptw(file)
+            if place % (len(files) // 4) or file.name not in known:
+                continue
+            result = solve_tsptw(instance, cycles=200, seed=1, target=known[file.name] + 0.01)
+            check_tsptw(instance, result.order, result.cost, feasible=result.feasible)
+            assert result.feasible and result.cost <= known[file.name] * 1.01, file.name
