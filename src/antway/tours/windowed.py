@@ -241,45 +241,41 @@ class _Run:
             colonies.adopt(path.windows, self.colony, self.moves, self.trail, order)
         self.proven = bool(whole)
 
-    def _repair(self, attempts: int) -> float:
-        path, draw = self.path, np.uint64(stream(self.seed, np.uint64(attempts)))
-        late = float(repair(path.finite, path.opens, path.closes, self.start, attempts, draw))
+    def _repair(self, attempts: int, draw: int) -> float:
+        """Make the start order less late, and once it is in time give it to the colony; return its lateness."""
+        path = self.path
+        late = float(
+            repair(path.finite, path.opens, path.closes, self.start, attempts, np.uint64(stream(self.seed, np.uint64(draw))))
+        )
         if late == 0.0:
-            colonies.adopt(self.path.windows, self.colony, self.moves, self.trail, self.start)
+            colonies.adopt(path.windows, self.colony, self.moves, self.trail, self.start)
         return late
 
     def go(self, cycles: int | None) -> Found:
         """Run the cycles; after 4, 16, 64, ... of them a beam takes about as long as they did."""
         path, record = self.path, self.colony.record
         limit = 2**62 if cycles is None else cycles
-        late = self._repair(0) if self.warm else math.inf
+        late = self._repair(0, 0) if self.warm else math.inf
         self._note()
         batch, done, widened = 1, 0, 4
         while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
             batch = min(batch, limit - done, widened - done)
             begun = time.perf_counter()
-            colonies.cycles(
-                path.windows,
-                path.mirror,
-                self.colony,
-                self.habits,
-                self.moves,
-                self.seed,
-                batch,
-                self.target,
-                self.beam,
-                self.trail,
+            ran = colonies.cycles(
+                path.windows, path.mirror, self.colony, self.habits, self.moves, self.seed, batch, self.beam, self.trail
             )
-            done += batch
+            done += ran
+            each = max(time.perf_counter() - begun, 1e-9) / ran
+            batch = max(1, min(2 * batch, 4096, int(_SLICE / each)))
             if record[colonies.BEST] == math.inf:
-                late = self._repair(batch)
-            batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - begun, 1e-9))))
+                # One by one, so that what happens does not depend on how long it takes.
+                late, batch = self._repair(1, done), 1
             if done == widened and not self.clock.spent():
                 self._widen(128 * done)
                 widened *= 4
             self._note()
         if record[colonies.BEST] < math.inf:
             return Found(self.colony.orders[0].copy(), 0.0, self.proven, (), done, self.history, self.colony.tau)
-        late = self._repair(10) if math.isinf(late) else late
+        late = self._repair(10, 0) if math.isinf(late) else late
         conflict = path.conflict() if self.proven else ()
         return Found(self.start, late / path.scale, self.proven, conflict, done, self.history, self.colony.tau)

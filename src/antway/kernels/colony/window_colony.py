@@ -164,19 +164,17 @@ def cycles(
     moves: Moves,
     seed: np.uint64,
     count: int,
-    target: float,
     beam: Beam,
     t: Trail,
 ) -> int:
-    """Run up to `count` cycles, until an order costs at most `target`; return how many.
+    """Run up to `count` cycles, until there is a better order; return how many.
 
     mirror : the same task from the end to the start: stop i is stop n - 1 - i, at times from the latest back.
     """
     state = np.zeros(1, dtype=np.uint64)
     record = colony.record
+    best = record[BEST]
     for done in range(count):
-        if record[BEST] <= target:
-            return done
         state[0] = rng.stream(seed, np.uint64(record[CYCLE]))
         found = walk(problem, mirror, colony, habits, moves, beam, state)
         record[CYCLE] += 1
@@ -186,4 +184,6 @@ def cycles(
         refresh(problem, t)
         wander(problem, colony, habits, moves, t, state)
         learn(colony, habits)
+        if record[BEST] < best:
+            return done + 1
     return count
