@@ -11,7 +11,7 @@ from antway import Budget, Grid, Problem, Status, check_plan, solve
 from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.search import hierarchy
-from antway.kernels.search.ch_query import diagonals, meet
+from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, diagonals, meet
 from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, corners, seen
 from antway.search import subgoals as module
 from antway.search.derived import kept, lattice, packed_lines
@@ -82,7 +82,9 @@ def test_hierarchies_keep_distances() -> None:
         cells, at = np.zeros((n, 2), np.int32), np.zeros((2, 2), np.int64)
         for now, (a, b) in enumerate(np.ndindex(n, n), 1):
             seeds = np.array([[[rank[a], 0]], [[rank[b], 0]]])
-            best, _, _ = meet(row_start, up, cells, label, came, heaps, seeds, np.ones(2, np.int64), at, now)
+            upward = UpwardGraph(row_start, up, parts, cells)
+            memory = QueryMemory(label, came, heaps, seeds, np.empty((0, 3), np.int32), np.array([now]))
+            best, _, _ = meet(upward, memory, np.ones(2, np.int64), at)
             assert best == expected[a, b] or (best == hierarchy.NOWHERE and np.isinf(expected[a, b]))
 
 

@@ -20,9 +20,10 @@ from antway.grid import Cell, Grid, Moves
 from antway.kernels.colony import grid_walk as kernel
 from antway.kernels.colony.pheromone import Numbers, limits
 from antway.kernels.colony.pheromone import persistence as rho
+from antway.kernels.search.best_first import Graph
 from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import Clock, Plan, Problem, Status
-from antway.search.derived import Graph, graph, lattice
+from antway.search.derived import graph, lattice
 from antway.search.distance_field import DijkstraField, distance_field
 
 STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms

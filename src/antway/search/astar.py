@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import mmap
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
-from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, octile, solve
-from antway.kernels.search.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT
+from antway.kernels.base.jit import entry
+from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, Memory, octile, solve
+from antway.kernels.search.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT, Queue
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search import best_first as heap
 from antway.search.costs import checked_costs
@@ -50,29 +50,23 @@ class Workspace:
         cells, longest = shape[0] * shape[1], 2 * max(shape) + 8
         self.base = 0
         # Not by np.zeros, which asks for huge pages: jumps touch few of the cells, all over the map.
-        self.nodes = np.frombuffer(mmap.mmap(-1, 8 * cells), np.int32).reshape(cells, 2)
-        self.reached = np.empty((longest, 4), np.int32)
-        self.first = np.full(KEYS + BLOCKS, -1, np.int32)
-        self.filled = np.zeros(KEYS // 64, np.uint64)
-        self.entries = np.empty((16 * longest, 5), np.int32)
-        self.state = np.zeros(8, np.int64)
-        self.arrays = self._arrays()
-
-    def _arrays(self) -> tuple[Any, ...]:
-        """The arrays in the order in which the kernels take them."""
-        return self.nodes, self.reached, self.first, self.filled, self.entries, self.state
+        nodes = np.frombuffer(mmap.mmap(-1, 8 * cells), np.int32).reshape(cells, 2)
+        first, filled = np.full(KEYS + BLOCKS, -1, np.int32), np.zeros(KEYS // 64, np.uint64)
+        queue = Queue(first, filled, np.empty((16 * longest, 5), np.int32), np.zeros(8, np.int64))
+        self.memory = Memory(nodes, np.empty((longest, 4), np.int32), queue)
 
     def initialize(self) -> None:
         """Choose the labels of the next search."""
         self.base -= LIMIT
         if self.base < LOWEST:
-            self.nodes.fill(HIGHEST)
+            self.memory.nodes.fill(HIGHEST)
             self.base = HIGHEST - LIMIT
 
     def grow(self) -> None:
         """Double the room for entries of the queue."""
-        self.entries = np.concatenate((self.entries, np.empty_like(self.entries)))
-        self.arrays = self._arrays()
+        queue = self.memory.queue
+        entries = np.concatenate((queue.entries, np.empty_like(queue.entries)))
+        self.memory = self.memory._replace(queue=queue._replace(entries=entries))
 
 
 class Searcher:
@@ -81,7 +75,7 @@ class Searcher:
     def __init__(self, grid: Grid, moves: Moves, jumping: bool) -> None:
         net = lattice(grid, moves)
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
-        self.net: tuple[Any, ...] = (net.around, net.table, packed(grid) if jumping else _NO_WORDS, net.width, shorter)
+        self.net = (net, packed(grid) if jumping else _NO_WORDS, shorter)
         self.shorter, self.shape = shorter, grid.shape
         self.far = octile(0, 0, *grid.shape, shorter) >= LIMIT  # whether ends may be too far apart for the integers
         self.large = grid.blocked.size >= MOST_CELLS
@@ -101,12 +95,12 @@ class Searcher:
             work.initialize()
             code, fresh, expanded = RUNNING, True, 0
             while code != DONE and not clock.spent():
-                query: tuple[Any, ...] = (work.base, row, col, goal_row, goal_col, fresh, STEPS)
-                code, path, diagonals, expanded = solve(*self.net, *work.arrays, *query)
+                arguments = (*self.net, work.memory, work.base, row, col, goal_row, goal_col, fresh, STEPS)
+                code, path, diagonals, expanded = entry(solve, *arguments)(*arguments)
                 fresh = False
                 if code == FULL:
                     work.grow()
-            cut = code == DONE and not len(path) and bool(work.state[CUT])
+            cut = code == DONE and not len(path) and bool(work.memory.queue.state[CUT])
         finally:
             self.spare.append(work)
         if code == DONE and len(path):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -113,8 +112,9 @@ def _search_all(
     work = search.workspace()
     try:
         while query < len(ends):
-            chunk: tuple[Any, ...] = (work.base, ends[: query + CHUNK], query, begins, cells, diagonals)
-            query, work.base, code = solve_all(*search.net, *work.arrays, *chunk)
+            query, work.base, code = solve_all(
+                *search.net, work.memory, work.base, ends[: query + CHUNK], query, begins, cells, diagonals
+            )
             if code == FULL:
                 work.grow()
             elif code == NO_SPACE:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.search.best_first import EXHAUSTED, FOUND, RUNNING, best_first, gauge, open_cell
+from antway.kernels.search.best_first import EXHAUSTED, FOUND, RUNNING, Graph, Memory, best_first, gauge, open_cell
 from antway.planning import Clock, Plan, Problem
-from antway.search.derived import Graph, graph
+from antway.search.derived import graph
 from antway.search.result import found, not_found
 
 STEPS = 1 << 16  # expansions between two looks at the clock, about 10 ms
@@ -45,31 +45,28 @@ class Search:
         self.net, self.faces = net, faces
         self.goal = -1 if goal is None else net.at(goal)
         self.cost = _NO_COST if costs is None else np.pad(costs, net.margin, constant_values=np.inf).ravel()
-        self.label, self.key = np.full(cells, np.inf), np.full(cells, np.inf)
-        self.arrived = np.full(cells, -1, np.int8)
-        self.heap, self.place = np.empty(cells, np.int32), np.full(cells, -1, np.int32)
-        self.state = np.zeros(2, np.int64)
+        label, key, arrived = np.full(cells, np.inf), np.full(cells, np.inf), np.full(cells, -1, np.int8)
+        self.memory = Memory(
+            label, key, arrived, np.empty(cells, np.int32), np.full(cells, -1, np.int32), np.zeros(2, np.int64)
+        )
+        self.label, self.state = label, self.memory.state
         for source in {net.at(cell) for cell in sources}:
             h = gauge(*divmod(source, net.width), *divmod(self.goal, net.width), faces) if faces.size else 0.0
-            arrays = (self.label, self.key, self.arrived, self.heap, self.place)
-            self.state[0] = open_cell(source, 0.0, h, -1, *arrays, self.state[0])
+            self.state[0] = open_cell(source, 0.0, h, -1, self.memory, self.state[0])
 
     @property
     def least(self) -> float:
         """The least priority of all that is still open; infinite when nothing is."""
-        return float(self.key[self.heap[0]]) if self.state[0] else math.inf
+        return float(self.memory.key[self.memory.heap[0]]) if self.state[0] else math.inf
 
     def run(self, within: float = math.inf) -> int:
         """Expand up to `STEPS` cells; return RUNNING, FOUND or EXHAUSTED."""
-        return best_first(
-            *(self.net.legal, self.net.offsets, self.net.lengths, self.cost, self.net.width, self.goal, within, self.faces),
-            *(self.label, self.key, self.arrived, self.heap, self.place, self.state, STEPS),
-        )
+        return best_first(self.net, self.cost, self.goal, within, self.faces, self.memory, STEPS)
 
     def path(self) -> NDArray[np.int32]:
         """Return the cells of the path that was found, int32[N, 2]."""
         flat = [self.goal]
-        while (move := self.arrived[flat[-1]]) >= 0:
+        while (move := self.memory.arrived[flat[-1]]) >= 0:
             flat.append(flat[-1] - int(self.net.offsets[move]))
         return (np.column_stack(np.divmod(np.array(flat[::-1]), self.net.width)) - self.net.margin).astype(np.int32)
 

@@ -6,14 +6,14 @@ import math
 import weakref
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.grid import Cell, Grid, Moves
-from antway.kernels.search.best_first import legal_moves
-from antway.kernels.search.canonical import NEED, successor_table, surroundings
+from antway.grid import Grid, Moves
+from antway.kernels.search.best_first import Graph, legal_moves
+from antway.kernels.search.canonical import NEED, Lattice, successor_table, surroundings
 from antway.kernels.search.jps import mirror, turn
 
 T = TypeVar("T")
@@ -32,25 +32,6 @@ def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
     if value is None:
         value = known[name] = make()
     return cast(T, value)
-
-
-class Graph(NamedTuple):
-    """The flat map with a margin: cell (r, c) has index (r + margin) * width + c + margin."""
-
-    legal: NDArray[np.uint32]  # the moves of each cell, bit k for move k
-    offsets: NDArray[np.int64]  # flat
-    lengths: NDArray[np.float64]  # cells
-    width: int
-    margin: int
-
-    def at(self, cell: Cell) -> int:
-        """Return the flat index of `cell`."""
-        return (cell[0] + self.margin) * self.width + cell[1] + self.margin
-
-    def inner(self, flat: NDArray[Any]) -> NDArray[Any]:
-        """Return the map's own part of a flat array."""
-        m = self.margin
-        return flat.reshape(-1, self.width)[m : flat.size // self.width - m, m : self.width - m]
 
 
 def graph(grid: Grid, moves: Moves) -> Graph:
@@ -73,19 +54,6 @@ def _graph(grid: Grid, moves: Moves) -> Graph:
         np.array([min(len(cells), need.get(moves, len(cells))) for cells in touched], dtype=np.int64),
     )
     return Graph(legal, offsets, moves.lengths, width, margin)
-
-
-class Lattice(NamedTuple):
-    """The map for 4 and 8 moves, cell (r, c) at r * width + c, and its canonical successors (see `kernels.canonical`)."""
-
-    around: NDArray[np.uint8]
-    table: NDArray[np.uint8]
-    offsets: NDArray[np.int64]
-    width: int
-
-    def at(self, cell: Cell) -> int:
-        """Return the flat index of `cell`."""
-        return cell[0] * self.width + cell[1]
 
 
 def lattice(grid: Grid, moves: Moves) -> Lattice:

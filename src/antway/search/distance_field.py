@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.search.canonical import START
+from antway.kernels.search.canonical import START, Lattice
 from antway.kernels.search.distance_field import BAND, DONE, EXPANDED, FULL, OPEN, RING, RUNNING, STRAIGHT, descend, spread
 from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
 from antway.search import best_first as heap
 from antway.search.costs import checked_costs
-from antway.search.derived import NEIGHBOURS, Lattice, lattice
+from antway.search.derived import NEIGHBOURS, lattice
 from antway.search.result import found, not_found
 
 STEPS = 1 << 15  # cells expanded between two looks at the clock, about 5 ms

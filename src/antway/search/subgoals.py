@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
 from antway.grid import Grid, Moves
-from antway.kernels.search.ch_query import route, route_all
+from antway.kernels.base.jit import entry
+from antway.kernels.search.canonical import Lattice
+from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, route, route_all
 from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, upward_graph
 from antway.kernels.search.subgoals import corners, link
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
@@ -81,9 +82,9 @@ class Hierarchy:
 
     def __init__(self, grid: Grid) -> None:
         self.lock, self.making, self.made, self.pays = threading.Lock(), self._chunks(grid), False, True
-        self.arrays: tuple[Any, ...] = ()
+        self.arrays: tuple[Lattice, NDArray[np.uint64], NDArray[np.int32], UpwardGraph]  # once it is made
         self.sizes = (0, 0, 0, 0)
-        self.spare: list[tuple[Any, ...]] = []
+        self.spare: list[QueryMemory] = []
 
     def make(self, clock: Clock) -> bool:
         """Go on making the hierarchy until that is done or the clock runs out; tell which."""
@@ -104,7 +105,7 @@ class Hierarchy:
         nodes = np.flatnonzero(is_corner)
         number = np.full((grid.shape[0] + 2, grid.shape[1] + 2), -1, np.int32)
         number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
-        place = (net.around, packed_lines(grid.blocked | is_corner), number.ravel(), net.width)
+        stops = packed_lines(grid.blocked | is_corner)
         n, seeds = len(nodes), 8 * max(grid.shape) + 16
         edges, weight = np.empty((8 * n + seeds, 5), np.int32), np.empty(8 * n + seeds, np.int64)
         first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
@@ -113,7 +114,7 @@ class Hierarchy:
         state[FREE], state[OPEN] = -1, n
         while state[RANKED] < n:
             if state[LINKED] < n:
-                code = link(*place, nodes, first, edges, weight, state, heap, STEPS)
+                code = link(net.around, stops, number.ravel(), net.width, nodes, first, edges, weight, state, heap, STEPS)
             else:
                 code = contract(first, edges, weight, state, local, heap, ends, order, level, rank, STEPS)
             if code == FULL:
@@ -129,15 +130,15 @@ class Hierarchy:
         cells = np.empty((n, 2), np.int32)
         cells[rank] = np.column_stack(np.divmod(nodes, net.width))
         row_start, up, parts = upward_graph(first, edges, weight, rank)
-        self.arrays = (net.around, net.table, *place[1:], row_start, up, parts, cells)
+        self.arrays = (net, stops, number.ravel(), UpwardGraph(row_start, up, parts, cells))
         self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve a problem on this map."""
-        ends: tuple[Any, ...] = (*problem.start, *problem.goal)
         work = self.spare.pop() if self.spare else self._workspace()
         try:
-            path, diagonals, expanded = route(*self.arrays, *work, *ends)
+            arguments = (*self.arrays, work, *problem.start, *problem.goal)
+            path, diagonals, expanded = entry(route, *arguments)(*arguments)
         finally:
             self.spare.append(work)
         if not len(path):
@@ -154,16 +155,15 @@ class Hierarchy:
         try:
             while query < len(ends):
                 last = min(query + chunk, len(ends))
-                queries: tuple[Any, ...] = (ends[:last], query, begins, paths, diagonals)
-                query = route_all(*self.arrays, *work, *queries)
+                query = route_all(*self.arrays, work, ends[:last], query, begins, paths, diagonals)
                 if query < last:
                     paths = np.concatenate((paths, np.empty_like(paths)))
         finally:
             self.spare.append(work)
         return paths
 
-    def _workspace(self) -> tuple[Any, ...]:
+    def _workspace(self) -> QueryMemory:
         nodes, entries, seeds, deep = self.sizes
         label, came = np.zeros((2, nodes, 2), np.int64), np.empty((2, nodes, 2), np.int32)
         heaps, seen = np.empty((2, entries, 2), np.int64), np.empty((2, seeds, 2), np.int64)
-        return label, came, heaps, seen, np.empty((deep, 3), np.int32), np.zeros(1, np.int64)
+        return QueryMemory(label, came, heaps, seen, np.empty((deep, 3), np.int32), np.zeros(1, np.int64))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.search.buckets import (
     BOUND,
     CUT,
@@ -19,17 +21,24 @@ from antway.kernels.search.buckets import (
     LIMIT,
     STRAIGHT,
     USED,
-    next_block,
+    Queue,
+    put,
     reset,
-)
-from antway.kernels.search.canonical import START
+    take,
+)  # fmt: skip
+from antway.kernels.search.canonical import COL, ROW, START, Lattice
 from antway.kernels.search.jps import jump, place
 
 RUNNING, DONE, FULL, NO_SPACE = 0, 1, 2, 3
 LOWEST, HIGHEST = -(2**31), 2**31 - 1
 
-_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
-_COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
+
+class Memory(NamedTuple):
+    """The memory of a search, used again by the next one."""
+
+    nodes: NDArray[np.int32]  # [cells, 2] label: base + cost of the best path; link: last move + 16 * the cell it came from
+    reached: NDArray[np.int32]  # [M, 4] successors of the cell being expanded: row, col, cost, last move
+    queue: Queue
 
 
 @kernel
@@ -39,19 +48,64 @@ def octile(row: int, col: int, goal_row: int, goal_col: int, shorter: int) -> in
     return STRAIGHT * max(a, b) + shorter * min(a, b)
 
 
+@inner_kernel
+def run_straight(
+    words: NDArray[np.uint64], line: int, bit: int, length: int, goal_line: int, goal_bit: int,
+    d: int, row: int, col: int, g: int, reached: NDArray[np.int32], n: int,
+) -> int:  # fmt: skip
+    """Put the jump point or the goal straight ahead in direction d, if there is one, into `reached`; return the new n."""
+    k = jump(words, line, bit, length)
+    if line == goal_line and bit < goal_bit <= bit + abs(k):
+        k = goal_bit - bit
+    reached[n, 0], reached[n, 1] = row + k * ROW[d], col + k * COL[d]
+    reached[n, 2], reached[n, 3] = g + k * STRAIGHT, d
+    return n + int(k > 0)
+
+
+@inner_kernel
+def run_diagonal(
+    lattice: Lattice, words: NDArray[np.uint64], height: int, d: int, row: int, col: int, g: int,
+    goal_row: int, goal_col: int, reached: NDArray[np.int32], n: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Go diagonally in direction d and put the jump points on both sides of each cell passed, and the goal, into `reached`.
+
+    Returns the new n and how many cells were passed.
+    """
+    around, width = lattice.around, lattice.width
+    one, other = d - 4, (d - 3) & 3
+    line1, bit1, length1 = place(one, row, col, height, width)
+    line2, bit2, length2 = place(other, row, col, height, width)
+    goal_line1, goal_bit1, _ = place(one, goal_row, goal_col, height, width)
+    goal_line2, goal_bit2, _ = place(other, goal_row, goal_col, height, width)
+    # In the part of one side the other side is the step from line to line.
+    side1 = length1 if other < 2 else -length1
+    side2 = length2 if one < 2 else -length2
+    free_around = np.uint8(1 << one | 1 << other | 1 << d)
+    x, goal, passed = row * width + col, goal_row * width + goal_col, 0
+    while around[x] & free_around == free_around:
+        passed += 1
+        row += ROW[d]
+        col += COL[d]
+        x = row * width + col
+        g += DIAGONAL
+        line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
+        if x == goal:
+            reached[n, 0], reached[n, 1], reached[n, 2], reached[n, 3] = row, col, g, d
+            n += 1
+            break
+        if around[x] >> one & 1:
+            n = run_straight(words, line1, bit1, length1, goal_line1, goal_bit1, one, row, col, g, reached, n)
+        if around[x] >> other & 1:
+            n = run_straight(words, line2, bit2, length2, goal_line2, goal_bit2, other, row, col, g, reached, n)
+    return n, passed
+
+
 @kernel
 def expand(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
+    lattice: Lattice,
     words: NDArray[np.uint64],
-    width: int,
     shorter: int,
-    nodes: NDArray[np.int32],
-    reached: NDArray[np.int32],
-    first: NDArray[np.int32],
-    filled: NDArray[np.uint64],
-    entries: NDArray[np.int32],
-    state: NDArray[np.int64],
+    memory: Memory,
     base: int,
     goal_row: int,
     goal_col: int,
@@ -59,22 +113,22 @@ def expand(
 ) -> int:
     """Take about `steps` steps, cells expanded or passed diagonally, and return where the search stands.
 
-    RUNNING, DONE (the label of the goal is final, or nothing is left), or FULL (`entries` must be longer).
+    RUNNING, DONE (the label of the goal is final, or nothing is left), or FULL (the queue's `entries` must be longer). A* as in
+    Hart, Nilsson and Raphael, A formal basis for the heuristic determination of minimum cost paths, 1968; successors as in
+    Harabor and Grastien, ICAPS 2014. Of equal keys the entry that came last is taken first.
 
     Parameters
     ----------
-    around, table, words, width, shorter
-        The map: see `canonical` for the first two, `jps` for `words` (empty: no jumps), `octile` for `shorter`.
-    nodes : int32[cells, 2]
-        The label, base + cost of the best path so far, and the link, last move + 16 * the cell it was reached from.
+    lattice, words, shorter
+        The map, the same packed into bits (see `jps`; empty: no jumps), and what `octile` takes.
+    memory : Memory
         Labels of earlier searches are at least `base + LIMIT`, so that nothing has to be cleared between searches.
-    reached : int32[M, 4]
-        Room for the successors of one cell: row, col, cost, last move.
-    first, filled, entries, state
-        The queue (see `buckets`).
     base, goal_row, goal_col, steps
         Base of the labels, the goal, about how many steps to take.
     """
+    around, table, width = lattice.around, lattice.table, lattice.width
+    nodes, reached, queue = memory.nodes, memory.reached, memory.queue
+    entries, state = queue.entries, queue.state
     jumping = words.size > 0
     height, goal = around.size // width, goal_row * width + goal_col
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
@@ -84,31 +138,21 @@ def expand(
         if used > entries.shape[0] - 4 * reached.shape[0]:
             code = FULL
             break
-        # Take an entry of the least key off the queue.
-        word = (at & (KEYS - 1)) >> 6
-        while word < filled.size and filled[word] == 0:
-            word += 1
-        if word == filled.size:
-            at = next_block(first, filled, entries, at, state[LAST])
-            if at < 0:
-                code = DONE
-                break
-            continue
-        bucket = 64 * word + ctz(filled[word])
-        at = (at >> 14 << 14) + bucket
-        entry = first[bucket]
-        first[bucket] = entries[entry, 0]
-        if entries[entry, 0] < 0:
-            filled[word] &= filled[word] - np.uint64(1)
+        # Select the open cell of least cost g + h; it is closed by that, and its entry is free to be used again.
+        entry, at = take(queue, at)
+        if entry < 0:
+            code = DONE
+            break
         entries[entry, 0] = free
         free = entry
         row, col, g = entries[entry, 1], entries[entry, 2], entries[entry, 3]
         cell = row * width + col
-        if nodes[cell, 0] != base + g:
+        if nodes[cell, 0] != base + g:  # it was reached at less cost since
             continue
         if cell == goal:
             code = DONE
             break
+        # Generate its canonical successors, one move or one jump away.
         state[EXPANDED] += 1
         moves = np.uint64(table[(nodes[cell, 1] & 15) << 8 | np.int64(around[cell])])
         n = 0
@@ -116,54 +160,17 @@ def expand(
             d = ctz(moves)
             moves &= moves - np.uint64(1)
             if not jumping:
-                reached[n, 0], reached[n, 1] = row + _ROW[d], col + _COL[d]
+                reached[n, 0], reached[n, 1] = row + ROW[d], col + COL[d]
                 reached[n, 2], reached[n, 3] = g + (STRAIGHT if d < 4 else DIAGONAL), d
                 n += 1
             elif d < 4:
                 line, bit, length = place(d, row, col, height, width)
-                k = jump(words, line, bit, length)
                 goal_line, goal_bit, _ = place(d, goal_row, goal_col, height, width)
-                if line == goal_line and bit < goal_bit <= bit + abs(k):
-                    k = goal_bit - bit
-                reached[n, 0], reached[n, 1] = row + k * _ROW[d], col + k * _COL[d]
-                reached[n, 2], reached[n, 3] = g + k * STRAIGHT, d
-                n += k > 0
+                n = run_straight(words, line, bit, length, goal_line, goal_bit, d, row, col, g, reached, n)
             else:
-                one, other = d - 4, (d - 3) & 3
-                line1, bit1, length1 = place(one, row, col, height, width)
-                line2, bit2, length2 = place(other, row, col, height, width)
-                goal_line1, goal_bit1, _ = place(one, goal_row, goal_col, height, width)
-                goal_line2, goal_bit2, _ = place(other, goal_row, goal_col, height, width)
-                # In the part of one side the other side is the step from line to line.
-                side1 = length1 if other < 2 else -length1
-                side2 = length2 if one < 2 else -length2
-                free_around = np.uint8(1 << one | 1 << other | 1 << d)
-                r, c, g_here, x = row, col, g, cell
-                while around[x] & free_around == free_around:
-                    steps -= 1
-                    r += _ROW[d]
-                    c += _COL[d]
-                    x = r * width + c
-                    g_here += DIAGONAL
-                    line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
-                    if x == goal:
-                        reached[n, 0], reached[n, 1], reached[n, 2], reached[n, 3] = r, c, g_here, d
-                        n += 1
-                        break
-                    if around[x] >> one & 1:
-                        k = jump(words, line1, bit1, length1)
-                        if line1 == goal_line1 and bit1 < goal_bit1 <= bit1 + abs(k):
-                            k = goal_bit1 - bit1
-                        reached[n, 0], reached[n, 1] = r + k * _ROW[one], c + k * _COL[one]
-                        reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, one
-                        n += k > 0
-                    if around[x] >> other & 1:
-                        k = jump(words, line2, bit2, length2)
-                        if line2 == goal_line2 and bit2 < goal_bit2 <= bit2 + abs(k):
-                            k = goal_bit2 - bit2
-                        reached[n, 0], reached[n, 1] = r + k * _ROW[other], c + k * _COL[other]
-                        reached[n, 2], reached[n, 3] = g_here + k * STRAIGHT, other
-                        n += k > 0
+                n, passed = run_diagonal(lattice, words, height, d, row, col, g, goal_row, goal_col, reached, n)
+                steps -= passed
+        # Open those that were reached for the first time, or at less cost than before.
         for i in range(n):
             to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col
@@ -176,41 +183,22 @@ def expand(
             nodes[to, 0], nodes[to, 1] = base + g_to, cell << 4 | reached[i, 3]
             if to == goal:
                 bound = key
-            # Put it into the queue.
             entry = free
             if entry >= 0:
                 free = entries[entry, 0]
             else:
                 entry = used
                 used += 1
-            entries[entry, 1], entries[entry, 2], entries[entry, 3], entries[entry, 4] = to_row, to_col, g_to, key
-            bucket = key & (KEYS - 1)
-            if key >> 14 == at >> 14:
-                filled[bucket >> 6] |= np.uint64(1) << np.uint64(bucket & 63)
-            else:
-                bucket = KEYS + (key >> 14)
-                state[LAST] = max(state[LAST], key >> 14)
-            entries[entry, 0] = first[bucket]
-            first[bucket] = entry
+            put(queue, entry, at, to_row, to_col, g_to, key)
     state[USED], state[FREE], state[KEY], state[BOUND] = used, free, at, bound
     return code
 
 
 @kernel
-def initialize(
-    nodes: NDArray[np.int32],
-    first: NDArray[np.int32],
-    filled: NDArray[np.uint64],
-    entries: NDArray[np.int32],
-    state: NDArray[np.int64],
-    base: int,
-    cell: int,
-    row: int,
-    col: int,
-    key: int,
-) -> None:
+def initialize(nodes: NDArray[np.int32], queue: Queue, base: int, cell: int, row: int, col: int, key: int) -> None:
     """Empty the queue and put the start into it."""
-    reset(first, filled, state)
+    reset(queue)
+    first, entries, state = queue.first, queue.entries, queue.state
     nodes[cell, 0], nodes[cell, 1] = base, START
     entries[0, 0], entries[0, 1], entries[0, 2], entries[0, 3], entries[0, 4] = -1, row, col, 0, key
     first[KEYS + key // KEYS] = 0
@@ -247,10 +235,9 @@ def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.i
 
 
 @kernel
-def is_clear(
-    around: NDArray[np.uint8], table: NDArray[np.uint8], width: int, row: int, col: int, goal_row: int, goal_col: int
-) -> bool:
+def is_clear(lattice: Lattice, row: int, col: int, goal_row: int, goal_col: int) -> bool:
     """Tell whether diagonal and then straight moves lead to the goal: with diagonals no path is shorter."""
+    around, table, width = lattice.around, lattice.table, lattice.width
     down, right = np.sign(goal_row - row), np.sign(goal_col - col)
     diagonal = (4 if right > 0 else 5) if down > 0 else (7 if right > 0 else 6)
     while row != goal_row and col != goal_col:
@@ -270,72 +257,40 @@ def is_clear(
 
 @kernel
 def solve(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    words: NDArray[np.uint64],
-    width: int,
-    shorter: int,
-    nodes: NDArray[np.int32],
-    reached: NDArray[np.int32],
-    first: NDArray[np.int32],
-    filled: NDArray[np.uint64],
-    entries: NDArray[np.int32],
-    state: NDArray[np.int64],
-    base: int,
-    row: int,
-    col: int,
-    goal_row: int,
-    goal_col: int,
-    fresh: bool,
-    steps: int,
-) -> tuple[int, NDArray[np.int32], int, int]:
-    """Begin a search if it is `fresh`, take about `steps` steps; return the code, path, its diagonals, and cells expanded.
+    lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
+    row: int, col: int, goal_row: int, goal_col: int, fresh: bool, steps: int,
+) -> tuple[int, NDArray[np.int32], int, int]:  # fmt: skip
+    """Start a search if it is `fresh`, take about `steps` steps; return the code, path, its diagonals, and cells expanded.
 
     The path is empty unless the search is DONE and found the goal. Other parameters as for `expand`.
     """
+    nodes, queue, width = memory.nodes, memory.queue, lattice.width
     if fresh:
         key = octile(row, col, goal_row, goal_col, shorter)
-        initialize(nodes, first, filled, entries, state, base, row * width + col, row, col, key)
+        initialize(nodes, queue, base, row * width + col, row, col, key)
     goal = goal_row * width + goal_col
-    if fresh and shorter != STRAIGHT and is_clear(around, table, width, row, col, goal_row, goal_col):
+    if fresh and shorter != STRAIGHT and is_clear(lattice, row, col, goal_row, goal_col):
         if row != goal_row or col != goal_col:
             nodes[goal, 0], nodes[goal, 1] = base, (row * width + col) << 4
         code = DONE
     else:
-        code = expand(
-            around, table, words, width, shorter, nodes, reached, first, filled, entries, state, base, goal_row, goal_col, steps
-        )
+        code = expand(lattice, words, shorter, memory, base, goal_row, goal_col, steps)
     if code != DONE or nodes[goal, 0] >= base + LIMIT:
-        return code, np.empty((0, 2), np.int32), 0, state[EXPANDED]
+        return code, np.empty((0, 2), np.int32), 0, queue.state[EXPANDED]
     path, diagonals = trace(nodes, goal, width)
-    return code, path, diagonals, state[EXPANDED]
+    return code, path, diagonals, queue.state[EXPANDED]
 
 
 @kernel
 def solve_all(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    words: NDArray[np.uint64],
-    width: int,
-    shorter: int,
-    nodes: NDArray[np.int32],
-    reached: NDArray[np.int32],
-    first: NDArray[np.int32],
-    filled: NDArray[np.uint64],
-    entries: NDArray[np.int32],
-    state: NDArray[np.int64],
-    base: int,
-    ends: NDArray[np.int64],
-    query: int,
-    begins: NDArray[np.int64],
-    cells: NDArray[np.int32],
-    diagonals: NDArray[np.int64],
-) -> tuple[int, int, int]:
+    lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
+    ends: NDArray[np.int64], query: int, begins: NDArray[np.int64], cells: NDArray[np.int32], diagonals: NDArray[np.int64],
+) -> tuple[int, int, int]:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next query, the base, and why it stopped there.
 
-    DONE with all, FULL where `entries` or NO_ROOM where `cells` must be longer; the same query then begins anew. The path of
-    query i is at `cells[begins[i]:begins[i + 1]]`, with `diagonals[i]` diagonal moves, or -1 without a path, -2 where the
-    integers do not reach.
+    DONE with all, FULL where the queue's `entries` or NO_SPACE where `cells` must be longer; the same query then starts anew.
+    The path of query i is at `cells[begins[i]:begins[i + 1]]`, with `diagonals[i]` diagonal moves, or -1 without a path, -2
+    where the integers do not reach.
     """
     while query < ends.shape[0]:
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
@@ -344,28 +299,9 @@ def solve_all(
         if octile(row, col, goal_row, goal_col, shorter) < LIMIT:
             base -= LIMIT
             if base < LOWEST:
-                nodes[:, 0] = HIGHEST
+                memory.nodes[:, 0] = HIGHEST
                 base = HIGHEST - LIMIT
-            code, path, turns, _ = solve(
-                around,
-                table,
-                words,
-                width,
-                shorter,
-                nodes,
-                reached,
-                first,
-                filled,
-                entries,
-                state,
-                base,
-                row,
-                col,
-                goal_row,
-                goal_col,
-                True,
-                1 << 62,
-            )
+            code, path, turns, _ = solve(lattice, words, shorter, memory, base, row, col, goal_row, goal_col, True, 1 << 62)
             if code == FULL:
                 return query, base, FULL
             if path.shape[0] > 0:
@@ -374,7 +310,7 @@ def solve_all(
                 begins[query + 1] += path.shape[0]
                 cells[begins[query] : begins[query + 1]] = path
                 diagonals[query] = turns
-            elif not state[CUT]:
+            elif not memory.queue.state[CUT]:
                 diagonals[query] = -1
         query += 1
     return query, base, DONE

@@ -6,14 +6,45 @@ neighbours without costs have faster kernels of their own: `field`, `astar` and 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.heap import pop_item, put_item
 from antway.kernels.base.jit import kernel
 
 RUNNING, FOUND, EXHAUSTED = 0, 1, 2
+
+
+class Graph(NamedTuple):
+    """The flat map with a margin: cell (r, c) has index (r + margin) * width + c + margin."""
+
+    legal: NDArray[np.uint32]  # [cells] the moves of each cell, bit k for move k
+    offsets: NDArray[np.int64]  # [moves] flat step of each move
+    lengths: NDArray[np.float64]  # [moves] length of each move, cells
+    width: int  # cells in a row
+    margin: int  # cells
+
+    def at(self, cell: tuple[int, int]) -> int:
+        """Return the flat index of `cell`."""
+        return (cell[0] + self.margin) * self.width + cell[1] + self.margin
+
+    def inner(self, flat: NDArray[Any]) -> NDArray[Any]:
+        """Return the map's own part of a flat array."""
+        m = self.margin
+        return flat.reshape(-1, self.width)[m : flat.size // self.width - m, m : self.width - m]
+
+
+class Memory(NamedTuple):
+    """A search between two calls."""
+
+    label: NDArray[np.float64]  # [cells] cost of the best path to each cell so far, infinite if there is none
+    key: NDArray[np.float64]  # [cells] label + heuristic
+    arrived: NDArray[np.int8]  # [cells] last move of that path, -1 at a source
+    heap: NDArray[np.int32]  # [cells] the open cells
+    place: NDArray[np.int32]  # [cells] where each cell is in the heap, -1: not there
+    state: NDArray[np.int64]  # [2] size of the heap, cells expanded
 
 
 @kernel
@@ -60,88 +91,32 @@ def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: NDArray[np.fl
 
 
 @kernel
-def open_cell(
-    cell: int, g: float, h: float, came_by: int, label: Any, key: Any, arrived: Any, heap: Any, place: Any, size: int
-) -> int:
+def open_cell(cell: int, g: float, h: float, came_by: int, memory: Memory, size: int) -> int:
     """Label `cell` and put it on the heap or raise it there; return the new size of the heap."""
-    label[cell], key[cell], arrived[cell] = g, g + h, came_by
-    hole = place[cell]
-    if hole < 0:
-        hole = size
-        size += 1
-    while hole > 0:
-        above = (hole - 1) >> 2
-        if key[heap[above]] <= g + h:
-            break
-        heap[hole] = heap[above]
-        place[heap[hole]] = hole
-        hole = above
-    heap[hole] = cell
-    place[cell] = hole
-    return size
-
-
-@kernel
-def pop(key: Any, heap: Any, place: Any, size: int) -> int:
-    """Take the least cell off the 4-ary heap of `size` cells and return it."""
-    top: int = heap[0]
-    place[top] = -1
-    size -= 1
-    if size > 0:
-        moved = heap[size]
-        hole = 0
-        while True:
-            child = 4 * hole + 1
-            if child >= size:
-                break
-            least = child
-            for other in range(child + 1, min(child + 4, size)):
-                if key[heap[other]] < key[heap[least]]:
-                    least = other
-            if key[heap[least]] >= key[moved]:
-                break
-            heap[hole] = heap[least]
-            place[heap[hole]] = hole
-            hole = least
-        heap[hole] = moved
-        place[moved] = hole
-    return top
+    memory.label[cell], memory.key[cell], memory.arrived[cell] = g, g + h, came_by
+    return put_item(memory.key, memory.heap, memory.place, size, cell)
 
 
 @kernel
 def best_first(
-    legal: NDArray[np.uint32],
-    offsets: NDArray[np.int64],
-    lengths: NDArray[np.float64],
-    cost: NDArray[np.float64],
-    width: int,
-    goal: int,
-    within: float,
-    faces: NDArray[np.float64],
-    label: NDArray[np.float64],
-    key: NDArray[np.float64],
-    arrived: NDArray[np.int8],
-    heap: NDArray[np.int32],
-    place: NDArray[np.int32],
-    state: NDArray[np.int64],
-    steps: int,
+    net: Graph, cost: NDArray[np.float64], goal: int, within: float, faces: NDArray[np.float64], memory: Memory, steps: int
 ) -> int:
     """Expand up to `steps` cells; return RUNNING, FOUND (`goal` was taken off the heap) or EXHAUSTED.
 
     Parameters
     ----------
-    legal, offsets, lengths
-        Moves of each cell (see `legal_moves`), and for each move its flat offset and its length in cells.
+    net : Graph
     cost : float64[cells], or float64[0] for 1 everywhere
         A move costs its length times the mean of `cost` at both ends.
-    width, faces
-        Cells in a row, and the faces of the heuristic (see `gauge`), none for Dijkstra.
     goal, within
         Stop at this cell (-1: none), or when all that is left is farther than `within`.
-    label, key, arrived, heap, place, state
-        The search between calls: path cost, priority and last move of each cell, the heap, the place of each cell in it
-        (-1: not there); `state` is the size of the heap and the number of cells expanded.
+    faces : float64[F, 2]
+        The faces of the heuristic (see `gauge`), none for Dijkstra.
+    memory : Memory
+    steps : int
     """
+    legal, offsets, lengths, width = net.legal, net.offsets, net.lengths, net.width
+    label, key, heap, place, state = memory.label, memory.key, memory.heap, memory.place, memory.state
     size, expanded = state[0], state[1]
     goal_row, goal_col = goal // width, goal % width
     code = RUNNING
@@ -149,7 +124,7 @@ def best_first(
         if size == 0 or key[heap[0]] > within:
             code = EXHAUSTED
             break
-        cell = pop(key, heap, place, size)
+        cell = pop_item(key, heap, place, size)
         size -= 1
         if cell == goal:
             code = FOUND
@@ -165,6 +140,6 @@ def best_first(
                 g = label[cell] + step
                 if g < label[to]:
                     h = gauge(to // width, to % width, goal_row, goal_col, faces) if faces.size else 0.0
-                    size = open_cell(to, g, h, k, label, key, arrived, heap, place, size)
+                    size = open_cell(to, g, h, k, memory, size)
     state[0], state[1] = size, expanded
     return code

@@ -2,19 +2,17 @@
 one bucket for each later block, spread out when its turn comes. Keys never fall below the last one taken off.
 
 A cell may be in the queue more than once; what is out of date is known by its label, so nothing is ever moved or removed.
-
-The arrays: `first` int32[2^14 + 2^12], the first entry of each bucket (-1: none), of the keys of the block and then of the
-blocks; `filled` uint64[2^8], a bit for each key of the block that has entries; `entries` int32[M, 5], each the next entry, row,
-col, g and key; `state` int64[8], whose places are named below.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 
 # 5741 : 8119 is a convergent of 1 : sqrt 2. Sums a * 5741 + b * 8119 are ordered as a + b sqrt 2 is while the b of any two
 # differ by less than 5741, and below LIMIT there is no room for a larger b.
@@ -27,9 +25,19 @@ USED, FREE, KEY, LAST, EXPANDED, CUT, BOUND = 0, 1, 2, 3, 4, 5, 6
 expanded, whether something beyond LIMIT was left out, and the cost of the best path to the goal so far."""
 
 
+class Queue(NamedTuple):
+    """The memory of a queue, used again by each search."""
+
+    first: NDArray[np.int32]  # [KEYS + BLOCKS] first entry of each bucket or -1: of the keys of the block, then of the blocks
+    filled: NDArray[np.uint64]  # [KEYS / 64] a bit for each key of the block that has entries
+    entries: NDArray[np.int32]  # [M, 5] next entry of the same bucket, row, col, g, key
+    state: NDArray[np.int64]  # [8] the numbers named above
+
+
 @kernel
-def reset(first: NDArray[np.int32], filled: NDArray[np.uint64], state: NDArray[np.int64]) -> None:
+def reset(queue: Queue) -> None:
     """Empty the queue."""
+    first, filled, state = queue.first, queue.filled, queue.state
     for word in range(filled.size):
         while filled[word]:
             first[64 * word + ctz(filled[word])] = -1
@@ -38,6 +46,43 @@ def reset(first: NDArray[np.int32], filled: NDArray[np.uint64], state: NDArray[n
     state[:] = 0
     state[FREE] = -1
     state[BOUND] = LIMIT
+
+
+@inner_kernel
+def take(queue: Queue, at: int) -> tuple[int, int]:
+    """Take an entry of the least key, at least `at`, off the queue; return it and its key, both -1 if there is none."""
+    first, filled, entries = queue.first, queue.filled, queue.entries
+    word = (at & (KEYS - 1)) >> 6
+    while True:
+        while word < filled.size and filled[word] == 0:
+            word += 1
+        if word < filled.size:
+            break
+        at = next_block(first, filled, entries, at, queue.state[LAST])
+        if at < 0:
+            return -1, -1
+        word = 0
+    bucket = 64 * word + ctz(filled[word])
+    entry = first[bucket]
+    first[bucket] = entries[entry, 0]
+    if entries[entry, 0] < 0:
+        filled[word] &= filled[word] - np.uint64(1)
+    return entry, (at >> 14 << 14) + bucket
+
+
+@inner_kernel
+def put(queue: Queue, entry: int, at: int, row: int, col: int, g: int, key: int) -> None:
+    """Put row, col, g and key into the queue as `entry`, while `at` is the last key that was taken off."""
+    first, filled, entries, state = queue.first, queue.filled, queue.entries, queue.state
+    entries[entry, 1], entries[entry, 2], entries[entry, 3], entries[entry, 4] = row, col, g, key
+    bucket = key & (KEYS - 1)
+    if key >> 14 == at >> 14:
+        filled[bucket >> 6] |= np.uint64(1) << np.uint64(bucket & 63)
+    else:
+        bucket = KEYS + (key >> 14)
+        state[LAST] = max(state[LAST], key >> 14)
+    entries[entry, 0] = first[bucket]
+    first[bucket] = entry
 
 
 @kernel

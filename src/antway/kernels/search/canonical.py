@@ -12,6 +12,7 @@ cell's surroundings says that its neighbour in direction d is free.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,21 @@ from antway.kernels.base.jit import kernel
 START = 8  # the direction of a cell that was reached from nowhere: all legal moves are successors
 NEED = {"four": -1, "eight": 2, "eight-nosqueeze": 1, "eight-cut": 0}  # free side cells that a diagonal needs; -1: no diagonals
 
-_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
-_COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
+ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])  # rows that a move in each direction goes down
+COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])  # columns that it goes to the right
+
+
+class Lattice(NamedTuple):
+    """The map for moves to 4 or 8 neighbours, cell (r, c) at r * width + c, and its canonical successors."""
+
+    around: NDArray[np.uint8]  # [cells] surroundings of each cell, one bit for each direction
+    table: NDArray[np.uint8]  # [9 * 256] set of successors at 256 * direction of arrival + surroundings
+    offsets: NDArray[np.int64]  # [8] flat step of each direction
+    width: int  # cells in a row
+
+    def at(self, cell: tuple[int, int]) -> int:
+        """Return the flat index of `cell`."""
+        return cell[0] * self.width + cell[1]
 
 
 @kernel
@@ -53,7 +67,7 @@ def is_free(bits: int, row: int, col: int) -> bool:
     if row == 0 and col == 0:
         return True
     for d in range(8):
-        if _ROW[d] == row and _COL[d] == col:
+        if ROW[d] == row and COL[d] == col:
             return bits >> d & 1 == 1
     return False
 
@@ -77,12 +91,12 @@ def length(row: int, col: int) -> float:
 @kernel
 def is_beaten(bits: int, came: int, to: int, need: int) -> bool:
     """Tell whether the cell in direction `to` from x is reached as well without x from where the move `came` to x began."""
-    row, col, to_row, to_col = -_ROW[came], -_COL[came], _ROW[to], _COL[to]
+    row, col, to_row, to_col = -ROW[came], -COL[came], ROW[to], COL[to]
     through = length(row, col) + length(to_row, to_col)
     if (row == to_row and col == to_col) or may_move(bits, row, col, to_row, to_col, need):
         return True
     for d in range(8):
-        r, c = _ROW[d], _COL[d]
+        r, c = ROW[d], COL[d]
         if may_move(bits, row, col, r, c, need) and may_move(bits, r, c, to_row, to_col, need):
             first, second = length(r - row, c - col), length(to_row - r, to_col - c)
             earlier = first > length(row, col) if need >= 0 else c == col
@@ -97,7 +111,7 @@ def successor_table(need: int) -> NDArray[np.uint8]:
     table = np.zeros(9 * 256, np.uint8)
     for bits in range(256):
         for to in range(8):
-            if may_move(bits, 0, 0, _ROW[to], _COL[to], need):
+            if may_move(bits, 0, 0, ROW[to], COL[to], need):
                 table[START << 8 | bits] |= 1 << to
                 for came in range(8):
                     if (came < 4 or need >= 0) and not is_beaten(bits, came, to, need):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.search.astar import is_clear
+from antway.kernels.search.canonical import Lattice
 from antway.kernels.search.hierarchy import NOWHERE
 from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, seen
 
@@ -15,6 +18,26 @@ Ints = NDArray[np.int32]
 Longs = NDArray[np.int64]
 
 _INVERSE = pow(DIAGONAL, -1, STRAIGHT)
+
+
+class UpwardGraph(NamedTuple):
+    """The hierarchy as queries read it: every edge belongs to its lower end (see `hierarchy.upward_graph`)."""
+
+    row_start: Longs  # [N + 1] the edges up from node x are row_start[x] to row_start[x + 1]
+    up: Longs  # [E, 2] node that an edge leads up to, and its cost
+    parts: Ints  # [E, 3] of a shortcut the node it leaves out and the edges from that to both ends; -1 otherwise
+    cells: Ints  # [N, 2] row and column of each node
+
+
+class QueryMemory(NamedTuple):
+    """The memory of a query, used again by the next one."""
+
+    label: Longs  # [2, N, 2] for each end and node the cost, and the number of the query that it belongs to
+    came: Ints  # [2, N, 2] edge that the node was reached by, and node that this leads up from; -1 where the end sees the node
+    heaps: Longs  # [2, M, 2] room for an entry for each edge and seed
+    seeds: Longs  # [2, K, 2] what each end sees (see `subgoals.seen`)
+    stack: Ints  # [L, 3] edges to be unpacked: edge, node at which it ends, whether to go up it
+    state: Longs  # [1] number of the last query
 
 
 @bare_kernel
@@ -31,36 +54,20 @@ def diagonals(cost: int) -> int:
 
 
 @bare_kernel
-def meet(
-    row_start: Longs,
-    up: Longs,
-    cells: Ints,
-    label: Longs,
-    came: Ints,
-    heaps: Longs,
-    seeds: Longs,
-    size: Longs,
-    ends: Longs,
-    now: int,
-) -> tuple[int, int, int]:
+def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> tuple[int, int, int]:
     """Search up from both ends, each by A* towards the other; return the cost, the node where both meet, and nodes expanded.
 
     Parameters
     ----------
-    begin, up
-        The hierarchy.
-    cells : int32[N, 2]
-        Row and column of each node.
-    label, came : int64[2, N, 2], int32[2, N, 2]
-        Of each end and node the cost and the number of the query `now` that it belongs to; the edge it was reached by and the
-        node that this leads up from, -1 for a node that the end sees.
-    heaps : int64[2, M, 2]
-        Room for an entry for each edge and seed.
-    seeds, size : int64[2, K, 2], int64[2]
-        What each end sees (see `subgoals.seen`) and how many that are; `size` is used further.
+    graph, memory
+        `memory.seeds` holds what each end sees, `memory.state` the number of this query.
+    size : int64[2]
+        How many seeds each end has; overwritten.
     ends : int64[2, 2]
         Row and column of both ends.
     """
+    row_start, up, cells = graph.row_start, graph.up, graph.cells
+    label, came, heaps, seeds, now = memory.label, memory.came, memory.heaps, memory.seeds, memory.state[0]
     best, top, expanded = NOWHERE, -1, 0
     for side in range(2):
         count, size[side] = size[side], 0
@@ -113,11 +120,9 @@ def walk(path: Ints, at: int, step: int, row: int, col: int) -> int:
 
 
 @bare_kernel
-def unpack(parts: Ints, cells: Ints, stack: Ints, edge: int, node: int, path: Ints, at: int, step: int) -> int:
-    """Go on from the upper end of `edge`, at `path[at]`, down to its lower end `node`; return the last place.
-
-    `stack`, int32[L, 3], holds edges that are left: edge, node at which it ends, whether to go up it.
-    """
+def unpack(graph: UpwardGraph, stack: Ints, edge: int, node: int, path: Ints, at: int, step: int) -> int:
+    """Go on from the upper end of `edge`, at `path[at]`, down to its lower end `node`; return the last place."""
+    parts, cells = graph.parts, graph.cells
     stack[0, 0], stack[0, 1], stack[0, 2] = edge, node, 0
     n = 1
     while n > 0:
@@ -135,46 +140,29 @@ def unpack(parts: Ints, cells: Ints, stack: Ints, edge: int, node: int, path: In
 
 @kernel
 def route(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    stops: NDArray[np.uint64],
-    number: Ints,
-    width: int,
-    row_start: Longs,
-    up: Longs,
-    parts: Ints,
-    cells: Ints,
-    label: Longs,
-    came: Ints,
-    heaps: Longs,
-    seeds: Longs,
-    stack: Ints,
-    state: Longs,
-    row: int,
-    col: int,
-    goal_row: int,
-    goal_col: int,
-) -> tuple[Ints, int, int]:
+    lattice: Lattice, stops: NDArray[np.uint64], number: Ints, graph: UpwardGraph, memory: QueryMemory,
+    row: int, col: int, goal_row: int, goal_col: int,
+) -> tuple[Ints, int, int]:  # fmt: skip
     """Return a shortest path, int32[K, 2], empty if there is none, its number of diagonal moves, and the nodes expanded.
 
     Parameters
     ----------
-    around, table, stops, number, width
-        The map: see `canonical` for the first two, `subgoals` for the others, with nodes numbered as in the hierarchy.
-    begin, up, parts, cells
-        The hierarchy (see `hierarchy.upward_graph`), and the row and column of each node.
-    label, came, heaps, seeds, stack, state
-        The workspace: see `meet` and `unpack`; `state` int64[1] is the number of the last query.
+    lattice, stops, number
+        The map; for `stops` and `number` see `subgoals`, with nodes numbered as in the hierarchy.
+    graph, memory
+        The hierarchy and the workspace.
     row, col, goal_row, goal_col
         Free cells.
     """
-    if (row == goal_row and col == goal_col) or is_clear(around, table, width, row, col, goal_row, goal_col):
+    width, cells = lattice.width, graph.cells
+    label, came, seeds = memory.label, memory.came, memory.seeds
+    if (row == goal_row and col == goal_col) or is_clear(lattice, row, col, goal_row, goal_col):
         a, b = abs(row - goal_row), abs(col - goal_col)
         path = np.empty((max(a, b) + 1, 2), np.int32)
         path[0, 0], path[0, 1] = row, col
         walk(path, 0, 1, goal_row, goal_col)
         return path, min(a, b), 0
-    state[0] += 1
+    memory.state[0] += 1
     ends, size = np.array([[row, col], [goal_row, goal_col]]), np.empty(2, np.int64)
     for side in range(2):
         size[side] = 0
@@ -182,8 +170,8 @@ def route(
         if x >= 0:
             seeds[side, 0, 0], seeds[side, 0, 1], size[side] = x, 0, 1
         else:
-            size[side] = seen(around, stops, number, width, ends[side, 0], ends[side, 1], seeds[side])
-    cost, top, expanded = meet(row_start, up, cells, label, came, heaps, seeds, size, ends, state[0])
+            size[side] = seen(lattice.around, stops, number, width, ends[side, 0], ends[side, 1], seeds[side])
+    cost, top, expanded = meet(graph, memory, size, ends)
     if top < 0:
         return np.empty((0, 2), np.int32), 0, expanded
     turns = diagonals(cost)
@@ -196,7 +184,7 @@ def route(
         x, at, step = top, middle, 2 * side - 1
         while came[side, x, 0] >= 0:
             below = came[side, x, 1]
-            at = unpack(parts, cells, stack, came[side, x, 0], below, path, at, step)
+            at = unpack(graph, memory.stack, came[side, x, 0], below, path, at, step)
             x = below
         walk(path, at, step, ends[side, 0], ends[side, 1])
     return path, turns, expanded
@@ -204,27 +192,9 @@ def route(
 
 @kernel
 def route_all(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    stops: NDArray[np.uint64],
-    number: Ints,
-    width: int,
-    row_start: Longs,
-    up: Longs,
-    parts: Ints,
-    cells: Ints,
-    label: Longs,
-    came: Ints,
-    heaps: Longs,
-    seeds: Longs,
-    stack: Ints,
-    state: Longs,
-    ends: Longs,
-    query: int,
-    begins: Longs,
-    paths: Ints,
-    turns: Longs,
-) -> int:
+    lattice: Lattice, stops: NDArray[np.uint64], number: Ints, graph: UpwardGraph, memory: QueryMemory,
+    ends: Longs, query: int, begins: Longs, paths: Ints, turns: Longs,
+) -> int:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, one of them where `paths` is too short.
 
     The path of query i is at `paths[begins[i]:begins[i + 1]]`, with `turns[i]` diagonal moves, or -1 without a path. Other
@@ -232,27 +202,7 @@ def route_all(
     """
     while query < len(ends):
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
-        path, diagonal, _ = route(
-            around,
-            table,
-            stops,
-            number,
-            width,
-            row_start,
-            up,
-            parts,
-            cells,
-            label,
-            came,
-            heaps,
-            seeds,
-            stack,
-            state,
-            row,
-            col,
-            goal_row,
-            goal_col,
-        )
+        path, diagonal, _ = route(lattice, stops, number, graph, memory, row, col, goal_row, goal_col)
         begins[query + 1] = begins[query] + len(path)
         if begins[query + 1] > len(paths):
             break

@@ -176,8 +176,7 @@ def contract(
 def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
     """Return the edges of the hierarchy, node by node in the order of `rank`, whose numbers they use.
 
-    `row_start` int64[N + 1]: the edges up from node x are row_start[x] to row_start[x + 1]; `up` int64[M, 2]: the node that an edge leads
-    to and its cost; `parts` int32[M, 3]: the node left out and the edges from it, as OUT, BEFORE and AFTER of `edges`.
+    They are `row_start`, `up` and `parts` of `ch_query.UpwardGraph`.
     """
     node = np.argsort(rank)
     place = np.full(edges.shape[0] + 1, -1, np.int32)  # the last for -1

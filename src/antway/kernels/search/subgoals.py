@@ -16,13 +16,11 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.search.canonical import COL, ROW
 from antway.kernels.search.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED
 from antway.kernels.search.jps import place
 
 STRAIGHT, DIAGONAL = 38613965, 54608393
-
-_ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])
-_COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])
 
 
 @kernel
@@ -70,7 +68,7 @@ def seen(
     for d in range(4):
         line, bit, _ = place(d, row, col, height, width)
         k = clear(stops, line, bit) + 1
-        other = number[at + k * (_ROW[d] * wide + _COL[d])]
+        other = number[at + k * (ROW[d] * wide + COL[d])]
         if other >= 0:
             found[n, 0], found[n, 1] = other, k * STRAIGHT
             n += 1
@@ -81,13 +79,13 @@ def seen(
         # In the part of one side the other side is the step from line to line.
         side1 = length1 if two < 2 else -length1
         side2 = length2 if one < 2 else -length2
-        step, step1, step2 = _ROW[d] * wide + _COL[d], _ROW[one] * wide + _COL[one], _ROW[two] * wide + _COL[two]
+        step, step1, step2 = ROW[d] * wide + COL[d], ROW[one] * wide + COL[one], ROW[two] * wide + COL[two]
         free_around = np.uint8(1 << one | 1 << two | 1 << d)
         x, y, g = row * width + col, at, 0
         # The parallelogram is as wide as the narrowest of its rows so far.
         wide1, wide2 = clear(stops, line1, bit1), clear(stops, line2, bit2)
         while around[x] & free_around == free_around:
-            x += _ROW[d] * width + _COL[d]
+            x += ROW[d] * width + COL[d]
             y += step
             g += DIAGONAL
             line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
