@@ -73,7 +73,7 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
 
 
 def standing_cell(name: str, xy: Iterable[float], grid: Grid, inflated: Grid, radius: float) -> Cell:
-    """Return the cell that holds the point (x, y) in m, free in `inflated`, `grid` inflated by `radius`; errors name the point."""
+    """Return the cell that holds the point (x, y) in m, free in `inflated`, `grid` inflated by `radius`; errors name it."""
     point = checks.point(name, xy)
     try:
         cell = inflated.cell_at(point)

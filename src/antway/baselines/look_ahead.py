@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from antway.baselines.replan import clear
 from antway.kernels.base.geometry import first_wall
 from antway.planning import TimedPath
 from antway.world.policy import XY, Command, Observation, Task
+from antway.world.reach import clear
 
 SHORT = 1e-6  # m of a step's way to a wall that are left over
 

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.baselines.look_ahead import short_of_walls
-from antway.baselines.replan import STOP, clear, now
+from antway.baselines.replan import STOP, now
 from antway.grid import Cell
 from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, climb_activity, relax, shunt, stamp
 from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.reach import clear
 
 SETTLED = 1e-6  # largest relative change in a sweep of an activity that has come to rest
 MOST = 10_000  # sweeps before an episode

@@ -20,9 +20,9 @@ class PotentialField(Follow):
     """Drive down a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
 
     The target attracts with a force that grows to full speed over `conic` m and stays there. A wall at distance d < `influence`
-    repels with `wall` (1/d - 1/influence) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal beside a
-    wall can be reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002, see
-    `kernels.field_forces`). No step is longer than the way to the next wall, where the potential is infinite.
+    repels with `wall` (1/d - 1/influence) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal
+    beside a wall can be reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002,
+    see kernels/baselines/potential_field.py). No step goes as far as the next wall, where the potential is infinite.
 
     Known faults: it is caught in dead ends (`look_ahead` off), swings in narrow passages, and stops where forces cancel.
 

@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import OutOfBounds
 from antway.grid import Cell, Moves
-from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
@@ -19,6 +17,7 @@ from antway.search.dstarlite import DStarLite as Search
 
 from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
 from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.reach import clear, nearest_free
 
 STOP = Command((0.0, 0.0))
 
@@ -121,7 +120,10 @@ class Sipp(Follow):
         return STOP
 
     def _segments(self, o: Observation, margin: float) -> NDArray[np.float64]:
-        """Return the predictions as pieces (kernels/spacetime/segments.py); a margin that is broken already is cut to what there is."""
+        """Return the predictions as motion segments (kernels/spacetime/segments.py).
+
+        Where the robot is within the margin of an obstacle already, the margin is cut to the distance that there is.
+        """
         robot, horizon = self.task.robot, min(self.horizon, 1e6)
         xy, velocity = now(o)
         n = len(xy)
@@ -207,24 +209,15 @@ class DStarLite(Follow):
             self.decide("wait", "every way is closed")
             return STOP
         self.decide("avoid", "the shortest way round what is sensed")
-        if len(nodes) == 1 or self._clear(o.xy, nodes[1]):
+        if len(nodes) == 1 or clear(self.task, o.xy, (float(nodes[1, 0]), float(nodes[1, 1]))):
             nodes = np.vstack((nodes[1:], self.task.goal))
         points = np.vstack((o.xy, nodes))
         times = np.hypot(*np.diff(points, axis=0).T) / self.task.robot.v_max
         return drive(self.task, o, TimedPath(o.t + np.concatenate(([0.0], np.cumsum(times))), points))
 
-    def _clear(self, a: XY, b: Any) -> bool:
-        return clear(self.task, a, (float(b[0]), float(b[1])))
-
     def _cell(self, xy: XY) -> Cell | None:
         """Return the nearest free cell in straight reach."""
-        try:
-            row, col = self.inflated.cell_at(xy)
-        except OutOfBounds:
-            return None
-        around = [(row + i, col + j) for i in range(-2, 3) for j in range(-2, 3) if self.inflated.is_free((row + i, col + j))]
-        around.sort(key=lambda cell: (math.dist(self.inflated.centre(cell), xy), cell))
-        return next((cell for cell in around if self._clear(xy, self.inflated.centre(cell))), None)
+        return nearest_free(self.task, self.inflated, xy, cells=2)
 
 
 def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -232,12 +225,6 @@ def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     velocity = np.nan_to_num(o.tracks.velocity)
     age = 0.0 if math.isnan(o.stamp) else o.t - o.stamp
     return o.tracks.xy + velocity * age if len(o.tracks) else o.tracks.xy, velocity
-
-
-def clear(task: Task, a: XY, b: XY) -> bool:
-    """Tell whether the robot can drive straight from `a` to `b` among the map's walls."""
-    (ar, ac), (br, bc) = task.grid.to_points((a, b)).tolist()
-    return not segment_hits_cells(task.grid.blocked, ar, ac, br, bc, task.robot.radius / task.grid.resolution, True)
 
 
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:

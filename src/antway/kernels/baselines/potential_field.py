@@ -24,7 +24,8 @@ def wall_force(
 ) -> tuple[float, float, float]:
     """Repulsion of a disc from walls, for a gain of 1: each wall acts from its point nearest to the disc.
 
-    Its potential is (1/d - 1/influence)^2 / 2 at distance d below `influence`, its force (1/d - 1/influence) / d^2 away from that point.
+    Its potential is (1/d - 1/influence)^2 / 2 at distance d below `influence`, its force (1/d - 1/influence) / d^2 away from
+    that point.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def disc_force(
     """Repulsion of a disc from moving discs, for a gain of 1, by distance and relative velocity.
 
     With the distance d between the edges, the speed v of approach along the line n of the centres, v' e the rest of the
-    relative velocity, and the way b = v^2 / 2a that braking takes, the potential is 1 / (d - b) - 1 / reach where v > 0 and
+    relative velocity, and the distance b = v^2 / 2a that braking takes, the potential is 1 / (d - b) - 1 / influence where v > 0 and
     d - b < influence. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, r being the distance of the centres (the paper
     writes d; r is what the gradient gives for discs).
 

@@ -7,15 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.errors import OutOfBounds
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.robot.dynamics import REST, drive
 from antway.kernels.search.distance_field import STRAIGHT, descend
 from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.distance_field import DijkstraField
 from antway.world.policy import XY, Command, Observation, Task
+from antway.world.reach import clear, nearest_free
 
 STOP = Command((0.0, 0.0))
 Nodes = NDArray[np.float64]  # float64[N, 2], m: a chain of points still to be driven to, the robot's own place not among them
@@ -64,20 +63,11 @@ class Routes:
 
     def clear(self, a: XY, b: XY) -> bool:
         """Tell whether the robot can drive straight from `a` to `b` among the map's walls."""
-        grid = self.task.grid
-        (ar, ac), (br, bc) = grid.to_points((a, b)).tolist()
-        return not segment_hits_cells(grid.blocked, ar, ac, br, bc, self.task.robot.radius / grid.resolution, True)
+        return clear(self.task, a, b)
 
     def cell(self, xy: XY) -> Cell | None:
         """Return the cell from which ways from `xy` begin: free, in straight reach, and the nearest such."""
-        try:
-            row, col = self.task.grid.cell_at(xy)
-        except OutOfBounds:
-            return None
-        around = [(row + i, col + j) for i in range(-3, 4) for j in range(-3, 4)]
-        free = [cell for cell in around if self.inflated.is_free(cell)]
-        free.sort(key=lambda cell: (math.dist(self.inflated.centre(cell), xy), cell))
-        return next((cell for cell in free if self.clear(xy, self.inflated.centre(cell))), None)
+        return nearest_free(self.task, self.inflated, xy, cells=3)
 
     def to_goal(self, xy: XY) -> Nodes:
         """Return the shortest way from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
