@@ -117,7 +117,7 @@ def test_a_front_trades_length_for_clearance():
 
 
 def test_alternatives_are_different_short_and_legal():
-    """Ways share no more ground than allowed, stretch no more than allowed, and the first is a shortest path."""
+    """Paths share no more cells than allowed, are no longer than allowed, and the first is a shortest path."""
     blocked = np.zeros((21, 31), dtype=bool)
     blocked[3:9, 8:23] = blocked[12:18, 8:23] = True
     problem = Problem(Grid(blocked, resolution=0.5), (10, 0), (10, 30))
@@ -128,7 +128,7 @@ def test_alternatives_are_different_short_and_legal():
     assert rows[0] < 3 and 9 <= rows[1] < 12 and rows[2] >= 18  # above, between and below the blocks
     for path in paths:
         check_plan(problem, path)
-    assert len(alternatives(problem, 3, stretch=1.01)) == 1
+    assert len(alternatives(problem, 3, path_ratio=1.01)) == 1
     corridor = Problem(Grid(np.zeros((1, 9), dtype=bool)), (0, 0), (0, 8))
     assert [path.length for path in alternatives(corridor, 4)] == [8.0]
 
@@ -185,7 +185,7 @@ def test_wrong_options_of_a_front_are_refused(options):
         pareto(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2)), **options)
 
 
-@pytest.mark.parametrize("options", [{"k": 0}, {"overlap": 1.1}, {"apart": -1}, {"stretch": 0.9}, {"overlap": math.nan}])
+@pytest.mark.parametrize("options", [{"k": 0}, {"overlap": 1.1}, {"apart": -1}, {"path_ratio": 0.9}, {"overlap": math.nan}])
 def test_wrong_options_of_alternatives_are_refused(options):
     """Each raises a BadInput."""
     with pytest.raises(BadInput):

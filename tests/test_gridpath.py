@@ -203,7 +203,9 @@ def test_a_window_and_forbidden_cells_bound_the_search():
     check_plan(problem, found.plan)
     rows, cols = found.plan.cells.T
     assert rows.min() >= 8 and cols.max() < 22 and not forbidden[rows[1:], cols[1:]].any()
-    assert found.pheromone.shape == (12, 12, 8) and found.pheromone_by_cell.shape == (12, 12) and found.window == (8, 10, 12, 12)
+    assert (
+        found.pheromone.shape == (12, 12, 8) and found.pheromone_by_cell.shape == (12, 12) and found.window == (8, 10, 12, 12)
+    )
     assert found.pheromone_by_cell[2, 5] == 0 and found.pheromone_by_cell[0, 5] > 0
     assert found.plan.length == pytest.approx(0.5 * (4 + 4 * math.sqrt(2)))
     forbidden[8:20, 15] = True

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, climb_activity, relax, shunt, stamp
+from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.motions import BackAndForth
 from antway.world.policy import Task
 from antway.world.world import Obstacle
@@ -100,7 +100,7 @@ def test_activity_has_no_peak_but_the_goal(name: str) -> None:
         policy = make_policy(name)
         policy.reset(Task(grid, POINT, grid.centre((12, 12)), grid.centre((12, 12))), 0)
         for cell in np.argwhere(policy.walls == FREE):
-            path = climb_activity(policy.x, policy.walls, *cell, 600)
+            path = ascend(policy.x, policy.walls, *cell, 600)
             if len(path):
                 assert tuple(path[-1]) == policy.goal
             else:

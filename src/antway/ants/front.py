@@ -131,16 +131,16 @@ def alternatives(
     *,
     overlap: float = 0.6,
     apart: int = 2,
-    stretch: float = 1.5,
+    path_ratio: float = 1.5,
     seed: int = 0,
     budget: Budget = Budget(),
     ants: int = 30,
     cycles: int = 8,
     threads: int = 1,
 ) -> tuple[Plan, ...]:
-    """Return up to `k` different ways, the shortest first.
+    """Return up to `k` different paths, the shortest first.
 
-    Each further way is the shortest that ants find while the ground near the ways so far costs them more and more.
+    Each further path is the shortest that ants find while the cells near the paths so far cost them more and more.
 
     Parameters
     ----------
@@ -148,18 +148,18 @@ def alternatives(
         Its moves must be to the 4 or 8 neighbours.
     k : int
     overlap : float
-        The share of a way that may run near another one, in [0, 1].
+        The part of a path that may run near another one, in [0, 1].
     apart : int
         Near is within so many cells, diagonals counted as one.
-    stretch : float
-        The longest way is at most so many times as long as the shortest, >= 1.
+    path_ratio : float
+        The longest path is at most so many times as long as the shortest, >= 1.
     seed : int
     budget : Budget
         Its cycles, if any, stand in place of `cycles`.
     ants : int
         By cycle.
     cycles : int
-        To look for each way; the cost near the others doubles with each.
+        Spent on each path; the cost near the others doubles with each cycle.
     threads : int
         The answer is the same for any number.
 
@@ -179,20 +179,20 @@ def alternatives(
     k = checks.integer("k", k, low=1, high=1000)
     overlap = checks.number("overlap", overlap, low=0.0, high=1.0)
     apart = checks.integer("apart", apart, low=0, high=1000)
-    stretch = checks.number("stretch", stretch, low=1.0)
+    path_ratio = checks.number("path_ratio", path_ratio, low=1.0)
     mixed = Mixed(problem, seed, ants, threads, clock)
     cycles = checks.integer("cycles", cycles if budget.cycles is None else budget.cycles, low=0, high=5000)
     status, graph = mixed.status(), mixed.graph
     if status is not Status.FOUND or graph.bound == 0.0:
         return (plan_of(problem, status, NO_PATH if status is Status.FOUND else None, 0.0, 0, clock),)
     found_paths: list[NDArray[np.uint8]] = []
-    near: list[NDArray[np.bool_]] = []  # the ground near each way
+    near: list[NDArray[np.bool_]] = []  # the cells near each path
 
     def new_path(dearer: float) -> NDArray[np.uint8] | None:
-        """Return the shortest way of a cycle that is none of those there are."""
+        """Return the shortest path of a cycle that is none of those found so far."""
         cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(graph.distance.size))
         value = mixed.guide(cost, 0.0)
-        found, longest = None, stretch * graph.bound * (1 + 1e-9)
+        found, longest = None, path_ratio * graph.bound * (1 + 1e-9)
         for beta in KEEN:
             mixed.walk(value, 0.0, beta)
             for ant in np.argsort(mixed.walkers.length, kind="stable"):

@@ -176,7 +176,7 @@ class Ants:
                 self.depth[part] = -1
                 if not clock.spent():
                     steps += kernel.walk(
-                        weights, graph.offsets, graph.start, graph.goal, self.limit, self.retreat, greedy, turn,
+                        weights, graph.offsets, graph.start, graph.goal, self.retreat, greedy, turn,
                         np.uint64(seed), first + from_cell, self.moves[part], self.depth[part], self._stamps[worker],
                     )  # fmt: skip
             return steps
@@ -236,10 +236,10 @@ class Trail:
             self.low, self.high = self._limits()
         if self.clock.spent():
             return
-        kernel.update(
-            numbers, self.tau, self.visibility, self.first, self.low, self.high, self.graph.offsets, self.graph.start,
-            walkers.moves, walkers.depth, walkers.length, order, self.path, self.best, t, t - self._restarted - 1,
-        )  # fmt: skip
+        pheromone = kernel.Pheromone(self.tau, self.visibility, self.first, self.low, self.high)
+        paths = kernel.Paths(walkers.moves, walkers.depth, walkers.length)
+        offsets, start, since = self.graph.offsets, self.graph.start, t - self._restarted - 1
+        kernel.update(numbers, pheromone, offsets, start, paths, order, self.path, self.best, t, since)
         if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
             self._restarted = t
             self.tau[self.visibility > 0] = self.high

@@ -18,7 +18,7 @@ SIDE, CELL = 80, 0.2  # cells, m
 FAMILIES = ("open", "clutter", "aisles")
 DENSITIES = {"low": 0.03, "medium": 0.07, "high": 0.12}  # discs a square metre
 RADII, SPEEDS, FAST = (0.2, 0.45), (0.3, 0.9), (0.6, 1.5)  # m, m/s, m/s
-ROOM = 1.0  # m free round the robot at the start
+FREE_AT_START = 1.0  # m; no obstacle is nearer to the robot at the start.
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 
 
@@ -46,7 +46,7 @@ def make(group: str, chance: Chance) -> Scenario:
         radius = chance.between(*RADII)
         cell = chance.integer(0, SIDE), chance.integer(0, SIDE)
         at = grid.centre(cell)
-        if clearance[cell] > radius + 0.02 and math.dist(at, (x, y)) > radius + ROBOT.radius + ROOM:
+        if clearance[cell] > radius + 0.02 and math.dist(at, (x, y)) > radius + ROBOT.radius + FREE_AT_START:
             turner = variant == "turners" and len(obstacles) % 2 == 1
             speed, heading = chance.between(*speeds), chance.turn()
             motion: Motion = RandomWalk(at, speed, 3.0, heading) if turner else Bounce(at, speed, heading)

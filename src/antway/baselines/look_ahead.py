@@ -6,8 +6,8 @@ import math
 
 from antway.kernels.base.geometry import first_wall
 from antway.planning import TimedPath
+from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Observation, Task
-from antway.world.reach import clear
 
 SHORT = 1e-6  # m of a step's way to a wall that are left over
 

@@ -11,9 +11,9 @@ from antway import checks
 from antway.baselines.look_ahead import short_of_walls
 from antway.baselines.replan import STOP, now
 from antway.grid import Cell
-from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, climb_activity, relax, shunt, stamp
+from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, ascend, relax, shunt, stamp
+from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Decision, Observation, Task
-from antway.world.reach import clear
 
 SETTLED = 1e-6  # largest relative change in a sweep of an activity that has come to rest
 MOST = 10_000  # sweeps before an episode
@@ -129,7 +129,7 @@ class Neural:
         here = self._cell(o.xy)
         if here == self.goal:
             return self.task.goal
-        for cell in climb_activity(self.x, kind, *here, self.steps)[::-1].tolist():
+        for cell in ascend(self.x, kind, *here, self.steps)[::-1].tolist():
             place = self.task.goal if tuple(cell) == self.goal else self.task.grid.centre((cell[0] - 1, cell[1] - 1))
             if clear(self.task, o.xy, place):
                 return place

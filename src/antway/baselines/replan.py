@@ -16,8 +16,8 @@ from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
 
 from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
+from antway.world.line_of_sight import clear, nearest_free
 from antway.world.policy import XY, Command, Decision, Observation, Task
-from antway.world.reach import clear, nearest_free
 
 STOP = Command((0.0, 0.0))
 

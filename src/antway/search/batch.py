@@ -33,13 +33,13 @@ class Routes:
         m; infinite where there is no path.
     cells : int32[M, 2]
         All paths, (row, col), one after the other.
-    begins : int64[Q + 1]
-        Path i is `cells[begins[i]:begins[i + 1]]`, empty where there is none.
+    path_start : int64[Q + 1]
+        Path i is `cells[path_start[i]:path_start[i + 1]]`, empty where there is none.
     """
 
     lengths: NDArray[np.float64]
     cells: NDArray[np.int32]
-    begins: NDArray[np.int64]
+    path_start: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.lengths)
@@ -50,7 +50,7 @@ class Routes:
     def __getitem__(self, i: int) -> NDArray[np.int32]:
         """Return path i, int32[N, 2]."""
         i = range(len(self))[i]  # refuses what is out of range
-        return self.cells[self.begins[i] : self.begins[i + 1]]
+        return self.cells[self.path_start[i] : self.path_start[i + 1]]
 
 
 def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = Moves.EIGHT) -> Routes:
@@ -94,18 +94,18 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     if len(sources) != len(targets):
         raise BadParameter("len(goals)", len(targets), f"that of starts, {len(sources)}")
     ends = np.hstack((sources, targets))
-    begins, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
+    path_start, diagonals = np.zeros(len(ends) + 1, np.int64), np.zeros(len(ends), np.int64)
     if moves is Moves.EIGHT and hierarchy_of(grid).ready:
-        cells = hierarchy_of(grid).plan_all(ends, begins, diagonals, CHUNK)
+        cells = hierarchy_of(grid).plan_all(ends, path_start, diagonals, CHUNK)
     else:
-        cells = _search_all(searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid)), ends, begins, diagonals)
-    lengths = np.where(diagonals < 0, np.inf, np.diff(begins) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
-    routes = Routes(lengths, cells[: begins[-1]], begins)
+        cells = _search_all(searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid)), ends, path_start, diagonals)
+    lengths = np.where(diagonals < 0, np.inf, np.diff(path_start) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
+    routes = Routes(lengths, cells[: path_start[-1]], path_start)
     return _with_long_ones(routes, np.flatnonzero(diagonals == -2), ends, grid, moves)
 
 
 def _search_all(
-    search: Searcher, ends: NDArray[np.int64], begins: NDArray[np.int64], diagonals: NDArray[np.int64]
+    search: Searcher, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64]
 ) -> NDArray[np.int32]:
     """Solve queries as the planner `jps` does; see `kernels.astar.solve_all`."""
     cells, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
@@ -113,7 +113,7 @@ def _search_all(
     try:
         while query < len(ends):
             query, work.base, code = solve_all(
-                *search.net, work.memory, work.base, ends[: query + CHUNK], query, begins, cells, diagonals
+                *search.net, work.memory, work.base, ends[: query + CHUNK], query, path_start, cells, diagonals
             )
             if code == FULL:
                 work.grow()

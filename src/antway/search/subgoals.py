@@ -147,7 +147,7 @@ class Hierarchy:
         return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
 
     def plan_all(
-        self, ends: NDArray[np.int64], begins: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
+        self, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
     ) -> NDArray[np.int32]:
         """Solve queries, `chunk` of them between two looks of Python at its signals; see `kernels.climb.route_all`."""
         paths, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
@@ -155,7 +155,7 @@ class Hierarchy:
         try:
             while query < len(ends):
                 last = min(query + chunk, len(ends))
-                query = route_all(*self.arrays, work, ends[:last], query, begins, paths, diagonals)
+                query = route_all(*self.arrays, work, ends[:last], query, path_start, paths, diagonals)
                 if query < last:
                     paths = np.concatenate((paths, np.empty_like(paths)))
         finally:

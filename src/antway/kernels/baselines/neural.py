@@ -128,7 +128,7 @@ def _linked(kind: NDArray[np.uint8], row: int, col: int, r: int, c: int) -> bool
 
 
 @kernel
-def climb_activity(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, steps: int) -> NDArray[np.int64]:
+def ascend(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, steps: int) -> NDArray[np.int64]:
     """Go from a cell to its most active neighbour, and on, for at most `steps` steps or to where none is more active.
 
     Returns

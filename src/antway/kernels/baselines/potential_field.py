@@ -89,9 +89,9 @@ def disc_force(
     """Repulsion of a disc from moving discs, for a gain of 1, by distance and relative velocity.
 
     With the distance d between the edges, the speed v of approach along the line n of the centres, v' e the rest of the
-    relative velocity, and the distance b = v^2 / 2a that braking takes, the potential is 1 / (d - b) - 1 / influence where v > 0 and
-    d - b < influence. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, r being the distance of the centres (the paper
-    writes d; r is what the gradient gives for discs).
+    relative velocity, and the distance b = v^2 / 2a that braking takes, the potential is 1 / (d - b) - 1 / influence where
+    v > 0 and d - b < influence. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, r being the distance of the centres
+    (the paper writes d; r is what the gradient gives for discs).
 
     Parameters
     ----------

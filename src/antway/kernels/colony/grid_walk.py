@@ -7,6 +7,7 @@ them. A path is the moves from its start. Arrays [N, 8] hold a value for each mo
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,24 @@ NEAR = 1e-3  # cells; a target nearer than this is seen as if it were so far: an
 LOW, HIGH = 1e-150, 1e150  # what pheromone without limits of its own is kept in, so that it never becomes 0 or infinite
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step of splitmix64, see rng.py
 _UNIT, _LOW = np.float32(2.0**-23), np.uint64(0x7FFFFF)  # 23 bits make a number in [0, 1)
+
+
+class Paths(NamedTuple):
+    """The paths of the ants of a cycle."""
+
+    moves: NDArray[np.uint8]  # [A, L] moves of each path, from its start
+    depth: NDArray[np.int32]  # [A] how many moves it has, -1 for an ant that died
+    length: NDArray[np.float64]  # [A] L_k in cells, infinite for an ant that died
+
+
+class Pheromone(NamedTuple):
+    """The pheromone on a grid."""
+
+    tau: NDArray[np.float64]  # [N, 8] pheromone on each move out of each cell
+    seen: NDArray[np.float64]  # [N, 8] heuristic of each move, 0 where it is not legal
+    first: float  # initial pheromone
+    low: float  # no legal move has less
+    high: float  # no move has more
 
 
 @kernel
@@ -112,7 +131,6 @@ def walk(
     offsets: NDArray[np.int64],
     start: int,
     goal: int,
-    limit: int,
     retreat: bool,
     greedy: float,
     turn: NDArray[np.float32],
@@ -127,14 +145,14 @@ def walk(
     Each step draws among the neighbours that the ant has not visited, by the roulette over `weights`, Eq. (1); with probability
     `greedy` it takes the heaviest instead (the pseudo-random proportional rule). turn[a, b] in [0, 1] scales the weight of move
     b after move a; row 8 stands for the start. In a dead end the ant goes back one cell and never enters the dead one again, so
-    paths have no loops; without `retreat` it dies there. It dies, too, when `limit` steps, those back included, have not
-    brought it to `goal`.
+    paths have no loops; without `retreat` it dies there. It dies, too, when as many steps as `moves` has columns, those back
+    included, have not brought it to `goal`.
 
-    `moves` uint8[A, limit] and `depth` int32[A] are written: the moves of each path and how many, -1 for an ant that died.
+    `moves` uint8[A, L] and `depth` int32[A] are written: the moves of each path and how many, -1 for an ant that died.
     `stamp` int32[N] is scratch, zeroed once; no ant number may come to the same one twice. Ant a draws from `stream(seed, a)`,
-    so its way does not depend on what runs beside it.
+    so its path does not depend on what runs beside it.
     """
-    steps = 0
+    steps, limit = 0, moves.shape[1]
     zero = np.float32(0.0)
     o0, o1, o2, o3 = offsets[0], offsets[1], offsets[2], offsets[3]
     o4, o5, o6, o7 = offsets[4], offsets[5], offsets[6], offsets[7]
@@ -215,28 +233,23 @@ def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[
 @kernel
 def update(
     rule: Numbers,
-    tau: NDArray[np.float64],
-    seen: NDArray[np.float64],
-    first: float,
-    low: float,
-    high: float,
+    pheromone: Pheromone,
     offsets: NDArray[np.int64],
     start: int,
-    moves: NDArray[np.uint8],
-    depth: NDArray[np.int32],
-    length: NDArray[np.float64],
+    paths: Paths,
     order: NDArray[np.int64],
     best_path: NDArray[np.uint8],
     best: float,
     t: int,
     since: int,
 ) -> None:
-    """End a cycle, Eq. (2): pheromone fades, and ants that arrived leave Q / L_k as often as the rule says.
+    """End a cycle, Eq. (2): pheromone evaporates, and ants that arrived leave Q / L_k as often as the rule says.
 
-    `seen` is the heuristic (0: no move), `order` ranks the ants by `length`, `best_path` and `best` are the best so far (none:
-    empty and infinite), `t` the cycles done, `since` those since the last restart, `first` the initial pheromone. Pheromone is
-    kept within [low, high].
+    `order` ranks the ants by length, `best_path` and `best` are the best so far (none: empty and infinite), `t` the cycles
+    done, `since` those since the last restart.
     """
+    tau, seen, first, low, high = pheromone.tau, pheromone.seen, pheromone.first, pheromone.low, pheromone.high
+    moves, depth, length = paths.moves, paths.depth, paths.length
     if rule.xi > 0.0:  # ACS's local update, for all ants of the cycle at once, so that they can walk side by side
         for ant in range(depth.size):
             cell = start

@@ -284,17 +284,17 @@ def solve(
 @kernel
 def solve_all(
     lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
-    ends: NDArray[np.int64], query: int, begins: NDArray[np.int64], cells: NDArray[np.int32], diagonals: NDArray[np.int64],
+    ends: NDArray[np.int64], query: int, path_start: NDArray[np.int64], cells: NDArray[np.int32], diagonals: NDArray[np.int64],
 ) -> tuple[int, int, int]:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next query, the base, and why it stopped there.
 
     DONE with all, FULL where the queue's `entries` or NO_SPACE where `cells` must be longer; the same query then starts anew.
-    The path of query i is at `cells[begins[i]:begins[i + 1]]`, with `diagonals[i]` diagonal moves, or -1 without a path, -2
-    where the integers do not reach.
+    The path of query i is at `cells[path_start[i]:path_start[i + 1]]`, with `diagonals[i]` diagonal moves, or -1 without a
+    path, -2 where the integers do not reach.
     """
     while query < ends.shape[0]:
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
-        begins[query + 1] = begins[query]
+        path_start[query + 1] = path_start[query]
         diagonals[query] = -2
         if octile(row, col, goal_row, goal_col, shorter) < LIMIT:
             base -= LIMIT
@@ -305,10 +305,10 @@ def solve_all(
             if code == FULL:
                 return query, base, FULL
             if path.shape[0] > 0:
-                if begins[query] + path.shape[0] > cells.shape[0]:
+                if path_start[query] + path.shape[0] > cells.shape[0]:
                     return query, base, NO_SPACE
-                begins[query + 1] += path.shape[0]
-                cells[begins[query] : begins[query + 1]] = path
+                path_start[query + 1] += path.shape[0]
+                cells[path_start[query] : path_start[query + 1]] = path
                 diagonals[query] = turns
             elif not memory.queue.state[CUT]:
                 diagonals[query] = -1

@@ -193,20 +193,20 @@ def route(
 @kernel
 def route_all(
     lattice: Lattice, stops: NDArray[np.uint64], number: Ints, graph: UpwardGraph, memory: QueryMemory,
-    ends: Longs, query: int, begins: Longs, paths: Ints, turns: Longs,
+    ends: Longs, query: int, path_start: Longs, paths: Ints, turns: Longs,
 ) -> int:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, one of them where `paths` is too short.
 
-    The path of query i is at `paths[begins[i]:begins[i + 1]]`, with `turns[i]` diagonal moves, or -1 without a path. Other
-    parameters as for `route`.
+    The path of query i is at `paths[path_start[i]:path_start[i + 1]]`, with `turns[i]` diagonal moves, or -1 without a path.
+    Other parameters as for `route`.
     """
     while query < len(ends):
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
         path, diagonal, _ = route(lattice, stops, number, graph, memory, row, col, goal_row, goal_col)
-        begins[query + 1] = begins[query] + len(path)
-        if begins[query + 1] > len(paths):
+        path_start[query + 1] = path_start[query] + len(path)
+        if path_start[query + 1] > len(paths):
             break
-        paths[begins[query] : begins[query + 1]] = path
+        paths[path_start[query] : path_start[query + 1]] = path
         turns[query] = diagonal if len(path) > 0 else -1
         query += 1
     return query

@@ -13,8 +13,8 @@ from antway.kernels.search.distance_field import STRAIGHT, descend
 from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.distance_field import DijkstraField
+from antway.world.line_of_sight import clear, nearest_free
 from antway.world.policy import XY, Command, Observation, Task
-from antway.world.reach import clear, nearest_free
 
 STOP = Command((0.0, 0.0))
 Nodes = NDArray[np.float64]  # float64[N, 2], m: a chain of points still to be driven to, the robot's own place not among them
