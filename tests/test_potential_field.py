@@ -90,7 +90,7 @@ def test_a_goal_beside_a_wall_is_reached() -> None:
     blocked[:, 48:] = True
     scenario = Scenario(World(Grid(blocked, 0.2)), (1.1, 3.1), (9.29, 3.1), goal_tolerance=0.03)
     assert run(scenario, "potential-field").reached
-    held = run(scenario, make_policy("potential-field", conic=1e-3, wall=0.05, reach=1.0))
+    held = run(scenario, make_policy("potential-field", conic=1e-3, wall=0.05, influence=1.0))
     assert held.outcome is Outcome.TIMEOUT  # with the factor switched off, as good as, the wall holds the robot off its goal
 
 

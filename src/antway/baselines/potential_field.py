@@ -62,7 +62,7 @@ class PotentialField(Follow):
         )
         self.conic = checks.number("conic", conic, low=0.0, open_low=True, unit="m")
         self.wall = checks.number("wall", wall, low=0.0, unit="m^4/s")
-        self.influence = checks.number("reach", influence, low=0.0, open_low=True, unit="m")
+        self.influence = checks.number("influence", influence, low=0.0, open_low=True, unit="m")
         self.moving = checks.number("moving", moving, low=0.0, unit="m^3/s")
         self.far = checks.number("far", far, low=0.0, open_low=True, unit="m")
         self.brake = checks.number("brake", brake, low=0.0, open_low=True, unit="m/s^2")
