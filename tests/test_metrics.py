@@ -101,7 +101,7 @@ def test_bootstrap():
 
 
 def test_ranks_tell_real_differences():
-    """Policies that differ by chance share a rank; one that is significantly better stands alone; order follows the direction."""
+    """Policies that differ by chance share a rank; a significantly better one stands alone; order follows the direction."""
     rng = np.random.default_rng(2)
     hard = rng.random(300)
     scores = {"a": hard + 0.1, "b": hard + rng.normal(0.0, 0.1, 300), "c": hard + rng.normal(0.0, 0.1, 300)}

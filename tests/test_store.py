@@ -77,7 +77,7 @@ def test_a_file_of_another_schema_is_refused_and_left_alone(tmp_path):
 
 
 def test_a_file_of_schema_1_is_brought_up_to_date(file):
-    """An older file is refused for reading alone, with a hint; opened for writing its columns get their names, its rows stay."""
+    """An older file is refused for reading alone, with a hint; opened for writing its columns are renamed."""
     with Results(file, write=False) as results:
         right = [repr(one) for one in results.rows()]
     with sqlite3.connect(file) as db:

@@ -70,7 +70,7 @@ def write() -> None:
     """Write the tables in docs/ anew."""
     for kind, page in PAGES.items():
         path = DOCS / page
-        path.write_text(place(kind).sub(lambda _, text=section(kind): text, path.read_text()))
+        path.write_text(place(kind).sub(section(kind).replace("\\", r"\\"), path.read_text()))
 
 
 if __name__ == "__main__":
