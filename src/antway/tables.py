@@ -69,7 +69,7 @@ ABOUT: dict[str, dict[str, str]] = {  # what each name means, for docs/guide.md
     },
     "suites": {
         "paper": "the shipped scenes; speeds and phases drawn anew",
-        "synthetic": "16 x 16 m; discs that bounce and see nobody: three kinds of worlds, three densities, turners, noise, speed",
+        "synthetic": "16 x 16 m; discs that bounce and see nobody: three kinds, three densities, turners, noise, speed",
         "crossing": "CrowdNav's circle and square: five humans steered by ORCA who do not see the robot",
         "encounters": "head-on, doorway, overtaking, ambush at a corner, crossing flow, standing crowd, pursuer",
         "maps": "discs that bounce about on any map file, three densities",
