@@ -146,6 +146,6 @@ def test_the_target_is_in_sight() -> None:
 
 def test_wrong_options_are_refused() -> None:
     """Typed errors name the option."""
-    for wrong in ({"look_ahead": 0.0}, {"wall": -1.0}, {"reach": 0.0}, {"moving": math.nan}, {"brake": 0.0}):
+    for wrong in ({"look_ahead": 0.0}, {"wall": -1.0}, {"influence": 0.0}, {"moving": math.nan}, {"brake": 0.0}):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("potential-field", **wrong)
