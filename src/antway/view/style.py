@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar
@@ -94,7 +94,12 @@ def save(fig: Figure, path: str | Path) -> Path:
 def map_size(grid: Grid, *, width: float = 6.4, extra: float = 1.35) -> tuple[float, float]:
     """Return the size in inches of a figure that shows `grid` undistorted with room for title and legend."""
     low, high = _corners(grid)
-    ratio = (high[1] - low[1]) / (high[0] - low[0])
+    return box_size(low, high, width=width, extra=extra)
+
+
+def box_size(low: Sequence[float], high: Sequence[float], *, width: float, extra: float) -> tuple[float, float]:
+    """Return the size in inches of a figure that shows the box from `low` to `high`, (x, y) in m, undistorted."""
+    ratio = float((high[1] - low[1]) / (high[0] - low[0]))
     height = (width - 0.8) * ratio
     if height > 6.4:
         width, height = max(5.2, 6.4 / ratio + 0.8), 6.4

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from antway.grid import Grid
 from antway.tours.plan import Route, TourPlan
 from antway.view import style
 
@@ -38,7 +39,8 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
         np.isfinite(task.windows).any(axis=1).any() and ((task.windows[:, 0] > 0) | np.isfinite(task.windows[:, 1])).any()
     )
     scheduled = (timed or task.priorities is not None or math.isfinite(task.deadline)) and visits <= MOST_LISTED
-    width, height = style.map_size(task.grid, width=7.2, extra=1.5)
+    low, high = _shown_part(task.grid)
+    width, height = style.box_size(low.tolist(), high.tolist(), width=7.2, extra=1.5)
     rows = visits + len(tour.routes) * (len(tour.routes) > 1)
     below = 0.75 + 0.19 * rows if scheduled else 0.0
     fig = style.figure(max(width, 6.4) if scheduled else width, height + below)
@@ -48,18 +50,19 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
     else:
         axes = fig.subplots()
     style.draw_map(axes, task.grid)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     for k, route in enumerate(tour.routes):
         _draw_route(axes, tour, route, k)
-    _draw_stops(axes, tour, visits)
+    _draw_stops(axes, tour, visits, 72 * (width - 0.8) / float(high[0] - low[0]))
     axes.set_title(title or _title(tour))
     handles, labels = axes.get_legend_handles_labels()
     if scheduled:
         more: list[tuple[Artist, str]] = [
-            (Patch(facecolor=style.RULE, edgecolor="#9AA3AD", linewidth=0.6), "window"),
+            *([(Patch(facecolor=style.RULE, edgecolor="#9AA3AD", linewidth=0.6), "window")] if timed else []),
             (Line2D([], [], color=style.INK, linewidth=4.2, solid_capstyle="butt"), "service"),
         ]
         if any((route.waiting > 0).any() for route in tour.routes):
-            more.insert(1, (Line2D([], [], color="#9AA3AD", linewidth=1.4, linestyle=(0, (1.2, 1.2))), "waits"))
+            more.insert(int(timed), (Line2D([], [], color="#9AA3AD", linewidth=1.4, linestyle=(0, (1.2, 1.2))), "waits"))
         if tour.lateness > 0:
             more.append((Line2D([], [], color=style.RED, marker="D", linestyle="", markersize=5), "late"))
         handles, labels = [*handles, *(h for h, _ in more)], [*labels, *(label for _, label in more)]
@@ -67,12 +70,29 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
     return fig
 
 
+def _shown_part(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return two corners in m of what is drawn: the known part of the map and a margin."""
+    known = np.ones(grid.shape, dtype=bool) if grid.unknown is None else ~grid.unknown
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    if not len(rows):
+        rows, cols = np.arange(grid.shape[0]), np.arange(grid.shape[1])
+    edge = 0.03 * max(np.ptp(rows), np.ptp(cols))
+    ends = [
+        (min(max(row + side * edge, -0.5), grid.shape[0] - 0.5), min(max(col + turn * edge, -0.5), grid.shape[1] - 0.5))
+        for row, side in ((rows[0], -1), (rows[-1], 1))
+        for col, turn in ((cols[0], -1), (cols[-1], 1))
+    ]
+    xy = grid.to_xy(ends)
+    return xy.min(axis=0), xy.max(axis=0)
+
+
 def _title(tour: TourPlan) -> str:
     visited = len(tour.task.stops) - len(tour.skipped)
     of = f" of {len(tour.task.stops)}" if tour.skipped else ""
     late = f", {tour.lateness:,.0f} s late" if tour.lateness > 0 else ""
     plural = "s" if visited != 1 else ""
-    return f"Tour of {visited}{of} stop{plural}: {tour.length:,.1f} m in {tour.duration:,.0f} s{late}"
+    fleet = f" by {len(tour.routes)} robots" if len(tour.routes) > 1 else ""
+    return f"Tour of {visited}{of} stop{plural}{fleet}: {tour.length:,.1f} m in {tour.duration:,.0f} s{late}"
 
 
 def _draw_route(axes: Axes, tour: TourPlan, route: Route, k: int) -> None:
@@ -108,34 +128,30 @@ def _middle(xy: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, 
     return (float(point[0]), float(point[1])), (float(steps[i, 0] / length), float(steps[i, 1] / length))
 
 
-def _draw_stops(axes: Axes, tour: TourPlan, visits: int) -> None:
+def _draw_stops(axes: Axes, tour: TourPlan, visits: int, points_per_metre: float) -> None:
+    """Draw the stops, numbered in the order of the visits; numbers that would lie over each other stand beside their stops."""
     task, numbered = tour.task, visits <= MOST_NUMBERED
     size = 11.5 if visits <= 25 else 9.0
     look: dict[str, Any] = {"linestyle": "", "clip_on": False}
-    for k, route in enumerate(tour.routes):
-        colour = COLOURS[k % len(COLOURS)]
-        for n, stop in enumerate(route.order.tolist()):
-            x, y = task.stops[stop]
-            late = _late(tour, route, n) > 0
-            face = style.RED if late else colour
-            if not numbered:
-                axes.plot(
-                    x, y, marker="o", color=face, markersize=3.2, markeredgecolor="white", markeredgewidth=0.5, zorder=5, **look
-                )
-                continue
+    shown = [
+        (stop, n, style.RED if _late(tour, route, n) > 0 else COLOURS[k % len(COLOURS)])
+        for k, route in enumerate(tour.routes)
+        for n, stop in enumerate(route.order.tolist())
+    ]
+    true = task.stops[[stop for stop, _, _ in shown]].reshape(-1, 2)
+    ends = np.array([task.start] + ([task.end] if isinstance(task.end, tuple) else []))
+    placed = _apart(true, ends, (size + 1.5) / points_per_metre) if numbered else true
+    for (_, n, colour), (x, y), (u, v) in zip(shown, true, placed):
+        if not numbered or math.hypot(u - x, v - y) * points_per_metre > 1.5:
+            axes.plot([x, u], [y, v], color=colour, linewidth=0.8, zorder=4.6)
             axes.plot(
-                x, y, marker="o", color=face, markersize=size, markeredgecolor="white", markeredgewidth=1.0, zorder=5, **look
+                x, y, marker="o", color=colour, markersize=3.2, markeredgecolor="white", markeredgewidth=0.5, zorder=4.7, **look
             )
-            axes.annotate(
-                str(n + 1),
-                (x, y),
-                ha="center",
-                va="center_baseline",
-                color="white",
-                fontsize=0.58 * size,
-                weight="bold",
-                zorder=6,
-            )
+        if numbered:
+            edge: dict[str, Any] = {"markeredgecolor": "white", "markeredgewidth": 1.0}
+            axes.plot(u, v, marker="o", color=colour, markersize=size, zorder=5, **edge, **look)
+            words: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontsize": 0.58 * size, "weight": "bold"}
+            axes.annotate(str(n + 1), (u, v), color="white", zorder=6, **words)
     if tour.skipped:
         xy = task.stops[list(tour.skipped)]
         axes.plot(*xy.T, marker="x", color=style.INK, markersize=5.5, markeredgewidth=1.2, zorder=4.8, label="left out", **look)
@@ -144,6 +160,26 @@ def _draw_stops(axes: Axes, tour: TourPlan, visits: int) -> None:
     axes.plot(*task.start, marker="s", color="white", markersize=8, markeredgewidth=1.6, label=place, **look)
     if isinstance(task.end, tuple):
         axes.plot(*task.end, marker="*", color="#FFD23F", markersize=13, markeredgewidth=0.9, label="end", **look)
+
+
+def _apart(xy: NDArray[np.float64], fixed: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+    """Move points apart until no two, and none and a fixed one, are nearer than `least`, each as little as that needs."""
+    placed, still = xy.copy(), len(fixed)
+    for _ in range(60):
+        everything = np.vstack((fixed, placed))
+        away = everything[:, None] - everything[None]
+        gap = np.hypot(away[..., 0], away[..., 1])
+        np.fill_diagonal(gap, np.inf)
+        close = gap < least
+        if not close[still:].any():
+            break
+        turn = np.arange(len(everything)) * 2.4  # where two lie in one place they part in directions of their own
+        unit = np.where(
+            gap[..., None] > 1e-9, away / np.maximum(gap, 1e-9)[..., None], np.stack((np.cos(turn), np.sin(turn)), -1)
+        )
+        push = np.where(close, 0.55 * (least - np.minimum(gap, least)), 0.0)[..., None] * unit
+        placed += push[still:].sum(axis=1)
+    return placed
 
 
 def _late(tour: TourPlan, route: Route, n: int) -> float:
