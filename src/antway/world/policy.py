@@ -15,51 +15,9 @@ from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
 from antway.planning import TimedPath, find
 from antway.tables import POLICIES as POLICIES
+from antway.world.robots import RobotSpec as RobotSpec
 
 XY = tuple[float, float]  # m, or m/s
-
-
-@dataclass(frozen=True, slots=True)
-class RobotSpec:
-    """A disc robot.
-
-    Parameters
-    ----------
-    radius : float
-        m, > 0.
-    v_max, a_max : float
-        Speed limit in m/s, > 0, and acceleration limit in m/s^2, > 0 (infinite: speed changes at once).
-    drive : str
-        "holonomic" or "differential".
-    dt : float
-        Control period in s, > 0.
-    sensor_range : float
-        How far the robot senses moving obstacles, m, > 0.
-    turn_rate : float
-        Limit of a differential drive's turn rate in rad/s, > 0.
-    """
-
-    radius: float = 0.3
-    v_max: float = 1.0
-    a_max: float = math.inf
-    drive: str = "holonomic"
-    dt: float = 0.1
-    sensor_range: float = 4.0
-    turn_rate: float = 2.0
-
-    def __post_init__(self) -> None:
-        for name, unit in (("radius", "m"), ("v_max", "m/s"), ("dt", "s")):
-            value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, unit=unit)
-            object.__setattr__(self, name, value)
-        for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s")):
-            value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, infinite=True, unit=unit)
-            object.__setattr__(self, name, value)
-        checks.choice("robot.drive", self.drive, ("holonomic", "differential"))
-
-    @property
-    def stop_time(self) -> float:
-        """Time to stand from full speed, s."""
-        return self.v_max / self.a_max
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,13 +110,54 @@ class Observation:
     heading: float  # rad
     tracks: Tracks
     stamp: float = math.nan  # s; NaN: sensed now
+    turn_rate: float = 0.0  # rad/s
+    pending: NDArray[np.float64] | None = None  # float64[M, 2]: the commands on their way to a robot with latency, oldest first
+
+    @property
+    def speed(self) -> float:
+        """Speed along the heading, m/s; negative in reverse."""
+        return self.velocity[0] * math.cos(self.heading) + self.velocity[1] * math.sin(self.heading)
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """The velocity to drive with until the next cycle, (vx, vy) in m/s in the world's frame."""
+    """What to drive with until the next cycle.
 
-    velocity: XY
+    Attributes
+    ----------
+    velocity : (vx, vy)
+        m/s in the world's frame: for holonomic robots, and for wheels where `twist` is None.
+    twist : (v, omega) or None
+        For wheels: speed along the heading in m/s, negative in reverse, and turn rate in rad/s.
+    """
+
+    velocity: XY = (0.0, 0.0)
+    twist: XY | None = None
+
+    def acts(self, observation: Observation, robot: RobotSpec) -> XY:
+        """Return the two numbers that the robot follows: (vx, vy), or for wheels (v, omega).
+
+        Wheels that are given a velocity alone turn towards it, as fast as they can still stop turning there, and meanwhile drive
+        forward at its part along the heading, never backwards.
+        """
+        if not robot.wheels:
+            return self.velocity
+        if self.twist is not None:
+            return self.twist
+        return towards(self.velocity, observation.heading, robot)
+
+
+def towards(velocity: XY, heading: float, robot: RobotSpec) -> XY:
+    """Return the (v, omega) of wheels with that heading in rad that are to drive with `velocity` in the world's frame."""
+    asked = math.hypot(*velocity)
+    if not asked > 1e-9:
+        return asked, 0.0  # also what is not a number
+    turn = math.remainder(math.atan2(velocity[1], velocity[0]) - heading, 2.0 * math.pi)
+    rate = min(robot.turn_rate, abs(turn) / robot.dt)
+    if math.isfinite(robot.alpha_max):
+        gain = robot.alpha_max * robot.dt
+        rate = min(rate, math.sqrt(gain * gain / 4.0 + 2.0 * robot.alpha_max * abs(turn)) - gain / 2.0)
+    return max(asked * math.cos(turn), 0.0), math.copysign(rate, turn)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,306 @@
+"""What a robot can do: drive, limits, latency, footprint; and the robots that antway knows by name."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadInput, BadParameter, BadScenario
+from antway.kernels.base.records import RobotLimits
+
+DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
+DYNAMICS = ("ramps", "steps")
+_MOST_CORNERS = 64
+_MAX_BYTES = 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSpec:
+    """A robot: its shape, and how it follows a command.
+
+    Parameters
+    ----------
+    radius : float
+        m, > 0: of a robot that is a disc. With a `footprint` it is the disc around (0, 0) that holds that, whatever is given.
+    v_max : float
+        Speed limit in m/s, > 0.
+    a_max : float
+        How fast its speed may grow, m/s^2, > 0; infinite: the speed changes at once.
+    drive : str
+        "holonomic" (any direction; a disc points where it goes, a footprint keeps its heading), "differential" or "ackermann".
+    dt : float
+        Control period in s, > 0.
+    sensor_range : float
+        How far the robot senses moving obstacles, m, > 0.
+    turn_rate : float
+        Limit of the turn rate of wheels in rad/s, > 0.
+    v_reverse : float
+        How fast wheels drive backwards, m/s, in [0, v_max]; it has no sign.
+    brake_max : float or None
+        How fast its speed may fall, m/s^2, > 0; None: as `a_max`.
+    alpha_max : float
+        How fast the turn rate may change, rad/s^2, > 0.
+    turning_radius : float
+        Least radius of an arc in m; > 0 with ackermann, else 0.
+    latency : float
+        A command acts so long after it was given, s, >= 0.
+    footprint : sequence of (x, y) or None
+        Corners in m of a convex polygon in the robot's frame (x ahead, y left, turning about (0, 0)); None: a disc.
+    dynamics : str
+        "ramps": speeds ramp within a control period and wheels drive arcs. "steps": velocity and heading jump at the begin of each
+        period and the robot drives straight; for traces of old, without ackermann, reverse, latency and footprint.
+
+    Raises
+    ------
+    BadParameter
+
+    Examples
+    --------
+    >>> RobotSpec(drive="differential", a_max=1.0, v_reverse=0.3).limits.brake_max
+    1.0
+    """
+
+    radius: float = 0.3
+    v_max: float = 1.0
+    a_max: float = math.inf
+    drive: str = "holonomic"
+    dt: float = 0.1
+    sensor_range: float = 4.0
+    turn_rate: float = 2.0
+    v_reverse: float = 0.0
+    brake_max: float | None = None
+    alpha_max: float = math.inf
+    turning_radius: float = 0.0
+    latency: float = 0.0
+    footprint: tuple[tuple[float, float], ...] | None = None
+    dynamics: str = "ramps"
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        for name, unit in (("radius", "m"), ("v_max", "m/s"), ("dt", "s")):
+            set_(self, name, checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, unit=unit))
+        for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s"), ("alpha_max", "rad/s^2")):
+            set_(
+                self,
+                name,
+                checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, infinite=True, unit=unit),
+            )
+        checks.choice("robot.drive", self.drive, DRIVES)
+        checks.choice("robot.dynamics", self.dynamics, DYNAMICS)
+        unit = "m/s; a speed without sign, 0 with a holonomic drive"
+        most = self.v_max if self.wheels else 0.0
+        set_(self, "v_reverse", checks.number("robot.v_reverse", self.v_reverse, low=0.0, high=most, unit=unit))
+        if self.brake_max is not None:
+            brake = checks.number("robot.brake_max", self.brake_max, low=0.0, open_low=True, infinite=True, unit="m/s^2")
+            set_(self, "brake_max", brake)
+        steers = self.drive == "ackermann"
+        unit = "m; > 0 with an ackermann drive, else 0"
+        high = math.inf if steers else 0.0
+        radius = checks.number("robot.turning_radius", self.turning_radius, low=0.0, high=high, open_low=steers, unit=unit)
+        set_(self, "turning_radius", radius)
+        set_(self, "latency", checks.number("robot.latency", self.latency, low=0.0, high=100.0 * self.dt, unit="s, 100 dt"))
+        if self.footprint is not None:
+            corners = convex_footprint("robot.footprint", self.footprint)
+            set_(self, "footprint", corners)
+            set_(self, "radius", max(math.hypot(x, y) for x, y in corners))
+        if self.dynamics == "steps" and (steers or self.v_reverse or self.latency or self.footprint is not None):
+            allowed = '"ramps" with an ackermann drive, reverse, latency or a footprint'
+            raise BadParameter("robot.dynamics", self.dynamics, allowed)
+
+    @property
+    def wheels(self) -> bool:
+        """Whether it drives along its heading alone, so that commands are twists."""
+        return self.drive != "holonomic"
+
+    @property
+    def braking(self) -> float:
+        """How fast its speed may fall, m/s^2."""
+        return self.a_max if self.brake_max is None else self.brake_max
+
+    @property
+    def stop_time(self) -> float:
+        """Time to stand from full speed, s, without the latency."""
+        return self.v_max / self.braking
+
+    @property
+    def limits(self) -> RobotLimits:
+        """The numbers that kernels take."""
+        return RobotLimits(
+            DRIVES.index(self.drive),
+            self.v_max,
+            self.v_reverse,
+            self.a_max,
+            self.braking,
+            self.turn_rate,
+            self.alpha_max,
+            self.turning_radius,
+            self.latency,
+            self.radius,
+        )
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corners of the footprint, counterclockwise, float64[N, 2], m; of a disc its centre alone."""
+        return np.array(self.footprint) if self.footprint is not None else np.zeros((1, 2))
+
+    @property
+    def rounding(self) -> float:
+        """By how much, in m, the body reaches beyond the convex hull of `corners`: the radius of a disc, else 0."""
+        return self.radius if self.footprint is None else 0.0
+
+
+def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ...]:
+    """Return the corners of a convex polygon counterclockwise.
+
+    Raises
+    ------
+    BadParameter
+        For fewer than 3 corners or more than 64, corners that are not finite, an outline that crosses itself, bends inwards or
+        holds no area.
+
+    Examples
+    --------
+    >>> convex_footprint("footprint", [(1, 0), (0, 0), (0, 1)])
+    ((0.0, 1.0), (0.0, 0.0), (1.0, 0.0))
+    """
+    allowed = "the corners of a convex polygon, which does not cross itself, in order, (x, y) in m"
+    listed = checks.sequence(field, value, allowed)
+    if not 3 <= len(listed) <= _MOST_CORNERS:
+        raise BadParameter(field, len(listed), f"3 to {_MOST_CORNERS} corners")
+    corners = np.array([checks.point(f"{field}[{i}]", corner) for i, corner in enumerate(listed)])
+    if np.abs(corners).max() > 1e6:
+        raise BadParameter(field, float(np.abs(corners).max()), "at most 1e6 (m)")
+    edges = np.roll(corners, -1, axis=0) - corners
+    after = np.roll(edges, -1, axis=0)
+    turns = np.arctan2(edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0], (edges * after).sum(axis=1))
+    around = float(turns.sum())
+    slack = 1e-9
+    round_once = abs(abs(around) - 2.0 * math.pi) < 1e-6
+    if not round_once or (turns * math.copysign(1.0, around) < -slack).any() or (np.hypot(*edges.T) <= 0.0).any():
+        raise BadParameter(field, [tuple(map(float, corner)) for corner in corners], allowed)
+    ordered = corners if around > 0 else corners[::-1]
+    return tuple((float(x), float(y)) for x, y in ordered)
+
+
+_INERTIA: dict[str, Any] = {"drive": "differential", "dt": 0.1}
+
+# name: (the specification, where its numbers come from)
+ROBOTS: dict[str, tuple[RobotSpec, str]] = {
+    "holonomic": (
+        RobotSpec(),
+        "a disc of 0.3 m that drives in any direction at once: the robot of antway's first suites",
+    ),
+    "inertia": (
+        RobotSpec(a_max=1.0),
+        "a holonomic disc of 0.3 m with an acceleration of 1 m/s^2",
+    ),
+    "diff": (
+        RobotSpec(radius=0.3, v_max=1.0, a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, **_INERTIA),
+        "a disc of 0.3 m on two wheels: the robot of antway's tables on wheels",
+    ),
+    "turtlebot3_burger": (
+        RobotSpec(
+            v_max=0.22,
+            v_reverse=0.22,
+            a_max=2.5,
+            turn_rate=2.75,
+            alpha_max=3.2,
+            footprint=((-0.105, -0.105), (0.041, -0.105), (0.041, 0.105), (-0.105, 0.105)),
+            sensor_range=3.5,
+            **_INERTIA,
+        ),
+        "ROBOTIS-GIT/turtlebot3, turtlebot3_navigation/param: dwa_local_planner_params_burger, costmap_common_params_burger",
+    ),
+    "turtlebot3_waffle": (
+        RobotSpec(
+            v_max=0.26,
+            v_reverse=0.26,
+            a_max=2.5,
+            turn_rate=1.82,
+            alpha_max=3.2,
+            footprint=((-0.205, -0.145), (0.077, -0.145), (0.077, 0.145), (-0.205, 0.145)),
+            sensor_range=3.5,
+            **_INERTIA,
+        ),
+        "ROBOTIS-GIT/turtlebot3, turtlebot3_navigation/param: dwa_local_planner_params_waffle, costmap_common_params_waffle",
+    ),
+    "turtlebot4": (
+        RobotSpec(radius=0.175, v_max=0.31, a_max=0.9, turn_rate=1.9, alpha_max=3.2, sensor_range=8.0, **_INERTIA),
+        "TurtleBot 4 user manual (0.31 m/s in safe mode, 1.9 rad/s); Create 3 (0.9 m/s^2 at the wheels, no reverse in safe "
+        "mode); turtlebot/turtlebot4, turtlebot4_navigation/config/nav2.yaml (angular acceleration 3.2 rad/s^2)",
+    ),
+    "jackal": (
+        RobotSpec(
+            v_max=2.0,
+            v_reverse=2.0,
+            a_max=2.0,
+            turn_rate=4.0,
+            alpha_max=6.0,
+            footprint=((-0.254, -0.215), (0.254, -0.215), (0.254, 0.215), (-0.254, 0.215)),
+            sensor_range=8.0,
+            **_INERTIA,
+        ),
+        "Clearpath Jackal, 508 x 430 mm, 2.0 m/s and 4.0 rad/s (jackal/jackal, jackal_control/config/control.yaml); the "
+        "20 m/s^2 and 25 rad/s^2 there bind nothing, 2 m/s^2 and 6 rad/s^2 are what tyres hold on a floor",
+    ),
+    "amr": (
+        RobotSpec(
+            v_max=1.5,
+            v_reverse=0.3,
+            a_max=0.7,
+            brake_max=1.2,
+            turn_rate=1.2,
+            alpha_max=1.5,
+            latency=0.1,
+            footprint=((-0.5, -0.35), (0.5, -0.35), (0.5, 0.35), (-0.5, 0.35)),
+            sensor_range=8.0,
+            **_INERTIA,
+        ),
+        "a warehouse robot of 1.0 x 0.7 m with the limits that such robots have when loaded: no one maker's",
+    ),
+}
+
+
+def load_robot(name: str | Path) -> RobotSpec:
+    """Return the robot of that name (`ROBOTS`), or what a TOML file says, whose keys are the fields of `RobotSpec`.
+
+    Raises
+    ------
+    BadParameter, BadScenario
+        For a name that is neither, and for what the file says wrong.
+
+    Examples
+    --------
+    >>> load_robot("turtlebot4").v_max
+    0.31
+    """
+    if isinstance(name, str) and name in ROBOTS:
+        return ROBOTS[name][0]
+    path = Path(name) if isinstance(name, (str, Path)) else None
+    if path is None or path.suffix != ".toml" or not path.is_file():
+        raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or an existing file .toml")
+    where = str(path)
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise BadScenario("size", path.stat().st_size, f"at most {_MAX_BYTES} bytes", where=where)
+        record = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadScenario("robot", str(error), "a TOML file in UTF-8", where=where) from None
+    record = record.get("robot", record)
+    known = [f.name for f in fields(RobotSpec)]
+    for key in record if isinstance(record, dict) else ["robot"]:
+        if key not in known:
+            raise BadScenario(f"robot.{key}", record, f"left out; the keys are {', '.join(known)}", where=where)
+    try:
+        return RobotSpec(**record)
+    except BadInput as error:
+        raise error.at(where) from None
