@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadScenario
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
+from antway.kernels.robot.cycle import Body, Discs, Record, play
 from antway.kernels.robot.dynamics import REST
 from antway.planning import TimedPath
 from antway.version import __version__
@@ -23,6 +24,7 @@ from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
+from antway.world.walls import walls_of
 
 
 class Guard(Protocol):
@@ -207,19 +209,18 @@ class Episode:
     def step(self) -> None:
         """Play one control cycle: sense, decide, drive."""
         stage, name = self.stage, self.name
-        cx = cy = math.nan
+        one = two = math.nan
         observation = stage.observe()
         if not self._fault:
             try:
                 command = self._commanded(observation)
-                if command is not None:
-                    cx, cy = float(command.velocity[0]), float(command.velocity[1])
+                one, two = stage.asked(command, observation)
                 path = self._planned()
                 if path is not None and not (self.plans and path is self.plans[-1]):
                     self.plans.append(path)
             except Exception as error:
                 self._fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
-        self.outcome, self.reason = stage.drive(cx, cy)
+        self.outcome, self.reason = stage.drive(one, two)
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
 
@@ -285,10 +286,15 @@ class Stage:
         self.timeline = self.pursuit.timeline
         self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
+        disc = spec.footprint is None
+        # Without inertia and latency a disc that drives in any direction goes straight all through each cycle.
+        at_once = math.isinf(spec.a_max) and math.isinf(spec.braking) and spec.latency == 0.0
+        self.stepwise = spec.dynamics == "steps" or (not spec.wheels and disc and at_once)
         self.aim, self.frame = np.array([*task.goal, task.goal_tolerance]), np.array([x0, y0, size])
         rows = self.steps + 1
         self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)
         self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)
+        self.turn_rate = np.zeros(rows)
         self.sensed = np.zeros((rows, len(self.timeline)), np.bool_)
         self.xy[0] = task.start
         self.heading[0] = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
@@ -300,10 +306,17 @@ class Stage:
                     f"obstacles[{k}].start", tuple(place), f"clear of the robot at {task.start} (overlap {-gap:.3g} m)"
                 )
         self.pursuit.go(0, task.start)
+        if not self.stepwise:
+            line = self.timeline
+            self.limits, self.late = spec.limits, math.ceil(spec.latency / spec.dt - 1e-9)
+            self.body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
+            self.log = Record(self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command)
+            self.walls = walls_of(task.grid)
+            self.discs = Discs(line.knot_t, line.knot_xy, line.first, line.radius)
 
     @property
     def at_rest(self) -> bool:
-        return math.hypot(*self.velocity[self.n].tolist()) <= REST
+        return math.hypot(*self.velocity[self.n].tolist()) <= REST and abs(float(self.turn_rate[self.n])) <= REST
 
     def observe(self) -> Observation:
         """Sense."""
@@ -311,14 +324,47 @@ class Stage:
         now, (x, y), (vx, vy) = float(self.t[i]), self.xy[i].tolist(), self.velocity[i].tolist()
         stamp, tracks, seen = self.scanner.observe(now, x, y)
         self.sensed[i, seen] = True
-        return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp)
+        pending = None
+        if not self.stepwise and self.late:
+            pending = np.zeros((self.late, 2))
+            known = min(self.late, i)
+            pending[self.late - known :] = self.command[i - known : i]
+        return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp, float(self.turn_rate[i]), pending)
 
-    def drive(self, cx: float, cy: float) -> tuple[Outcome | None, str]:
-        """Drive one step under the command (cx, cy) in m/s; return how that ended the episode, if it did, and why."""
-        i, line = self.n, self.timeline
-        self.command[i] = cx, cy
-        what, obstacle, clearance = advance(
-            i,
+    def asked(self, command: Command | None, observation: Observation) -> tuple[float, float]:
+        """Return the two numbers that the robot is to follow; NaN where there is no command."""
+        if command is None:
+            return math.nan, math.nan
+        one, two = command.velocity if self.stepwise else command.acts(observation, self.task.robot)
+        return float(one), float(two)
+
+    def drive(self, one: float, two: float) -> tuple[Outcome | None, str]:
+        """Drive one cycle under a command; return how that ended the episode, if it did, and why."""
+        self.command[self.n] = one, two
+        what, obstacle, clearance = self._step(one, two) if self.stepwise else self._play()
+        self.n, self.clearance = self.n + 1, min(self.clearance, clearance)
+        return self._ended(what, obstacle)
+
+    def _play(self) -> tuple[int, int, float]:
+        spec = self.task.robot
+        turns = spec.footprint is None
+        return play(
+            self.n,
+            spec.dt,
+            self.limits,
+            self.body,
+            turns,
+            self.log,
+            self.aim,
+            self.walls,
+            self.discs,
+            self.clearance,
+        )
+
+    def _step(self, cx: float, cy: float) -> tuple[int, int, float]:
+        line = self.timeline
+        return advance(
+            self.n,
             cx,
             cy,
             self.task.robot.dt,
@@ -335,10 +381,12 @@ class Stage:
             line.first,
             line.radius,
         )
-        self.n, self.clearance = i + 1, min(self.clearance, clearance)
+
+    def _ended(self, what: int, obstacle: int) -> tuple[Outcome | None, str]:
+        line = self.timeline
         if what == GOES_ON:
-            x, y = self.xy[i + 1].tolist()
-            self.pursuit.go(i + 1, (x, y))
+            x, y = self.xy[self.n].tolist()
+            self.pursuit.go(self.n, (x, y))
             late = self.n == self.steps
             return (Outcome.TIMEOUT, f"the horizon of {self.horizon:g} s came first") if late else (None, "")
         if what == REACHED:
@@ -381,4 +429,5 @@ class Stage:
             outcome=outcome,
             reason=reason,
             config=config,
+            turn_rate=self.turn_rate[: n + 1].copy(),
         )

@@ -48,11 +48,13 @@ class Trace:
     t : float64[N + 1]
         Increasing from 0, s. Steps are `task.robot.dt` apart; the last may be cut short by the goal or a contact.
     xy, velocity : float64[N + 1, 2]
-        The robot's centre in m, and the velocity in m/s at which it arrived there: constant over the step before.
+        The robot's centre in m, and the velocity in m/s at which it arrived there; constant over the step before where the
+        robot's dynamics are "steps" or it has neither inertia, latency nor footprint.
     heading : float64[N + 1]
         rad.
     command : float64[N, 2]
-        What was asked for in each step, m/s, before the robot's limits; NaN where the policy gave none.
+        What was asked for in each step, before the robot's limits: (vx, vy) in m/s, of wheels (v, omega) in m/s and rad/s; NaN
+        where the policy gave none.
     timeline : Timeline
         Where every obstacle was, exactly.
     sensed : bool[N + 1, K]
@@ -66,6 +68,8 @@ class Trace:
         One sentence on the outcome.
     config : mapping
         How the episode was set up, as JSON values: version, policy options, sensor, horizon.
+    turn_rate : float64[N + 1]
+        Of wheels, rad/s.
     """
 
     task: Task
@@ -84,8 +88,12 @@ class Trace:
     outcome: Outcome
     reason: str = ""
     config: Mapping[str, Any] = field(default_factory=dict)
+    turn_rate: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
+        if not len(self.turn_rate):
+            object.__setattr__(self, "turn_rate", np.zeros(len(self.t)))
+        self.turn_rate.flags.writeable = False
         for array in (self.t, self.xy, self.velocity, self.heading, self.command, self.sensed, self.cycle_ms):
             array.flags.writeable = False
 

@@ -1,0 +1,205 @@
+"""One control cycle of the simulated robot: ramps, arcs, latency, and the first contact on the path that ends it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import timeline_at, wrap
+from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
+from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, holonomic_ramp, wheels_segment
+from antway.kernels.robot.sweep import Segment, Walls, meets_disc, meets_wall, nearest_disc, pose, rolling, straight
+
+
+class Body(NamedTuple):
+    """The robot's shape: the convex hull of its corners, rounded."""
+
+    corners: NDArray[np.float64]  # float64[N, 2], m, in the robot's frame, counterclockwise; a disc has one at (0, 0)
+    rounding: float  # m; the radius of a disc, 0 of a polygon
+    radius: float  # m; of the disc around (0, 0) that holds it
+    centre: NDArray[np.float64]  # float64[1, 2] of zeros
+
+
+class Record(NamedTuple):
+    """The robot's record of an episode, one row for each cycle's begin and one for the end."""
+
+    t: NDArray[np.float64]  # float64[N + 1], s
+    xy: NDArray[np.float64]  # float64[N + 1, 2], m
+    velocity: NDArray[np.float64]  # float64[N + 1, 2], m/s
+    heading: NDArray[np.float64]  # float64[N + 1], rad
+    turn_rate: NDArray[np.float64]  # float64[N + 1], rad/s
+    command: NDArray[np.float64]  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
+
+
+class Discs(NamedTuple):
+    """The moving obstacles as timelines (kernels/base/geometry.py)."""
+
+    knot_t: NDArray[np.float64]
+    knot_xy: NDArray[np.float64]
+    first: NDArray[np.int64]
+    radius: NDArray[np.float64]
+
+
+@bare_kernel
+def next_segment(
+    x: float, y: float, theta: float, a: float, b: float, ca: float, cb: float, limits: RobotLimits, left: float
+) -> tuple[Segment, float, float, float]:
+    """First segment under a command, and its length and the speeds (v, omega) or (vx, vy) at its end.
+
+    The command is clipped; `left` is the time that it still acts, s.
+    """
+    if limits.drive == HOLONOMIC:
+        ca, cb = clip_velocity(ca, cb, limits)
+        ax, ay, time = holonomic_ramp(a, b, ca, cb, limits)
+        if time <= 0.0:
+            return straight(x, y, theta, ca, cb, 0.0, 0.0), left, ca, cb
+        if time <= left:
+            return straight(x, y, theta, a, b, ax, ay), time, ca, cb
+        return straight(x, y, theta, a, b, ax, ay), left, a + ax * left, b + ay * left
+    ca, cb = clip_twist(ca, cb, limits)
+    h, v, acceleration, w, alpha, v_end, w_end = wheels_segment(a, b, ca, cb, limits, left)
+    return rolling(x, y, theta, v, acceleration, w, alpha, h), h, v_end, w_end
+
+
+@bare_kernel
+def _first_contact(
+    m: Segment, t: float, h: float, body: Body, discs: Discs, walls: Walls, aim: NDArray[np.float64]
+) -> tuple[int, int, float]:
+    """What comes first on a segment that begins at time t, with which obstacle, and after how long."""
+    what, who, when = GOES_ON, -1, math.inf
+    fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
+    if not m.curved:
+        fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
+    for k in range(len(discs.radius)):
+        s = 0.0
+        while s < h and s < when:
+            ox, oy, ux, uy = timeline_at(t + s, discs.knot_t, discs.knot_xy, discs.first[k], discs.first[k + 1])
+            span = min(_next_knot(discs, k, t + s) - t - s, h - s)
+            x, y, _, _, _, _ = pose(m, s)
+            away = math.hypot(x - ox, y - oy) - body.radius - discs.radius[k]
+            if away <= (fastest + math.hypot(ux, uy)) * span:
+                part = _later(m, s)
+                hit = meets_disc(part, span, body.corners, body.rounding, ox, oy, ux, uy, discs.radius[k], 0.0, 0.0)
+                if s + hit < when:
+                    what, who, when = HIT_MOVING, k, s + hit
+            s += max(span, 1e-12)
+    wall = meets_wall(m, min(h, when), body.corners, body.rounding, body.radius, walls)
+    if wall < when:
+        what, who, when = HIT_WALL, -1, wall
+    x, y = m.x - aim[0], m.y - aim[1]
+    if math.hypot(x, y) - aim[2] <= fastest * h:
+        arrival = meets_disc(m, min(h, when), body.centre, 0.0, aim[0], aim[1], 0.0, 0.0, aim[2], 0.0, 0.0)
+        if arrival < when:
+            what, who, when = REACHED, -1, arrival
+    return what, who, when
+
+
+@bare_kernel
+def _next_knot(discs: Discs, k: int, t: float) -> float:
+    """Time of the first knot of disc k after t; infinite if there is none."""
+    low, high = discs.first[k], discs.first[k + 1]
+    i = low + int(np.searchsorted(discs.knot_t[low:high], t, side="right"))
+    return discs.knot_t[i] if i < high else math.inf
+
+
+@bare_kernel
+def _later(m: Segment, s: float) -> Segment:
+    """Return what is left of a segment after s s."""
+    if s == 0.0:
+        return m
+    x, y, theta, vx, vy, w = pose(m, s)
+    return Segment(m.curved, x, y, theta, vx, vy, m.ax, m.ay, m.v + m.a * s, m.a, w, m.b, m.bend, m.spin)
+
+
+@bare_kernel
+def _nearest(m: Segment, t: float, h: float, body: Body, discs: Discs, best: float) -> float:
+    """Least gap from any obstacle on a segment that begins at time t; `best` if that is less."""
+    for k in range(len(discs.radius)):
+        s = 0.0
+        while True:
+            ox, oy, ux, uy = timeline_at(t + s, discs.knot_t, discs.knot_xy, discs.first[k], discs.first[k + 1])
+            span = min(_next_knot(discs, k, t + s) - t - s, h - s)
+            best = nearest_disc(_later(m, s), span, body.corners, body.rounding, ox, oy, ux, uy, discs.radius[k], best)
+            s += max(span, 1e-12)
+            if s >= h:
+                break
+    return best
+
+
+@bare_kernel
+def play(
+    i: int,
+    dt: float,
+    limits: RobotLimits,
+    body: Body,
+    turns: bool,
+    record: Record,
+    aim: NDArray[np.float64],
+    walls: Walls,
+    discs: Discs,
+    least: float,
+) -> tuple[int, int, float]:
+    """Drive control cycle i of `dt` s and write row i + 1 of the record: its end, or what came first on the path.
+
+    Parameters
+    ----------
+    turns : bool
+        Whether a holonomic robot points where it goes; one with a footprint keeps its heading.
+    record : Record
+        Rows up to i are given, and commands up to i; a command acts `limits.latency` s after its cycle's begin, and before the
+        first one acts the robot is told to stand.
+    aim : float64[3]
+        Goal x, y and tolerance, m.
+    least : float
+        Clearance of interest, m: the least one so far.
+
+    Returns
+    -------
+    what, who : int
+        As `advance` in kernels/robot/contact.py.
+    clearance : float
+        Least distance between the edges of robot and obstacles in this cycle if that is less than `least`, else `least`.
+    """
+    wheels = limits.drive != HOLONOMIC
+    t, (x, y), (vx, vy), theta = record.t[i], record.xy[i], record.velocity[i], record.heading[i]
+    a, b = (vx * math.cos(theta) + vy * math.sin(theta), record.turn_rate[i]) if wheels else (vx, vy)
+    whole = int(math.floor(limits.latency / dt + 1e-9))
+    late = max(limits.latency - whole * dt, 0.0)
+    if late <= 1e-9 * dt:
+        late = 0.0
+    begin, what, who = t, GOES_ON, -1
+    for part in range(2):
+        left = late if part == 0 else dt - late
+        j = i - whole - 1 + part
+        ca, cb = (record.command[j, 0], record.command[j, 1]) if j >= 0 else (0.0, 0.0)
+        while left > 0.0 and what == GOES_ON:
+            m, h, a1, b1 = next_segment(x, y, theta, a, b, ca, cb, limits, left)
+            what, who, when = _first_contact(m, t, h, body, discs, walls, aim)
+            s = min(when, h)
+            least = _nearest(m, t, s, body, discs, least)
+            x, y, theta, vx, vy, w = pose(m, s)
+            if what == GOES_ON:
+                a, b = a1, b1
+                if wheels:
+                    vx, vy = a * math.cos(theta), a * math.sin(theta)
+                    w = b
+                else:
+                    vx, vy = a, b
+            t += s
+            left -= h
+    if not wheels:
+        w = 0.0
+        if turns and math.hypot(vx, vy) > REST:
+            theta = math.atan2(vy, vx)
+    if what == HIT_MOVING and math.hypot(vx, vy) <= REST and (len(body.corners) == 1 or abs(w) <= REST):
+        what = HIT_STANDING
+    record.t[i + 1] = (i + 1) * dt if what == GOES_ON else max(t, np.nextafter(begin, math.inf))
+    record.xy[i + 1, 0], record.xy[i + 1, 1] = x, y
+    record.velocity[i + 1, 0], record.velocity[i + 1, 1] = vx, vy
+    record.heading[i + 1], record.turn_rate[i + 1] = wrap(theta), w
+    return what, who, least

@@ -1,0 +1,407 @@
+"""Contact in continuous time of a body that drives a segment of motion: with discs that move and grow, with walls.
+
+The body is the convex hull of its corners, rounded: a disc has one corner, its centre, and its radius as rounding. Contact is a
+gap below -`TOUCH`; touching is legal. All of it is conservative advancement: along the axis n of the present gap d the body can
+lose no more than the quadratic d + c s + q s^2 / 2 shows, whose c is exact and whose q is exact on straight segments and a bound
+on the acceleration of every corner on curved ones. To jump from root to root never passes a contact, and comes to it as fast as
+Newton's method does.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import TOUCH
+from antway.kernels.base.jit import bare_kernel
+from antway.kernels.robot.motion import along
+
+_CLOSE = 1e-12  # m; nearer than this is contact, if it closes
+_LEAST = 1e-9  # s; no jump is shorter
+
+
+class Segment(NamedTuple):
+    """A stretch of motion from (x, y, theta): straight with a constant acceleration, or on an arc as in kernels/robot/motion.py."""
+
+    curved: bool
+    x: float  # m
+    y: float  # m
+    theta: float  # rad
+    vx: float  # m/s
+    vy: float  # m/s
+    ax: float  # m/s^2
+    ay: float  # m/s^2
+    v: float  # m/s, on an arc
+    a: float  # m/s^2, on an arc
+    w: float  # rad/s
+    b: float  # rad/s^2
+    bend: float  # m/s^2; bound on the acceleration of the body's centre; 0 if straight
+    spin: float  # rad/s^2; how much a corner's acceleration grows for each metre off the centre
+
+
+@bare_kernel
+def straight(x: float, y: float, theta: float, vx: float, vy: float, ax: float, ay: float) -> Segment:
+    """Return the segment of a body that keeps its heading."""
+    return Segment(False, x, y, theta, vx, vy, ax, ay, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@bare_kernel
+def rolling(x: float, y: float, theta: float, v: float, a: float, w: float, b: float, h: float) -> Segment:
+    """Return the segment of wheels with v + a t and w + b t, `h` s long."""
+    c, s = math.cos(theta), math.sin(theta)
+    if w == 0.0 and b == 0.0:
+        return Segment(False, x, y, theta, v * c, v * s, a * c, a * s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    fastest, turn = max(abs(v), abs(v + a * h)), max(abs(w), abs(w + b * h))
+    bend, spin = abs(a) + fastest * turn, abs(b) + turn * turn
+    return Segment(True, x, y, theta, v * c, v * s, 0.0, 0.0, v, a, w, b, bend, spin)
+
+
+@bare_kernel
+def pose(m: Segment, s: float) -> tuple[float, float, float, float, float, float]:
+    """Place, heading, velocity and turn rate (x, y, theta, vx, vy, w) after s s."""
+    if not m.curved:
+        x, y = m.x + (m.vx + 0.5 * m.ax * s) * s, m.y + (m.vy + 0.5 * m.ay * s) * s
+        return x, y, m.theta, m.vx + m.ax * s, m.vy + m.ay * s, 0.0
+    dx, dy = along(m.theta, m.v, m.a, m.w, m.b, s)
+    theta, speed = m.theta + (m.w + 0.5 * m.b * s) * s, m.v + m.a * s
+    return m.x + dx, m.y + dy, theta, speed * math.cos(theta), speed * math.sin(theta), m.w + m.b * s
+
+
+@bare_kernel
+def when_lost(d: float, c: float, q: float) -> float:
+    """First s > 0 at which d + c s + q s^2 / 2 is 0, for d > 0; infinite if never."""
+    under = c * c - 2.0 * q * d
+    if under < 0.0 or (q >= 0.0 and c >= 0.0):
+        return math.inf
+    root = math.sqrt(under)
+    return 2.0 * d / (root - c) if c <= 0.0 else (c + root) / -q
+
+
+@bare_kernel
+def axis_gap(
+    m: Segment,
+    at: tuple[float, float, float, float, float, float],
+    corners: NDArray[np.float64],
+    nx: float,
+    ny: float,
+    level: float,
+    rate: float,
+    growth: float,
+) -> tuple[float, float, float]:
+    """Gap of the body from what lies at n.p <= level, how fast it opens, and how long it surely stays above 0.
+
+    Parameters
+    ----------
+    m, at : Segment, tuple
+        The motion, and its `pose` now.
+    nx, ny, level : float
+        Unit axis from the obstacle to the body; how far the obstacle, and the body's rounding, reach along it, m.
+    rate, growth : float
+        How fast `level` rises, m/s, and that rate, m/s^2.
+
+    Returns
+    -------
+    gap, opening, time : float
+        m, m/s, s; of the corner for which the gap is least, and the least over all corners.
+    """
+    x, y, theta, vx, vy, w = at
+    c, s = math.cos(theta), math.sin(theta)
+    gap, opening, time = math.inf, 0.0, math.inf
+    base, speed = nx * x + ny * y - level, nx * vx + ny * vy - rate
+    push = (nx * m.ax + ny * m.ay if not m.curved else -m.bend) - growth
+    for i in range(len(corners)):
+        rx, ry = c * corners[i, 0] - s * corners[i, 1], s * corners[i, 0] + c * corners[i, 1]
+        d, closing = base + nx * rx + ny * ry, speed + w * (ny * rx - nx * ry)
+        bend = push - m.spin * math.hypot(rx, ry) if m.curved else push
+        if d < gap:
+            gap, opening = d, closing
+        time = min(time, when_lost(max(d, _CLOSE), closing, bend))
+    return gap, opening, time
+
+
+@bare_kernel
+def disc_axis(
+    at: tuple[float, float, float, float, float, float], corners: NDArray[np.float64], ox: float, oy: float
+) -> tuple[float, float]:
+    """Unit axis along which the hull of the corners is farthest from the point (ox, oy): that of the least distance."""
+    x, y, theta = at[0], at[1], at[2]
+    n = len(corners)
+    if n == 1:
+        dx, dy = x - ox, y - oy
+        away = math.hypot(dx, dy)
+        return (dx / away, dy / away) if away > 0.0 else (1.0, 0.0)
+    c, s = math.cos(theta), math.sin(theta)
+    px, py = c * (ox - x) + s * (oy - y), c * (oy - y) - s * (ox - x)  # the point in the body's frame
+    best, bx, by = -math.inf, 1.0, 0.0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        ex, ey = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+        length = math.hypot(ex, ey)
+        mx, my = ey / length, -ex / length  # outwards of a counterclockwise edge
+        outside = mx * (px - corners[i, 0]) + my * (py - corners[i, 1])
+        if outside > best:
+            best, bx, by = outside, -mx, -my
+            if outside > 0.0:
+                share = ((px - corners[i, 0]) * ex + (py - corners[i, 1]) * ey) / (length * length)
+                if share < 0.0 or share > 1.0:
+                    k = i if share < 0.0 else j
+                    # Past the edge's end: its corner is nearest, unless a later edge is farther off.
+                    qx, qy = corners[k, 0] - px, corners[k, 1] - py
+                    away = math.hypot(qx, qy)
+                    if away > 0.0:
+                        bx, by = qx / away, qy / away
+    return c * bx - s * by, s * bx + c * by
+
+
+@bare_kernel
+def square_axis(
+    at: tuple[float, float, float, float, float, float],
+    corners: NDArray[np.float64],
+    cx: float,
+    cy: float,
+    half: float,
+) -> tuple[float, float]:
+    """Unit axis along which the hull of the corners is farthest from the square of half edge `half` around (cx, cy)."""
+    x, y, theta = at[0], at[1], at[2]
+    n = len(corners)
+    if n == 1:
+        dx, dy = x - cx, y - cy
+        u, v = dx - min(max(dx, -half), half), dy - min(max(dy, -half), half)
+        away = math.hypot(u, v)
+        if away > 0.0:
+            return u / away, v / away
+        return (math.copysign(1.0, dx), 0.0) if abs(dx) >= abs(dy) else (0.0, math.copysign(1.0, dy))
+    c, s = math.cos(theta), math.sin(theta)
+    best, bx, by = -math.inf, 1.0, 0.0
+    low_x, low_y, high_x, high_y = math.inf, math.inf, -math.inf, -math.inf
+    near, qx, qy = math.inf, 0.0, 0.0
+    ix, iy = corners[n - 1, 0], corners[n - 1, 1]
+    px, py = x + c * ix - s * iy - cx, y + s * ix + c * iy - cy
+    for i in range(n):
+        ix, iy = corners[i, 0], corners[i, 1]
+        kx, ky = x + c * ix - s * iy - cx, y + s * ix + c * iy - cy  # seen from the square's middle
+        low_x, low_y, high_x, high_y = min(low_x, kx), min(low_y, ky), max(high_x, kx), max(high_y, ky)
+        ex, ey = kx - px, ky - py
+        length = math.hypot(ex, ey)
+        mx, my = ey / length, -ex / length
+        outside = -(mx * px + my * py) - half * (abs(mx) + abs(my))
+        if outside > best:
+            best, bx, by = outside, -mx, -my
+        u, v = kx - math.copysign(half, kx), ky - math.copysign(half, ky)  # from the square's nearest corner
+        if u * u + v * v < near:
+            near, qx, qy = u * u + v * v, u, v
+        px, py = kx, ky
+    for side in range(4):
+        outside = (low_x, -high_x, low_y, -high_y)[side] - half
+        if outside > best:
+            best = outside
+            bx, by = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
+    if best > 0.0 and near > 0.0:
+        away = math.sqrt(near)
+        mx, my = qx / away, qy / away
+        least = math.inf
+        for i in range(n):
+            ix, iy = corners[i, 0], corners[i, 1]
+            least = min(least, mx * (x + c * ix - s * iy - cx) + my * (y + s * ix + c * iy - cy))
+        if least - half * (abs(mx) + abs(my)) > best:
+            bx, by = mx, my
+    return bx, by
+
+
+@bare_kernel
+def meets_disc(
+    m: Segment,
+    h: float,
+    corners: NDArray[np.float64],
+    rounding: float,
+    ox: float,
+    oy: float,
+    ux: float,
+    uy: float,
+    radius: float,
+    growth: float,
+    surge: float,
+) -> float:
+    """Time in s of the first contact on the segment, `h` s long, with a disc; infinite if there is none.
+
+    Parameters
+    ----------
+    ox, oy, ux, uy : float
+        The disc's centre at the segment's begin, m, and its velocity, m/s.
+    radius, growth, surge : float
+        Its radius then, m, how fast that grows, m/s, and that rate, m/s^2.
+    """
+    s = 0.0
+    while s <= h:
+        at = pose(m, s)
+        px, py = ox + ux * s, oy + uy * s
+        nx, ny = disc_axis(at, corners, px, py)
+        level = nx * px + ny * py + radius + (growth + 0.5 * surge * s) * s + rounding - TOUCH
+        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy + growth + surge * s, surge)
+        if gap <= _CLOSE and opening < 0.0:
+            return s
+        s += max(time, _LEAST)
+    return math.inf
+
+
+@bare_kernel
+def nearest_disc(
+    m: Segment,
+    h: float,
+    corners: NDArray[np.float64],
+    rounding: float,
+    ox: float,
+    oy: float,
+    ux: float,
+    uy: float,
+    radius: float,
+    best: float,
+) -> float:
+    """Least gap in m on the segment, `h` s long, from a disc at (ox, oy) that moves with (ux, uy); `best` if that is less."""
+    slice_ = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST)
+    s, where = 0.0, -1.0
+    while True:
+        s = min(s, h)
+        at = pose(m, s)
+        px, py = ox + ux * s, oy + uy * s
+        nx, ny = disc_axis(at, corners, px, py)
+        gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + radius + rounding, nx * ux + ny * uy, 0.0)
+        if gap < best:
+            best, where = gap, s
+        if s >= h:
+            break
+        level = nx * px + ny * py + radius + rounding + best
+        _, _, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy, 0.0)
+        s += max(time, slice_)
+    if where < 0.0:
+        return best
+    low, high = max(where - slice_, 0.0), min(where + slice_, h)
+    for _ in range(40):  # the gap has one least value so near to it: thirds
+        for side in range(2):
+            s = (2.0 * low + high) / 3.0 if side == 0 else (low + 2.0 * high) / 3.0
+            at = pose(m, s)
+            px, py = ox + ux * s, oy + uy * s
+            nx, ny = disc_axis(at, corners, px, py)
+            gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + radius + rounding, 0.0, 0.0)
+            if side == 0:
+                first = gap
+        best = min(best, first, gap)
+        if first <= gap:
+            high = (low + 2.0 * high) / 3.0
+        else:
+            low = (2.0 * low + high) / 3.0
+    return best
+
+
+class Walls(NamedTuple):
+    """The map as kernels take it."""
+
+    blocked: NDArray[np.bool_]  # bool[H, W]
+    clearance: NDArray[np.float64]  # float64[H, W], m: from the cell's centre to the nearest blocked square or edge
+    x0: float  # m; the map's corner
+    y0: float  # m
+    resolution: float  # m
+
+
+@bare_kernel
+def room(walls: Walls, x: float, y: float) -> float:
+    """Lower bound in m of the distance of (x, y) from blocked squares and from the map's edges, at least 0."""
+    s = walls.resolution
+    rows, cols = walls.blocked.shape
+    u, v = (x - walls.x0) / s, (y - walls.y0) / s
+    if not (0.0 <= u < cols and 0.0 <= v < rows):
+        return 0.0
+    i, j = int(v), int(u)
+    return max(walls.clearance[i, j] - s * math.hypot(u - j - 0.5, v - i - 0.5), 0.0)
+
+
+@bare_kernel
+def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, radius: float, walls: Walls) -> float:
+    """Time in s of the first contact on the segment, `h` s long, with a blocked cell or the map's edge; infinite if none.
+
+    Parameters
+    ----------
+    radius : float
+        Of the disc around the body's centre that holds the body, its rounding included, m.
+    """
+    fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
+    if not m.curved:
+        fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
+    stretch = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the way
+    s = 0.0
+    while s < h:
+        x, y, _, _, _, _ = pose(m, s)
+        free = room(walls, x, y) - radius
+        if free > 0.25 * stretch:
+            s += free / fastest if fastest > 0.0 else math.inf
+            continue
+        end = min(s + stretch / fastest, h) if fastest > 0.0 else h
+        first = _meets_near(m, s, end, corners, rounding, radius + fastest * (end - s), walls, x, y)
+        if first < math.inf:
+            return first
+        s = end
+    return math.inf
+
+
+@bare_kernel
+def _meets_near(
+    m: Segment,
+    begin: float,
+    end: float,
+    corners: NDArray[np.float64],
+    rounding: float,
+    reach: float,
+    walls: Walls,
+    x: float,
+    y: float,
+) -> float:
+    """First contact over [begin, end] with edges of the map and with cells within `reach` m of (x, y)."""
+    rows, cols = walls.blocked.shape
+    size = walls.resolution
+    best = math.inf
+    for side in range(4):
+        nx, ny = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
+        edge = (walls.x0, -(walls.x0 + cols * size), walls.y0, -(walls.y0 + rows * size))[side]
+        if nx * x + ny * y - edge > reach + TOUCH:
+            continue
+        s, last = begin, min(end, best)
+        while s <= last:
+            gap, opening, time = axis_gap(m, pose(m, s), corners, nx, ny, edge + rounding - TOUCH, 0.0, 0.0)
+            if gap <= _CLOSE and opening < 0.0:
+                best = s
+                break
+            s += max(time, _LEAST)
+    low, high = (y - walls.y0 - reach) / size, (y - walls.y0 + reach) / size
+    left, right = (x - walls.x0 - reach) / size, (x - walls.x0 + reach) / size
+    for i in range(max(math.floor(low), 0), min(math.floor(high), rows - 1) + 1):
+        for j in range(max(math.floor(left), 0), min(math.floor(right), cols - 1) + 1):
+            if walls.blocked[i, j]:
+                cx, cy = walls.x0 + (j + 0.5) * size, walls.y0 + (i + 0.5) * size
+                best = min(best, _meets_square(m, begin, min(end, best), corners, rounding, cx, cy, 0.5 * size))
+    return best
+
+
+@bare_kernel
+def _meets_square(
+    m: Segment,
+    begin: float,
+    end: float,
+    corners: NDArray[np.float64],
+    rounding: float,
+    cx: float,
+    cy: float,
+    half: float,
+) -> float:
+    s = begin
+    while s <= end:
+        at = pose(m, s)
+        nx, ny = square_axis(at, corners, cx, cy, half)
+        level = nx * cx + ny * cy + half * (abs(nx) + abs(ny)) + rounding - TOUCH
+        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, 0.0, 0.0)
+        if gap <= _CLOSE and opening < 0.0:
+            return s
+        s += max(time, _LEAST)
+    return math.inf
