@@ -22,6 +22,7 @@ from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
 
 REST = 1e-9  # m/s; a robot slower than this stands
 _TURN = 0.35  # rad; four nodes give the place to 1e-11 of the length on a segment that turns by no more
+_SNAP = 1e-12  # rad/s; steering so near to its bound is at it: no segment is as short as a rounding error
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
 _WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
@@ -87,14 +88,18 @@ def wheels_segment(
     w0 = min(max(w0, -most), most)
     if b == 0.0 and w0 != cw:
         b = math.copysign(math.inf, cw - w0)  # an infinite alpha that the steering holds back
-    if w0 >= most and b >= growth:
-        w0, b = most, growth
-        w_time = (cw - most) / growth if growth > 0.0 and cw > most else math.inf
-        w_end = cw
-    elif w0 <= -most and b <= -growth:
-        w0, b = -most, -growth
-        w_time = (-cw - most) / growth if growth > 0.0 and -cw > most else math.inf
-        w_end = cw
+    if w0 >= most - _SNAP and b >= growth:
+        w0, b, w_end, w_time = most, growth, cw, math.inf
+        if growth > 0.0 and cw > most + _SNAP:
+            w_time = (cw - most) / growth
+        elif growth > 0.0:
+            b = 0.0
+    elif w0 <= -most + _SNAP and b <= -growth:
+        w0, b, w_end, w_time = -most, -growth, cw, math.inf
+        if growth > 0.0 and -cw > most + _SNAP:
+            w_time = (-cw - most) / growth
+        elif growth > 0.0:
+            b = 0.0
     else:
         if b > growth and (most - w0) / (b - growth) < w_time:
             w_time = (most - w0) / (b - growth)

@@ -1,0 +1,184 @@
+"""Robots with wheels, inertia, latency and footprints move as a twin in steps of a millisecond does, and touch what it touches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from common import cases
+from naive import motion as twin
+
+from antway import Grid
+from antway.kernels.base.geometry import timeline_at
+from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
+from antway.kernels.robot.cycle import Body, Discs, Record, play
+from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
+from antway.world.timeline import Timeline
+from antway.world.walls import walls_of
+
+DRIVES = (HOLONOMIC, DIFFERENTIAL, ACKERMANN)
+
+
+def some_limits(rng: np.random.Generator, drive: int, latency: float = 0.0, radius: float = 0.3) -> RobotLimits:
+    a_max, brake = rng.uniform(0.3, 3.0, 2)
+    steering = float(rng.uniform(0.3, 1.0)) if drive == ACKERMANN else 0.0
+    reverse = 0.0 if drive == HOLONOMIC else float(rng.choice([0.0, 0.3]))
+    return RobotLimits(drive, 1.0, reverse, a_max, brake, 1.9, float(rng.uniform(1.0, 6.0)), steering, latency, radius)
+
+
+def some_state(rng: np.random.Generator, limits: RobotLimits) -> tuple[float, float, float, float, float]:
+    x, y, theta = *rng.uniform(2.0, 4.0, 2), rng.uniform(-math.pi, math.pi)
+    if limits.drive == HOLONOMIC:
+        speed, angle = rng.uniform(0.0, 1.0), rng.uniform(0.0, 2 * math.pi)
+        return x, y, theta, speed * math.cos(angle), speed * math.sin(angle)
+    v, w = rng.uniform(-limits.v_reverse, 1.0), rng.uniform(-1.9, 1.9)
+    if limits.drive == ACKERMANN:
+        w = float(np.clip(w, -abs(v) / limits.turning_radius, abs(v) / limits.turning_radius))
+    return x, y, theta, float(v), float(w)
+
+
+def some_command(rng: np.random.Generator) -> tuple[float, float]:
+    one, two = rng.uniform(-1.3, 1.3), rng.uniform(-2.5, 2.5)
+    return (one, two) if rng.random() > 0.3 else ((0.0, two), (one, 0.0), (0.0, 0.0), (math.nan, 1.0))[rng.integers(4)]
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_cycle_ends_where_steps_of_a_millisecond_lead(drive: int) -> None:
+    """C44: the place within 1e-6 m, for commands that reverse, stop, turn and are not finite; the rough place within 1e-5 m."""
+    rng = np.random.default_rng(drive)
+    steps = twin.holonomic if drive == HOLONOMIC else twin.wheels
+    for _ in range(cases(300, 30_000)):
+        limits = some_limits(rng, drive)
+        state, command, dt = some_state(rng, limits), some_command(rng), float(rng.choice([0.05, 0.1, 0.2]))
+        end = np.array(drive_cycle(*state, *command, limits, dt))
+        far = steps(state, command, limits, dt)[-1]
+        assert np.abs(end[:2] - far[:2]).max() < 1e-6, (limits, state, command, dt)
+        assert np.abs(end[3:] - far[3:]).max() < 1e-3
+        rough = np.array(drive_roughly(*state, *command, limits, dt))
+        assert np.abs(end - rough).max() < (1e-5 if dt <= 0.1 else 1e-3)
+
+
+@pytest.mark.parametrize("drive", [DIFFERENTIAL, ACKERMANN])
+def test_a_cycle_in_two_parts_is_the_cycle(drive: int) -> None:
+    """Motion has no memory but its state: driven in two parts of any length it ends at the same place to 1e-9 m."""
+    rng = np.random.default_rng(drive)
+    for _ in range(cases(2000, 50_000)):
+        limits = some_limits(rng, drive)
+        state, command, dt, share = some_state(rng, limits), some_command(rng), rng.uniform(0.05, 0.5), rng.random()
+        whole = np.array(drive_cycle(*state, *command, limits, dt))
+        half = drive_cycle(*state, *command, limits, dt * share)
+        assert np.abs(np.array(drive_cycle(*half, *command, limits, dt - dt * share)) - whole).max() < 1e-9
+
+
+def test_a_late_command_acts_when_it_arrives() -> None:
+    """`delayed` drives the oldest pending command until the next one arrives, for latencies of whole and broken cycles."""
+    rng = np.random.default_rng(5)
+    for latency in (0.03, 0.1, 0.17, 0.2, 0.25):
+        limits = some_limits(rng, DIFFERENTIAL, latency)
+        pending = rng.uniform(-1.0, 1.0, (math.ceil(latency / 0.1 - 1e-9), 2))
+        state = some_state(rng, limits)
+        late = latency - 0.1 * (len(pending) - 1)
+        expected = drive_cycle(*state, *pending[0], limits, late)
+        for command in pending[1:]:
+            expected = drive_cycle(*expected, *command, limits, 0.1)
+        assert np.abs(np.array(delayed(*state, pending, limits, 0.1)) - expected).max() < 1e-12
+
+
+SHAPES = {
+    "disc": np.zeros((1, 2)),
+    "box": np.array([(-0.2, -0.15), (0.35, -0.15), (0.35, 0.15), (-0.2, 0.15)]),
+    "triangle": np.array([(0.4, 0.0), (-0.2, 0.25), (-0.2, -0.25)]),
+}
+
+
+def some_play(rng: np.random.Generator, drive: int, shape: str, latency: float):
+    """A cycle close to walls and moving discs, from a state that touches nothing; None if none was found."""
+    corners = SHAPES[shape]
+    rounding = 0.3 if shape == "disc" else 0.0
+    radius = rounding + float(np.hypot(*corners.T).max())
+    limits = some_limits(rng, drive, latency, radius)
+    grid = Grid(rng.random((30, 30)) < rng.choice([0.0, 0.03, 0.1]), 0.2)
+    x, y, theta, a, b = some_state(rng, limits)
+    if twin.wall_gap(twin.body_at(corners, x, y, theta), grid.blocked, 0.2, 1.0) < rounding + 1e-3:
+        return None
+    courses, radii = [], []
+    for _ in range(4):
+        r, angle, away = rng.uniform(0.1, 0.4), rng.uniform(0.0, 2 * math.pi), rng.uniform(0.0, 0.3)
+        px, py = x + (radius + r + away) * math.cos(angle), y + (radius + r + away) * math.sin(angle)
+        v = rng.uniform(-1.5, 1.5, (2, 2))
+        courses.append((np.array([0.0, 0.04, 0.3]), np.cumsum([(px, py), v[0] * 0.04, v[1] * 0.26], axis=0)))
+        radii.append(r)
+    discs = Timeline.of(list(range(4)), radii, courses)
+    velocity = (a, b) if drive == HOLONOMIC else (a * math.cos(theta), a * math.sin(theta))
+    count = math.ceil(latency / 0.1 - 1e-9)
+    record = Record(
+        np.zeros(count + 2), np.zeros((count + 2, 2)), np.zeros((count + 2, 2)), np.zeros(count + 2), np.zeros(count + 2),
+        np.array([some_command(rng) for _ in range(count + 1)]),
+    )  # fmt: skip
+    record.t[count], record.xy[count], record.velocity[count] = 0.1 * count, (x, y), velocity
+    record.heading[count], record.turn_rate[count] = theta, 0.0 if drive == HOLONOMIC else b
+    shifted = Discs(discs.knot_t + 0.1 * count, discs.knot_xy, discs.first, discs.radius)
+    aim = np.array([*rng.uniform(0.0, 6.0, 2), 0.2])
+    return limits, corners, rounding, radius, grid, (x, y, theta, a, b), shifted, record, aim, count
+
+
+def sampled(limits: RobotLimits, state, record: Record, count: int) -> np.ndarray:
+    """States of the twin every millisecond of the cycle that begins in row `count`."""
+    steps = twin.holonomic if limits.drive == HOLONOMIC else twin.wheels
+    late = limits.latency - 0.1 * math.floor(limits.latency / 0.1 + 1e-9)
+    parts, rows = ([(0, late)] if late > 1e-9 else []) + [(1 if late > 1e-9 else 0, 0.1 - max(late, 0.0))], [np.array([state])]
+    for k, span in parts:
+        far = steps(tuple(rows[-1][-1]), tuple(record.command[k]), limits, span)
+        rows.append(far[1:])
+    return np.concatenate(rows)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("drive", DRIVES)
+def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
+    """C44: no sampled contact is missed, a contact told is one, what is told first comes first, and so for the clearance."""
+    rng = np.random.default_rng([drive, len(SHAPES[shape])])
+    told = dict.fromkeys((GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED), 0)
+    for _ in range(cases(60, 6000)):
+        made = some_play(rng, drive, shape, float(rng.choice([0.0, 0.06, 0.1])))
+        if made is None:
+            continue
+        limits, corners, rounding, radius, grid, state, discs, record, aim, count = made
+        body = Body(corners, rounding, radius, np.zeros((1, 2)))
+        what, obstacle, clearance = play(
+            count, 0.1, limits, body, shape == "disc", record, aim, walls_of(grid), discs, math.inf
+        )
+        told[what] += 1
+        end = record.t[count + 1] - 0.1 * count
+        rows = sampled(limits, state, record, count)
+        late = limits.latency % 0.1
+        times = np.linspace(0.0, 0.1, len(rows)) if late < 1e-9 or late > 0.1 - 1e-9 else np.concatenate(
+            (np.linspace(0.0, late, round(late / 1e-3) + 1), np.linspace(late, 0.1, round((0.1 - late) / 1e-3) + 1)[1:])
+        )  # fmt: skip
+        gaps, wall, goal = [], [], []
+        for s, (x, y, theta, *_) in zip(times, rows):
+            if s > end + 1e-12:
+                break
+            here = twin.body_at(corners, x, y, theta)
+            places = [timeline_at(0.1 * count + s, *discs[:2], discs.first[k], discs.first[k + 1])[:2] for k in range(4)]
+            gaps.append([twin.hull_gap(here, np.array([p])) - discs.radius[k] - rounding for k, p in enumerate(places)])
+            wall.append(twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding)
+            goal.append(math.dist((x, y), aim[:2]) - aim[2])
+        before = slice(None, -1) if what != GOES_ON else slice(None)
+        for gap in (np.min(gaps, axis=1), np.array(wall), np.array(goal)):
+            assert gap[before].min(initial=1.0) > -2e-6, (what, gap.min())
+        x, y, theta = *record.xy[count + 1], record.heading[count + 1]
+        if shape != "disc" and drive == HOLONOMIC:
+            assert theta == state[2]
+        here = twin.body_at(corners, x, y, theta)
+        if what in (HIT_MOVING, HIT_STANDING):
+            place = timeline_at(record.t[count + 1], *discs[:2], discs.first[obstacle], discs.first[obstacle + 1])[:2]
+            assert abs(twin.hull_gap(here, np.array([place])) - discs.radius[obstacle] - rounding) < 1e-7
+        elif what == HIT_WALL:
+            assert abs(twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding) < 1e-7
+        elif what == REACHED:
+            assert abs(math.dist((x, y), aim[:2]) - aim[2]) < 1e-7 or end < 1e-9
+        assert -5e-3 < clearance - np.min(gaps) < 1e-6  # the samples are a millisecond apart
+    assert told[HIT_MOVING] and told[HIT_WALL] and told[GOES_ON]
