@@ -10,9 +10,13 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
+from antway.kernels.robot.brake import Robot, fallback, passed_command, when_it_acts
+from antway.kernels.robot.cycle import Body
 from antway.kernels.robot.guard import BRAKED, fault, guarded, within_reach
-from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.policy import XY, Command, Decision, Observation, Policy, Task
+from antway.world.walls import walls_of
 
+_MARGIN = 0.01  # m kept from walls by robots with inertia
 DID = ("free", "slowed", "braked", "stepped-aside")
 _STOP = Command((0.0, 0.0))
 _FAULTS = ("observation.xy, velocity, heading", "tracks.xy", "tracks.velocity", "tracks.radius")
@@ -66,6 +70,7 @@ class Guard:
         robot, (x, y, _) = task.robot, task.grid.origin
         self.task, self.corner = task, (x, y)
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
+        self.dynamic = None if robot.stepwise else _Dynamic(task)
         self.table, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
         self.last_stamp = -math.inf
@@ -90,12 +95,16 @@ class Guard:
             not -1e-6 <= o.t - stamp <= self.timeout
             or stamp < self.last_stamp
             or command is None
-            or not all(map(math.isfinite, command.velocity))
+            or not all(map(math.isfinite, command.velocity if command.twist is None else command.twist))
         ):
             self.did = DID[BRAKED]
-            return _STOP
+            return _STOP if self.dynamic is None else self.dynamic.stop(o)
         self.last_stamp = stamp
         tracks = self._within_reach(o, stamp)
+        if self.dynamic is not None:
+            passed, did = self.dynamic.passed(o, command.acts(o, robot), tracks, self.lookahead)
+            self.did = DID[did]
+            return passed
         vx, vy, did = guarded(
             *o.xy,
             *o.velocity,
@@ -117,7 +126,9 @@ class Guard:
         """Rows x, y, vx, vy, radius, bound of all tracks that count, wider by what they could have moved since seen."""
         t, task, robot = o.tracks, self.task, self.task.robot
         # What the robot may drive after this command, it can brake from.
-        stopping = robot.dt + min(math.hypot(*o.velocity) / robot.a_max + robot.dt, robot.stop_time)
+        stopping = robot.dt + min(math.hypot(*o.velocity) / robot.braking + robot.dt, robot.stop_time)
+        if self.dynamic is not None:
+            stopping = self.dynamic.stopping
         most = self.count + len(t)
         if most > len(self.table):
             self.table = np.resize(self.table, (2 * most, 8))
@@ -141,6 +152,49 @@ class Guard:
             self.tracks,
         )
         return self.tracks[:n]
+
+
+class _Dynamic:
+    """The guard's part for robots with inertia, wheels, latency or a footprint."""
+
+    def __init__(self, task: Task) -> None:
+        robot = self.robot = task.robot
+        self.late = math.ceil(robot.latency / robot.dt - 1e-9)
+        body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
+        self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN)
+        self.keep = np.array([0.0, 0.0, -1.0])
+        self.sent = np.zeros((self.late, 2))
+        self.rows = np.empty((128, 8)), np.empty((128, 8))
+        turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
+        # The time from now to the stand of any manoeuvre that is certified.
+        self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
+        aside = math.pi / 2 / robot.turn_rate + robot.turn_rate / robot.alpha_max if robot.wheels else 0.0
+        # Time to turn away and to get out of the way of a disc as large as the robot.
+        self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
+
+    def passed(self, o: Observation, asked: XY, tracks: NDArray[np.float64], lookahead: float) -> tuple[Command, int]:
+        """Return the command that passes, and what was done."""
+        if len(tracks) > len(self.rows[0]):
+            self.rows = np.empty((2 * len(tracks), 8)), np.empty((2 * len(tracks), 8))
+        known, near = self.rows
+        known = known[: len(tracks)]
+        known[:, :6], known[:, 6], known[:, 7] = tracks, math.inf, 0.0
+        pending = self.sent if o.pending is None else o.pending
+        state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
+        one, two, did = passed_command(*state, *asked, known, near, self.record, lookahead + self.aside, self.keep)
+        return self._command(o, one, two), did
+
+    def stop(self, o: Observation) -> Command:
+        """Return the next command of the stop that is certified."""
+        one, two, _ = fallback(self.keep, self.robot.wheels)
+        return self._command(o, one, two)
+
+    def _command(self, o: Observation, one: float, two: float) -> Command:
+        if self.late:
+            self.sent = np.vstack((self.sent[1:], [(one, two)]))
+        if not self.robot.wheels:
+            return Command((one, two))
+        return Command((one * math.cos(o.heading), one * math.sin(o.heading)), (one, two))
 
 
 class Guarded:

@@ -286,10 +286,7 @@ class Stage:
         self.timeline = self.pursuit.timeline
         self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
-        disc = spec.footprint is None
-        # Without inertia and latency a disc that drives in any direction goes straight all through each cycle.
-        at_once = math.isinf(spec.a_max) and math.isinf(spec.braking) and spec.latency == 0.0
-        self.stepwise = spec.dynamics == "steps" or (not spec.wheels and disc and at_once)
+        self.stepwise = spec.stepwise
         self.aim, self.frame = np.array([*task.goal, task.goal_tolerance]), np.array([x0, y0, size])
         rows = self.steps + 1
         self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)

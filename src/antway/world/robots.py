@@ -120,6 +120,15 @@ class RobotSpec:
         return self.drive != "holonomic"
 
     @property
+    def stepwise(self) -> bool:
+        """Whether it goes straight at constant speed all through each cycle.
+
+        A disc without inertia and latency that drives in any direction does, and whoever has the dynamics "steps".
+        """
+        at_once = math.isinf(self.a_max) and math.isinf(self.braking) and self.latency == 0.0
+        return self.dynamics == "steps" or (not self.wheels and self.footprint is None and at_once)
+
+    @property
     def braking(self) -> float:
         """How fast its speed may fall, m/s^2."""
         return self.a_max if self.brake_max is None else self.brake_max

@@ -172,9 +172,7 @@ def _stop_for(
 
 
 @bare_kernel
-def nearby(
-    x: float, y: float, speed: float, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]
-) -> int:
+def nearby(x: float, y: float, speed: float, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
     """Copy to `rows` the obstacles that a manoeuvre of one cycle and a stop could come near; return how many."""
     limits, n = robot.limits, 0
     accelerates = limits.a_max < math.inf
@@ -188,7 +186,8 @@ def nearby(
     for k in range(len(tracks)):
         away = math.hypot(tracks[k, X] - x, tracks[k, Y] - y) - tracks[k, RADIUS]
         if away - tracks[k, SPEED] * (tracks[k, AGE] + time) <= far:
-            rows[n] = tracks[k]
+            for j in range(8):
+                rows[n, j] = tracks[k, j]
             n += 1
     return n
 
@@ -415,6 +414,8 @@ def when_it_acts(
     left = limits.latency
     for i in range(len(pending)):
         h = left - (len(pending) - 1 - i) * robot.dt
-        x, y, theta, a, b = drive_cycle(x, y, theta, a, b, pending[i, 0], pending[i, 1], limits, h)
+        x, y, pointing, a, b = drive_cycle(x, y, theta, a, b, pending[i, 0], pending[i, 1], limits, h)
+        if limits.drive != HOLONOMIC:
+            theta = pointing  # without wheels a footprint keeps its heading, and a disc's does not matter
         left -= h
     return x, y, theta, a, b

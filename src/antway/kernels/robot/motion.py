@@ -21,7 +21,7 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
 
 REST = 1e-9  # m/s; a robot slower than this stands
-_TURN = 0.35  # rad; four nodes give the place to 1e-11 of the length on a segment that turns by no more
+_TURN = 0.8  # rad; four nodes give the place to 1e-10 of the length on a segment that turns by no more
 _SNAP = 1e-12  # rad/s; steering so near to its bound is at it: no segment is as short as a rounding error
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
@@ -120,7 +120,7 @@ def along(theta: float, v: float, a: float, w: float, b: float, h: float) -> tup
     if w == 0.0 and b == 0.0:
         path = (v + 0.5 * a * h) * h
         return path * math.cos(theta), path * math.sin(theta)
-    turn = max(abs(w), abs(w + b * h)) * h
+    turn = (max(abs(w), abs(w + b * h)) + 1.8 * math.sqrt(abs(b))) * h  # what a quadratic heading is worth in its derivatives
     parts = 1 if turn <= _TURN else math.ceil(turn / _TURN)
     step = h / parts
     dx = dy = 0.0

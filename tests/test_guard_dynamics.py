@@ -1,0 +1,175 @@
+"""The guard of robots with wheels, inertia, latency and footprints against policies and obstacles at their worst (C24, C25, C45)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL
+from antway.kernels.robot.cycle import Body, Discs, Record, play
+from antway.policies.guard import Guard
+from antway.world.walls import walls_of
+from common import cases
+
+DT, BOUND, CYCLES, COUNT = 0.1, 1.2, 60, 5
+SIZE = 0.25
+_HALL = np.zeros((40, 40), dtype=bool)  # 10 x 10 m
+_HALL[10:14, 12:28] = _HALL[26:28, 4:20] = _HALL[20:30, 30:32] = True
+_CORRIDOR = np.ones((40, 40), dtype=bool)
+_CORRIDOR[17:23] = _CORRIDOR[:, 17:23] = False
+MAPS = (Grid(_HALL, SIZE), Grid(_CORRIDOR, SIZE))
+STARTS = (((5.0, 5.0), (1.2, 1.2), (8.8, 6.0), (3.0, 8.0)), ((5.0, 5.0), (1.5, 5.0), (5.0, 8.5), (7.0, 5.0)))
+POLICIES = ("charge", "random", "none", "flee", "steady", "wall")
+FOOTPRINTS = (
+    ((-0.5, -0.35), (0.5, -0.35), (0.5, 0.35), (-0.5, 0.35)),
+    ((-0.2, -0.15), (0.4, -0.15), (0.4, 0.15), (-0.2, 0.15)),
+    ((0.45, 0.0), (-0.25, 0.3), (-0.25, -0.3)),
+)
+
+
+def some_robot(rng: np.random.Generator, drive: str, polygon: bool) -> RobotSpec:
+    """A robot with inertia, sometimes with latency, slow steering, brakes that differ from its drive."""
+    wheels = drive != "holonomic"
+    return RobotSpec(
+        radius=0.3,
+        v_max=float(rng.choice([0.5, 1.0, 1.5])),
+        a_max=float(rng.choice([0.5, 1.0, 2.0])),
+        brake_max=float(rng.choice([0.7, 1.0, 2.0])),
+        drive=drive,
+        dt=DT,
+        turn_rate=float(rng.choice([1.0, 1.9, 3.0])),
+        alpha_max=float(rng.choice([1.5, 3.0, math.inf])),
+        v_reverse=float(rng.choice([0.0, 0.3])) if wheels else 0.0,
+        turning_radius=0.5 if drive == "ackermann" else 0.0,
+        latency=float(rng.choice([0.0, 0.04, 0.1, 0.23])),
+        footprint=FOOTPRINTS[rng.integers(3)] if polygon else None,
+        sensor_range=8.0,
+    )
+
+
+class Chasers:
+    """Discs within assumption A: a bound on speed and its growth, turns at once, and a stop short of a robot that stands."""
+
+    def __init__(self, rng: np.random.Generator, surge: float, xy: np.ndarray, near: float) -> None:
+        self.rng, self.surge = rng, surge
+        self.radius = rng.uniform(0.15, 0.4, COUNT)
+        angle, far = rng.uniform(-math.pi, math.pi, COUNT), rng.uniform(near, 4.0, COUNT)
+        self.xy = xy + np.column_stack((far * np.cos(angle), far * np.sin(angle)))
+        self.velocity = np.zeros((COUNT, 2))
+        self.mood, self.until = np.zeros(COUNT, int), np.zeros(COUNT)
+        self.aim = rng.uniform(0.0, 10.0, (COUNT, 2))
+
+    def choose(self, t: float, xy: np.ndarray, velocity: np.ndarray) -> None:
+        """Each disc chases, cuts the robot off, wanders or waits, all at what speed it likes."""
+        for k in range(COUNT):
+            if t >= self.until[k]:
+                self.mood[k], self.until[k] = self.rng.integers(4), t + self.rng.uniform(0.3, 4.0)
+                self.aim[k] = self.rng.uniform(0.0, 10.0, 2)
+            lead = self.rng.uniform(0.0, 1.5)
+            goal = (xy, xy + velocity * lead, self.aim[k], self.xy[k])[self.mood[k]]
+            way = goal - self.xy[k]
+            far = math.hypot(*way)
+            fastest = min(BOUND, math.hypot(*self.velocity[k]) + self.surge * DT)
+            self.velocity[k] = way / far * fastest if far > 1e-9 else 0.0
+
+
+def wish(rng: np.random.Generator, policy: str, spec: RobotSpec, apart: np.ndarray, theta: float, i: int) -> Command | None:
+    """What a policy at its worst commands: at an obstacle, at a wall, at random, nothing, not a number."""
+    if policy == "none":
+        return None if i % 2 else Command((math.nan, 1.0), (math.nan, 1.0) if spec.wheels else None)
+    towards = apart / max(math.hypot(*apart), 1e-9)
+    if policy in ("charge", "flee"):
+        velocity = towards * 2.0 if policy == "charge" else -towards
+        return Command((float(velocity[0]), float(velocity[1])))
+    if not spec.wheels:
+        angle = i // 8 if policy == "steady" else 1.0 if policy == "wall" else rng.uniform(0.0, 6.3)
+        speed = 5.0 if policy == "wall" else rng.choice([0.3, 1.0, 5.0])
+        return Command((speed * math.cos(angle), speed * math.sin(angle)))
+    if policy == "wall":
+        return Command(twist=(5.0, 0.0))
+    block = np.random.default_rng(i // 8 if policy == "steady" else i)
+    return Command(twist=(float(block.uniform(-0.5, 2.0)), float(block.uniform(-4.0, 4.0))))
+
+
+def episode(seed: int, drive: str, polygon: bool, surge: float, stale: float = 0.0) -> dict[str, int]:
+    """Play one robot of that drive among chasers; returns how often what happened."""
+    rng = np.random.default_rng([seed, len(drive), polygon])
+    spec, which = some_robot(rng, drive, polygon), int(rng.integers(2))
+    grid = MAPS[which]
+    xy, theta = np.array(STARTS[which][rng.integers(4)]), float(rng.uniform(-math.pi, math.pi))
+    task = Task(grid, spec, tuple(xy), (9.0, 5.0), obstacle_speed=BOUND, obstacle_surge=surge)
+    guard, discs = Guard(timeout=0.35), Chasers(rng, surge, xy, spec.radius + 0.5)
+    guard.reset(task)
+    body, walls = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2))), walls_of(grid)
+    record = Record(
+        np.zeros(CYCLES + 1), np.zeros((CYCLES + 1, 2)), np.zeros((CYCLES + 1, 2)), np.zeros(CYCLES + 1), np.zeros(CYCLES + 1),
+        np.zeros((CYCLES, 2)),
+    )  # fmt: skip
+    record.xy[0], record.heading[0] = xy, theta
+    late = math.ceil(spec.latency / DT - 1e-9)
+    count = {"free": 0, "slowed": 0, "braked": 0, "stepped-aside": 0, "moving": 0}
+    seen, stamp = Tracks.none(), -math.inf
+    aim, policy = np.array([100.0, 100.0, 0.1]), POLICIES[seed % len(POLICIES)]
+    for i in range(CYCLES):
+        t, xy, velocity, theta = i * DT, record.xy[i], record.velocity[i], float(record.heading[i])
+        if i % 20 == 0:
+            policy = POLICIES[rng.integers(len(POLICIES))]
+        discs.choose(t, xy, velocity)
+        if rng.random() >= stale:
+            stamp = t
+            seen = Tracks(np.arange(COUNT), discs.xy.copy(), discs.velocity.copy(), discs.radius)
+        pending = np.zeros((late, 2))
+        if late:
+            pending[late - min(late, i) :] = record.command[max(i - late, 0) : i]
+        o = Observation(t, tuple(xy), tuple(velocity), theta, seen, stamp, float(record.turn_rate[i]), pending)
+        nearest = discs.xy[int(np.argmin(np.hypot(*(discs.xy - xy).T)))] - xy
+        passed = guard.limit(o, wish(rng, policy, spec, nearest, theta, i))
+        count[guard.did] += 1
+        record.command[i] = passed.acts(o, spec)
+        for _ in range(50):
+            knots = np.concatenate([(discs.xy[k], discs.xy[k] + discs.velocity[k] * DT) for k in range(COUNT)])
+            line = Discs(np.tile((t, t + DT), COUNT), knots, np.arange(0, 2 * COUNT + 1, 2), discs.radius)
+            what, obstacle, _ = play(i, DT, spec.limits, body, not polygon, record, aim, walls, line, math.inf)
+            if what != HIT_STANDING:
+                break
+            # It does not drive into a robot that stands: it stops short of it, from the begin of the cycle on.
+            share = (record.t[i + 1] - t) / DT
+            discs.velocity[obstacle] *= max(share - 1e-6, 0.0) if share > 1e-5 else 0.0
+        if what == HIT_STANDING:
+            break  # a disc stood where the robot has come to stand: no contact in motion
+        assert what not in (HIT_MOVING, HIT_WALL), (what, seed, drive, polygon, i, policy, guard.did, spec)
+        assert what == GOES_ON
+        count["moving"] += math.hypot(*record.velocity[i + 1]) > 1e-9
+        discs.xy += discs.velocity * DT
+    return count
+
+
+def total(seeds: range, drive: str, polygon: bool, surge: float, stale: float = 0.0) -> dict[str, int]:
+    """Sum over episodes."""
+    counts = [episode(seed, drive, polygon, surge, stale) for seed in seeds]
+    return {key: sum(c[key] for c in counts) for key in counts[0]}
+
+
+@pytest.mark.parametrize("surge", [math.inf, 0.5])
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_a_robot_with_inertia_never_moves_into_a_contact(drive: str, surge: float) -> None:
+    """C24, C45: whatever is commanded and however obstacles move within their bounds, 0 contacts in motion and 0 with walls."""
+    n = total(range(cases(50, 5000)), drive, False, surge)
+    assert n["moving"] > 200 and n["braked"] > 50 and n["slowed"] > 0 and n["free"] > 50, n
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_a_robot_with_a_footprint_never_moves_into_a_contact(drive: str) -> None:
+    """C24, C45: and so for polygons, whose corners sweep out when they turn."""
+    n = total(range(cases(30, 1700)), drive, True, 0.5)
+    assert n["moving"] > 100 and n["braked"] > 20 and n["free"] > 20, n
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_the_promise_holds_with_lost_scans_and_inertia(drive: str) -> None:
+    """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
+    n = total(range(10_000, 10_000 + cases(30, 1000)), drive, False, 0.5, stale=0.5)
+    assert n["moving"] > 50, n
