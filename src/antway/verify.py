@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from antway.errors import InvalidPlan
 from antway.grid import Cell, Grid, Moves
 from antway.planning import Plan, Problem, Status
+from antway.verify_motion import driven, dynamic_faults, dynamic_gaps, last_gaps
 
 if TYPE_CHECKING:
     from antway.world.episode import EpisodeResult
@@ -252,14 +253,14 @@ def _trace_of(episode: EpisodeResult | Trace) -> Trace:
 def _shape_faults(trace: Trace) -> list[str]:
     n, k = len(trace.command), len(trace.timeline)
     shapes = {"t": (n + 1,), "xy": (n + 1, 2), "velocity": (n + 1, 2), "heading": (n + 1,), "command": (n, 2)}
-    shapes |= {"sensed": (n + 1, k), "cycle_ms": (n,)}
+    shapes |= {"sensed": (n + 1, k), "cycle_ms": (n,), "turn_rate": (n + 1,)}
     faults = [
         f"{name} has the shape {getattr(trace, name).shape}" for name in shapes if getattr(trace, name).shape != shapes[name]
     ]
     if not faults:
         faults = [
             f"{name} is not finite"
-            for name in ("t", "xy", "velocity", "heading")
+            for name in ("t", "xy", "velocity", "heading", "turn_rate")
             if not np.isfinite(getattr(trace, name)).all()
         ]
     if any(not 0 <= step <= n for step, _ in trace.decisions):
@@ -278,6 +279,9 @@ def _motion_faults(trace: Trace) -> Iterator[str]:
         yield "steps are not the control period apart"
     if tuple(xy[0].tolist()) != trace.task.start:
         yield f"begins at {tuple(xy[0])}, not at the start {trace.task.start}"
+    if not spec.stepwise:
+        yield from dynamic_faults(trace)
+        return
     if (np.abs(np.diff(xy, axis=0) - v[1:] * dt[:, None]) > _NEAR).any():
         yield "a place is not where its velocity leads"
     if (np.hypot(v[:, 0], v[:, 1]) > spec.v_max + _NEAR).any():
@@ -310,32 +314,37 @@ def _end_faults(trace: Trace) -> Iterator[str]:
         yield f"claims to have reached the goal from {away[-1]:g} m away"
     if (away[:-1] < task.goal_tolerance - _NEAR).any():
         yield "goes on after it reached the goal"
-    touched = [
+    stepwise = task.robot.stepwise
+    near, wall = ([], math.inf) if stepwise else last_gaps(trace)
+    touched = [gap <= _NEAR for gap in near] or [
         math.dist(last.tolist(), place) <= task.robot.radius + radius + _NEAR
         for place, radius in zip(_obstacles_at(trace, float(trace.t[-1])), trace.timeline.radius.tolist())
     ]
     moving = math.hypot(*trace.velocity[-1].tolist()) > 1e-9
+    moving |= task.robot.footprint is not None and abs(float(trace.turn_rate[-1])) > 1e-9
     if outcome in ("hit-moving", "hit-standing"):
         if not any(touched):
             yield "claims a contact with an obstacle that it does not touch"
         if moving != (outcome == "hit-moving"):
             yield f"claims {outcome} though the robot was {'moving' if moving else 'at rest'}"
-    if outcome == "hit-wall" and (len(trace.t) == 1 or _wall_gap(trace, len(trace.t) - 2) > _NEAR):
+    if outcome == "hit-wall" and (len(trace.t) == 1 or (_wall_gap(trace, len(trace.t) - 2) if stepwise else wall) > _NEAR):
         yield "claims a contact with a wall that it does not touch"
     if outcome == "timeout" and trace.t[-1] < trace.config.get("horizon", 0.0) - _NEAR:
         yield "claims to have run out of time before the horizon"
 
 
 def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
-    gap = _gaps(trace)
+    stepwise = trace.task.robot.stepwise
+    gap = _gaps(trace) if stepwise else dynamic_gaps(trace, *driven(trace)[:2])
     least = float(gap.min()) if gap.size else math.inf
+    slack = _NEAR if stepwise else 1e-4  # sampled
     length = math.fsum(math.dist(a, b) for a, b in pairwise(trace.xy.tolist()))
     figures = {
         "time": (result.time, float(trace.t[-1])),
         "length": (result.length, length),
         "min_clearance": (result.min_clearance, least),
     }
-    faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= _NEAR]
+    faults = [f"states {name} {a!r} but has {b!r}" for name, (a, b) in figures.items() if a != b and not abs(a - b) <= slack]
     if result.outcome is not trace.outcome or result.seed != trace.seed:
         faults.append("outcome or seed of result and trace differ")
     return faults

@@ -32,6 +32,7 @@ MAX_NUMBERS = 50_000_000  # in one array
 _ARRAYS = {"t": 1, "xy": 2, "velocity": 2, "heading": 1, "command": 2}
 _TIMELINE = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
 _ROBOT = ("radius", "v_max", "a_max", "drive", "dt", "sensor_range", "turn_rate")
+_DYNAMICS = ("v_reverse", "brake_max", "alpha_max", "turning_radius", "latency", "footprint", "dynamics")  # left out at their default
 _TEXTS = ("action", "reason", "encounter", "guard")
 _NUMBERS = ("time_to_closest", "distance_at_closest", "gap")
 
@@ -55,7 +56,7 @@ def to_json(trace: Trace, *, timing: bool = True) -> str:
                 "blocked": _pack(grid.blocked),
                 "unknown": None if grid.unknown is None else _pack(grid.unknown),
             },
-            "robot": {name: getattr(task.robot, name) for name in _ROBOT},
+            "robot": {name: getattr(task.robot, name) for name in _ROBOT} | _dynamics(task.robot),
             "start": list(task.start),
             "goal": list(task.goal),
             "goal_tolerance": task.goal_tolerance,
@@ -63,6 +64,7 @@ def to_json(trace: Trace, *, timing: bool = True) -> str:
             "obstacle_surge": task.obstacle_surge,
         },
         **{name: getattr(trace, name).tolist() for name in _ARRAYS},
+        **({} if task.robot.stepwise else {"turn_rate": trace.turn_rate.tolist()}),
         "timeline": {name: getattr(trace.timeline, name).tolist() for name in _TIMELINE},
         "sensed": _pack(trace.sensed),
         "decisions": [{"step": step, **_decision_record(decision)} for step, decision in trace.decisions],
@@ -70,6 +72,11 @@ def to_json(trace: Trace, *, timing: bool = True) -> str:
     if timing:
         record["cycle_ms"] = trace.cycle_ms.tolist()
     return json.dumps(_finite(record), allow_nan=False, separators=(",", ":"))
+
+
+def _dynamics(robot: RobotSpec) -> dict[str, Any]:
+    default = RobotSpec()
+    return {name: getattr(robot, name) for name in _DYNAMICS if getattr(robot, name) != getattr(default, name)}
 
 
 def _decision_record(decision: Decision) -> dict[str, Any]:
@@ -136,6 +143,8 @@ class _Reader:
         if top["format"] != FORMAT or top["version"] not in READS:
             raise self.bad("format", (top["format"], top["version"]), f"{FORMAT!r} of version {' or '.join(map(str, READS))}")
         arrays = {name: self.floats(name, top.get(name), (None, 2)[:ndim]) for name, ndim in _ARRAYS.items()}
+        if "turn_rate" in top:
+            arrays["turn_rate"] = self.floats("turn_rate", top["turn_rate"], (None,))
         rows = len(arrays["t"])
         for name, array in arrays.items():
             if len(array) != rows - (name == "command"):
@@ -150,7 +159,7 @@ class _Reader:
         if not isinstance(top["decisions"], list):
             raise self.bad("decisions", top["decisions"], "a list")
         return dict(
-            task=self.task(top["task"]),
+            task=self.task(top["task"], "turn_rate" in top),
             policy=self.text("policy", top["policy"]),
             seed=checks.integer("seed", top["seed"], low=0, high=2**64 - 1, where=self.where),
             scenario=self.text("scenario", top["scenario"]),
@@ -164,11 +173,18 @@ class _Reader:
             **arrays,
         )
 
-    def task(self, record: object) -> Task:
+    def task(self, record: object, ramps: bool) -> Task:
+        """Read the task; before speeds ramped, and turn rates were written, robots drove in steps."""
         parts = self.table("task", record, "grid robot start goal goal_tolerance obstacle_speed obstacle_surge")
         grid = self.table("task.grid", parts["grid"], "resolution origin blocked unknown")
         robot = self.table("task.robot", parts["robot"], " ".join(_ROBOT))
         values: dict[str, Any] = {k: robot[k] if k == "drive" else self.real(f"task.robot.{k}", robot[k]) for k in _ROBOT}
+        if not ramps and (values["drive"] != "holonomic" or math.isfinite(values["a_max"])):
+            values["dynamics"] = "steps"
+        for name in _DYNAMICS:
+            if name in robot:
+                plain = name in ("footprint", "dynamics") or robot[name] is None
+                values[name] = robot[name] if plain else self.real(f"task.robot.{name}", robot[name])
         try:
             return Task(
                 grid=Grid(

@@ -1,0 +1,237 @@
+"""Episodes of robots with wheels, inertia, latency and footprints, driven again in small steps that share no code with ours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from antway.world.trace import Trace
+
+_NEAR = 1e-6  # m, m/s, rad
+_SLACK = 1e-5  # m: gaps are taken from samples
+_STEPS = 100  # of each of the two parts of a cycle: before and after the command of late arrives
+
+Floats = NDArray[np.float64]
+
+
+def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
+    """Return times float64[N, S], states (x, y, theta) float64[N, S, 3] and last speeds float64[N, 2] of each cycle, driven anew.
+
+    Each cycle begins in its row of the trace. Of wheels the speeds are (v, omega), else (vx, vy).
+    """
+    spec, n = trace.task.robot, len(trace.command)
+    wheels = spec.drive != "holonomic"
+    x, y, theta = trace.xy[:-1, 0].copy(), trace.xy[:-1, 1].copy(), trace.heading[:-1].copy()
+    a, b = trace.velocity[:-1, 0].copy(), trace.velocity[:-1, 1].copy()
+    if wheels:
+        a, b = a * np.cos(theta) + b * np.sin(theta), trace.turn_rate[:-1].copy()
+    whole = math.floor(spec.latency / spec.dt + 1e-9)
+    late = max(spec.latency - whole * spec.dt, 0.0)
+    span = np.diff(trace.t)
+    t, times, states = trace.t[:-1].copy(), [trace.t[:-1].copy()], [np.stack((x, y, theta), axis=-1)]
+    for part in range(2):
+        h = (np.minimum(late, span) if part == 0 else np.maximum(span - late, 0.0)) / _STEPS
+        asked = np.zeros((n, 2))
+        first = whole + 1 - part
+        asked[first:] = trace.command[: max(n - first, 0)]
+        asked[~np.isfinite(asked).all(axis=1)] = 0.0
+        if part == 0 and late <= 1e-9 * spec.dt:
+            continue
+        for _ in range(_STEPS):
+            if wheels:
+                x, y, theta, a, b = _roll(x, y, theta, a, b, asked, trace, h)
+            else:
+                x, y, a, b = _glide(x, y, a, b, asked, trace, h)
+            t = t + h
+            times.append(t)
+            states.append(np.stack((x, y, theta), axis=-1))
+    return np.stack(times, axis=1), np.stack(states, axis=1), np.stack((a, b), axis=-1)
+
+
+def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) -> Floats:
+    """Speed after h s on its ramp to a target; where it passes 0 the rest of the time counts for the growth."""
+    falls = v * (target - v) < 0.0
+    end = np.where(falls & (v * target < 0.0), 0.0, target)
+    rate = np.where(falls, fall, growth)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        need = np.where(end == v, 0.0, np.abs(end - v) / rate)
+        moved = np.where(need <= h, end, v + np.sign(end - v) * np.where(need <= h, 0.0, rate * h))
+        rest = np.maximum(h - need, 0.0)
+        on = falls & (end != target) & (need < h)
+        further = np.where(np.abs(target - moved) <= growth * rest, target, moved + np.sign(target - moved) * growth * rest)
+    result: Floats = np.where(on, further, moved)
+    return result
+
+
+def _roll(
+    x: Floats, y: Floats, theta: Floats, v: Floats, w: Floats, asked: Floats, trace: Trace, h: Floats
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Wheels for h s: the speeds by their ramps in four parts, the place by the midpoint rule in each."""
+    spec = trace.task.robot
+    brake = spec.a_max if spec.brake_max is None else spec.brake_max
+    cv = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
+    cw = np.clip(asked[:, 1], -spec.turn_rate, spec.turn_rate)
+    for _ in range(4):
+        v1 = _nearer(v, cv, spec.a_max, brake, h / 4)
+        w1 = _nearer(w, cw, spec.alpha_max, spec.alpha_max, h / 4)
+        v0 = v1 if math.isinf(spec.a_max) and math.isinf(brake) else v
+        if spec.turning_radius > 0.0:
+            most = np.abs(v1) / spec.turning_radius
+            w1 = np.clip(w1, -most, most)
+        w0 = w1 if math.isinf(spec.alpha_max) else w
+        middle = theta + (3 * w0 + w1) / 8 * h / 4
+        x = x + (v0 + v1) / 2 * np.cos(middle) * h / 4
+        y = y + (v0 + v1) / 2 * np.sin(middle) * h / 4
+        theta = theta + (w0 + w1) / 2 * h / 4
+        v, w = np.where(h > 0, v1, v), np.where(h > 0, w1, w)
+    return x, y, theta, v, w
+
+
+def _glide(
+    x: Floats, y: Floats, vx: Floats, vy: Floats, asked: Floats, trace: Trace, h: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """A holonomic robot for h s: its velocity goes straight to the one asked for."""
+    spec = trace.task.robot
+    brake = spec.a_max if spec.brake_max is None else spec.brake_max
+    size = np.hypot(*asked.T)
+    cx, cy = (asked * np.where(size > spec.v_max, spec.v_max / np.where(size > 0, size, 1.0), 1.0)[:, None]).T
+    for _ in range(4):
+        dx, dy = cx - vx, cy - vy
+        change = np.hypot(dx, dy)
+        rate = np.where(cx * dx + cy * dy <= 0.0, brake, spec.a_max)
+        with np.errstate(invalid="ignore"):
+            share = np.where(change <= rate * h / 4, 1.0, rate * h / 4 / np.where(change > 0, change, 1.0))
+        ux, uy = vx + dx * share, vy + dy * share
+        at_once = np.isinf(rate)
+        x = x + np.where(at_once, ux, (vx + ux) / 2) * h / 4
+        y = y + np.where(at_once, uy, (vy + uy) / 2) * h / 4
+        vx, vy = np.where(h > 0, ux, vx), np.where(h > 0, uy, vy)
+    return x, y, vx, vy
+
+
+def dynamic_faults(trace: Trace) -> Iterator[str]:
+    """Say where the robot's limits and commands do not lead it, and where it passes through something."""
+    spec = trace.task.robot
+    wheels = spec.drive != "holonomic"
+    times, states, speeds = driven(trace)
+    if np.hypot(*(states[:, -1, :2] - trace.xy[1:]).T).max(initial=0.0) > 5 * _NEAR:
+        yield "a place is not where its command leads"
+    if wheels and np.abs(np.angle(np.exp(1j * (states[:, -1, 2] - trace.heading[1:])))).max(initial=0.0) > 5 * _NEAR:
+        yield "a heading is not where its command turns it"
+    told = trace.velocity
+    if wheels:
+        ahead = np.column_stack((np.cos(trace.heading), np.sin(trace.heading)))
+        if np.abs(told[:, 0] * ahead[:, 1] - told[:, 1] * ahead[:, 0]).max() > _NEAR:
+            yield "moves aside, which wheels do not"
+        told = np.column_stack(((told * ahead).sum(axis=1), trace.turn_rate))
+        if (told[:, 0] > spec.v_max + _NEAR).any() or (told[:, 0] < -spec.v_reverse - _NEAR).any():
+            yield "is faster than v_max or v_reverse"
+        if (np.abs(told[:, 1]) > spec.turn_rate + _NEAR).any():
+            yield "turns faster than turn_rate"
+    elif (np.hypot(*told.T) > spec.v_max + _NEAR).any():
+        yield "is faster than v_max"
+    # Speeds that ramp within the last step may be cut anywhere in it.
+    finest = spec.dt / _STEPS / 4
+    slack = _NEAR + finest * np.array(
+        [_finite(max(spec.a_max, spec.braking)), _finite(spec.alpha_max if wheels else max(spec.a_max, spec.braking))]
+    )
+    if (np.abs(speeds - told[1:]) > slack).any():
+        yield "a speed is not what its command leads to"
+    gap = dynamic_gaps(trace, times, states)
+    for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_SLACK).tolist():
+        yield f"passes through obstacle {trace.timeline.id[k]} in step {int(np.argmin(gap[:, k]))}"
+    depth = [wall_depth(trace, states[i]) for i in range(len(states))]
+    if depth and min(depth) < -_SLACK:
+        yield f"passes through a wall in step {depth.index(min(depth))}"
+
+
+def _finite(limit: float) -> float:
+    return limit if math.isfinite(limit) else 0.0
+
+
+def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
+    """Least sampled distance between the edges of robot and obstacle in each cycle, float64[N, K]."""
+    line = trace.timeline
+    gap = np.empty((len(times), len(line)))
+    for k, (low, high) in enumerate(pairwise(line.first.tolist())):
+        knots, places = line.knot_t[low:high], line.knot_xy[low:high]
+        at = np.stack([np.interp(times, knots, places[:, axis]) for axis in (0, 1)], axis=-1)
+        gap[:, k] = (_body_distance(trace, states, at) - line.radius[k]).min(axis=1)
+    return gap
+
+
+def _corners(trace: Trace) -> Floats:
+    spec = trace.task.robot
+    return np.zeros((1, 2)) if spec.footprint is None else np.array(spec.footprint)
+
+
+def _body_distance(trace: Trace, states: Floats, points: Floats) -> Floats:
+    """Distance of points from the robot's edge, below 0 inside (to the nearest edge's line); any shape [..., 3] and [..., 2]."""
+    dx, dy = points[..., 0] - states[..., 0], points[..., 1] - states[..., 1]
+    spec = trace.task.robot
+    away: Floats = np.hypot(dx, dy)
+    if spec.footprint is None:
+        return away - spec.radius
+    c, s = np.cos(states[..., 2]), np.sin(states[..., 2])
+    px, py = c * dx + s * dy, c * dy - s * dx
+    corners, outside, nearest = _corners(trace), np.full(away.shape, -math.inf), np.full(away.shape, math.inf)
+    for p, q in zip(corners, np.roll(corners, -1, axis=0)):
+        ex, ey = q - p
+        length = math.hypot(ex, ey)
+        outside = np.maximum(outside, ((px - p[0]) * ey - (py - p[1]) * ex) / length)
+        share = np.clip(((px - p[0]) * ex + (py - p[1]) * ey) / length**2, 0.0, 1.0)
+        nearest = np.minimum(nearest, np.hypot(px - p[0] - share * ex, py - p[1] - share * ey))
+    return np.where(outside > 0.0, nearest, outside)
+
+
+def wall_depth(trace: Trace, states: Floats) -> float:
+    """Least of the robot's distances from blocked squares and the map's edges over states float64[S, 3], m; below 0 inside.
+
+    Between polygons it is the widest gap along the normals of either: 0 where they touch, and never more than the distance.
+    """
+    grid, spec = trace.task.grid, trace.task.robot
+    (x0, y0, _), size, (rows, cols) = grid.origin, grid.resolution, grid.shape
+    corners, rounding = _corners(trace), spec.radius if spec.footprint is None else 0.0
+    c, s = np.cos(states[:, 2]), np.sin(states[:, 2])
+    xs = states[:, :1] + c[:, None] * corners[:, 0] - s[:, None] * corners[:, 1]  # [S, corners]
+    ys = states[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
+    sides = (xs.min() - x0, x0 + cols * size - xs.max(), ys.min() - y0, y0 + rows * size - ys.max())
+    least = float(min(sides)) - rounding
+    reach = spec.radius + size
+    j0, j1 = math.floor((states[:, 0].min() - x0 - reach) / size), math.ceil((states[:, 0].max() - x0 + reach) / size)
+    i0, i1 = math.floor((states[:, 1].min() - y0 - reach) / size), math.ceil((states[:, 1].max() - y0 + reach) / size)
+    near = grid.blocked[max(i0, 0) : max(i1, 0), max(j0, 0) : max(j1, 0)]
+    for i, j in np.argwhere(near).tolist():
+        cx, cy = x0 + (j + max(j0, 0) + 0.5) * size, y0 + (i + max(i0, 0) + 0.5) * size
+        if len(corners) == 1:
+            gap = np.hypot(np.maximum(np.abs(xs - cx) - size / 2, 0.0), np.maximum(np.abs(ys - cy) - size / 2, 0.0))
+            least = min(least, float(gap.min()) - rounding)
+            continue
+        apart = np.maximum.reduce(
+            [xs.min(axis=1) - cx, cx - xs.max(axis=1), ys.min(axis=1) - cy, cy - ys.max(axis=1)]
+        ) - size / 2
+        for k in range(len(corners)):
+            ex, ey = xs[:, k - 1] - xs[:, k], ys[:, k - 1] - ys[:, k]
+            length = np.hypot(ex, ey)
+            nx, ny = -ey / length, ex / length  # outwards: the corners go round counterclockwise
+            beyond = nx * (cx - xs[:, k]) + ny * (cy - ys[:, k]) - size / 2 * (np.abs(nx) + np.abs(ny))
+            apart = np.maximum(apart, beyond)
+        least = min(least, float(apart.min()))
+    return least
+
+
+def last_gaps(trace: Trace) -> tuple[list[float], float]:
+    """Distances of the robot at its last row from each obstacle, and from walls."""
+    state = np.array([*trace.xy[-1], trace.heading[-1]])
+    line = trace.timeline
+    gaps = []
+    for k, (low, high) in enumerate(pairwise(line.first.tolist())):
+        at = [np.interp(trace.t[-1], line.knot_t[low:high], line.knot_xy[low:high, axis]) for axis in (0, 1)]
+        gaps.append(float(_body_distance(trace, state, np.array(at)) - line.radius[k]))
+    return gaps, wall_depth(trace, state[None])

@@ -1,0 +1,142 @@
+"""Robots with wheels, inertia, latency and footprints in whole episodes: checked independently, kept in files, refused if wrong."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import BadInput, BadParameter, Command, Decision, Grid, RobotSpec, Scenario, World, check_episode, run
+from antway.errors import InvalidPlan
+from antway.policies.guard import Guarded
+from antway.world.motions import Bounce
+from antway.world.robots import ROBOTS, load_robot
+from antway.world.trace import Trace
+from antway.world.world import Obstacle
+from common import cases
+
+EXTRA = {
+    "tricycle": RobotSpec(drive="ackermann", a_max=1.0, turning_radius=0.6, v_reverse=0.3, alpha_max=4.0, latency=0.13),
+    "slider": RobotSpec(a_max=1.0, brake_max=2.0, latency=0.05, footprint=((-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2))),
+}
+EVERY = {name: spec for name, (spec, _) in ROBOTS.items()} | EXTRA
+
+
+class Wanderer:
+    """Random twists and velocities, each for a while."""
+
+    def reset(self, task, seed):
+        self.task, self.rng = task, np.random.default_rng(seed)
+        self.command = Command()
+
+    def act(self, o):
+        if self.rng.random() < 0.2:
+            v, w, angle = self.rng.uniform(-0.5, 1.5), self.rng.uniform(-3, 3), self.rng.uniform(0, 6.3)
+            twist = (float(v), float(w)) if self.task.robot.wheels and self.rng.random() < 0.7 else None
+            self.command = Command((math.cos(angle), math.sin(angle)), twist)
+        return None if self.rng.random() < 0.03 else self.command
+
+    def explain(self):
+        return Decision("follow", "wanders")
+
+
+def hall(rng: np.random.Generator, robot: RobotSpec, discs: int = 4) -> Scenario:
+    blocked = np.zeros((40, 40), dtype=bool)
+    blocked[10:13, 8:20] = blocked[26:30, 20:34] = True
+    obstacles = []
+    while len(obstacles) < discs:
+        xy = rng.uniform(1.0, 9.0, 2)
+        if math.dist(xy, (5.0, 5.0)) > 2.0 and not blocked[int(xy[1] / 0.25) - 1 : int(xy[1] / 0.25) + 2].any():
+            obstacles.append(Obstacle(0.25, Bounce(tuple(xy.tolist()), 0.6, float(rng.uniform(-3, 3)))))
+    world = World(Grid(blocked, 0.25), tuple(obstacles))
+    return Scenario(world, (5.0, 5.0), (9.0, 9.0), robot=robot, horizon=15.0, obstacle_speed=0.6)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_what_is_played_passes_the_check(name: str, tmp_path: Path) -> None:
+    """Wild episodes of every robot, with and without a guard, pass the independent check, and read back from their files equal."""
+    rng = np.random.default_rng(len(name))
+    for seed in range(cases(3, 300)):
+        for policy in (Wanderer(), Guarded(Wanderer())):
+            result = run(hall(rng, EVERY[name]), policy, seed=seed)
+            check_episode(result)
+            if isinstance(policy, Guarded):
+                assert result.outcome.value in ("timeout", "reached", "hit-standing")
+    result.trace.save(tmp_path / "trace.json")
+    again = Trace.load(tmp_path / "trace.json")
+    assert again.digest() == result.trace.digest() and again.task.robot == EVERY[name]
+    check_episode(again)
+
+
+@pytest.mark.parametrize("name", ["diff", "amr", "tricycle", "slider", "inertia"])
+def test_the_check_finds_what_is_false(name: str) -> None:
+    """A place, a heading, a speed or a command that is not as driven is found."""
+    trace = run(hall(np.random.default_rng(1), EVERY[name], 0), Guarded(Wanderer()), seed=1).trace
+    check_episode(trace)
+    fields = ("xy", "velocity", "command") if name in ("slider", "inertia") else ("xy", "velocity", "heading", "turn_rate", "command")
+    for field in fields:
+        wrong = getattr(trace, field).copy()
+        row = len(wrong) // 2
+        while field == "command" and not np.isfinite(wrong[row]).all():
+            row += 1
+        wrong[row] += 0.1 if field != "command" else np.where(wrong[row] > 0, -3.0, 3.0)
+        with pytest.raises(InvalidPlan):
+            check_episode(replace(trace, **{field: wrong}))
+
+
+def test_traces_of_old_are_of_steps() -> None:
+    """The old step model stays an option, and without inertia holonomic robots know no other."""
+    rng = np.random.default_rng(2)
+    result = run(hall(rng, RobotSpec(drive="differential", a_max=1.0, dynamics="steps")), Wanderer(), seed=3)
+    check_episode(result)
+    assert RobotSpec().stepwise and not RobotSpec(a_max=1.0).stepwise
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"v_reverse": -0.3, "drive": "differential"},
+        {"v_reverse": 0.3},
+        {"v_reverse": 2.0, "drive": "differential"},
+        {"turning_radius": 1.0},
+        {"turning_radius": 1.0, "drive": "differential"},
+        {"drive": "ackermann"},
+        {"drive": "tank"},
+        {"alpha_max": 0.0},
+        {"brake_max": -1.0},
+        {"latency": -0.1},
+        {"latency": math.inf},
+        {"dynamics": "leaps"},
+        {"dynamics": "steps", "latency": 0.1},
+        {"footprint": [(0, 0), (1, 0)]},
+        {"footprint": [(0, 0), (1, 1), (1, 0), (0, 1)]},
+        {"footprint": [(0, 0), (2, 0), (0.4, 0.4), (0, 2)]},
+        {"footprint": [(0, 0), (1, 0), (2, 0)]},
+        {"footprint": [(0, 0), (1, 0), (math.nan, 1)]},
+        {"footprint": "round"},
+        {"footprint": [(0, 1), (-0.59, -0.81), (0.95, 0.31), (-0.95, 0.31), (0.59, -0.81)]},
+    ],
+)
+def test_wrong_robots_raise(wrong: dict) -> None:
+    """A reverse limit with a sign, a footprint that crosses itself, a turning radius without steering: one typed error."""
+    with pytest.raises(BadParameter, match=r"robot\."):
+        RobotSpec(**wrong)
+
+
+def test_robots_are_found_by_name_and_file(tmp_path: Path) -> None:
+    """Every shipped robot has a source and loads by name; a file gives the fields, and errors name it."""
+    for name, (spec, source) in ROBOTS.items():
+        assert load_robot(name) == spec and len(source) > 20
+    file = tmp_path / "mine.toml"
+    file.write_text('drive = "differential"\na_max = 0.5\nfootprint = [[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]]\n')
+    assert load_robot(str(file)).radius == pytest.approx(math.hypot(0.2, 0.1))
+    for text in ("wheels = 2", "v_max = -1", "v_max", 'drive = "tank"'):
+        file.write_text(text)
+        with pytest.raises(BadInput, match=r"mine\.toml"):
+            load_robot(file)
+    for name in ("turtlebot5", "", str(tmp_path), None):
+        with pytest.raises(BadParameter):
+            load_robot(name)
