@@ -1,4 +1,4 @@
-"""The guard of robots with wheels, inertia, latency and footprints against policies and obstacles at their worst (C24, C25, C45)."""
+"""The guard of robots with wheels, inertia, latency and footprints, against the worst of policies and obstacles (C24, C45)."""
 
 from __future__ import annotations
 

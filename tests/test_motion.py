@@ -1,4 +1,4 @@
-"""Robots with wheels, inertia, latency and footprints move as a twin in steps of a millisecond does, and touch what it touches."""
+"""Robots with wheels, inertia, latency, footprints move as a twin in steps of a millisecond does, and touch what it does."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from common import cases
-from naive import motion as twin
 
 from antway import Grid
 from antway.kernels.base.geometry import timeline_at
@@ -17,6 +15,8 @@ from antway.kernels.robot.cycle import Body, Discs, Record, play
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
 from antway.world.timeline import Timeline
 from antway.world.walls import walls_of
+from common import cases
+from naive import motion as twin
 
 DRIVES = (HOLONOMIC, DIFFERENTIAL, ACKERMANN)
 

@@ -1,4 +1,4 @@
-"""Robots with wheels, inertia, latency and footprints in whole episodes: checked independently, kept in files, refused if wrong."""
+"""Robots with wheels, inertia, latency, footprints in whole episodes: checked, kept in files, refused if wrong."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def hall(rng: np.random.Generator, robot: RobotSpec, discs: int = 4) -> Scenario
 
 @pytest.mark.parametrize("name", EVERY)
 def test_what_is_played_passes_the_check(name: str, tmp_path: Path) -> None:
-    """Wild episodes of every robot, with and without a guard, pass the independent check, and read back from their files equal."""
+    """Wild episodes of every robot, with and without a guard, pass the independent check; traces read back equal."""
     rng = np.random.default_rng(len(name))
     for seed in range(cases(3, 300)):
         for policy in (Wanderer(), Guarded(Wanderer())):
@@ -76,8 +76,7 @@ def test_the_check_finds_what_is_false(name: str) -> None:
     """A place, a heading, a speed or a command that is not as driven is found."""
     trace = run(hall(np.random.default_rng(1), EVERY[name], 0), Guarded(Wanderer()), seed=1).trace
     check_episode(trace)
-    fields = ("xy", "velocity", "command") if name in ("slider", "inertia") else ("xy", "velocity", "heading", "turn_rate", "command")
-    for field in fields:
+    for field in ("xy", "velocity", "command", *(() if name in ("slider", "inertia") else ("heading", "turn_rate"))):
         wrong = getattr(trace, field).copy()
         row = len(wrong) // 2
         while field == "command" and not np.isfinite(wrong[row]).all():
@@ -140,3 +139,41 @@ def test_robots_are_found_by_name_and_file(tmp_path: Path) -> None:
     for name in ("turtlebot5", "", str(tmp_path), None):
         with pytest.raises(BadParameter):
             load_robot(name)
+
+
+def test_tables_of_names_agree() -> None:
+    """The names that help texts show are those that there are."""
+    from antway.tables import ROBOTS as NAMES
+
+    assert set(NAMES) == set(ROBOTS)
+
+
+def test_a_scenario_file_names_its_robot(tmp_path: Path) -> None:
+    """`robot = "turtlebot4"` takes the shipped one; a scenario with any robot reads back equal."""
+    from antway.world.scenario import load_scenario, save_scenario
+
+    scenario = hall(np.random.default_rng(0), EVERY["slider"], 2)
+    save_scenario(scenario, tmp_path / "one.toml")
+    assert load_scenario(tmp_path / "one.toml").robot == scenario.robot
+    text = (tmp_path / "one.toml").read_text()
+    head, _, rest = text.partition("[robot]")
+    file = tmp_path / "two.toml"
+    file.write_text('robot = "turtlebot4"\n' + head + "[sensor]" + rest.partition("[sensor]")[2])
+    assert load_scenario(file).robot == ROBOTS["turtlebot4"][0]
+    file.write_text('robot = "turtlebot5"\n' + head)
+    with pytest.raises(BadInput, match=r"two\.toml.*robot"):
+        load_scenario(file)
+
+
+def test_every_suite_takes_another_robot() -> None:
+    """A robot is an axis of a suite: the same world and seed, another key; a larger robot gets a world with room for it."""
+    from antway.arena.suites import build, episodes
+
+    own, other = episodes("synthetic", 1), episodes("synthetic", 1, "diff")
+    for a, b in zip(own, other):
+        assert a.seed == b.seed and b.suite == "synthetic on diff" and a.suite == "synthetic"
+        assert build(b).robot == ROBOTS["diff"][0] and build(a).start == build(b).start
+    for episode in episodes("synthetic", 1, "amr"):
+        assert build(episode).robot.radius > 0.6
+    with pytest.raises(BadParameter, match="room"):
+        build(episodes("paper", 1, "amr")[0])

@@ -183,9 +183,9 @@ def test_shipped_scenes_load(name: str) -> None:
 
 
 def test_a_footprint_is_the_disc_round_it(hall: Path) -> None:
-    """A polygon in place of the radius stands for its circumscribed disc; both at once, and what is no polygon, are refused."""
+    """A polygon in place of the radius has its circumscribed disc; both at once, and what is no polygon, are refused."""
     hall.write_text(GOOD.replace("radius = 0.3\n[sensor]", "footprint = [[0.24, 0.18], [-0.24, 0.18], [0.0, -0.2]]\n[sensor]"))
-    assert load_scenario(hall).robot == RobotSpec(radius=0.3)
+    assert load_scenario(hall).robot.radius == pytest.approx(0.3) and len(load_scenario(hall).robot.footprint) == 3
     for wrong in ("radius = 0.3\nfootprint = [[0, 1], [1, 0], [0, 0]]", "footprint = [[0, 1], [1, 0]]", "footprint = 'car'"):
         hall.write_text(GOOD.replace("radius = 0.3\n[sensor]", f"{wrong}\n[sensor]"))
         with pytest.raises(BadInput, match=r"hall\.toml.*robot\.footprint"):

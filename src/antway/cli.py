@@ -30,7 +30,7 @@ from antway.console import (
     working,
 )
 from antway.errors import BadParameter
-from antway.tables import PLANNERS, POLICIES, SUITES, names
+from antway.tables import PLANNERS, POLICIES, ROBOTS, SUITES, names
 
 if TYPE_CHECKING:
     pass
@@ -45,6 +45,9 @@ app = typer.Typer(
 
 
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
+RobotName = Annotated[
+    str | None, typer.Option(metavar="NAME", help=f"Which robot drives: {names(ROBOTS)}, or a .toml file; else the usual one.")
+]
 PolicyName = Annotated[str, typer.Option(metavar="NAME", help=f"What steers the robot: {names(POLICIES)}, or MODULE:CLASS.")]
 
 
@@ -130,6 +133,7 @@ def run_command(
     seed: RunSeed = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, replay page, trace and more.")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="Say why: every decision, what it met and weighed.")] = False,
+    robot: RobotName = None,
     json: Json = False,
 ) -> int:
     """Take a robot through a scenario; exit status 5 on a contact."""
@@ -138,6 +142,10 @@ def run_command(
 
     with working("running"):
         place = scene(scenario)
+        if robot is not None:
+            from antway.world.robots import load_robot
+
+            place = place.driven_by(load_robot(robot))
         result = run(place, policy, seed=seed)
         if out is not None:
             numbers = write_episode(result, out)
@@ -200,6 +208,7 @@ def bench_command(
             "--policies", "--policy", metavar="A,B", help="Names, or MODULE:CLASS; /OPTION=VALUE after one sets an option."
         ),
     ] = "antway,oracle",
+    robot: RobotName = None,
     episodes: Annotated[int | None, number_option("episodes", int, "N", "Episodes of each group of the suite.")] = None,
     engine: Annotated[str, typer.Option(metavar="NAME", help="local or ray.")] = "local",
     workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
@@ -229,7 +238,7 @@ def bench_command(
     if "parquet" in kinds and find_spec("pyarrow") is None:
         raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
     with working("preparing"):
-        jobs = engines.table_jobs(episodes_of(suite, episodes), names)
+        jobs = engines.table_jobs(episodes_of(suite, episodes, robot or ""), names)
     out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Results(out / "results.db") as results:

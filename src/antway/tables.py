@@ -5,6 +5,8 @@ Help texts and the tables in docs/ are made from these. This module imports noth
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 PLANNERS: dict[str, str] = {
     "dijkstra": "antway.search.distance_field:dijkstra",
     "astar": "antway.search.astar:astar",
@@ -30,6 +32,17 @@ POLICIES: dict[str, str] = {
     "orca": "antway.baselines.orca:Orca",
     "oracle": "antway.baselines.oracle:Oracle",
 }
+
+ROBOTS: tuple[str, ...] = (  # specifications and sources in antway.world.robots
+    "holonomic",
+    "inertia",
+    "diff",
+    "turtlebot3_burger",
+    "turtlebot3_waffle",
+    "turtlebot4",
+    "jackal",
+    "amr",
+)
 
 SUITES: dict[str, str] = {
     "paper": "antway.arena.environments:paper",
@@ -79,6 +92,6 @@ ABOUT: dict[str, dict[str, str]] = {  # what each name means, for docs/guide.md
 }
 
 
-def names(table: dict[str, str]) -> str:
+def names(table: Iterable[str]) -> str:
     """Return the names in a table for a help text, those of `OF_FILES` with their file."""
     return ", ".join(f"{name}:FILE" if table is SUITES and name in OF_FILES else name for name in table)

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
-    """Return times float64[N, S], states (x, y, theta) float64[N, S, 3] and last speeds float64[N, 2] of each cycle, driven anew.
+    """Drive each cycle anew: times float64[N, S], states (x, y, theta) float64[N, S, 3], last speeds float64[N, 2].
 
     Each cycle begins in its row of the trace. Of wheels the speeds are (v, omega), else (vx, vy).
     """
@@ -172,7 +172,7 @@ def _corners(trace: Trace) -> Floats:
 
 
 def _body_distance(trace: Trace, states: Floats, points: Floats) -> Floats:
-    """Distance of points from the robot's edge, below 0 inside (to the nearest edge's line); any shape [..., 3] and [..., 2]."""
+    """Distance of points from the robot's edge, below 0 inside (to the nearest edge's line): [..., 3] and [..., 2]."""
     dx, dy = points[..., 0] - states[..., 0], points[..., 1] - states[..., 1]
     spec = trace.task.robot
     away: Floats = np.hypot(dx, dy)
@@ -213,9 +213,9 @@ def wall_depth(trace: Trace, states: Floats) -> float:
             gap = np.hypot(np.maximum(np.abs(xs - cx) - size / 2, 0.0), np.maximum(np.abs(ys - cy) - size / 2, 0.0))
             least = min(least, float(gap.min()) - rounding)
             continue
-        apart = np.maximum.reduce(
-            [xs.min(axis=1) - cx, cx - xs.max(axis=1), ys.min(axis=1) - cy, cy - ys.max(axis=1)]
-        ) - size / 2
+        apart = (
+            np.maximum.reduce([xs.min(axis=1) - cx, cx - xs.max(axis=1), ys.min(axis=1) - cy, cy - ys.max(axis=1)]) - size / 2
+        )
         for k in range(len(corners)):
             ex, ey = xs[:, k - 1] - xs[:, k], ys[:, k - 1] - ys[:, k]
             length = np.hypot(ex, ey)

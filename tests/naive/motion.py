@@ -97,7 +97,7 @@ def hull_gap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def wall_gap(corners: np.ndarray, blocked: np.ndarray, size: float, reach: float) -> float:
-    """Distance of a convex polygon (corners in the world) from blocked squares and the edges of a map whose corner is (0, 0)."""
+    """Distance of a convex polygon in the world from blocked squares and the edges of a map whose corner is (0, 0)."""
     rows, cols = blocked.shape
     least = float(min(corners.min(), (cols * size - corners[:, 0]).min(), (rows * size - corners[:, 1]).min()))
     low, high = corners.min(axis=0) - reach, corners.max(axis=0) + reach

@@ -8,20 +8,26 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from antway import checks
-from antway.errors import BadParameter
+from antway.errors import BadParameter, CellBlocked
 from antway.kernels.base.rng import below, stream, uniform
 from antway.kernels.baselines.oracle import survivors
 from antway.search.sipp import Sipp
 from antway.tables import OF_FILES, SUITES
 from antway.world.motions import Pursue
 from antway.world.policy import XY
+from antway.world.robots import ROBOTS as KNOWN
+from antway.world.robots import load_robot
 from antway.world.scenario import Scenario
 
+_ON = " on "  # between the names of suite and robot
+_TRIES = 100  # worlds drawn anew for a robot that has no room in the suite's own
 ROBOTS = 200  # robots that drive at constant velocity to measure how difficult an episode is
 DRIVE = 5.0  # s that they drive
 
@@ -81,12 +87,17 @@ class Suite:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One episode of a suite: `spec` builds the suite anywhere, `suite`, `group` and `number` name the episode for good."""
+    """One episode of a suite: `spec` builds the suite anywhere, `suite`, `group` and `number` name the episode for good.
+
+    With a `robot` (a name, or a file) that drives in place of the suite's own, `suite` ends in " on " and its name; the world
+    and all that is random stay those of the suite.
+    """
 
     spec: str
     suite: str
     group: str
     number: int
+    robot: str = ""
 
     @property
     def name(self) -> str:
@@ -96,7 +107,7 @@ class Episode:
     @property
     def seed(self) -> int:
         """The seed of everything random in it: world, sensor and policy."""
-        return seed_of(self.suite, self.group, self.number)
+        return seed_of(self.suite.partition(_ON)[0], self.group, self.number)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +152,10 @@ def load_suite(spec: str) -> Suite:
     return suite
 
 
-def episodes(spec: str, count: int | None = None) -> list[Episode]:
+def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Episode]:
     """Return the first `count` episodes of every group (None: the suite's own number), numbers first, groups within.
+
+    `robot`, a name or a file (`antway.world.robots.load_robot`), drives in place of the suite's own.
 
     Examples
     --------
@@ -151,15 +164,57 @@ def episodes(spec: str, count: int | None = None) -> list[Episode]:
     """
     suite = load_suite(spec)
     count = suite.default if count is None else checks.integer("episodes", count, low=1, high=1_000_000)
-    return [Episode(spec, suite.name, group, number) for number in range(count) for group in suite.groups]
+    name = suite.name + (f"{_ON}{robot_name(robot)}" if robot else "")
+    return [Episode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]
 
 
 _suite = lru_cache(maxsize=4)(load_suite)
 
 
+def robot_name(robot: str) -> str:
+    """Return the name of a robot in the tables: a shipped one's own, or a file's with a part of a hash of what it says."""
+    spec = load_robot(robot)
+    return robot if robot in KNOWN else f"{Path(robot).stem}:{seed_of(spec) % 16**8:08x}"
+
+
 def build(episode: Episode) -> Scenario:
-    """Return the scenario of an episode."""
-    return _suite(episode.spec).make(episode.group, Chance(episode.seed))
+    """Return the scenario of an episode.
+
+    A robot larger than the suite's own gets the first world drawn in which it has room at both ends and a way between them.
+
+    Raises
+    ------
+    BadParameter
+        If there is none in a hundred.
+    """
+    make = _suite(episode.spec).make
+    scenario = make(episode.group, Chance(episode.seed))
+    if not episode.robot:
+        return scenario
+    robot, own = load_robot(episode.robot), scenario.robot
+    for attempt in range(_TRIES):
+        try:
+            driven = scenario.driven_by(robot)
+        except CellBlocked:
+            pass
+        else:
+            if robot.radius <= own.radius or _connected(driven):
+                return driven
+        scenario = make(episode.group, Chance(seed_of(episode.seed, attempt)))
+    raise BadParameter("robot", episode.robot, f"a robot that has room in {episode.name}; its radius is {robot.radius:g} m")
+
+
+def _connected(scenario: Scenario) -> bool:
+    """Tell whether start and goal are in one room of the map for the robot, clear of where obstacles begin."""
+    free = ~scenario.world.grid.inflate(scenario.robot.radius).blocked
+    rooms, _ = label(free)
+    ends = [rooms[scenario.world.grid.cell_at(end)] for end in (scenario.start, scenario.goal)]
+    begin = scenario.world.timeline(0, 1.0).places(np.zeros(1))[0]
+    radius = scenario.robot.radius
+    clear = all(
+        math.dist(at, scenario.start) > radius + one.radius for at, one in zip(begin.tolist(), scenario.world.obstacles)
+    )
+    return bool(ends[0] == ends[1] != 0) and clear
 
 
 @lru_cache(maxsize=8)

@@ -137,8 +137,8 @@ class Command:
     def acts(self, observation: Observation, robot: RobotSpec) -> XY:
         """Return the two numbers that the robot follows: (vx, vy), or for wheels (v, omega).
 
-        Wheels that are given a velocity alone turn towards it, as fast as they can still stop turning there, and meanwhile drive
-        forward at its part along the heading, never backwards.
+        Wheels that are given a velocity alone turn towards it, as fast as they can still stop turning there, and meanwhile
+        drive forward at its part along the heading, never backwards.
         """
         if not robot.wheels:
             return self.velocity

@@ -54,8 +54,8 @@ class RobotSpec:
     footprint : sequence of (x, y) or None
         Corners in m of a convex polygon in the robot's frame (x ahead, y left, turning about (0, 0)); None: a disc.
     dynamics : str
-        "ramps": speeds ramp within a control period and wheels drive arcs. "steps": velocity and heading jump at the begin of each
-        period and the robot drives straight; for traces of old, without ackermann, reverse, latency and footprint.
+        "ramps": speeds ramp within a control period and wheels drive arcs. "steps": velocity and heading jump at the begin of
+        each period and the robot drives straight; for traces of old, without ackermann, reverse, latency and footprint.
 
     Raises
     ------

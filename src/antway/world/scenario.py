@@ -17,9 +17,9 @@ from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.limits import MAX_DEPTH, MAX_TIME
-from antway.trajectory.footprint import circumscribed_radius
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task
+from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.world import MAX_OBSTACLES, Obstacle, World
 
@@ -92,6 +92,16 @@ class Scenario:
                 allowed = f"at least the robot's radius, {self.robot.radius:g} m, from walls and the map's edges"
                 raise CellBlocked(end, getattr(task, end), allowed)
 
+    def driven_by(self, robot: RobotSpec) -> Scenario:
+        """Return the same scenario for another robot; one that is slower has more time.
+
+        Raises
+        ------
+        CellBlocked
+            If it has no room at an end.
+        """
+        return replace(self, robot=robot, horizon=self.horizon * max(self.robot.v_max / robot.v_max, 1.0))
+
 
 _PLAIN = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "obstacle_surge", "horizon", "seed")
 _TOP = (*_PLAIN, "robot", "sensor", "obstacles")
@@ -105,9 +115,10 @@ def load_scenario(path: str | Path) -> Scenario:
     motion's fields (`antway.world.motions`). `map` is a file in the scenario's folder or below it; so is the `file` of a
     replay, CSV lines t,x,y.
 
-    In place of its `radius` a robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about.
-    Planning, guard and contacts then take the disc round it: safe whatever its heading, and blind to ways that fit it in some
-    headings alone.
+    `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). In place of its `radius` a
+    robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about. Guard and contacts take it as it
+    is, turned as the robot is; planning takes the disc round it: safe whatever its heading, and blind to paths that fit it in
+    some headings alone.
 
     Raises
     ------
@@ -158,7 +169,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     _keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
     grid = load_map(_inside(values["map"], "map", folder, where))
-    robot = _build("robot", RobotSpec, _round(values.pop("robot", {}), where), where)
+    robot = _robot(values.pop("robot", {}), where)
     sensor = _build("sensor", Sensor, values.pop("sensor", {}), where)
     listed = values.pop("obstacles", [])
     if not isinstance(listed, list):
@@ -172,17 +183,17 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
         raise error.at(where) from None
 
 
-def _round(robot: object, where: str) -> object:
-    """Return the table of a robot with the disc round its `footprint`, where it has one, as its radius."""
-    if not isinstance(robot, dict) or "footprint" not in robot:
-        return robot
-    if "radius" in robot:
-        raise BadScenario("robot.footprint", robot["footprint"], "left out where robot.radius is given", where=where)
-    try:
-        radius = circumscribed_radius(robot["footprint"])
-    except BadInput as error:
-        raise error.at(where, "robot.footprint") from None
-    return {**{key: value for key, value in robot.items() if key != "footprint"}, "radius": radius}
+def _robot(value: object, where: str) -> RobotSpec:
+    """Return the robot of a name or a table."""
+    if isinstance(value, str):
+        try:
+            return load_robot(value)
+        except BadInput as error:
+            raise error.at(where) from None
+    if isinstance(value, dict) and "footprint" in value and "radius" in value:
+        raise BadScenario("robot.footprint", value["footprint"], "left out where robot.radius is given", where=where)
+    spec: RobotSpec = _build("robot", RobotSpec, value, where)
+    return spec
 
 
 def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
@@ -257,7 +268,10 @@ def to_toml(scenario: Scenario) -> str:
     lines = [f"{key} = {_toml(getattr(scenario, key))}" for key in _PLAIN]
     for table in ("robot", "sensor"):
         part = getattr(scenario, table)
-        lines += ["", f"[{table}]", *(f"{f.name} = {_toml(getattr(part, f.name))}" for f in fields(part))]
+        given = {f.name: getattr(part, f.name) for f in fields(part)}
+        if given.get("footprint") is not None:
+            del given["radius"]
+        lines += ["", f"[{table}]", *(f"{name} = {_toml(value)}" for name, value in given.items() if value is not None)]
     names = {kind: name for name, kind in MOTIONS.items()}
     for k, obstacle in enumerate(scenario.world.obstacles):
         kind = type(obstacle.motion)

@@ -32,7 +32,15 @@ MAX_NUMBERS = 50_000_000  # in one array
 _ARRAYS = {"t": 1, "xy": 2, "velocity": 2, "heading": 1, "command": 2}
 _TIMELINE = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
 _ROBOT = ("radius", "v_max", "a_max", "drive", "dt", "sensor_range", "turn_rate")
-_DYNAMICS = ("v_reverse", "brake_max", "alpha_max", "turning_radius", "latency", "footprint", "dynamics")  # left out at their default
+_DYNAMICS = (
+    "v_reverse",
+    "brake_max",
+    "alpha_max",
+    "turning_radius",
+    "latency",
+    "footprint",
+    "dynamics",
+)  # left out at their default
 _TEXTS = ("action", "reason", "encounter", "guard")
 _NUMBERS = ("time_to_closest", "distance_at_closest", "gap")
 

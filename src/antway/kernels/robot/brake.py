@@ -1,8 +1,8 @@
 """The guard for robots with inertia: does a command leave a manoeuvre to a stand that nothing can cut off?
 
 A manoeuvre is: one control cycle of the command, then brake while the turn rate goes to some value for some cycles, then brake
-and stop turning. It is certified if its true path (ramps, arcs, the footprint) keeps a margin to walls and stays out of every
-place that an obstacle could reach by then (kernels/robot/reach.py). What an obstacle could reach by a given time shrinks with each
+and stop turning. It is certified if its true path (ramps, arcs, the footprint) keeps a margin to walls and stays out of
+every place that an obstacle could reach by then (kernels/robot/reach.py). What an obstacle could reach by a given time shrinks with each
 look at it, so a manoeuvre certified once stays certified: the guard keeps the last one and falls back on it.
 """
 
@@ -46,8 +46,8 @@ class Robot(NamedTuple):
 def _stays_clear(m: Segment, t: float, h: float, body: Body, row: NDArray[np.float64]) -> bool:
     """Tell whether the body on a segment, which begins t s from now, stays out of where one obstacle could be.
 
-    It could be in a disc round where it was seen that grows by its speed, and in one that drifts on with its velocity and grows by
-    its acceleration: it is in both, so to be out of one at each time is enough.
+    It could be in a disc round where it was seen that grows by its speed, and in one that drifts on with its velocity and grows
+    by its acceleration: it is in both, so to be out of one at each time is enough.
     """
     s = 0.0
     while s <= h:

@@ -168,7 +168,7 @@ def play(
     wheels = limits.drive != HOLONOMIC
     t, (x, y), (vx, vy), theta = record.t[i], record.xy[i], record.velocity[i], record.heading[i]
     a, b = (vx * math.cos(theta) + vy * math.sin(theta), record.turn_rate[i]) if wheels else (vx, vy)
-    whole = int(math.floor(limits.latency / dt + 1e-9))
+    whole = math.floor(limits.latency / dt + 1e-9)
     late = max(limits.latency - whole * dt, 0.0)
     if late <= 1e-9 * dt:
         late = 0.0

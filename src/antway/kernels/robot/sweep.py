@@ -1,8 +1,8 @@
 """Contact in continuous time of a body that drives a segment of motion: with discs that move and grow, with walls.
 
 The body is the convex hull of its corners, rounded: a disc has one corner, its centre, and its radius as rounding. Contact is a
-gap below -`TOUCH`; touching is legal. All of it is conservative advancement: along the axis n of the present gap d the body can
-lose no more than the quadratic d + c s + q s^2 / 2 shows, whose c is exact and whose q is exact on straight segments and a bound
+gap below -`TOUCH`; touching is legal. All of it is conservative advancement: along the axis n of the present gap d the body
+can lose no more than the quadratic d + c s + q s^2 / 2 shows, whose c is exact and whose q is exact on straight segments and a bound
 on the acceleration of every corner on curved ones. To jump from root to root never passes a contact, and comes to it as fast as
 Newton's method does.
 """
@@ -24,7 +24,7 @@ _LEAST = 1e-9  # s; no jump is shorter
 
 
 class Segment(NamedTuple):
-    """A stretch of motion from (x, y, theta): straight with a constant acceleration, or on an arc as in kernels/robot/motion.py."""
+    """A stretch of motion from (x, y, theta): straight with a constant acceleration, or an arc (kernels/robot/motion.py)."""
 
     curved: bool
     x: float  # m
@@ -315,7 +315,8 @@ def room(walls: Walls, x: float, y: float) -> float:
     if not (0.0 <= u < cols and 0.0 <= v < rows):
         return 0.0
     i, j = int(v), int(u)
-    return max(walls.clearance[i, j] - s * math.hypot(u - j - 0.5, v - i - 0.5), 0.0)
+    free: float = max(walls.clearance[i, j] - s * math.hypot(u - j - 0.5, v - i - 0.5), 0.0)
+    return free
 
 
 @bare_kernel
