@@ -27,17 +27,17 @@ ROOM = Grid(np.zeros((40, 60), dtype=bool), 0.25)
 
 
 class Steer:
-    """Drives by a function of the observation."""
+    """Drives by a function of the observation: velocities, or with `twists` what wheels get."""
 
-    def __init__(self, velocity) -> None:
-        self.velocity, self.decision = velocity, Decision("follow", "as told")
+    def __init__(self, velocity, twists: bool = False) -> None:
+        self.velocity, self.decision, self.twists = velocity, Decision("follow", "as told"), twists
 
     def reset(self, task, seed) -> None:
         self.task = task
 
     def act(self, observation):
         velocity = self.velocity(observation)
-        return None if velocity is None else Command(velocity)
+        return None if velocity is None else Command(velocity, velocity if self.twists else None)
 
     def explain(self):
         return self.decision
@@ -171,7 +171,7 @@ def test_random_episodes_pass_the_verifier_and_replay() -> None:
         again = [Replay(tuple(t.tolist()), tuple(map(tuple, xy.tolist()))) for t, xy in trajectories]
         world = World(ROOM, [Obstacle(float(r), m) for r, m in zip(trace.obstacle_radius, again)])
         commands = iter(trace.command.tolist())
-        replay = run(replace(scenario, world=world), Steer(lambda o, c=commands: tuple(next(c))), seed=seed).trace
+        replay = run(replace(scenario, world=world), Steer(lambda o, c=commands: tuple(next(c)), True), seed=seed).trace
         for name in ("t", "xy", "velocity", "heading", "sensed", "obstacle_xy"):
             assert getattr(replay, name).tobytes() == getattr(trace, name).tobytes(), name
     assert len(outcomes) >= 3

@@ -52,7 +52,7 @@ class Chasers:
 def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: float = 0.0) -> dict[str, int]:
     """Play one robot, policy after policy, against chasers; returns how often what happened."""
     rng = np.random.default_rng(seed)
-    robot = RobotSpec(radius=RADIUS, v_max=V_MAX, a_max=a_max, drive=kind, dt=DT)
+    robot = RobotSpec(radius=RADIUS, v_max=V_MAX, a_max=a_max, drive=kind, dt=DT, dynamics="steps")
     task = Task(Grid(HALL, SIZE), robot, (1.0, 1.0), (9.0, 9.0), obstacle_speed=BOUND, obstacle_surge=surge)
     limits = np.array([V_MAX, a_max, robot.turn_rate, float(kind == "differential")])
     guard = Guard(timeout=0.35)
