@@ -23,7 +23,7 @@ from antway.console import Refused
 from antway.errors import BadInput, BadMap, BadParameter, CellBlocked, OutOfBounds, TooLarge
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
-from antway.ros2.settings import Settings, parameters
+from antway.ros2.settings import Settings, defaults
 from antway.web.session import PARAMETERS, Session
 from antway.world.motions import Line
 from antway.world.sensor import Sensor
@@ -215,7 +215,7 @@ def uploaded(folder: Path) -> list[dict[str, str]]:
 def ros(row: Row, folder: Path) -> Attempts:
     """The node's parameters, and the messages on its topics as the node takes them."""
     owner, name = row.parts
-    values = {key: parameter.default for key, parameter in parameters().items()}
+    values = defaults()
     named = {"obstacle.radius": "obstacle_radius", "planner": "planner"}.get(row.field)
     named = named or (f"task.{name}" if f"task.{name}" in values else row.field)
     if named in values:

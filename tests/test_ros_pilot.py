@@ -17,7 +17,7 @@ from antway.ros2 import nav2
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_within, tracking
 from antway.ros2.pilot import STAND, End, Goal, Pilot
-from antway.ros2.settings import Settings, parameters
+from antway.ros2.settings import Settings, defaults, parameters, refused
 from antway.world.policy import Tracks
 from common import cases, random_grid
 
@@ -26,7 +26,7 @@ NOBODY = Tracks.none()
 
 
 def settings(**changes) -> Settings:
-    return Settings.of({name: one.default for name, one in parameters().items()} | changes)
+    return Settings.of(defaults() | changes)
 
 
 # Ways
@@ -136,18 +136,17 @@ def test_results_have_the_fields_that_a_version_has(monkeypatch):
 def test_parameters_have_the_ranges_of_their_definitions():
     """Each number is accepted at both ends of its range and refused just outside, in the words that the parameter tells."""
     found = parameters()
-    defaults = {name: one.default for name, one in found.items()}
+    usual = defaults()
     for name, one in found.items():
         if isinstance(one.default, bool) or not isinstance(one.default, (int, float)):
             continue
         whole = isinstance(one.default, int)
         for end, out in ((one.low, -1), (one.high, 1)):
-            Settings.of(defaults | {name: end})
+            assert refused(usual, name, end) is None
             beyond = end + out if whole else math.nextafter(end, out * math.inf)
             if math.isfinite(end) and not (whole and abs(beyond) >= 2**63 - 1):
-                with pytest.raises(BadInput) as caught:
-                    Settings.of(defaults | {name: beyond})
-                assert caught.value.allowed == one.allowed and name in str(caught.value)
+                wrong = refused(usual, name, beyond)
+                assert wrong is not None and wrong.allowed == one.allowed and name in str(wrong)
     assert {"robot.radius", "task.goal_tolerance", "policy.chance", "timeout"} <= set(found)
     assert found["policy.moves"].default == Moves.THIRTY_TWO.value and "thirty-two" in found["policy.moves"].allowed
 
@@ -374,3 +373,44 @@ def test_pheromone_is_shown_where_it_is():
     window = Grid(np.zeros(costs.shape, bool), grid.resolution, corner)
     cell = np.rint(grid.to_points(window.to_xy([[0, 0]])))
     np.testing.assert_allclose(grid.to_xy(cell), window.to_xy([[0, 0]]), atol=1e-9)
+
+
+# Robots
+
+
+def test_no_drive_is_refused_and_a_name_is_enough() -> None:
+    """The node does not start without a drive or a robot by name; what is said besides departs from the named robot."""
+    unsaid = {name: one.default for name, one in parameters().items()}
+    with pytest.raises(BadInput, match=r"robot\.drive"):
+        Settings.of(unsaid)
+    assert Settings.of(unsaid | {"robot.name": "turtlebot4"}).robot.v_max == 0.31
+    slow = Settings.of(unsaid | {"robot.name": "amr", "robot.v_max": 0.5, "robot.latency": 0.2}).robot
+    assert (slow.v_max, slow.latency, slow.drive) == (0.5, 0.2, "differential") and slow.footprint is not None
+    with pytest.raises(BadInput, match=r"robot"):
+        Settings.of(unsaid | {"robot.name": "turtlebot5"})
+
+
+def test_a_footprint_is_as_nav2_writes_it() -> None:
+    """Text of a list of corners, no square brackets missing; a disc without."""
+    box = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+    robot = Settings.of(defaults() | {"robot.drive": "differential", "robot.footprint": box}).robot
+    assert robot.footprint is not None and robot.radius == pytest.approx(math.hypot(0.3, 0.2))
+    for wrong in ("[[0.3, 0.2]", "{}", "[[0, 0], [1, 1], [1, 0], [0, 1]]", "[1, 2, 3]", "", 3.0):
+        with pytest.raises(BadInput, match=r"robot\.footprint"):
+            Settings.of(defaults() | {"robot.drive": "differential", "robot.footprint": wrong})
+
+
+def test_wheels_turn_to_the_goals_yaw() -> None:
+    """At the goal wheels turn in place until they point as the goal does, and have arrived then."""
+    pilot = Pilot(settings(**{"robot.drive": "differential", "robot.alpha_max": 3.0, "yaw_tolerance": 0.1}))
+    pilot.chart(Grid(np.zeros((20, 20), bool), 0.5))
+    pilot.go(Goal((5.0, 5.0), yaw=2.0))
+    heading = rate = t = 0.0
+    for _ in range(100):
+        pilot.scan = (t, Tracks.none())
+        answer = pilot.hear(t, (5.0, 5.05), (0.0, 0.0), heading, t, rate)
+        if answer.end is not None:
+            break
+        rate = answer.command.twist[1]
+        heading, t = heading + 0.1 * rate, t + 0.1
+    assert answer.end is End.ARRIVED and abs(heading - 2.0) <= 0.1

@@ -14,7 +14,7 @@ from antway.errors import BadParameter
 from antway.ros2 import frames
 from antway.ros2.pilot import Goal, Pilot
 from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
-from antway.ros2.settings import Settings, parameters
+from antway.ros2.settings import Settings, defaults
 from antway.scenes import scene
 from antway.world.policy import Command, Decision, Observation, Tracks
 from common import cases, random_grid
@@ -149,7 +149,7 @@ class Seeing:
     def __init__(self, world: frames.Pose, **changes) -> None:
         self.world, self.pilot, self.tracker = (
             world,
-            Pilot(Settings.of({name: one.default for name, one in parameters().items()} | changes)),
+            Pilot(Settings.of(defaults() | changes)),
             Tracker(),
         )
         self.drove: list[Decision] = []

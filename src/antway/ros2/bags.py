@@ -133,7 +133,8 @@ def _messages(trace: Trace, start: float) -> Iterator[tuple[str, float, Any]]:
         if i in plans:
             yield "/plan", t, convert.path_message(plans[i].xy, make, t=start + t)
         if i < len(trace) and all(map(math.isfinite, trace.command[i])):
-            asked = Command((float(trace.command[i, 0]), float(trace.command[i, 1])))
+            pair = (float(trace.command[i, 0]), float(trace.command[i, 1]))
+            asked = Command(twist=pair) if robot.wheels and not robot.stepwise else Command(pair)
             twist = convert.twist_message(asked, (vx, vy), heading, robot, make)
             base = convert.header_message(start + t, "base_link", make)
             yield "/cmd_vel", t, make(_KINDS["/cmd_vel"], header=base, twist=twist)

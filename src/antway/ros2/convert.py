@@ -21,7 +21,7 @@ from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
 from antway.maps.limits import DEFAULT, Limits
 from antway.planning import Plan, Status
-from antway.world.policy import XY, Command, RobotSpec, Tracks
+from antway.world.policy import XY, Command, RobotSpec, Tracks, towards
 
 Make = Callable[..., Any]
 SPHERE, CYLINDER, ARROW, ADD, DELETE_ALL = 2, 3, 0, 0, 3  # of visualization_msgs/msg/Marker
@@ -193,11 +193,14 @@ def read_plan(message: Any, grid: Grid) -> Plan:
 def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSpec, make: Make = plain) -> Any:
     """Return `command`, in the map's frame, as a geometry_msgs/msg/Twist in the robot's.
 
-    A holonomic robot gets the velocity turned by -heading. A differential drive gets the forward speed and the turn rate that
-    bring it, within its limits and one control period, as near the command as `antway.world` would.
+    A holonomic robot gets the velocity turned by -heading. Wheels get the command's twist, or the one that turns them towards
+    its velocity (`antway.world.policy.towards`); with the dynamics "steps", the forward speed and the turn rate that bring them,
+    within their limits and one control period, as near the command as `antway.world` would.
     """
     vx, vy = command.velocity
-    if robot.drive == "differential":
+    if robot.wheels and not robot.stepwise:
+        (forward, turn), left = command.twist or towards(command.velocity, heading, robot), 0.0
+    elif robot.drive == "differential":
         limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, 1.0])
         wx, wy, turned = drive(*velocity, heading, vx, vy, limits, robot.dt)
         forward, left, turn = wx * math.cos(turned) + wy * math.sin(turned), 0.0, wrap(turned - heading) / robot.dt
@@ -222,6 +225,11 @@ def read_odometry(message: Any) -> tuple[float, XY, XY, float]:
     """Return (t, xy, velocity, heading) of a nav_msgs/msg/Odometry: s, m and rad in its frame, m/s turned into it."""
     x, y, heading = read_pose(message.pose.pose, where="Odometry.pose")
     return seconds(message.header.stamp), (x, y), read_twist(message.twist.twist, heading).velocity, heading
+
+
+def read_turn_rate(message: Any) -> float:
+    """Return the turn rate of a nav_msgs/msg/Odometry, rad/s."""
+    return checks.number("angular.z", message.twist.twist.angular.z, where="Odometry.twist")
 
 
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:

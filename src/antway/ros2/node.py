@@ -200,7 +200,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def _on_goal(self, message: Any) -> None:
         pose = self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message)
         if pose is not None and self.active:
-            self.go(Goal(pose[:2]))
+            self.go(Goal(pose[:2], yaw=pose[2]))
 
     def _on_obstacles(self, message: Any) -> None:
         def read(message: Any) -> tuple[float, Tracks]:
@@ -240,15 +240,16 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.pilot.scan, self.laser = found, None
 
     def _on_odometry(self, message: Any) -> None:
-        def read(message: Any) -> tuple[float, Pose, tuple[float, float]]:
+        def read(message: Any) -> tuple[float, Pose, tuple[float, float], float]:
             t, xy, velocity, heading = convert.read_odometry(message)
+            turning = convert.read_turn_rate(message)
             frame = self.transforms.pose(message.header.frame_id, self.settings.frame, t, self.settings.timeout)
-            return t, frames.chain(frame, (*xy, heading)), frames.turn(frame[2], velocity)
+            return t, frames.chain(frame, (*xy, heading)), frames.turn(frame[2], velocity), turning
 
         found = self._read("odom", read, message)
         if found is None:
             return
-        t, (x, y, heading), velocity = found
+        t, (x, y, heading), velocity, turning = found
         now = time.monotonic()
         if self.trail and t < self.trail[-1][0]:  # time went back: what is older may be newer
             self.trail.clear()
@@ -256,7 +257,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.trail.append((t, (x, y, heading)))
         if self.laser is not None:
             self._see(t)
-        if self._do(self.pilot.hear(t, (x, y), velocity, heading, now)):
+        if self._do(self.pilot.hear(t, (x, y), velocity, heading, now, turning)):
             self._show(t)
         self.heard = time.monotonic()  # the time that setting out took is no silence
 

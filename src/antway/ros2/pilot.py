@@ -14,11 +14,12 @@ from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.guard import Guard
 from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
 from antway.ros2.markers import predictions
 from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
-from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
+from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks, towards
 
 OK, WARN, ERROR = 0, 1, 2  # of diagnostic_msgs/msg/DiagnosticStatus
 STAND = Command((0.0, 0.0))
@@ -60,6 +61,8 @@ class Goal:
         m.
     path : float64[N, 2] or None
         The way there; the robot keeps within `corridor` m of it.
+    yaw : float
+        Where wheels are to point when they have arrived, rad; NaN: anywhere.
     hurried : bool
         Whether it ends when `wait_timeout` passes or progress ceases.
     """
@@ -67,6 +70,7 @@ class Goal:
     xy: XY
     path: NDArray[np.float64] | None = None
     hurried: bool = False
+    yaw: float = math.nan
 
 
 class Pilot:
@@ -82,7 +86,11 @@ class Pilot:
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: tuple[float, XY, XY, float] | None = None
+        self.turn_rate = 0.0  # rad/s, with odometry
+        robot = settings.robot
+        self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands on their way to a robot with latency
         self.policy: AntwayPolicy | None = None
+        self.guard: Guard | None = None  # while it turns in place at a goal
         self.command = STAND
         self.last_decision: tuple[Decision, Decision] | None = None
         self.due = self.started = self.now = -math.inf
@@ -114,7 +122,7 @@ class Pilot:
 
         Patience and progress are counted on where the new goal is at the place of the one before.
         """
-        before, self.goal = self.goal, goal
+        before, self.goal, self.guard = self.goal, goal, None
         if before is None or math.dist(before.xy, goal.xy) > self.settings.task["goal_tolerance"]:
             self._restart()
         if before is None:
@@ -142,12 +150,13 @@ class Pilot:
             return self.drop(reason, End.WAITED, ERROR)
         return Answer(STAND, ERROR, reason)
 
-    def hear(self, t: float, xy: XY, velocity: XY, heading: float, now: float) -> Answer | None:
+    def hear(self, t: float, xy: XY, velocity: XY, heading: float, now: float, turn_rate: float = 0.0) -> Answer | None:
         """Take the robot's state at `t` s, come at `now` s of a steady clock; answers once each control period.
 
         The clock has jumped, which is answered at once, if it went back, or on by `timeout` more than the steady one.
         """
         before, self.odometry = self.odometry, (t, xy, velocity, heading)
+        self.turn_rate = turn_rate
         passed, self.now = now - self.now, now
         if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout + passed:
             self.scan = self.policy = None  # what was seen and planned before means nothing any more
@@ -165,7 +174,10 @@ class Pilot:
     def _decide(self, goal: Goal, t: float, xy: XY, velocity: XY, heading: float) -> Answer:
         settings = self.settings
         if math.dist(goal.xy, xy) <= settings.task["goal_tolerance"]:
-            return self.drop(f"arrived at {goal.xy}", End.ARRIVED)
+            off = wrap(goal.yaw - heading) if settings.robot.wheels and settings.robot.turning_radius == 0.0 else math.nan
+            if not abs(off) > settings.yaw_tolerance:
+                return self.drop(f"arrived at {goal.xy}", End.ARRIVED)
+            return self._turn(goal, t, xy, velocity, heading)
         if self.map is None:
             return self._wait(t, WARN, "waiting for a map")
         if self.scan is None:
@@ -199,18 +211,56 @@ class Pilot:
             wrap(heading + into[2]),
             move_tracks(into, tracks),
             stamp - self.started,
+            self.turn_rate,
+            self.sent if len(self.sent) else None,
         )
         try:
             command = self.policy.act(seen)
         except BadInput as wrong:
             return self._wait(t, ERROR, str(wrong))
         decision = self.policy.explain()
-        self.command = Command(turn(self.frame[2], command.velocity))
+        self._send(command.acts(seen, settings.robot))
+        self.command = Command(turn(self.frame[2], command.velocity), command.twist)
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
+
+    def _send(self, pair: XY) -> None:
+        """Note a command that is on its way to the robot."""
+        if len(self.sent):
+            self.sent = np.vstack((self.sent[1:], [pair]))
+
+    def _turn(self, goal: Goal, t: float, xy: XY, velocity: XY, heading: float) -> Answer:
+        """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
+        settings, into = self.settings, inverse(self.frame)
+        if self.map is None or self.scan is None or abs(t - self.scan[0]) > settings.timeout:
+            return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
+        here = move_point(into, xy)
+        task = Task(self.grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
+        seen = Observation(
+            t,
+            here,
+            turn(into[2], velocity),
+            wrap(heading + into[2]),
+            move_tracks(into, self.scan[1]),
+            min(self.scan[0], t),
+            self.turn_rate,
+            self.sent if len(self.sent) else None,
+        )
+        _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), heading, settings.robot)
+        if self.guard is None:
+            self.guard = Guard()
+            self.guard.reset(task)
+        try:
+            command = self.guard.limit(seen, Command(twist=(0.0, rate)))
+        except BadInput as wrong:
+            return self._wait(t, ERROR, str(wrong))
+        self._send(command.acts(seen, settings.robot))
+        self.command = Command((0.0, 0.0), command.twist)
+        return Answer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
 
     def _wait(self, t: float, level: int, reason: str) -> Answer:
         """Stand and keep the goal, until `wait_timeout` has passed."""
         self.command = STAND
+        self._send(STAND.velocity)
         if math.isnan(self.waiting):
             self.waiting = t
         if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.wait_timeout:

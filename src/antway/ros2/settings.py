@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import json
 import math
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -18,11 +19,14 @@ from antway.errors import BadInput, BadParameter
 from antway.grid import Grid, Moves
 from antway.policies.antway.policy import AntwayPolicy
 from antway.ros2 import convert
-from antway.tables import PLANNERS, names
+from antway.tables import PLANNERS, ROBOTS, names
 from antway.world.policy import RobotSpec, Task
+from antway.world.robots import DRIVES, load_robot
 
 LASER = "sensor_msgs/msg/LaserScan"
 _OWN: dict[str, tuple[Any, str]] = {
+    "robot.name": ("", f"Which robot this is: {names(ROBOTS)}, or a .toml file; what robot.* says departs from it."),
+    "yaw_tolerance": (math.pi, "rad; how far from the goal's yaw wheels may stand when they have arrived; pi: any."),
     "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
     "frame": ("map", "Frame of the map; what comes in another needs tf."),
     "base_frame": ("base_link", "Frame of the robot, in which commands are given."),
@@ -74,6 +78,7 @@ class Settings:
     controller_id: str
     plan_time: float
     timeout: float
+    yaw_tolerance: float
     corridor: float
     wait_timeout: float
     progress_radius: float
@@ -101,7 +106,7 @@ class Settings:
         policy = part("policy.")
         policy["moves"] = Moves(checks.choice("policy.moves", policy["moves"], [m.value for m in Moves]))
         named(AntwayPolicy, "policy.", policy)
-        robot = named(RobotSpec, "robot.", part("robot."))
+        robot = named(_robot, "robot.", part("robot."))
         place = Grid(np.zeros((1, 1), bool))
         named(lambda **options: Task(place, robot, (0.5, 0.5), (0.5, 0.5), **options), "task.", part("task."))
         own: dict[str, Any] = {
@@ -109,6 +114,7 @@ class Settings:
             for name, (default, text) in _OWN.items()
             if isinstance(default, float)
         }
+        checks.number("yaw_tolerance", own["yaw_tolerance"], low=0.0, high=math.pi, open_low=True, unit="rad")
         radius = own.pop("obstacle_radius")
         for name in ("autostart", "stamped"):
             checks.instance(name, values[name], bool)
@@ -128,6 +134,45 @@ class Settings:
             obstacles_type=kind,
             **own,
         )
+
+
+_UNSAID = {
+    "drive": "",
+    "brake_max": 0.0,
+    "footprint": "[]",
+}  # of parameters for which there is no default, or which may be None
+
+
+def _robot(name: str, **options: Any) -> RobotSpec:
+    """Return the robot of that name with the options that are not at their default, or, without a name, that of the options.
+
+    Raises
+    ------
+    BadParameter
+        For what `RobotSpec` refuses, and where neither a name nor a drive is said: nobody's robot drives in all directions at
+        once by default.
+    """
+    base = load_robot(checks.instance("name", name, str)) if name else None
+    if base is None and options["drive"] == "":
+        allowed = f"{', '.join(DRIVES)}; or robot.name one of {', '.join(ROBOTS)} or a .toml file"
+        raise BadParameter("drive", "", allowed)
+    plain = {f.name: _UNSAID.get(f.name, f.default) for f in fields(RobotSpec)}
+    said = {key: value for key, value in options.items() if value != plain[key]}
+    if "footprint" in said:
+        said["footprint"] = _footprint(said["footprint"])
+    return RobotSpec(**said) if base is None else replace(base, **said)
+
+
+def _footprint(text: object) -> Any:
+    """Return the corners of a footprint as Nav2 writes it: "[[0.2, 0.1], [0.2, -0.1], [-0.2, 0.0]]"."""
+    allowed = 'the corners of a convex polygon as Nav2 writes them, "[[x, y], [x, y], [x, y]]" in m, or "[]" for a disc'
+    try:
+        found = json.loads(checks.instance("footprint", text, str))
+    except ValueError:
+        raise BadParameter("footprint", text, allowed) from None
+    if not isinstance(found, list):
+        raise BadParameter("footprint", text, allowed)
+    return found
 
 
 def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
@@ -152,13 +197,35 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
     return found
 
 
+def defaults(**changes: Any) -> dict[str, Any]:
+    """Return the values of all parameters for a robot that drives in any direction, but for `changes`."""
+    return {name: one.default for name, one in parameters().items()} | {"robot.drive": "holonomic"} | changes
+
+
+def refused(values: Mapping[str, Any], name: str, value: Any) -> BadInput | None:
+    """Return why `value` is refused for the parameter `name` beside `values`, whatever the drive; None if it is not."""
+    wrong = None
+    for drive in DRIVES if name.startswith("robot.") else DRIVES[:1]:
+        turning = {"robot.turning_radius": 0.5} if drive == "ackermann" else {}
+        try:
+            Settings.of({**values, "robot.drive": drive, **turning, name: value})
+        except BadInput as error:
+            wrong = error
+        else:
+            return None
+    return wrong
+
+
 @lru_cache(maxsize=1)
 def parameters() -> dict[str, Parameter]:
     """Return every parameter by name, as `RobotSpec`, `Task` and `AntwayPolicy` define them, and the node's own.
 
     What a definition accepts is found by asking it: its words come from its refusal, its range from what it refuses.
     """
-    found = {f"robot.{f.name}": (f.default, f"Field {f.name} of RobotSpec.") for f in fields(RobotSpec)}
+    found = {f"robot.{f.name}": (_UNSAID.get(f.name, f.default), f"Field {f.name} of RobotSpec.") for f in fields(RobotSpec)}
+    found["robot.brake_max"] = (0.0, "Field brake_max of RobotSpec; 0: as robot.a_max.")
+    found["robot.footprint"] = ("[]", 'Field footprint of RobotSpec as Nav2 writes it, "[[x, y], ...]"; []: a disc.')
+    found["robot.drive"] = ("", "Field drive of RobotSpec; needed, unless robot.name is given.")
     found |= {f"task.{f.name}": (f.default, f"Field {f.name} of Task.") for f in fields(Task) if isinstance(f.default, float)}
     for name, option in inspect.signature(AntwayPolicy).parameters.items():
         default = option.default.value if isinstance(option.default, Moves) else option.default
@@ -168,11 +235,8 @@ def parameters() -> dict[str, Parameter]:
 
     def refusal(name: str, value: Any) -> str:
         """Why `value` is refused; empty if it is not."""
-        try:
-            Settings.of(defaults | {name: value})
-        except BadInput as wrong:
-            return wrong.allowed
-        return ""
+        wrong = refused(defaults, name, value)
+        return "" if wrong is None else wrong.allowed
 
     result = {}
     for name, (default, text) in found.items():
