@@ -178,7 +178,7 @@ class Decision:
     time_to_closest, distance_at_closest : float
         Of the closest approach to that obstacle on the present course, s and m between the discs' edges; NaN if none.
     local_target : (x, y) or None
-        Where the way round leads, m.
+        Where the detour ends, m.
     path : TimedPath or None
         The motion planned from here on.
     alternatives : sequence of (name, cost in s)

@@ -1,4 +1,4 @@
-"""The general range of motion of what the robot senses: each obstacle's predicted course and the room around it."""
+"""The general range of motion of sensed obstacles: each obstacle's predicted trajectory and the space around it."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
 from antway.world.policy import XY, Observation
 
-_KNOTS = 64  # of one predicted course at most; beyond, the obstacle is taken to stand
+_KNOTS = 64  # knots of one predicted trajectory, at most; after the last one the obstacle is assumed to stand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tubes:
-    """Predicted courses of K discs: constant velocity, mirrored at walls; the disc of knots first[k]:first[k + 1] is track k.
+    """Predicted trajectories of K discs at constant velocity, mirrored at walls; track k has the knots first[k]:first[k + 1].
 
     Attributes
     ----------
     t : float
-        When they were predicted, s.
+        Time of the prediction, s.
     knot_t, knot_xy, first, radius
         As in `antway.world.timeline.Timeline`.
     """
@@ -37,7 +37,7 @@ class Tubes:
 
     @staticmethod
     def predict(seen: Observation, velocity: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
-        """Step 3: predict the tracks of `seen`, moving at `velocity` (float64[K, 2], m/s), for `horizon` s from its time on."""
+        """Step 3: predict the tracks of `seen`, moving at `velocity` (float64[K, 2], m/s), up to `horizon` s later."""
         stamp = seen.t if math.isnan(seen.stamp) else seen.stamp
         state = np.array([stream(np.uint64(0), np.uint64(0))], np.uint64)
         points = grid.to_points(seen.tracks.xy)
