@@ -298,7 +298,7 @@ def test_tabs_that_share_memory_do_not_meet() -> None:
         for _ in range(view.steps):
             plain.step()
         assert view.steps > 80 and (plain.stage.xy == view.stage.xy).all()
-    assert tabs[0].views[0].watched.policy.memory is tabs[1].views[0].watched.policy.memory  # type: ignore[attr-defined]
+    assert tabs[0].views[0].watched.policy.memory() is tabs[1].views[0].watched.policy.memory()  # type: ignore[attr-defined]
 
 
 def test_the_ants_of_a_look_get_better() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.baselines.replan import STOP, drive
+from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
@@ -63,16 +64,6 @@ class Oracle:
             at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
             t.append(len(t) * dt)
             xy.append(at)
-        frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
-        contact = first_contact(
-            np.array(t),
-            np.array(xy),
-            task.robot.radius,
-            task.grid.blocked,
-            frame,
-            line.knot_t,
-            line.knot_xy,
-            line.first,
-            line.radius + GRAZE,
-        )
+        discs = Trajectories(line.knot_t, line.knot_xy, line.first, line.radius + GRAZE)
+        contact = first_contact(np.array(t), np.array(xy), task.robot.radius, task.grid.terrain, discs)
         return contact == math.inf

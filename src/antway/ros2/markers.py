@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.spacetime.memory import SEGMENTS
-from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
 
@@ -91,30 +91,13 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
     list of float64[M, 3]
         t in s, x and y in m; one for each track.
     """
-    frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
+    margins = TubeMargins(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     rows = np.column_stack(
         (tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius, np.zeros((len(tracks), 2)), tracks.id)
     ).astype(np.float64)
     segments, lines = np.empty((SEGMENTS, 8)), []
     for k in range(len(rows)):
-        n = predict(
-            rows[k : k + 1],
-            0.0,
-            0.0,
-            horizon,
-            math.inf,
-            math.inf,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            grid.blocked,
-            frame,
-            NO_PREDICTIONS,
-            segments,
-        )
+        n = predict(rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, margins, grid.terrain, NO_PREDICTIONS, segments)
         t, until, x, y, vx, vy = segments[:n, :6].T
         ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))
         lines.append(np.vstack((np.column_stack((t, x, y)), ends[-1:])))

@@ -7,6 +7,7 @@ velocity that delays contact longest.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,13 +17,14 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
+from antway.grid import Moves
 from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
-from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
+from antway.world.policy import XY, AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
 
 WAITS = 0.5  # s; step between the waiting times that are compared, and pause between two searches for a detour while waiting
 NEAR = 2.0  # s; a conflict later than this, for which no detour is known yet, does not make the robot stop
@@ -89,6 +91,7 @@ class PaperPolicy:
         self.held = -math.inf  # s; the robot stands until then
         self.retreating = False  # whether the nodes lead to a refuge, not to the goal
         self.asked = -math.inf  # s; time of the latest comparison of detours and waits
+        self.here = task.start  # m; where the robot was in the latest cycle
         self.colonies = 0
         self.found: Exploration | None = None  # by the last colony
         self.places: dict[int, tuple[float, XY]] = {}
@@ -107,6 +110,7 @@ class PaperPolicy:
             If the observation is not finite.
         """
         check_observation(observation)
+        self.here = observation.xy
         command = self._steer(observation)
         if self.guard is not None:
             command = self.guard.passed(observation, command)
@@ -144,6 +148,36 @@ class PaperPolicy:
     def explain(self) -> Decision:
         """Return the present decision."""
         return self.decision
+
+    def share_memory(self) -> None:
+        """Do nothing: this policy's colonies keep no memory from one search to the next."""
+
+    def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
+        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+        before, most = self.colonies, self.cycles
+        self.cycles = min(cycles, most)
+        act()
+        if self.colonies == before:
+            idle = "No ants in this control cycle: policy paper sends them only for a way round what is ahead."
+            return AntStep(idle, True, self.decision)
+        found, decision = self.found, self.decision
+        if found is not None:  # whether or not its path was taken
+            nodes = np.vstack((self.here, found.plan.xy(self.routes.inflated)))
+            path = TimedPath(np.arange(len(nodes), dtype=np.float64), nodes)
+            decision = replace(decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history)
+        done = cycles >= most or (found is not None and len(found.history) < cycles)
+        return AntStep("", done, decision)
+
+    def trails(self) -> LaidTrails:
+        """Return what the last colony laid on the moves between cells beyond the least on any."""
+        found, none = self.found, np.empty((0, 2), np.int64)
+        if found is None:
+            return LaidTrails(none, none, np.empty(0))
+        tau = found.pheromone
+        least = tau.min(initial=np.inf, where=tau > 0.0)
+        row, col, move = np.nonzero(tau > 1.01 * least)
+        here = np.column_stack((row + found.window[0], col + found.window[1]))
+        return LaidTrails(here, here + Moves.EIGHT.offsets.astype(np.int64)[move], tau[row, col, move])
 
     def _look(self, seen: Observation) -> Ahead:
         """Predict the range of motion of every track; a missing velocity is taken from the last two positions."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
+from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
@@ -34,6 +35,11 @@ class Tubes:
     knot_xy: NDArray[np.float64]
     first: NDArray[np.int64]
     radius: NDArray[np.float64]
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """The same for kernels."""
+        return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
 
     @staticmethod
     def predict(seen: Observation, velocity: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
@@ -70,14 +76,14 @@ class Tubes:
         self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float = 0.0
     ) -> tuple[float, int]:
         """Return when and with which track a body of radius `body` m on the timed path (t, xy) first meets a tube."""
-        return first_conflict(t, xy, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius)
+        return first_conflict(t, xy, until, body, growth, self.trajectories)
 
     def standing(
         self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float
     ) -> NDArray[np.bool_]:
         """Return bool[N]: whether a body can stand at xy[i], float64[N, 2], from t[i] to `until` and meets no tube."""
         free = np.empty(len(t), np.bool_)
-        stand_free(t, xy, self.t, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius, free)
+        stand_free(t, xy, self.t, until, body, growth, self.trajectories, free)
         return free
 
     def close(
@@ -88,24 +94,7 @@ class Tubes:
         row, col, rows, cols = window
         part = np.empty((rows, cols), np.bool_)
         early, late = (0.0, 1e9) if whole else (0.9, 1.3)
-        frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
-        close_cells(
-            self.t,
-            xy[0],
-            xy[1],
-            v_max,
-            early,
-            late,
-            horizon,
-            body,
-            self.knot_t,
-            self.knot_xy,
-            self.first,
-            self.radius,
-            frame,
-            row,
-            col,
-            part,
-        )
+        terrain, discs, corner = grid.terrain, self.trajectories, (row, col)
+        close_cells(self.t, *xy, v_max, early, late, horizon, body, discs, terrain, corner, part)
         closed[row : row + rows, col : col + cols] = part
         return closed
