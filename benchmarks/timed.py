@@ -96,7 +96,7 @@ def measure(moves: Moves, resolution: float, density: float, queries: int, peers
         prepare.append(time.perf_counter() - started)
         if not search.field[start] * SPEED > SIZE * resolution / 2:
             continue  # only ways of half the map and more
-        xy, trajectories = grid.centre(start), (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
+        xy = grid.centre(start)
         runs = []
         for _ in range(5):
             started = time.perf_counter()

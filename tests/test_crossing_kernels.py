@@ -21,6 +21,7 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle, World
 from common import cases
 from crossing import colony, local_problem
@@ -198,7 +199,7 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
         _, velocity = line.at(0.0)
         estimates = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
         margins = TubeMargins(0.3, 0.05, 1.6, 1.0, 0.5, 0.1)
-        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, margins, grid.terrain, NO_PREDICTIONS, out)
+        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, margins, terrain_of(grid), NO_PREDICTIONS, out)
         for piece in out[:n]:
             for t in np.linspace(max(piece[0], 0.0), piece[1], 5):
                 at = piece[2:4] + piece[4:6] * (t - piece[0])
@@ -295,7 +296,9 @@ def test_passing_is_what_its_slow_twin_finds() -> None:
     rng = np.random.default_rng(12)
     for _ in range(cases(50, 2000)):
         ends = np.concatenate(([0.0], np.cumsum(rng.uniform(0.5, 2.0, 4))))
-        segments = np.column_stack((ends[:-1], ends[1:], rng.uniform(-3, 3, (4, 2)), rng.uniform(-1, 1, (4, 2)), np.ones((4, 2))))
+        segments = np.column_stack(
+            (ends[:-1], ends[1:], rng.uniform(-3, 3, (4, 2)), rng.uniform(-1, 1, (4, 2)), np.ones((4, 2)))
+        )
         knots = np.column_stack((np.cumsum(rng.uniform(0.2, 2.0, 5)), rng.uniform(-3, 3, (5, 2))))
         now, until = 0.1, float(rng.uniform(1.0, ends[-1]))
         assert passing(knots, segments, now, until) == pytest.approx(naive.passing(knots, segments, now, until), abs=1e-12)
@@ -309,7 +312,9 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
         policy = AntwayPolicy(guard=False)
         policy.reset(Task(grid, robot, grid.centre(start), grid.centre(goal)), 1)
         s, xy = policy.state, grid.centre(start)
-        estimates = np.column_stack((pieces[:, 2:6], pieces[:, 6] - robot.radius, np.zeros((len(pieces), 2)), np.arange(len(pieces))))
+        estimates = np.column_stack(
+            (pieces[:, 2:6], pieces[:, 6] - robot.radius, np.zeros((len(pieces), 2)), np.arange(len(pieces)))
+        )
 
         def cycle(now: float, xy: tuple[float, float], estimates: np.ndarray, s=s, policy=policy):
             return crossing.cycle(

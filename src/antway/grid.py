@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.errors import BadParameter, OutOfBounds
-from antway.kernels.base.records import Terrain
 
 Cell = tuple[int, int]  # (row, col)
 
@@ -129,11 +128,6 @@ class Grid:
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return self.blocked.shape[0], self.blocked.shape[1]
-
-    @property
-    def terrain(self) -> Terrain:
-        """The map as kernels take it."""
-        return Terrain(self.blocked, self.origin[0], self.origin[1], self.resolution)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Grid):

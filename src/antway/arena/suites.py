@@ -21,6 +21,7 @@ from antway.tables import OF_FILES, SUITES
 from antway.world.motions import Pursue
 from antway.world.policy import XY
 from antway.world.scenario import Scenario
+from antway.world.terrain import terrain_of
 
 ROBOTS = 200  # robots that drive at constant velocity to measure how difficult an episode is
 DRIVE = 5.0  # s that they drive
@@ -212,4 +213,4 @@ def _difficulty(scenario: Scenario, seed: int) -> float:
         one[:2] = free[chance.integer(0, len(free))]
         one[2:] = robot.v_max * math.cos(angle), robot.v_max * math.sin(angle)
     trajectories = scenario.world.timeline(seed, DRIVE).trajectories
-    return survivors(robots, robot.radius, DRIVE, task.grid.terrain, trajectories) / ROBOTS
+    return survivors(robots, robot.radius, DRIVE, terrain_of(task.grid), trajectories) / ROBOTS

@@ -13,6 +13,7 @@ from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
+from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # shares of how far the robot can be from its plan between two commands
@@ -65,5 +66,5 @@ class Oracle:
             t.append(len(t) * dt)
             xy.append(at)
         discs = Trajectories(line.knot_t, line.knot_xy, line.first, line.radius + GRAZE)
-        contact = first_contact(np.array(t), np.array(xy), task.robot.radius, task.grid.terrain, discs)
+        contact = first_contact(np.array(t), np.array(xy), task.robot.radius, terrain_of(task.grid), discs)
         return contact == math.inf

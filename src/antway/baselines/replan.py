@@ -19,6 +19,7 @@ from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
 from antway.world.line_of_sight import clear, nearest_free
 from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
 
@@ -130,7 +131,7 @@ class Sipp(Follow):
             out = np.empty((16 * n + 1, 8))
             estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
             margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0)
-            terrain = self.task.grid.terrain
+            terrain = terrain_of(self.task.grid)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body

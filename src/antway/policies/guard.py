@@ -12,6 +12,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.robot.guard import BRAKED, Bounds, fault, guarded, within_reach
 from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.terrain import terrain_of
 
 DID = ("free", "slowed", "braked", "stepped-aside")
 _STOP = Command((0.0, 0.0))
@@ -63,7 +64,7 @@ class Guard:
 
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
-        robot, self.task, self.terrain = task.robot, task, task.grid.terrain
+        robot, self.task, self.terrain = task.robot, task, terrain_of(task.grid)
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential"), robot.radius])
         self.table, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)

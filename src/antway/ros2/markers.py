@@ -14,6 +14,7 @@ from antway.kernels.spacetime.memory import SEGMENTS
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
+from antway.world.terrain import terrain_of
 
 LINE_STRIP, CYLINDER, TEXT, ADD, DELETE_ALL = 4, 3, 9, 0, 3  # of visualization_msgs/msg/Marker
 _COLOURS = {"follow": (0.1, 0.6, 0.2), "arrived": (0.1, 0.6, 0.2), "avoid": (0.1, 0.4, 0.9)}
@@ -97,7 +98,7 @@ def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.f
     ).astype(np.float64)
     segments, lines = np.empty((SEGMENTS, 8)), []
     for k in range(len(rows)):
-        n = predict(rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, margins, grid.terrain, NO_PREDICTIONS, segments)
+        n = predict(rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, margins, terrain_of(grid), NO_PREDICTIONS, segments)
         t, until, x, y, vx, vy = segments[:n, :6].T
         ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))
         lines.append(np.vstack((np.column_stack((t, x, y)), ends[-1:])))

@@ -21,6 +21,7 @@ from antway.world.policy import Command, Decision, Foresees, Observation, Plans,
 from antway.world.pursuit import Pursuit
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
+from antway.world.terrain import terrain_of
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
 
@@ -285,7 +286,7 @@ class Stage:
         self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
         self.aim = np.array([*task.goal, task.goal_tolerance])
-        self.terrain = task.grid.terrain
+        self.terrain = terrain_of(task.grid)
         rows = self.steps + 1
         self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)
         self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)

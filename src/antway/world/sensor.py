@@ -14,6 +14,7 @@ from antway.errors import BadParameter
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.sensor import degrade, scan
 from antway.world.policy import Task, Tracks
+from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 _STREAM = 2**32  # of the episode's seed; below are the obstacles'
@@ -67,7 +68,7 @@ class Scanner:
 
     def __init__(self, sensor: Sensor, task: Task, timeline: Timeline, seed: int) -> None:
         self.sensor, self.timeline = sensor, timeline
-        self.sensor_range, self.terrain = task.robot.sensor_range, task.grid.terrain
+        self.sensor_range, self.terrain = task.robot.sensor_range, terrain_of(task.grid)
         self.seed = np.uint64(stream(np.uint64(seed), np.uint64(_STREAM)))
         count = len(timeline)
         self.seen, self.state = np.empty(count, np.int64), np.empty((count, 4))

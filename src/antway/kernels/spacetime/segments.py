@@ -1,10 +1,10 @@
 """When can a disc not stand, or not set off? Exact answers against motion segments.
 
 A *motion segment* is a row (t0, t1, x, y, vx, vy, contact radius, clearance radius): from t0 to t1 s an obstacle moves
-uniformly from (x, y) m with (vx, vy) m/s. A robot that stands touches it where the centres are nearer than the contact radius. A robot
-that moves keeps the clearance radius away from where the obstacle was `stopping_time` s before: that is what the guard asks of
-a robot that cannot stop sooner. Touching is legal. A piecewise linear prediction is a list of segments, and a tube that widens
-over time is one whose later segments have larger radii.
+uniformly from (x, y) m with (vx, vy) m/s. A robot that stands touches it where the centres are nearer than the contact radius.
+A robot that moves keeps the clearance radius away from where the obstacle was `stopping_time` s before: that is what the guard
+asks of a robot that cannot stop sooner. Touching is legal. A piecewise linear prediction is a list of segments, and a tube that
+widens over time is one whose later segments have larger radii.
 """
 
 from __future__ import annotations

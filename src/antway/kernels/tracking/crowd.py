@@ -17,8 +17,8 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
 from antway.kernels.tracking.predict import LATER, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
 
-# Columns of a row after those of a track estimate: time of the estimate, goal, information on the goal, next velocity predicted,
-# and errors of constant velocity and of this prediction.
+# Columns of a row after those of a track estimate: time of the estimate, goal, information on the goal, next velocity as
+# predicted, and errors of constant velocity and of this prediction.
 _SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _DIRECT, _TURNING = range(8, 18)
 COLUMNS = 18  # of a row
 STEPS = 36  # of a predicted trajectory
@@ -36,6 +36,7 @@ _STRAY = 0.01  # m; as straight as can be without being farther off than this
 _SPARED = round(LATER / STEP_TIME)  # steps; from then on the clearance radius is smaller, so no straight stretch reaches across
 _BETTER = 0.8  # 1; errors must be so much smaller than those of constant velocity for the prediction to be used
 _FADES = 0.8  # 1; share of the sum of squared errors that is left after each scan
+
 
 @bare_kernel
 def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.float64]) -> int:

@@ -29,6 +29,7 @@ from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import Cycle, State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import Guard, check_observation
 from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
+from antway.world.terrain import terrain_of
 
 _KNOTS = 2048  # greatest number of knots of a plan
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
@@ -140,7 +141,7 @@ class AntwayPolicy:
             self.guard.reset(task)
         self.state = State(
             task=task,
-            terrain=grid.terrain,
+            terrain=terrain_of(grid),
             settings=settings,
             paces=((context, settings.tubes.stopping_time), (careful, stopping_time)),
             context=context,

@@ -164,7 +164,9 @@ class PaperPolicy:
         if found is not None:  # whether or not its path was taken
             nodes = np.vstack((self.here, found.plan.xy(self.routes.inflated)))
             path = TimedPath(np.arange(len(nodes), dtype=np.float64), nodes)
-            decision = replace(decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history)
+            decision = replace(
+                decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history
+            )
         done = cycles >= most or (found is not None and len(found.history) < cycles)
         return AntStep("", done, decision)
 

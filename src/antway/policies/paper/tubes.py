@@ -14,6 +14,7 @@ from antway.kernels.base.rng import stream
 from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
 from antway.world.policy import XY, Observation
+from antway.world.terrain import terrain_of
 
 _KNOTS = 64  # knots of one predicted trajectory, at most; after the last one the obstacle is assumed to stand
 
@@ -94,7 +95,7 @@ class Tubes:
         row, col, rows, cols = window
         part = np.empty((rows, cols), np.bool_)
         early, late = (0.0, 1e9) if whole else (0.9, 1.3)
-        terrain, discs, corner = grid.terrain, self.trajectories, (row, col)
+        terrain, discs, corner = terrain_of(grid), self.trajectories, (row, col)
         close_cells(self.t, *xy, v_max, early, late, horizon, body, discs, terrain, corner, part)
         closed[row : row + rows, col : col + cols] = part
         return closed
