@@ -51,7 +51,7 @@ class View:
         self.episode = Episode(scenario, policy)
         self.watched = self.episode.policy = Watched(self.episode.policy)
         if isinstance(self.watched.policy, ShowsAnts):  # its own memory would be megabytes for each of hundreds of tabs
-            self.watched.policy.share_memory()
+            self.watched.policy.use_common_memory()
         self.sent = 0  # rows of the record
         self.decision: Decision | None = None
         self.look: Look | None = None  # into the cycle to come

@@ -272,7 +272,7 @@ class AntStep:
 class ShowsAnts(Protocol):
     """A policy whose ants can be watched at work."""
 
-    def share_memory(self) -> None:
+    def use_common_memory(self) -> None:
         """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
 
     def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:

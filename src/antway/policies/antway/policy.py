@@ -104,7 +104,7 @@ class AntwayPolicy:
         self.guard = Guard() if checks.instance("guard", guard, bool) else None
 
         self.state: State | None = None
-        self._shares = False
+        self._in_common = False
 
     @property
     def task(self) -> Task:
@@ -145,7 +145,7 @@ class AntwayPolicy:
             settings=settings,
             paces=((context, settings.tubes.stopping_time), (careful, stopping_time)),
             context=context,
-            memory=None if self._shares else make_memory(cells),
+            memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
             plan=Plan(
                 np.empty((_KNOTS, 3)),
@@ -310,9 +310,9 @@ class AntwayPolicy:
         memory = self._state.memory
         return shared_memory(self.task.grid.blocked.size) if memory is None else memory
 
-    def share_memory(self) -> None:
+    def use_common_memory(self) -> None:
         """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
-        self._shares = True
+        self._in_common = True
         if self.state is not None:
             self.state.memory = None
 

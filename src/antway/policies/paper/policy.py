@@ -149,7 +149,7 @@ class PaperPolicy:
         """Return the present decision."""
         return self.decision
 
-    def share_memory(self) -> None:
+    def use_common_memory(self) -> None:
         """Do nothing: this policy's colonies keep no memory from one search to the next."""
 
     def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
