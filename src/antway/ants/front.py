@@ -221,7 +221,7 @@ def alternatives(
 
 
 class Mixed:
-    """A squad on a problem's ground that walks by one weighting after another."""
+    """Ants on the graph of a problem that walk by one weighting of the objectives after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
         self.graph, self.clock, self.seed = AntGraph(problem), clock, checks.seed(seed)
@@ -245,7 +245,7 @@ class Mixed:
         return kernel.guide(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
 
     def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
-        """Let the squad walk by the costs of `guide`; tell whether any ant arrived."""
+        """Let the ants walk by the costs of `guide`; tell whether any ant arrived."""
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
         self.walkers.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)

@@ -1,4 +1,4 @@
-"""What every colony on a grid is made of: the ground the ants walk, the squad that walks it, the pheromone they leave."""
+"""The parts of every colony on a grid: the graph that the ants walk, the ants, and their pheromone."""
 
 from __future__ import annotations
 

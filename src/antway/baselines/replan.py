@@ -1,4 +1,4 @@
-"""Rivals that replan: `follow`, `stop`, `replan`, `dstarlite`, `sipp`. Each plans anew every cycle from where the robot is."""
+"""Baselines that replan: `follow`, `stop`, `replan`, `dstarlite`, `sipp`; each plans anew in every cycle."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Follow:
 class Stop(Follow):
     """Drive the shortest way over the map, and wait while what moves would be met on the next part of it.
 
-    Every obstacle is taken to go straight on. What most industrial vehicles do.
+    Every obstacle is assumed to keep its velocity. This is what most industrial vehicles do.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class _Writer:
 def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
     """Return `decision`, made at `xy` m and `t` s among `tracks`, as a MarkerArray of these namespaces, after a delete-all.
 
-    action: its name and reason in words over the robot; motion: the way planned; target: where the way round leads;
+    action: its name and reason in words over the robot; motion: the planned path; target: where the detour ends;
     obstacle: a line from the robot to the obstacle that matters.
     """
     writer, colour = _Writer(t, make, frame), _COLOURS.get(decision.action, _HALTED)
@@ -85,7 +85,7 @@ def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make:
 
 
 def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.float64]]:
-    """Return where each track will be from now to `horizon` s, as the policy predicts it: straight on, mirrored at walls.
+    """Return where each track will be from now to `horizon` s, as the policy predicts it: constant velocity, mirrored at walls.
 
     Returns
     -------

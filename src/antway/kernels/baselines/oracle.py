@@ -1,4 +1,4 @@
-"""Does a robot that drives through given places touch anything, and how many do that drive straight on?"""
+"""The first contact of a robot on a given path, and how many robots at constant velocity touch something."""
 
 from __future__ import annotations
 

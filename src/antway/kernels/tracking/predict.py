@@ -1,4 +1,4 @@
-"""Where tracks will be: straight on, mirrored at walls, in tubes that widen with what is not known of them."""
+"""Predictions of tracks: constant velocity, mirrored at walls, in tubes that widen with the uncertainty."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from antway.kernels.base.records import Terrain
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track estimates, one row for each track
 MIRRORS = 4  # a track is mirrored at walls at most so often
 STEP_TIME = 0.25  # s; a predicted trajectory has one velocity for each step of this length
-NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all go straight on
+NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
 _TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube widens in steps, at these times from now
 LATER = 2.5  # s; from then on a robot spares tracks that turn less than their whole clearance radius
 _SPARED = 0.1  # m; namely so much less
@@ -61,7 +61,7 @@ def predict(
         Segments begin `stopping_time` s before the estimates.
     terrain : Terrain
     prediction : float64[N, S, 2]
-        Velocities of the first N tracks in steps of STEP_TIME s, m/s; NaN for those that go straight on, as the rest do.
+        Velocities of the first N tracks in steps of STEP_TIME s, m/s; NaN for those that keep their velocity, as the rest do.
     out : float64[P, 8]
 
     Returns

@@ -39,7 +39,7 @@ class Situation:
     settings: Settings
     terrain: Terrain
     now: float  # s
-    age: float  # s, of the beliefs
+    age: float  # s, of the track estimates
     xy: XY  # m, of the robot
     estimates: NDArray[np.float64]  # [K, 8]
     prediction: NDArray[np.float64]  # [K, STEPS, 2]

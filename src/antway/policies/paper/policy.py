@@ -158,7 +158,7 @@ class PaperPolicy:
         self.cycles = min(cycles, most)
         act()
         if self.colonies == before:
-            idle = "No ants in this control cycle: policy paper sends them only for a way round what is ahead."
+            idle = "No ants in this control cycle: policy paper uses them only for a detour around an obstacle ahead."
             return AntStep(idle, True, self.decision)
         found, decision = self.found, self.decision
         if found is not None:  # whether or not its path was taken
