@@ -1,8 +1,8 @@
-"""What exact search does not give cheaply: paths by several objectives at once (the Pareto front), and diverse ways.
+"""What exact search does not give cheaply: paths by several objectives at once (the Pareto front), and diverse paths.
 
-Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting
-(`kernels.walk.guide`, over cells and headings), in some cycles keenly, in others idly: the idle ones find what is the optimum
-of no weighting. They leave no pheromone: it was measured to make fronts no more complete.
+Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting over cells and
+headings (`kernels.colony.grid_walk.guide`). In some cycles it follows them closely, in others loosely: so it also finds paths
+that are the optimum of no weighting. The ants leave no pheromone: it was measured to make fronts no more complete.
 """
 
 from __future__ import annotations
@@ -240,7 +240,7 @@ class Mixed:
         return Status.FOUND
 
     def guide(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
-        """Return what `kernels.walk.guide` does for this ground."""
+        """Return what `kernels.colony.grid_walk.guide` does for this ground."""
         graph = self.graph
         return kernel.guide(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
 
@@ -253,7 +253,7 @@ class Mixed:
         return bool((self.walkers.depth >= 0).any())
 
     def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what `kernels.walk.score` does for the ants that walked last."""
+        """Return what `kernels.colony.grid_walk.score` does for the ants that walked last."""
         graph, walkers = self.graph, self.walkers
         return kernel.score(graph.offsets, graph.lengths, graph.start, walkers.moves, walkers.depth, clearance, danger)
 
