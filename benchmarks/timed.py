@@ -43,7 +43,7 @@ def world(rng: np.random.Generator, resolution: float, density: float) -> tuple[
 
 def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: tuple[int, int], timeline: Timeline) -> float:
     """The peer: SIPP as one writes it in Python, cell by cell as needed, with the same field and the same compiled tests."""
-    segments = timeline_segments(timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first, RADIUS, 0.0, np.inf)
+    segments = timeline_segments(timeline.trajectories, RADIUS, 0.0, np.inf)
     moves, work = list(enumerate(search.moves.offsets.tolist())), np.empty(2)
 
     @cache
@@ -96,11 +96,11 @@ def measure(moves: Moves, resolution: float, density: float, queries: int, peers
         prepare.append(time.perf_counter() - started)
         if not search.field[start] * SPEED > SIZE * resolution / 2:
             continue  # only ways of half the map and more
-        xy, trajectories = grid.centre(start), (timeline.radius, timeline.knot_t, timeline.knot_xy, timeline.first)
+        xy = grid.centre(start)
         runs = []
         for _ in range(5):
             started = time.perf_counter()
-            segments = timeline_segments(*trajectories, RADIUS, 0.0, np.inf)
+            segments = timeline_segments(timeline.trajectories, RADIUS, 0.0, np.inf)
             plan = search.search(xy, 0.0, segments)
             runs.append(time.perf_counter() - started)
         times.append(min(runs[1:]))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from antway import Grid, RobotSpec, Scenario, World
+from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime import ants as spacetime
 from antway.policies.antway.state import make_context, make_memory, make_trails
 from antway.world.motions import Bounce
@@ -53,9 +54,10 @@ def colony(
     """Search a local problem; returns memory, end state, arrival, bound."""
     cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
+    settings = spacetime.ColonySettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0)
     end, arrival, bound = spacetime.search(
-        memory, make_trails(cells), context, segments, stopping_time, x, y, 0.0, horizon, leg_cells, BETAS, SLACK, minimum_improvement, math.inf, expansions, 1.0,
-        np.array([seed], np.uint64),
+        memory, make_trails(cells), context, Predictions(segments, stopping_time, np.empty(2)), settings, x, y, 0.0, horizon,
+        math.inf, expansions, np.array([seed], np.uint64),
     )  # fmt: skip
     return memory, end, arrival, bound
 

@@ -7,16 +7,21 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, Status
+from antway import Grid, Status, Task
+from antway.kernels import crossing
+from antway.kernels.base.records import Predictions
 from antway.kernels.robot.guard import gap_to_reach, time_to_contact
+from antway.kernels.spacetime.alternatives import passing
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
+from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import make_trails
 from antway.search.sipp import Sipp
 from antway.world.motions import Bounce
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle, World
 from common import cases
 from crossing import colony, local_problem
@@ -77,7 +82,7 @@ def test_earliest_departure_is_safe_and_earliest() -> None:
             rng.uniform(0.1, 1.0),
             rng.choice([0.0, 0.1]),
         )
-        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, segments, stopping_time, WORK)
+        s = earliest_departure(x, y, v[0], v[1], duration, 0.0, 9.0, Predictions(segments, stopping_time, WORK))
         departures = np.arange(0.0, 9.0, 0.01)
         moved = segments + np.array([stopping_time, stopping_time, 0, 0, 0, 0, 0, 0])
         hit = np.any([naive.unsafe_departures(x, y, v, duration, piece, departures) for piece in moved], axis=0)
@@ -144,15 +149,15 @@ def test_motions_keep_clear_of_everything() -> None:
         if end < 0:
             continue
         raw, short = np.empty((600, 3)), np.empty((600, 3))
-        n = trace_back(memory, context, segments, 0.0, x, y, end, 20.0, 30.0, raw)
-        m = shorten(context, segments, 0.0, raw, n, short)
+        n = trace_back(memory, context, Predictions(segments, 0.0, WORK), x, y, end, 20.0, 30.0, raw)
+        m = shorten(context, Predictions(segments, 0.0, WORK), raw, n, short)
         assert raw[n - 1, 0] <= arrival + 1e-9 and short[m - 1, 0] <= raw[n - 1, 0] + 1e-9
         shorter += short[m - 1, 0] < raw[n - 1, 0] - 1e-6
         for knots in (raw[:n], short[:m]):
             assert (knots[0, 1:] == (x, y)).all() and np.allclose(knots[-1, 1:], grid.centre(goal))
             steps = np.diff(knots, axis=0)
             assert (steps[:, 0] > 0).all() and (np.hypot(steps[:, 1], steps[:, 2]) <= steps[:, 0] + 1e-9).all()
-            assert first_conflict(knots, 0.0, segments, 0.0, WORK) == math.inf
+            assert first_conflict(knots, 0.0, Predictions(segments, 0.0, WORK)) == math.inf
             assert naive.closest(knots, segments) > -1e-6
             t = np.arange(0.0, knots[-1, 0], 0.01)
             path = np.column_stack([np.interp(t, knots[:, 0], knots[:, k]) for k in (1, 2)])
@@ -193,8 +198,8 @@ def test_predictions_are_mirrored_as_the_world_mirrors() -> None:
         line = world.timeline(0, 5.0)
         _, velocity = line.at(0.0)
         estimates = np.array([[4.0, 4.0, *velocity[0], 0.25, 0.0, 0.0, 0.0]])
-        frame = np.array([0.0, 0.0, 0.2])
-        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, 0.3, 0.05, 1.0, 0.5, 0.1, 1.6, blocked, frame, NO_PREDICTIONS, out)
+        margins = TubeMargins(0.3, 0.05, 1.6, 1.0, 0.5, 0.1)
+        n = predict(estimates, 0.0, 0.0, 3.0, 0.5, 0.5, margins, terrain_of(grid), NO_PREDICTIONS, out)
         for piece in out[:n]:
             for t in np.linspace(max(piece[0], 0.0), piece[1], 5):
                 at = piece[2:4] + piece[4:6] * (t - piece[0])
@@ -284,3 +289,55 @@ def test_a_window_of_pheromone_holds_the_largest_of_each_cell() -> None:
         whole = np.zeros_like(twin)
         whole[top : top + part.shape[0], left : left + part.shape[1]] = part
         assert (whole == twin).all() and part.size == (np.prod(np.ptp(np.argwhere(twin), axis=0) + 1) if twin.any() else 0)
+
+
+def test_passing_is_what_its_slow_twin_finds() -> None:
+    """Where a robot is as seen from an obstacle when it is nearest to it, and that one's velocity."""
+    rng = np.random.default_rng(12)
+    for _ in range(cases(50, 2000)):
+        ends = np.concatenate(([0.0], np.cumsum(rng.uniform(0.5, 2.0, 4))))
+        segments = np.column_stack(
+            (ends[:-1], ends[1:], rng.uniform(-3, 3, (4, 2)), rng.uniform(-1, 1, (4, 2)), np.ones((4, 2)))
+        )
+        knots = np.column_stack((np.cumsum(rng.uniform(0.2, 2.0, 5)), rng.uniform(-3, 3, (5, 2))))
+        now, until = 0.1, float(rng.uniform(1.0, ends[-1]))
+        assert passing(knots, segments, now, until) == pytest.approx(naive.passing(knots, segments, now, until), abs=1e-12)
+
+
+def test_a_cycle_plans_keeps_and_gives_up() -> None:
+    """A new plan is clear of all that is predicted, commanded exactly, kept while all goes as foreseen, and made anew else."""
+    rng, made, kept = np.random.default_rng(13), 0, 0
+    for _ in range(cases(12, 500)):
+        grid, robot, start, goal, _, pieces = local_problem(rng)
+        policy = AntwayPolicy(guard=False)
+        policy.reset(Task(grid, robot, grid.centre(start), grid.centre(goal)), 1)
+        s, xy = policy.state, grid.centre(start)
+        estimates = np.column_stack(
+            (pieces[:, 2:6], pieces[:, 6] - robot.radius, np.zeros((len(pieces), 2)), np.arange(len(pieces)))
+        )
+
+        def cycle(now: float, xy: tuple[float, float], estimates: np.ndarray, s=s, policy=policy):
+            return crossing.cycle(
+                policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, 0.0, xy, s.rng
+            )  # fmt: skip
+
+        vx, vy, what, arrival, bound = cycle(0.0, xy, estimates)
+        if what == crossing.NONE:
+            assert vx == vy == 0.0 and arrival == math.inf
+            continue
+        made += 1
+        n, predicted = int(s.plan.state[crossing.COUNT]), s.plan.segments[: int(s.plan.state[crossing.FORESEEN])].copy()
+        knots = s.plan.knots[:n].copy()
+        assert what == crossing.NEW and naive.closest(knots, predicted) > -1e-6
+        assert math.isfinite(bound) and arrival >= math.dist(xy, grid.centre(goal)) - 1e-9
+        after = tuple(float(np.interp(0.1, knots[:, 0], knots[:, k])) for k in (1, 2))
+        assert (vx, vy) == pytest.approx(((after[0] - xy[0]) / 0.1, (after[1] - xy[1]) / 0.1), abs=1e-9)
+        moved = estimates.copy()
+        moved[:, :2] += 0.1 * moved[:, 2:4]
+        if not (predicted[:, 1] <= 0.2).any():  # no obstacle is mirrored at a wall so soon
+            assert cycle(0.1, after, moved)[2] == crossing.KEPT and (s.plan.knots[:n] == knots).all()
+            kept += 1
+        assert cycle(0.2, xy, moved)[2] in (crossing.NEW, crossing.NONE), "the robot is not on its plan"
+        boxed = np.column_stack((np.array([after]), np.zeros((1, 2)), [1.0], np.zeros((1, 2)), [99.0]))
+        assert cycle(0.3, after, boxed)[2:4] == (crossing.NONE, math.inf)
+    assert made > 0 and kept > 0

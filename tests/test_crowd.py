@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import crowd, orca
-from antway.kernels.tracking.predict import LATER, STEP_TIME, predict
+from antway.kernels.tracking.predict import LATER, STEP_TIME, TubeMargins, predict
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive
@@ -143,11 +144,9 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
     trajectory = speed * np.column_stack((np.cos(angle), np.sin(angle)))[None]
     paths = np.vstack(([0.0, 0.0], np.cumsum(trajectory[0] * STEP_TIME, axis=0)))
     estimates, out = np.array([[0.0, 0.0, speed, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((100, 8))
-    blocked, frame = np.zeros((60, 60), bool), np.array([-30.0, -30.0, 1.0])
-    stopping_time, bound = 0.25, 1.0
-    n = predict(
-        estimates, 5.0, 0.0, 6.0, 20.0, 0.0, 0.3, 0.01, bound, math.inf, stopping_time, 0.0, blocked, frame, trajectory, out
-    )
+    terrain, stopping_time = Terrain(np.zeros((60, 60), bool), -30.0, -30.0, 1.0), 0.25
+    margins = TubeMargins(0.3, 0.01, 0.0, 1.0, math.inf, stopping_time)
+    n = predict(estimates, 5.0, 0.0, 6.0, 20.0, 0.0, margins, terrain, trajectory, out)
     assert out[0, 0] == 5.0 - stopping_time and out[n - 1, 1] == pytest.approx(11.0)
     for start, end, x, y, vx, vy, stand, drive in out[:n]:
         if start >= 5.0 - 1e-9:

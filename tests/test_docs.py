@@ -1,9 +1,10 @@
-"""What docs/ names is there: tests in checks.md, functions in architecture.md."""
+"""What docs/ names is there: tests in checks.md, functions in architecture.md; and no page uses words that were replaced."""
 
 from __future__ import annotations
 
 import ast
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,17 @@ MAP = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`(test_\w+\.py)::(\w+)`", CHECKS)))
 INDEX = re.findall(
     r"^\| ([^|]+) \| ((?:`[^`|]+\.py`(?:, )?)+) \| ((?:`\w+`(?:, )?)+) \|$", MAP.split("## Where to find")[1], re.MULTILINE
+)
+OLD = r"rivals?|beliefs|errand|squad|labour|second_looks|way round|straight on"  # the words of the field stand in their place
+
+# Texts of decisions, which traces record word for word.
+DECISIONS = (
+    '"the shortest way round what is sensed"',
+    '"wait, then straight on"',
+    'else "straight on"',
+    'reason = "a way round what moves"',
+    "ants found a way round",
+    "any way round",
 )
 
 
@@ -66,3 +78,16 @@ def test_files_of_the_map_are_there() -> None:
         assert (ROOT / "src" / "antway" / name).exists(), name
     for name in re.findall(r"^    (\w+(?:\.py|/))", tree, re.MULTILINE):
         assert (ROOT / "src" / "antway" / "kernels" / name).exists(), name
+
+
+def test_no_page_uses_words_that_were_replaced() -> None:
+    """README, CHANGELOG, docs and source keep to the words of the field."""
+    done = subprocess.run(
+        ["git", "grep", "-nwiE", OLD, "--", "src", "docs", "README.md", "CHANGELOG.md"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    if done.returncode > 1:
+        pytest.skip("not a git working copy")
+    assert not [line for line in done.stdout.splitlines() if not any(text in line for text in DECISIONS)]

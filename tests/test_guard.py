@@ -9,8 +9,9 @@ import pytest
 
 from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
+from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
+from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, Bounds, guarded, within_reach
 from antway.policies.guard import Guard, Guarded
 from common import cases
 from naive import guard as naive
@@ -130,7 +131,7 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
         command = rng.normal(size=2) * rng.choice([0.5, 1.0, 2.0])
         v = (speed * math.cos(heading), speed * math.sin(heading))
         wx, wy, did = guarded(
-            px, py, *v, heading, *command, tracks, RADIUS, limits, DT, 1.5, HALL, SIZE, 0.0, 0.0
+            px, py, *v, heading, *command, tracks, np.append(limits, RADIUS), DT, 1.5, Terrain(HALL, 0.0, 0.0, SIZE)
         )  # fmt: skip
         did_all.append(did)
         gaps = naive.gaps_of_fractions(px, py, v, heading, command, tracks, RADIUS, limits, DT, HALL, SIZE)
@@ -161,7 +162,8 @@ def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
         xy, velocity = rng.uniform(-5, 5, (len(name), 2)), rng.uniform(-1, 1, (len(name), 2))
         velocity[rng.random(len(name)) < 0.2] = math.nan
         radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name))
-        count, n = within_reach(table, count, now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3, out)
+        bounds, scan = Bounds(BOUND, 0.5, 0.3), (name, xy, velocity, radius, spread)
+        count, n = within_reach(table, count, now, now - age, 0.5, *scan, bounds, out)
         expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3)
         rows = out[:n][np.lexsort(out[:n].T)]
         np.testing.assert_allclose(rows, expected[np.lexsort(expected.T)], atol=1e-12)

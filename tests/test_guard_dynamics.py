@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
+from antway.kernels.base.records import Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL
-from antway.kernels.robot.cycle import Body, Discs, Record, play
+from antway.kernels.robot.cycle import Body, Record, play
 from antway.policies.guard import Guard
 from antway.world.walls import walls_of
 from common import cases
@@ -131,7 +132,7 @@ def episode(seed: int, drive: str, polygon: bool, surge: float, stale: float = 0
         record.command[i] = passed.acts(o, spec)
         for _ in range(50):
             knots = np.concatenate([(discs.xy[k], discs.xy[k] + discs.velocity[k] * DT) for k in range(COUNT)])
-            line = Discs(np.tile((t, t + DT), COUNT), knots, np.arange(0, 2 * COUNT + 1, 2), discs.radius)
+            line = Trajectories(np.tile((t, t + DT), COUNT), knots, np.arange(0, 2 * COUNT + 1, 2), discs.radius)
             what, obstacle, _ = play(i, DT, spec.limits, body, not polygon, record, aim, walls, line, math.inf)
             if what != HIT_STANDING:
                 break

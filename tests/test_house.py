@@ -54,19 +54,8 @@ NOT_YET = {
     ),
     *(
         "kernels/colony/windows.py",
-        "kernels/crossing.py",
-        "kernels/robot/contact.py",
-        "kernels/robot/guard.py",
-    ),
-    *(
-        "kernels/robot/sensor.py",
-        "kernels/spacetime/ants.py",
         "kernels/spacetime/sipp.py",
-    ),
-    *(
         "kernels/tracking/crowd.py",
-        "kernels/tracking/predict.py",
-        "kernels/tracking/tubes.py",
     ),
     *(
         "policies/paper/local_target.py",
@@ -84,9 +73,7 @@ NOT_YET = {
     *(
         "view/figures.py",
         "view/tours.py",
-        "web/inside.py",
         "world/pursuit.py",
-        "world/sensor.py",
     ),
 }
 

@@ -9,9 +9,9 @@ import pytest
 
 from antway import Grid
 from antway.kernels.base.geometry import timeline_at
-from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits
+from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
-from antway.kernels.robot.cycle import Body, Discs, Record, play
+from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
 from antway.world.timeline import Timeline
 from antway.world.walls import walls_of
@@ -122,7 +122,7 @@ def some_play(rng: np.random.Generator, drive: int, shape: str, latency: float):
     )  # fmt: skip
     record.t[count], record.xy[count], record.velocity[count] = 0.1 * count, (x, y), velocity
     record.heading[count], record.turn_rate[count] = theta, 0.0 if drive == HOLONOMIC else b
-    shifted = Discs(discs.knot_t + 0.1 * count, discs.knot_xy, discs.first, discs.radius)
+    shifted = Trajectories(discs.knot_t + 0.1 * count, discs.knot_xy, discs.first, discs.radius)
     aim = np.array([*rng.uniform(0.0, 6.0, 2), 0.2])
     return limits, corners, rounding, radius, grid, (x, y, theta, a, b), shifted, record, aim, count
 

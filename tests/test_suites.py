@@ -104,6 +104,31 @@ def test_facts():
     assert free.bound < gone.bound < free.bound + 1.0
 
 
+def test_difficulty_is_what_dense_sampling_finds():
+    """Of the same robots as many touch nothing when each is looked at 1,000 times a second, among walls and moving discs."""
+    blocked = np.zeros((40, 50), np.bool_)
+    blocked[10:14, 20:30] = blocked[30, :15] = True
+    grid, spec, seed = Grid(blocked, 0.2), RobotSpec(radius=0.3, v_max=1.0), 3
+    discs = (Obstacle(0.4, Line((1.0, 4.0), (9.0, 4.5), 0.8)), Obstacle(0.3, BackAndForth((5.0, 1.0), (5.0, 7.0), 1.2)))
+    scenario = Scenario(World(grid, discs), (1.1, 1.1), (9.1, 1.1), spec)
+    inflated, chance, alive = grid.inflate(spec.radius), Chance(seed_of("survival", seed)), 0
+    free = inflated.to_xy(np.argwhere(~inflated.blocked))
+    low = np.argwhere(blocked)[:, ::-1] * grid.resolution
+    t = np.arange(5001) / 1000
+    line = scenario.world.timeline(seed, 5.0)
+    for _ in range(200):
+        angle = chance.turn()
+        xy = free[chance.integer(0, len(free))] + t[:, None] * spec.v_max * np.array([math.cos(angle), math.sin(angle)])
+        size = np.array([grid.shape[1], grid.shape[0]]) * grid.resolution
+        off = ((xy < spec.radius) | (xy > size - spec.radius)).any()
+        nearest = np.clip(xy[:, None], low, low + grid.resolution)
+        wall = (np.hypot(*np.moveaxis(xy[:, None] - nearest, 2, 0)) < spec.radius - 1e-9).any()
+        gaps = np.hypot(*np.moveaxis(line.places(t) - xy[:, None], 2, 0)) - line.radius
+        alive += not (off or wall or (gaps < spec.radius - 1e-9).any())
+    assert 20 < alive < 180
+    assert facts(scenario, seed).difficulty == alive / 200
+
+
 def test_chance():
     """Draws lie in their ranges and cover them."""
     chance = Chance(7)

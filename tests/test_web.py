@@ -283,7 +283,7 @@ def test_a_look_inside_a_cycle_changes_nothing() -> None:
         assert (plain.stage.xy == view.episode.stage.xy).all(), policy
 
 
-def test_tabs_that_share_memory_do_not_meet() -> None:
+def test_tabs_that_use_common_memory_do_not_meet() -> None:
     """Three tabs on two maps, played in turn on one thread, each play as they would alone."""
     tabs = [Session() for _ in range(3)]
     tabs[1].apply({"op": "set", "field": "seed", "value": 3})
@@ -298,7 +298,7 @@ def test_tabs_that_share_memory_do_not_meet() -> None:
         for _ in range(view.steps):
             plain.step()
         assert view.steps > 80 and (plain.stage.xy == view.stage.xy).all()
-    assert tabs[0].views[0].watched.policy.memory is tabs[1].views[0].watched.policy.memory  # type: ignore[attr-defined]
+    assert tabs[0].views[0].watched.policy.memory() is tabs[1].views[0].watched.policy.memory()  # type: ignore[attr-defined]
 
 
 def test_the_ants_of_a_look_get_better() -> None:

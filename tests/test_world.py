@@ -12,6 +12,7 @@ from antway.kernels.base.geometry import first_wall, wrap
 from antway.kernels.robot.contact import advance
 from antway.kernels.robot.dynamics import drive
 from antway.world.motions import Line
+from antway.world.terrain import terrain_of
 from antway.world.world import Obstacle
 from common import cases
 from naive import world as naive
@@ -70,8 +71,7 @@ def test_no_step_tunnels() -> None:
     t, xy, velocity, heading = np.zeros(2), np.array([[100.5, 20.0], [0, 0]]), np.zeros((2, 2)), np.zeros(2)
     robot, aim = np.array([100.0, math.inf, 2.0, 0.0, 0.3]), np.array([390.0, 20.0, 0.1])
     what, obstacle, clearance = advance(
-        0, 100.0, 0.0, 1.5, robot, aim, t, xy, velocity, heading, world.grid.blocked, np.array([0.0, 0.0, 1.0]),
-        line.knot_t, line.knot_xy, line.first, line.radius,
+        0, 100.0, 0.0, 1.5, robot, aim, t, xy, velocity, heading, terrain_of(world.grid), line.trajectories
     )  # fmt: skip
     assert (what, obstacle) == (1, 0) and t[1] == pytest.approx((200.0 - 0.5) / 200.0, abs=1e-12)
     assert clearance == pytest.approx(0.0, abs=1e-9) and xy[1, 0] == pytest.approx(100.5 + 100 * t[1])

@@ -1,7 +1,7 @@
 """The command line. A command imports what it needs when it runs, so that `--help` stays quick.
 
 Exit status: 0 done, 1 interrupted output or a fault of antway's own, 2 wrong input, 3 no path, 4 out of budget, 5 contact in a
-run, 130 interrupted. Answers go to stdout (with --json nothing else does), everything said on the way to stderr.
+run, 130 interrupted. Answers go to stdout (with --json nothing else does), progress and messages to stderr.
 """
 
 from __future__ import annotations
@@ -273,7 +273,7 @@ def view_command(
     trace_file: Annotated[Path, typer.Argument(metavar="TRACE", help="A trace.json that run or demo wrote.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Its suffix says what: .html, .gif, .mp4, .png, .svg or .pdf.")],
     at: Annotated[
-        float | None, number_option("at", float, "S", "For a picture: the moment, in s, instead of the whole way.")
+        float | None, number_option("at", float, "S", "For a picture: the moment, in s, instead of the whole path.")
     ] = None,
 ) -> int:
     """Turn a trace into a replay page, an animation or a picture."""

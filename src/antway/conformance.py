@@ -21,7 +21,7 @@ from antway.planning import Budget, Plan, Planner, Problem, Status
 from antway.verify import check_plan
 from antway.world.episode import run
 from antway.world.motions import Bounce, Line
-from antway.world.policy import Command, Decision, Observation, Policy, RobotSpec, Task, Tracks
+from antway.world.policy import Command, Decision, Foresees, Observation, Policy, RobotSpec, Task, Tracks
 from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
@@ -145,7 +145,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
     faults = []
     for name, observation in days.items():
         policy = make()
-        if hasattr(policy, "foresee"):
+        if isinstance(policy, Foresees):
             policy.foresee(_scenario().world.timeline(0, 20.0))
         try:
             policy.reset(task, 0)

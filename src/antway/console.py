@@ -112,7 +112,7 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
         "outcome",
         "time",
         "driven",
-        "shortest\nstatic way",
+        "shortest\nstatic path",
         "more, rest\nto goal added",
         "waits",
         "re-plans",

@@ -40,7 +40,7 @@ def scene(name: str) -> Scenario:
 def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None where there is none.
 
-    `shortest` is the length of the shortest way at any angle over the static map, `length_ratio` what the robot drove, and the
+    `shortest` is the length of the shortest path at any angle over the static map, `length_ratio` what the robot drove, and the
     rest to the goal's centre, over it; None unless the goal was reached.
     """
     shortest = static_shortest(task)
@@ -88,7 +88,7 @@ def explained(trace: Trace) -> list[dict[str, Any]]:
 
 
 def static_shortest(task: Task) -> float:
-    """Return the length in m of the shortest way at any angle over the free cells of the static map; infinite without one."""
+    """Return the length in m of the shortest path at any angle over the free cells of the static map; infinite without one."""
     routes = Routes(task)
     start, goal = routes.cell(task.start), routes.cell(task.goal)
     if start is None or goal is None:
@@ -121,8 +121,9 @@ def write_episode(
     figures.save(figures.plan_figure(trace.task.grid, path, ends=ends), folder / "figure4_global_path.png")
     about = figures.moment_figure(trace, meet, title="About to meet a moving obstacle", path=path)
     figures.save(about, folder / "figure5_encounter.png")
-    round_it = figures.moment_figure(trace, avoid, title=figures.title_of(trace.decision_at(avoid)), path=path, pheromone=True)
-    figures.save(round_it, folder / "figure6_avoidance.png")
+    title = figures.title_of(trace.decision_at(avoid))
+    avoiding = figures.moment_figure(trace, avoid, title=title, path=path, pheromone=True)
+    figures.save(avoiding, folder / "figure6_avoidance.png")
     figures.save(figures.final_figure(trace, path=path), folder / "figure7_final_path.png")
     first, *rest = (*others, trace)
     on_progress("animation")
@@ -154,8 +155,8 @@ def run_demo(
 
     A scene's folder holds the figures, trace and summary of the last policy, an animation and a page with all of them side by
     side, and a folder for each other policy with its trace and summary. The pictures of the paper's scene, and those of no
-    scene, lie in `out` itself. `on_progress(scene, what)` is called before each part. Other processes play the other policies and
-    draw; they start anew, so a script that calls this guards its own work by `if __name__ == "__main__"`.
+    scene, lie in `out` itself. `on_progress(scene, what)` is called before each part. Other processes play the other policies
+    and draw; they start anew, so a script that calls this guards its own work by `if __name__ == "__main__"`.
 
     Raises
     ------

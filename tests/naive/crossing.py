@@ -44,6 +44,16 @@ def closest(knots: np.ndarray, segments: np.ndarray, step: float = 0.005) -> flo
     return least
 
 
+def passing(knots: np.ndarray, segments: np.ndarray, now: float, until: float) -> tuple[float, ...]:
+    """Of 101 instants the one at which robot and obstacle are nearest: the robot seen from the obstacle, and its velocity."""
+    seen = []
+    for t in now + (until - now) * np.arange(101) / 100:
+        p = segments[segments[:, 1] > t][0] if (segments[:, 1] > t).any() else segments[-1]
+        x, y = (float(np.interp(t, knots[:, 0], knots[:, k])) - (p[1 + k] + (t - p[0]) * p[3 + k]) for k in (1, 2))
+        seen.append((x, y, p[4], p[5]))
+    return min(seen, key=lambda one: math.hypot(*one[:2]))
+
+
 class Kalman:
     """The textbook filter with matrices, one axis: state (place, velocity), white acceleration."""
 

@@ -1,8 +1,8 @@
-"""What exact search does not give cheaply: paths by several objectives at once (the Pareto front), and diverse ways.
+"""What exact search does not give cheaply: paths by several objectives at once (the Pareto front), and diverse paths.
 
-Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting
-(`kernels.walk.guide`, over cells and headings), in some cycles keenly, in others idly: the idle ones find what is the optimum
-of no weighting. They leave no pheromone: it was measured to make fronts no more complete.
+Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting over cells and
+headings (`kernels.colony.grid_walk.guide`). In some cycles it follows them closely, in others loosely: so it also finds paths
+that are the optimum of no weighting. The ants leave no pheromone: it was measured to make fronts no more complete.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def alternatives(
 
 
 class Mixed:
-    """A squad on a problem's ground that walks by one weighting after another."""
+    """Ants on the graph of a problem that walk by one weighting of the objectives after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
         self.graph, self.clock, self.seed = AntGraph(problem), clock, checks.seed(seed)
@@ -240,12 +240,12 @@ class Mixed:
         return Status.FOUND
 
     def guide(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
-        """Return what `kernels.walk.guide` does for this ground."""
+        """Return what `kernels.colony.grid_walk.guide` does for this ground."""
         graph = self.graph
         return kernel.guide(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
 
     def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
-        """Let the squad walk by the costs of `guide`; tell whether any ant arrived."""
+        """Let the ants walk by the costs of `guide`; tell whether any ant arrived."""
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
         self.walkers.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
@@ -253,7 +253,7 @@ class Mixed:
         return bool((self.walkers.depth >= 0).any())
 
     def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what `kernels.walk.score` does for the ants that walked last."""
+        """Return what `kernels.colony.grid_walk.score` does for the ants that walked last."""
         graph, walkers = self.graph, self.walkers
         return kernel.score(graph.offsets, graph.lengths, graph.start, walkers.moves, walkers.depth, clearance, danger)
 

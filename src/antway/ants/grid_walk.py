@@ -1,4 +1,4 @@
-"""What every colony on a grid is made of: the ground the ants walk, the squad that walks it, the pheromone they leave."""
+"""The parts of every colony on a grid: the graph that the ants walk, the ants, and their pheromone."""
 
 from __future__ import annotations
 
@@ -162,9 +162,9 @@ class Ants:
         greedy: float = 0.0,
         turn: NDArray[np.float32] = NO_TURN,
     ) -> int:
-        """Let ants number first, first + 1, ... walk, measure their paths and return the steps made; see `kernels.walk.walk`.
+        """Let ants number first, first + 1, ... walk, measure their paths and return the steps made.
 
-        No ant sets out once the clock is spent; those that did not die.
+        See `kernels.colony.grid_walk.walk`. No ant starts once the clock is spent; those that did not start count as dead.
         """
         ants, graph = self.depth.size, self.graph
         block = max(1, min(STEPS // max(self.limit, 1), -(-ants // self.threads)))

@@ -1,6 +1,6 @@
 """How much pheromone outlives a cycle: tau <- rho tau + dtau, rho the persistence (1 - rho evaporates), Eq. (2).
 
-A policy is a frozen dataclass; `numbers()` turns it into the float64[4] that `kernels.colony.persistence` reads.
+A policy is a frozen dataclass; `numbers()` turns it into the float64[4] that `kernels.colony.pheromone` reads.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from antway.world.world import Obstacle, World
 HUMANS = 5
 RADIUS, SPEED, STEP, LIMIT = 0.3, 1.0, 0.25, 25.0  # m, m/s, s, s
 CIRCLE, NOISE, SQUARE, APART = 4.0, 1.0, 10.0, 0.2  # m: radius, width of the noise, width, least gap at starts and goals
-LATE = 1e-6  # s by which the humans are behind the robot
+LATE = 1e-6  # s by which the humans lag behind the robot
 START, GOAL = (0.0, -4.0), (0.0, 4.0)
 SIDE, CELL = 81, 0.2  # cells and m of the empty map; starts and goals of the circle are centres of cells
 ROBOT = RobotSpec(radius=RADIUS, v_max=SPEED, dt=STEP, sensor_range=math.inf)
@@ -46,7 +46,7 @@ def make(group: str, chance: Chance) -> Scenario:
         walk = _circle(chance) if group == "circle" else _square(chance)
         if all(_apart(walk, other, group) for other in walks):
             walks.append(walk)
-    # At the time of a step the sensor shall tell the velocities up to it, not those that the humans choose just then.
+    # At the time of a step the sensor shall give the velocities before it, not those that the humans choose at that moment.
     t = tuple(STEP * k + LATE for k in range(round(LIMIT / STEP) + 1))
     humans = tuple(Obstacle(RADIUS, Replay(t, tuple(track))) for track in orca_tracks(walks[1:], len(t) - 1))
     edge = -(SIDE * CELL) / 2

@@ -1,4 +1,4 @@
-"""Suite `encounters`: the meetings that robots fail at, one kind at a time, in rooms and corridors with cells of 0.2 m."""
+"""Suite `encounters`: encounters at which robots fail, one kind at a time, in rooms and corridors with cells of 0.2 m."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def encounters() -> Suite:
 
 
 def head_on(chance: Chance) -> Scenario:
-    """A disc comes the other way."""
+    """A disc comes from the opposite direction."""
     y, meets = chance.between(1.0, 2.0), chance.between(0.3, 0.9)
     return _scenario("head-on", _corridor(80, 15), (1.0, 1.5), (15.0, 1.5), [(0.4, Line((15.3, y), (0.8, y), meets))])
 
@@ -72,7 +72,7 @@ def ambush(chance: Chance) -> Scenario:
 
 
 def flow(chance: Chance) -> Scenario:
-    """A stream of discs crosses the robot's way, one after the other in three lanes."""
+    """A stream of discs crosses the robot's path, one after the other on three parallel lines."""
     out = []
     for row in range(3):
         x, speed = 4.0 + 1.6 * row, chance.between(0.5, 0.9)

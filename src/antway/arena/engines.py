@@ -1,4 +1,4 @@
-"""Play episodes on many processes: local ones, or those of a Ray cluster. The driver alone writes the results."""
+"""Play episodes on many processes, local or of a Ray cluster. Only the driving process writes results."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from antway.world.episode import run
 from antway.world.policy import Policy, make_policy
 from antway.world.trace import Outcome
 
-TIMEOUT = 120.0  # s of wall time after which an episode is given up
+TIMEOUT = 120.0  # s of wall time after which an episode is abandoned
 ENGINES = ("local", "ray")
-Answer = tuple[Row, str]  # and the JSON of the trace of one that failed, else empty
+Answer = tuple[Row, str]  # a row, and the JSON of the trace if the episode failed, else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Job:
         return self.episode.suite, self.episode.name, self.policy, self.episode.seed, __version__
 
     def failed(self, outcome: Outcome, reason: str) -> Answer:
-        """Return the row of an episode that nothing came of."""
+        """Return the row of an episode that could not be played to its end."""
         return Row(*self.key, self.episode.group, outcome.value, reason), ""
 
 
@@ -158,7 +158,7 @@ def bench(
 
 
 def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
-    """Play jobs on `workers` processes of this machine. One that dies or hangs costs its episode and is replaced."""
+    """Play jobs on `workers` processes of this machine. A process that dies or hangs loses its episode and is replaced."""
     busy: list[_Worker] = []
     try:
         while True:
@@ -199,7 +199,7 @@ class _Worker:
         self.process: BaseProcess = context.Process(target=_work, args=(far,), daemon=True)
         self.process.start()
         far.close()
-        self.pipe.recv()  # it stands ready: start-up does not count as the policy's time
+        self.pipe.recv()  # the worker is ready; start-up does not count as the policy's time
         self.give(job)
 
     def give(self, job: Job) -> None:
@@ -207,9 +207,9 @@ class _Worker:
         self.pipe.send(job)
 
     def collect(self) -> Answer | None:
-        """Return the answer that has come, or what there is to say if the process died instead.
+        """Return the answer that has come, or a row of outcome ERROR if the process died.
 
-        None: a kernel was compiled, and time begins anew.
+        None means that a kernel was compiled, and the time limit starts again.
         """
         try:
             answer = cast("Answer | None", self.pipe.recv())
@@ -242,7 +242,7 @@ def _work(pipe: Connection) -> None:
 
 
 class _Compiled(event.Listener):
-    """Tells the driver of every kernel compiled, so that it does not count as the policy's time."""
+    """Reports every compiled kernel to the driver, so that compiling does not count as the policy's time."""
 
     def __init__(self, pipe: Connection) -> None:
         self.pipe = pipe
@@ -257,7 +257,7 @@ class _Compiled(event.Listener):
 def _safely(job: Job) -> Answer:
     try:
         return play(job)
-    except Exception as error:  # an episode that cannot even begin is a row too
+    except Exception as error:  # an episode that cannot start is a row too
         return job.failed(Outcome.ERROR, f"{type(error).__name__}: {error}")
 
 

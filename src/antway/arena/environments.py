@@ -1,4 +1,4 @@
-"""Suites on given places: the shipped scenes, any map file, recorded tracks, and fields of cylinders."""
+"""Suites in given environments: the shipped scenes, any map file, recorded tracks, and fields of cylinders."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from antway.world.world import Obstacle, World
 
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # discs a square metre of free space
-MOST = 300  # discs
-MAX_BYTES = 256 * 2**20  # of a track file
+MOST = 300  # discs in an episode, at most
+MAX_BYTES = 256 * 2**20  # of a track file, at most
 
 
 def paper() -> Suite:
@@ -36,7 +36,7 @@ def paper() -> Suite:
 
 
 def maps(file: str) -> Suite:
-    """Return discs that bounce about on the map in `file`, and a robot that goes far across the largest room in it."""
+    """Return discs that bounce about on the map in `file`, and a robot that goes far across its largest connected part."""
     grid = load_map(file)
     inflated = grid.inflate(ROBOT.radius + grid.resolution)
     rooms, _ = label(~inflated.blocked)
@@ -76,7 +76,7 @@ def maps(file: str) -> Suite:
 
 
 def tracks(file: str) -> Suite:
-    """Return recorded pedestrians, with a robot that crosses the place they walked in; they do not see it.
+    """Return recorded pedestrians, with a robot that crosses the area they walked in; they do not see it.
 
     `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart) or CSV lines t,id,x,y (s,
     m). Each episode begins at a time drawn from the record. One who enters or leaves walks on straight, as he did. The robot is
@@ -146,7 +146,7 @@ def read_tracks(file: str) -> NDArray[np.float64]:
 
 
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
-    """A walker's places from time `since` on; before and after he walks straight until he is `far` m off."""
+    """A pedestrian's positions from time `since` on; before and after the recording, at constant velocity to `far` m away."""
     t, xy = rows[:, 0] - since, rows[:, 1:]
     first, last = (xy[1] - xy[0]) / (t[1] - t[0]), (xy[-1] - xy[-2]) / (t[-1] - t[-2])
     lead, tail = (far / max(float(np.hypot(*v)), 0.1) for v in (first, last))
@@ -209,5 +209,5 @@ def _inside(low: NDArray[np.float64], high: NDArray[np.float64], across: float, 
 
 
 def _content(file: str) -> str:
-    """The file's name and what tells its content, as part of a suite's name."""
+    """The file's name and a hash of its content, as part of a suite's name."""
     return f"{Path(file).name}-{hashlib.blake2b(Path(file).read_bytes(), digest_size=4).hexdigest()}"

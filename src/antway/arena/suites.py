@@ -25,6 +25,7 @@ from antway.world.policy import XY
 from antway.world.robots import ROBOTS as KNOWN
 from antway.world.robots import load_robot
 from antway.world.scenario import Scenario
+from antway.world.terrain import terrain_of
 
 _ON = " on "  # between the names of suite and robot
 _TRIES = 100  # worlds drawn anew for a robot that has no room in the suite's own
@@ -266,7 +267,5 @@ def _difficulty(scenario: Scenario, seed: int) -> float:
         angle = chance.turn()
         one[:2] = free[chance.integer(0, len(free))]
         one[2:] = robot.v_max * math.cos(angle), robot.v_max * math.sin(angle)
-    line, (x, y, _) = scenario.world.timeline(seed, DRIVE), task.grid.origin
-    frame = np.array([x, y, task.grid.resolution])
-    alive = survivors(robots, robot.radius, DRIVE, task.grid.blocked, frame, line.knot_t, line.knot_xy, line.first, line.radius)
-    return alive / ROBOTS
+    trajectories = scenario.world.timeline(seed, DRIVE).trajectories
+    return survivors(robots, robot.radius, DRIVE, terrain_of(task.grid), trajectories) / ROBOTS

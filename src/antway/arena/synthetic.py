@@ -1,4 +1,4 @@
-"""Suite `synthetic`: places of 16 x 16 m in which discs bounce about that see nobody and never yield."""
+"""Suite `synthetic`: environments of 16 x 16 m with bouncing discs that see nobody and never yield."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 
 
 def synthetic() -> Suite:
-    """Return the suite: three families of places, three densities, and three harder variants.
+    """Return the suite: three families of environments, three densities, and three harder variants.
 
-    In "high-turners" half of the discs turn at random every 3 s, in "high-noise" the sensor's places have an error of 0.05 m,
-    in "medium-fast" discs run at 0.6-1.5 m/s. The bound on the obstacles' speed that the robot is told is the family's top
-    speed; their speed never grows, which the robot is told as 0.5 m/s^2 at most.
+    In "high-turners" half of the discs turn at random every 3 s, in "high-noise" the sensed positions have an error of 0.05 m,
+    in "medium-fast" discs run at 0.6-1.5 m/s. The declared speed bound of the obstacles is the family's top
+    speed; their speed never grows, and their declared acceleration is at most 0.5 m/s^2.
     """
     levels = (*DENSITIES, "high-turners", "high-noise", "medium-fast")
     return Suite("synthetic", tuple(f"{family}/{level}" for family in FAMILIES for level in levels), make)

@@ -20,7 +20,7 @@ class Dwa(Follow):
     """Choose, from the velocities that can be reached within a control period, the best one that is safe.
 
     Each candidate command is held for `horizon` s under the robot's own limits of speed, acceleration and turning, while every
-    obstacle goes straight on. It is admissible if the robot can still stop before the first contact. Of these the one is taken
+    obstacle keeps its velocity. It is allowed if the robot can still stop before the first contact. Of these the one is taken
     with the largest sum of `heading` (1 - angle to the target / pi, after one period), `dist` (time of the first contact, as a
     share of the horizon) and `vel` (speed / v_max); the target is the farthest point of the global path in sight. With none
     admissible contact is put off as long as can be.

@@ -1,4 +1,4 @@
-"""What the rivals that only look at what is near have in common: a target on the global path, and a step that ends at walls."""
+"""What the baselines without a global plan share: a target on the global path, and a step that ends at walls."""
 
 from __future__ import annotations
 

@@ -8,10 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from antway.baselines.replan import STOP, drive
+from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
+from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # shares of how far the robot can be from its plan between two commands
@@ -63,16 +65,6 @@ class Oracle:
             at = at[0] + velocity[0] * dt, at[1] + velocity[1] * dt
             t.append(len(t) * dt)
             xy.append(at)
-        frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
-        contact = first_contact(
-            np.array(t),
-            np.array(xy),
-            task.robot.radius,
-            task.grid.blocked,
-            frame,
-            line.knot_t,
-            line.knot_xy,
-            line.first,
-            line.radius + GRAZE,
-        )
+        discs = Trajectories(line.knot_t, line.knot_xy, line.first, line.radius + GRAZE)
+        contact = first_contact(np.array(t), np.array(xy), task.robot.radius, terrain_of(task.grid), discs)
         return contact == math.inf

@@ -1,4 +1,4 @@
-"""Rivals that replan: `follow`, `stop`, `replan`, `dstarlite`, `sipp`. Each plans anew every cycle from where the robot is."""
+"""Baselines that replan: `follow`, `stop`, `replan`, `dstarlite`, `sipp`; each plans anew in every cycle."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.grid import Cell, Moves
-from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
+from antway.kernels.base.records import Trajectories
+from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
@@ -18,6 +19,7 @@ from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
 from antway.world.line_of_sight import clear, nearest_free
 from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
 
@@ -52,7 +54,7 @@ class Follow:
 class Stop(Follow):
     """Drive the shortest way over the map, and wait while what moves would be met on the next part of it.
 
-    Every obstacle is taken to go straight on. What most industrial vehicles do.
+    Every obstacle is assumed to keep its velocity. This is what most industrial vehicles do.
 
     Parameters
     ----------
@@ -75,9 +77,8 @@ class Stop(Follow):
         knots = np.stack((xy, xy + velocity * self.lookahead), axis=1).reshape(-1, 2)
         times, first = np.tile(ends, n), np.arange(0, 2 * n + 1, 2, dtype=np.int64)
         body = robot.radius + self.margin
-        if len(path.t) and first_conflict(
-            path.t, path.xy, float(ends[1]), body, 0.0, times, knots, first, o.tracks.radius
-        )[0] < math.inf:  # fmt: skip
+        discs = Trajectories(times, knots, first, o.tracks.radius)
+        if len(path.t) and first_conflict(path.t, path.xy, float(ends[1]), body, 0.0, discs)[0] < math.inf:
             self.decide("wait", "an obstacle crosses the way ahead")
             return STOP
         self.decide("follow", "the way ahead is free")
@@ -106,7 +107,6 @@ class Sipp(Follow):
         """Prepare the distance field."""
         super().reset(task, seed)
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
-        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
@@ -130,12 +130,9 @@ class Sipp(Follow):
         if self.predictions == "mirrored":
             out = np.empty((16 * n + 1, 8))
             estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
-            return out[
-                : predict(
-                    estimates, o.t, 0.0, horizon, *o.xy, robot.radius, margin, 0.0, 0.0, 0.0, 0.0,
-                    self.task.grid.blocked, self.frame, NO_PREDICTIONS, out,
-                )
-            ]  # fmt: skip
+            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0)
+            terrain = terrain_of(self.task.grid)
+            return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
         contact_radius = body + np.clip(gap - 1e-6, 0.0, margin)

@@ -1,4 +1,4 @@
-"""What kind of meeting lies ahead, and when and how close it will be."""
+"""The kind of a coming encounter, and when and how close the closest approach will be."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 from antway.world.policy import XY
 
-STANDING = 0.05  # m/s; what is slower stands
+STANDING = 0.05  # m/s; an obstacle slower than this counts as standing
 
 
 def closest_approach(xy: XY, velocity: XY, other: XY, other_velocity: XY) -> tuple[float, float]:
@@ -25,11 +25,11 @@ def closest_approach(xy: XY, velocity: XY, other: XY, other_velocity: XY) -> tup
 
 
 def encounter(velocity: XY, other_velocity: XY) -> str:
-    """Name the meeting of a robot and an obstacle by their velocities, m/s.
+    """Name the encounter of a robot and an obstacle by their velocities, m/s.
 
-    head-on: courses within 45 degrees of opposite; overtaking: within 45 degrees of equal; crossing-left, crossing-right: the
-    obstacle comes from that side of the robot; standing: the obstacle does not move. A robot at rest is met by a crossing
-    obstacle, from the side opposite to its course, or head-on where there is no telling: pass its intended velocity.
+    head-on: directions within 45 degrees of opposite; overtaking: within 45 degrees of equal; crossing-left, crossing-right:
+    the obstacle comes from that side of the robot; standing: the obstacle does not move. The velocity of a robot at rest has no
+    direction, so every moving obstacle would be head-on: pass the velocity that the robot intends.
 
     Examples
     --------

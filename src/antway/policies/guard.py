@@ -12,8 +12,9 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.robot.brake import Robot, fallback, passed_command, when_it_acts
 from antway.kernels.robot.cycle import Body
-from antway.kernels.robot.guard import BRAKED, fault, guarded, within_reach
+from antway.kernels.robot.guard import BRAKED, Bounds, fault, guarded, within_reach
 from antway.world.policy import XY, Command, Decision, Observation, Policy, Task
+from antway.world.terrain import terrain_of
 from antway.world.walls import walls_of
 
 _MARGIN = 0.01  # m kept from walls by robots with inertia
@@ -67,9 +68,8 @@ class Guard:
 
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
-        robot, (x, y, _) = task.robot, task.grid.origin
-        self.task, self.corner = task, (x, y)
-        self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
+        robot, self.task, self.terrain = task.robot, task, terrain_of(task.grid)
+        self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential"), robot.radius])
         self.dynamic = None if robot.stepwise else _Dynamic(task)
         self.table, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
@@ -106,18 +106,7 @@ class Guard:
             self.did = DID[did]
             return passed
         vx, vy, did = guarded(
-            *o.xy,
-            *o.velocity,
-            o.heading,
-            *command.velocity,
-            tracks,
-            robot.radius,
-            self.limits,
-            robot.dt,
-            self.lookahead,
-            self.task.grid.blocked,
-            self.task.grid.resolution,
-            *self.corner,
+            *o.xy, *o.velocity, o.heading, *command.velocity, tracks, self.limits, robot.dt, self.lookahead, self.terrain
         )
         self.did = DID[did]
         return Command((vx, vy))
@@ -135,22 +124,8 @@ class Guard:
             self.tracks, self.spread = np.empty((2 * most, 6)), np.zeros(2 * most)
         if t.covariance is not None:
             self.spread[: len(t)] = 2.0 * np.sqrt(t.covariance[:, 0, 0])
-        self.count, n = within_reach(
-            self.table,
-            self.count,
-            o.t,
-            stamp,
-            self.hold,
-            t.id,
-            t.xy,
-            t.velocity,
-            t.radius,
-            self.spread,
-            task.obstacle_speed,
-            task.obstacle_surge,
-            stopping,
-            self.tracks,
-        )
+        bounds, scan = Bounds(task.obstacle_speed, task.obstacle_surge, stopping), (t.id, t.xy, t.velocity, t.radius)
+        self.count, n = within_reach(self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, bounds, self.tracks)
         return self.tracks[:n]
 
 

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.spacetime.memory import SEGMENTS
-from antway.kernels.tracking.predict import NO_PREDICTIONS, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
 from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
+from antway.world.terrain import terrain_of
 
 LINE_STRIP, CYLINDER, TEXT, ADD, DELETE_ALL = 4, 3, 9, 0, 3  # of visualization_msgs/msg/Marker
 _COLOURS = {"follow": (0.1, 0.6, 0.2), "arrived": (0.1, 0.6, 0.2), "avoid": (0.1, 0.4, 0.9)}
@@ -69,7 +70,7 @@ class _Writer:
 def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
     """Return `decision`, made at `xy` m and `t` s among `tracks`, as a MarkerArray of these namespaces, after a delete-all.
 
-    action: its name and reason in words over the robot; motion: the way planned; target: where the way round leads;
+    action: its name and reason in words over the robot; motion: the planned path; target: where the detour ends;
     obstacle: a line from the robot to the obstacle that matters.
     """
     writer, colour = _Writer(t, make, frame), _COLOURS.get(decision.action, _HALTED)
@@ -84,37 +85,20 @@ def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make:
 
 
 def predictions(tracks: Tracks, grid: Grid, horizon: float) -> list[NDArray[np.float64]]:
-    """Return where each track will be from now to `horizon` s, as the policy predicts it: straight on, mirrored at walls.
+    """Return where each track will be from now to `horizon` s, as the policy predicts it: constant velocity, mirrored at walls.
 
     Returns
     -------
     list of float64[M, 3]
         t in s, x and y in m; one for each track.
     """
-    frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
+    margins = TubeMargins(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     rows = np.column_stack(
         (tracks.xy, np.nan_to_num(tracks.velocity), tracks.radius, np.zeros((len(tracks), 2)), tracks.id)
     ).astype(np.float64)
     segments, lines = np.empty((SEGMENTS, 8)), []
     for k in range(len(rows)):
-        n = predict(
-            rows[k : k + 1],
-            0.0,
-            0.0,
-            horizon,
-            math.inf,
-            math.inf,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            grid.blocked,
-            frame,
-            NO_PREDICTIONS,
-            segments,
-        )
+        n = predict(rows[k : k + 1], 0.0, 0.0, horizon, math.inf, math.inf, margins, terrain_of(grid), NO_PREDICTIONS, segments)
         t, until, x, y, vx, vy = segments[:n, :6].T
         ends = np.column_stack((until, x + vx * (until - t), y + vy * (until - t)))
         lines.append(np.vstack((np.column_stack((t, x, y)), ends[-1:])))

@@ -96,8 +96,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
         self.pilot, self.tracker = Pilot(settings), Tracker()
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; by the first scan that is forgotten
-        self.done: Callable[[End, str], None] | None = None  # told how the drive to the goal ended
-        self.feed: Callable[[], None] | None = None  # told of each command
+        self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
+        self.feed: Callable[[], None] | None = None  # called after each command
         self.charted = 0.0  # s, stamp of the map
         self.laser: Any = None  # a scan that waits for odometry
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
@@ -274,7 +274,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     # What goes out
 
     def go(self, goal: Goal, done: Callable[[End, str], None] | None = None, feed: Callable[[], None] | None = None) -> None:
-        """Drive to `goal`; `done` is told how that ended, `feed` whenever there is a command."""
+        """Drive to `goal`; `done` is called with how that ended, `feed` after each command."""
         self._do(self.pilot.go(goal))
         self.done, self.feed = done, feed
 

@@ -1,4 +1,4 @@
-"""The way that follow_path gives: the corridor about it, and where the robot is along it; no ROS import."""
+"""The path given to follow_path: the corridor around it, and where the robot is along it; no ROS import."""
 
 from __future__ import annotations
 
@@ -50,18 +50,18 @@ def keeps_within(part: Grid, path: NDArray[np.float64]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Tracking:
-    """Where a robot is along a way.
+    """Where a robot is along a path.
 
     Attributes
     ----------
     index : int
-        Of the vertex at which the nearest segment begins.
+        Index of the vertex at which the nearest segment starts.
     aside : float
-        Distance from the way, m; positive to its left.
+        Distance from the path, m; positive to its left.
     turned : float
-        Direction of the way less the robot's heading, rad; positive where the robot is turned to the right of the way.
+        Direction of the path minus the robot's heading, rad; positive if the robot is turned to the right of the path.
     left : float
-        Length of the way from there to its end, m.
+        Length of the path from there to its end, m.
     """
 
     index: int

@@ -60,7 +60,7 @@ class Goal:
     xy : (x, y)
         m.
     path : float64[N, 2] or None
-        The way there; the robot keeps within `corridor` m of it.
+        The path to it; the robot keeps within `corridor` m of it.
     yaw : float
         Where wheels are to point when they have arrived, rad; NaN: anywhere.
     hurried : bool
@@ -118,7 +118,7 @@ class Pilot:
         return kept[1]
 
     def go(self, goal: Goal) -> Answer | None:
-        """Take a goal. The one before is replaced, without a stop where the new one leads the same way.
+        """Take a goal. The one before is replaced, without a stop if the new one follows the same path.
 
         Patience and progress are counted on where the new goal is at the place of the one before.
         """
@@ -268,7 +268,7 @@ class Pilot:
         return Answer(STAND, level, reason)
 
     def _set_out(self, goal: Goal, here: XY) -> AntwayPolicy:
-        """Return the policy at the start of its way; the map is that of the goal's corridor, if it has one."""
+        """Return a policy that has just started; the map is that of the goal's corridor, if it has one."""
         settings, into = self.settings, inverse(self.frame)
         grid = self.grid
         if goal.path is not None:
@@ -278,7 +278,7 @@ class Pilot:
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
-        """Tell whether `goal` is the one before, reached by a way that keeps to the inner half of the same corridor."""
+        """Tell whether `goal` is the one before, reached by a path that keeps to the inner half of the same corridor."""
         if before.path is None or goal.path is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
             return False
         paths = [move(inverse(self.frame), path) for path in (before.path, goal.path)]

@@ -72,7 +72,7 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
         return np.empty((0, 2)), np.empty(0)
     breaks = np.flatnonzero(np.hypot(*np.diff(xy, axis=0).T) > gap) + 1
     clusters = np.split(xy, breaks)
-    if len(clusters) > 1 and math.dist(xy[0], xy[-1]) <= gap:  # the scan goes all the way round
+    if len(clusters) > 1 and math.dist(xy[0], xy[-1]) <= gap:  # the scan covers the full circle
         clusters[0] = np.vstack((clusters.pop(), clusters[0]))
     found = []
     while clusters:

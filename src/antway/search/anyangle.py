@@ -1,4 +1,4 @@
-"""Any-angle paths: optimal ones by Polyanya on the grid's own free strips, and Theta* and Lazy Theta* beside it."""
+"""Any-angle paths: optimal ones by Polyanya on a mesh of the grid's free rectangles, and Theta* and Lazy Theta* beside it."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
     budget : Budget
         Time and cancellation.
     method : str
-        "polyanya": optimal (Cui, Harabor, Grastien, Compromise-free pathfinding on a navigation mesh, IJCAI 2017) on the
-        grid's free strips, in exact integer geometry. "theta" and "lazy-theta" turn at cell centres only and are not optimal
-        (Nash, Daniel, Koenig, Felner, AAAI 2007; Nash, Koenig, Tovey, AAAI 2010).
+        "polyanya": optimal (Cui, Harabor, Grastien, Compromise-free pathfinding on a navigation mesh, IJCAI 2017) on a
+        mesh of the grid's free rectangles, in exact integer geometry. "theta" and "lazy-theta" turn at cell centres only and
+        are not optimal (Nash, Daniel, Koenig, Felner, AAAI 2007; Nash, Koenig, Tovey, AAAI 2010).
 
     Returns
     -------
@@ -72,18 +72,18 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
 
 
 class Mesh(NamedTuple):
-    """The free strips of a grid, see `kernels.anyangle`."""
+    """The free rectangles of a grid and their portals, see `kernels.search.polyanya`."""
 
     mesh: NDArray[np.int64]
     part: NDArray[np.int64]
     ports: NDArray[np.int64]
     at: NDArray[np.int32]
-    widest: int  # the most portals of one strip
+    widest: int  # the most portals of one rectangle
     spare: list[Workspace]  # of searches that are done, for those to come
 
 
 class Workspace:
-    """The memory of a search by Polyanya, see `kernels.anyangle.search`; it grows and is used again."""
+    """The memory of a search by Polyanya, see `kernels.search.polyanya.search`; it grows and is used again."""
 
     def __init__(self, corners: int, nodes: int) -> None:
         self.best, self.parent = np.empty(corners), np.empty(corners, np.int64)
@@ -104,7 +104,7 @@ def _mesh(grid: Grid) -> Mesh:
 
 
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
-    net = kept(problem.grid, "strips", lambda: _mesh(problem.grid))
+    net = kept(problem.grid, "mesh", lambda: _mesh(problem.grid))
     (sr, sc), (gr, gc) = problem.start, problem.goal
     first, last = net.at[sr, sc], net.at[gr, gc]
     ends = np.array([2 * sc + 1, 2 * sr + 1, first, 2 * gc + 1, 2 * gr + 1, last])

@@ -107,7 +107,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
 def _search_all(
     search: Searcher, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    """Solve queries as the planner `jps` does; see `kernels.astar.solve_all`."""
+    """Solve queries as the planner `jps` does; see `kernels.search.astar.solve_all`."""
     cells, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
     work = search.workspace()
     try:

@@ -22,7 +22,7 @@ _NO_FACES = np.empty((0, 2))
 
 @cache
 def faces(moves: Moves) -> NDArray[np.float64]:
-    """Return the faces (p, q) of the moves' unit ball in the octant of (a, b), a >= b >= 0; see `kernels.bestfirst.gauge`."""
+    """Return the faces (p, q) of the moves' unit ball in the octant of (a, b), a >= b >= 0; see the kernel `gauge`."""
     corners = sorted({(max(abs(r), abs(c)), min(abs(r), abs(c))) for r, c in moves.offsets.tolist()}, key=lambda v: v[1] / v[0])
     if moves is Moves.FOUR:
         return np.ones((1, 2))

@@ -1,7 +1,7 @@
 """Cost maps: what a metre costs in each cell.
 
 A move costs its length times the mean of the costs of the two cells it joins. Costs are finite and positive; where the map is
-free a cost of 1 is plain distance, 3 a zone to be crossed only where the way round is three times as long.
+free a cost of 1 is plain distance, 3 a zone to be crossed only where the detour is three times as long.
 """
 
 from __future__ import annotations

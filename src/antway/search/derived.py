@@ -80,7 +80,7 @@ def successors(moves: Moves) -> NDArray[np.uint8]:
 
 
 def packed(grid: Grid) -> NDArray[np.uint64]:
-    """Return the map packed into bits for the four straight directions (see `kernels.jps`)."""
+    """Return the map packed into bits for the four straight directions (see `kernels.search.jps`)."""
     return kept(grid, "packed", lambda: packed_lines(grid.blocked))
 
 

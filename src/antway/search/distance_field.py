@@ -93,7 +93,7 @@ def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
 
 
 class DijkstraField:
-    """A wave of distances that spreads over a lattice from its sources; see `kernels.field`.
+    """A wave of distances that spreads over a lattice from its sources; see `kernels.search.distance_field`.
 
     Attributes
     ----------

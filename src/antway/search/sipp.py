@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked
 from antway.grid import Cell, Grid, Moves
+from antway.kernels.base import records
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.spacetime import prepare as timed
 from antway.kernels.spacetime import sipp as kernels
@@ -251,15 +252,14 @@ class Sipp:
         x, y = checks.point("start", start)
         self._check_start((x, y))
         most = 2**62 if max_expanded is None else checks.integer("max_expanded", max_expanded, low=0)
-        grid, speed = self.grid, self.v_max
-        frame = (grid.origin[0] + grid.resolution / 2, grid.origin[1] + grid.resolution / 2, grid.resolution)
+        grid, (ox, oy, _), size = self.grid, self.grid.origin, self.grid.resolution
+        frame = kernels.Frame(ox + size / 2, oy + size / 2, size, grid.shape[1])
+        offsets, lengths = self.moves.offsets, self.moves.lengths
+        moving = kernels.Moving(grid.blocked, self.mask, self.field, offsets, lengths, frame, self.radius, self.v_max)
         if len(segments) > len(self._workspace.spans):
             self._workspace = _workspace(self.mask.size, len(self._workspace.cell), 2 * len(segments))
         while True:
-            code, state, expanded, bound = kernels.sipp(
-                grid.blocked, self.mask, self.field, self.moves.offsets, self.moves.lengths,
-                frame, self.radius, speed, (x, y), t, segments, most, self._workspace,
-            )  # fmt: skip
+            code, state, expanded, bound = kernels.sipp(moving, (x, y), t, segments, most, self._workspace)
             if code != kernels.FULL:
                 break
             self._workspace = _workspace(
@@ -267,7 +267,7 @@ class Sipp:
             )
         path, arrival = TimedPath(np.empty(0), np.empty((0, 2))), math.inf
         if code == kernels.FOUND:
-            path = TimedPath(*kernels.sipp_path(state, (x, y), grid.shape[1], frame, self._workspace))
+            path = TimedPath(*kernels.sipp_path(state, (x, y), frame, self._workspace))
             arrival = bound = float(path.t[-1])
         return TimedPlan(_STATUS[code], path, arrival, bound, expanded, time.perf_counter() - started)
 
@@ -358,4 +358,5 @@ def _segments(obstacles: Trajectories, robot_radius: float, t: float, horizon: f
         raise BadParameter(
             "obstacles.knot_t", float(knot_t[np.argmin(rising) + 1]), "strictly increasing within an obstacle (s)"
         )
-    return timed.timeline_segments(radius, knot_t, knot_xy, first.astype(np.int64), robot_radius, t, horizon)
+    trajectories = records.Trajectories(knot_t, knot_xy, first.astype(np.int64), radius)
+    return timed.timeline_segments(trajectories, robot_radius, t, horizon)

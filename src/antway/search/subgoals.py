@@ -149,7 +149,7 @@ class Hierarchy:
     def plan_all(
         self, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
     ) -> NDArray[np.int32]:
-        """Solve queries, `chunk` of them between two looks of Python at its signals; see `kernels.climb.route_all`."""
+        """Solve queries, `chunk` of them between two looks of Python at its signals; see the kernel `route_all`."""
         paths, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
         work = self.spare.pop() if self.spare else self._workspace()
         try:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from antway import checks
-from antway.planning import Budget, Clock
+from antway.errors import BadParameter
+from antway.planning import Budget
+from antway.tours.bounds import lower_bound, worth_bound
+from antway.tours.fleet import best_routes
+from antway.tours.single import best_order
 from antway.tours.stops import Floats, Order, Stops, checked
 from antway.tours.untimed import is_untimed, shortest_order
+
+_NEAR = 1e-9  # of the time all is done: by how much sums of times may differ
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,12 +126,47 @@ def order_stops(
     """
     stops = checked(matrix, start, end, windows, service, priorities, deadline, robots, objective)
     checks.seed(seed)
-    clock = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles).start()
+    known, learned = _initial(stops, initial)
+    budget = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles)
+    clock = budget.start()
     if is_untimed(stops):
-        order, least = shortest_order(stops, clock, cycles, seed)
+        order, least = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
         return finished(stops, [order], least)
-    orders = _insertion(stops, clock)
-    return finished(stops, orders, 0.0)
+    proven, pheromone = False, None
+    if stops.robots > 1 or stops.priorities is not None:
+        allowed = math.inf if budget.seconds is None else budget.seconds
+        orders = best_routes(stops, clock, allowed, cycles, seed, known)
+    else:
+        order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned)
+        orders = [order]
+    answer = finished(stops, orders, 0.0, pheromone)
+    if stops.priorities is not None:
+        bound = worth_bound(stops)
+    elif proven and answer.feasible:
+        bound = answer.cost * (1.0 - _NEAR)
+    else:
+        bound = lower_bound(stops) if math.isfinite(answer.cost) else 0.0
+    return replace(answer, bound=bound)
+
+
+def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | None, Floats | None]:
+    """Return the orders and the pheromone to begin with, of which stops that are no more are left out."""
+    if initial is None:
+        return None, None
+    if isinstance(initial, Ordering):
+        given, learned = list(initial.orders), initial.pheromone
+    else:
+        given, learned = [checks.array("initial", initial, (None,))], None  # type: ignore[list-item]
+    n, orders = len(stops.matrix), []
+    for order in given:
+        wrong = [stop for stop in order.tolist() if not (stop >= 0 and stop == int(stop))]
+        if wrong:
+            raise BadParameter("initial", wrong[0], f"stops 0 to {n - 1}, each at most once")
+        ends = {stops.start, stops.end}
+        inner = list(dict.fromkeys(int(stop) for stop in order.tolist() if stop < n and int(stop) not in ends))
+        tail = [] if stops.end is None else [stops.end]
+        orders.append(np.array([stops.start, *inner, *tail], dtype=np.int32))
+    return orders or None, learned
 
 
 def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats | None = None) -> Ordering:
@@ -136,6 +177,8 @@ def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats 
     else:
         cost = sum(stops.travel(order) for order in orders)
     late = sum(lateness for _, _, _, lateness in timings)
+    if late <= _NEAR * (1.0 + max(done for _, _, done, _ in timings)):
+        late = 0.0  # sums of times are rounded
     visited = np.unique(np.concatenate(orders))
     collected = 0.0 if stops.priorities is None else float(stops.priorities[visited].sum())
     whole = stops.priorities is not None or len(visited) == len(stops.matrix)
@@ -150,34 +193,3 @@ def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats 
         bound,
         pheromone,
     )
-
-
-def _insertion(stops: Stops, clock: Clock) -> list[Order]:
-    """Insert stop after stop where that costs least; without windows move single stops to better places after that."""
-    tail = [] if stops.end is None else [stops.end]
-    orders = [[stops.start, *tail] for _ in range(stops.robots)]
-
-    def cost(trial: list[list[int]]) -> tuple[float, float]:
-        timed = [stops.timing(np.array(order, dtype=np.int32)) for order in trial]
-        spans = [done for _, _, done, _ in timed]
-        travel = sum(stops.travel(np.array(order, dtype=np.int32)) for order in trial)
-        return sum(late for _, _, _, late in timed), max(spans) + 1e-6 * travel if stops.objective == "makespan" else travel
-
-    def best_place(stop: int) -> tuple[tuple[float, float], list[list[int]]]:
-        trials = []
-        for r, order in enumerate(orders):
-            for p in range(1, len(order) + 1 - len(tail)):
-                trial = [*orders[:r], [*order[:p], stop, *order[p:]], *orders[r + 1 :]]
-                trials.append((cost(trial), trial))
-        return min(trials, key=lambda pair: pair[0])
-
-    inner = stops.inner.tolist()
-    if stops.priorities is not None:
-        inner.sort(key=lambda stop: -float(stops.priorities[stop]))
-    else:
-        inner.sort(key=lambda stop: (float(stops.windows[stop, 1]), float(-stops.matrix[stops.start, stop])))
-    for stop in inner:
-        found, trial = best_place(stop)
-        if stops.priorities is None or found[0] == 0.0:
-            orders = trial
-    return [np.array(order, dtype=np.int32) for order in orders]

@@ -61,9 +61,9 @@ class Stops:
             earliest, latest = (0.0, math.inf) if home else self.windows[stop]
             arrival[p], waiting[p] = now, max(0.0, earliest - now)
             now += waiting[p]
-            late += max(0.0, now - latest)
+            late += now - latest if now > latest else 0.0
             now += 0.0 if home else self.service[stop]
-        return arrival, waiting, now, late + max(0.0, now - self.deadline)
+        return arrival, waiting, now, late + (now - self.deadline if now > self.deadline else 0.0)
 
     def travel(self, order: Order) -> float:
         """Return the sum of the travel times along `order`, in s."""

@@ -6,9 +6,11 @@ import math
 import time
 
 import numpy as np
+from numpy.typing import NDArray
 
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.kernels.colony import held_karp
+from antway.kernels.colony.local_search import improve, workspace
 from antway.planning import Clock
 from antway.tours.stops import Floats, Order, Stops
 
@@ -25,20 +27,43 @@ def is_untimed(stops: Stops) -> bool:
     return plain and bool(np.isfinite(away).all()) and (few or bool((away == away.T).all()))
 
 
-def shortest_order(stops: Stops, clock: Clock, cycles: int | None, seed: int) -> tuple[Order, float]:
+def shortest_order(
+    stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None = None
+) -> tuple[Order, float]:
     """Return the best order of untimed `stops` that ants find until the clock runs out, and a lower bound on its travel time.
 
-    Up to 12 stops a dynamic program finds the best at once. An open tour is a closed one over a further node, which is 0 away
-    from both ends and 2 max d from all else; a tour that does not use both ends costs at least as much more as that saves.
+    Up to 12 stops a dynamic program finds the best at once. `initial` is an order to go on from, which 3-opt improves first.
     """
     away, n = stops.matrix, len(stops.matrix)
-    first = np.r_[stops.start, np.delete(np.arange(n), stops.start)]  # rows with the start as number 0
-    place = np.argsort(first)
-    end = -1 if stops.end is None else int(place[stops.end])
+    first = rows_from_start(stops)
     if n <= FEW:
+        end = -1 if stops.end is None else int(np.argsort(first)[stops.end])
         order = held_karp.best_of_few(np.ascontiguousarray(away[np.ix_(first, first)]), end)
         whole = _finish(first[order], stops)
         return whole, stops.travel(whole)
+    closed, extra, end = closed_matrix(stops, away)
+    least = held_karp_bound(closed, extra, end)
+    instance = Tsp(matrix=closed, optimum=(least + extra) * (1 + 2e-9))
+    known = None if initial is None else _improved(instance, np.argsort(first)[initial], end)
+    left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
+    tour = solve_tsp(instance, local_search="3opt", seconds=left, cycles=cycles, seed=seed, cancel=clock.cancel)
+    order = tour.order if known is None or tour.length < instance.length(known) else known
+    return _finish(first[_from_start(order, n, end)], stops), least
+
+
+def rows_from_start(stops: Stops) -> Order:
+    """Return the stops with the start as number 0."""
+    return np.concatenate(([stops.start], np.delete(np.arange(len(stops.matrix)), stops.start))).astype(np.int32)
+
+
+def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
+    """Return distances whose closed tours are the tours of `stops`, how much longer those are, and the end's row or -1.
+
+    An open tour is a closed one over a further node, which is 0 away from both ends and 2 max d from all else; a tour that does
+    not use both ends costs at least as much more as that saves.
+    """
+    first, n = rows_from_start(stops), len(away)
+    end = -1 if stops.end is None else int(np.argsort(first)[stops.end])
     closed = away[np.ix_(first, first)]
     far = 2.0 * float(away.max())
     if end != 0:
@@ -46,15 +71,33 @@ def shortest_order(stops: Stops, clock: Clock, cycles: int | None, seed: int) ->
         closed[n, n] = closed[0, n] = closed[n, 0] = 0.0
         if end > 0:
             closed[end, n] = closed[n, end] = 0.0
-    extra = far if end < 0 else 0.0
-    closed = np.ascontiguousarray(closed)
-    least = held_karp.bound(closed, _nearest_first(closed), max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2)))
+    return np.ascontiguousarray(closed), far if end < 0 else 0.0, end
+
+
+def held_karp_bound(closed: Floats, extra: float, end: int) -> float:
+    """Return what no tour over `closed_matrix` is shorter than, `extra` taken off."""
+    if len(closed) < 3:
+        return 0.0
+    rounds = max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2))
     # Distances are sums of millions of roundings; the bound must not be above a tour by one of them.
-    least = max(0.0, (least - extra) * (1 - 1e-9))
-    left = None if clock.end == math.inf else max(0.0, clock.end - time.perf_counter())
-    instance = Tsp(matrix=closed, optimum=(least + extra) * (1 + 2e-9))
-    tour = solve_tsp(instance, local_search="3opt", seconds=left, cycles=cycles, seed=seed, cancel=clock.cancel)
-    return _finish(first[_from_start(tour.order, n, end)], stops), least
+    return max(0.0, (held_karp.bound(closed, _nearest_first(closed), rounds) - extra) * (1 - 1e-9))
+
+
+def _improved(instance: Tsp, known: NDArray[np.int64], end: int) -> Order:
+    """Return the order `known` over rows as a closed tour with all nodes, those missing put in where that costs least."""
+    away = instance.matrix
+    assert away is not None
+    order = known[:-1].tolist() if end == 0 and len(known) > 1 else known.tolist()
+    n = len(away)
+    if end != 0:
+        order.append(n - 1)
+    for node in sorted(set(range(n)) - set(order)):
+        here = np.array(order)
+        then = np.roll(here, -1)
+        order.insert(int(np.argmin(away[here, node] + away[node, then] - away[here, then])) + 1, node)
+    result = np.array(order, dtype=np.uint32)
+    improve(instance.cities(min(10, n - 1)), workspace(n, 0), result, 5, n)
+    return result.astype(np.int32)
 
 
 def _from_start(order: Order, n: int, end: int) -> Order:

@@ -82,7 +82,7 @@ def smooth(
         "holonomic" or "differential"; of the latter rad/s and rad/s^2, > 0. It begins and ends in the directions of the
         polyline and never reverses.
     segments : float64[P, 8] or None
-        Predicted obstacles, the robot's radius included (`antway.kernels.spacetime.segments`); time 0 is the begin of the motion.
+        Predicted obstacles, the robot's radius included (`antway.kernels.spacetime.segments`); the motion starts at time 0.
     knots : int
         Intervals of the program, 4 to 200.
     weights : (w_T, w_L, w_S)

@@ -12,6 +12,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.motion import first_conflict
 from antway.planning import TimedPath
 
@@ -126,4 +127,4 @@ def is_clear(path: TimedPath, grid: Grid, radius: float, segments: NDArray[np.fl
     if segments is None or not len(segments):
         return True
     knots = np.column_stack((path.t, path.xy))
-    return first_conflict(knots, float(path.t[0]), segments, 0.0, np.empty(2)) == math.inf
+    return first_conflict(knots, float(path.t[0]), Predictions(segments, 0.0, np.empty(2))) == math.inf

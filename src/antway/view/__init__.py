@@ -18,7 +18,7 @@ def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = No
     out : path
         .html for a replay page, .gif or .mp4 for an animation, .png, .svg or .pdf for a picture.
     at : float or None
-        For a picture, the moment to show in s; None: the whole way driven.
+        For a picture, the moment to show in s; None: the whole path driven.
 
     Raises
     ------

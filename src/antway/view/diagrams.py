@@ -100,7 +100,7 @@ def improved_chart() -> Figure:
 
 @style.styled
 def avoidance_chart() -> Figure:
-    """Fig. 3: the robot's way among moving obstacles, Steps 1 to 8."""
+    """Fig. 3: the robot's path among moving obstacles, Steps 1 to 8."""
     return _chart(
         "A robot among moving obstacles",
         {
@@ -117,7 +117,7 @@ def avoidance_chart() -> Figure:
             "arrive": Box("Step 5: within the step limit;\nkeep the shortest path", 5.3, 1),
             "update": Box("Step 6: pheromone from the ants\nthat arrived, Eq. (2)", 6.35, 1),
             "last": Box("Step 7: last cycle?", 7.4, 1, "question"),
-            "take": Box("Step 8: take the best way, or wait if that is\nshorter; rejoin the global path", 8.5, 1),
+            "take": Box("Step 8: take the best path, or wait if that is\nshorter; rejoin the global path", 8.5, 1),
         },
         [
             *_down("start init global sense meet move goal end", meet="no", goal="yes"),

@@ -97,7 +97,7 @@ def moment_figure(
     prediction : bool
         Draw where each sensed obstacle may be within the next 3 s at its present velocity.
     pheromone : bool
-        Draw the ants' pheromone and the way that was chosen, if the decision of that step has them.
+        Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
     """
     step = checks.integer("step", step, low=0, high=len(trace))
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
@@ -113,7 +113,7 @@ def moment_figure(
 
 @style.styled
 def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final path of the robot") -> Figure:
-    """Draw the way a robot drove, the global path, and the tracks of the obstacles in red (Fig. 7 of the paper)."""
+    """Draw the path that a robot drove, the global path, and the tracks of the obstacles in red (Fig. 7 of the paper)."""
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
     axes = fig.subplots()
     style.draw_map(axes, trace.task.grid)
@@ -297,7 +297,7 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
         bar.set_label("pheromone", labelpad=-8)
     if decision.path is not None and len(decision.path.xy):
         xy = decision.path.xy
-        axes.plot(*xy.T, color=style.TEAL, linewidth=2.0, path_effects=style.casing(2.0), label="chosen way", zorder=3.5)
+        axes.plot(*xy.T, color=style.TEAL, linewidth=2.0, path_effects=style.casing(2.0), label="chosen path", zorder=3.5)
     if decision.local_target is not None:
         axes.plot(
             *decision.local_target,

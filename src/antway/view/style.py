@@ -23,7 +23,7 @@ from antway.grid import Grid
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Tol's "vibrant" scheme, told apart under every common colour blindness; red is kept for what moves.
+# Tol's "vibrant" scheme, which people with any common colour blindness can tell apart; red is kept for moving obstacles.
 BLUE, CYAN, TEAL, ORANGE, RED = "#0077BB", "#33BBEE", "#009988", "#EE7733", "#CC3311"
 INK, WALL, UNKNOWN, RULE = "#1B1F24", "#454B54", "#D3D7DC", "#E3E6EA"
 _VIOLET = [(0.45, 0.25, 0.65, 0.0), (0.45, 0.25, 0.65, 0.55), (0.25, 0.05, 0.45, 0.95)]

@@ -4,45 +4,26 @@ from __future__ import annotations
 
 import base64
 import math
-import threading
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.spacetime.memory import Memory
-from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.state import make_memory
 from antway.policies.paper.tubes import Tubes
 from antway.web.inside import Look, edges, look_inside
 from antway.world.episode import Episode
-from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.policy import Command, Decision, Observation, Policy, ShowsAnts, Task
 from antway.world.scenario import Scenario
 
 Message = dict[str, Any]
 
-HORIZON = 3.0  # s that predictions are shown for
-_GROWTH = 0.03  # m/s; policy paper's allowance for what obstacles may do otherwise
-_QUANTILE = 1.645  # of a place that is known with noise
-_SHADES = 40_000  # cells of pheromone in one frame
-_EDGES = 400  # of the ants' trails in one frame
-_KNOTS = 300  # of a planned way in one frame
-_ROWS = 300  # of the way driven in one frame
-
-
-class _Scratch(threading.local):
-    """The memory that searches of policy antway on maps of so many cells work in: one a thread, as each search begins anew."""
-
-    def __init__(self) -> None:
-        self.cells, self.memory = 0, make_memory(0)
-
-    def of(self, cells: int) -> Memory:
-        if cells != self.cells:
-            self.cells, self.memory = cells, make_memory(cells)
-        return self.memory
-
-
-_SCRATCH = _Scratch()
+HORIZON = 3.0  # s; predictions are shown so far ahead
+_GROWTH = 0.03  # m/s; policy paper lets its tubes widen so fast
+_QUANTILE = 1.645  # so many standard deviations are added to the radius of an obstacle that is sensed with noise
+_SHADES = 40_000  # greatest number of cells of pheromone in one frame
+_EDGES = 400  # greatest number of the ants' trails in one frame
+_KNOTS = 300  # greatest number of knots of a planned path in one frame
+_ROWS = 300  # greatest number of new rows of the driven path in one frame
 
 
 class Watched:
@@ -69,7 +50,8 @@ class View:
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self.episode = Episode(scenario, policy)
         self.watched = self.episode.policy = Watched(self.episode.policy)
-        self._lend()
+        if isinstance(self.watched.policy, ShowsAnts):  # its own memory would be megabytes for each of hundreds of tabs
+            self.watched.policy.use_common_memory()
         self.sent = 0  # rows of the record
         self.decision: Decision | None = None
         self.look: Look | None = None  # into the cycle to come
@@ -78,7 +60,6 @@ class View:
     def step(self) -> None:
         """Play one control cycle."""
         self.look, self.idle = None, ""
-        self._lend()
         if self.episode.outcome is None:
             self.episode.step()
 
@@ -86,16 +67,10 @@ class View:
         """Let the ants of the cycle to come do one cycle more, on a copy; tell whether there was one."""
         if self.episode.outcome is not None or (self.look is not None and self.look.done):
             return False
-        self._lend()
         cycles = 1 if self.look is None else self.look.cycles + 1
         look = look_inside(self.episode, self.watched.policy, cycles)
         self.look, self.idle = (None, look) if isinstance(look, str) else (look, "")
         return self.look is not None
-
-    def _lend(self) -> None:
-        """Let the policy work in the thread's memory: its own would be megabytes for each of hundreds of tabs."""
-        if isinstance(self.watched.policy, AntwayPolicy):
-            self.watched.policy.memory = _SCRATCH.of(self.episode.stage.task.grid.blocked.size)
 
     def frame(self, views: int) -> Message:
         """Return what is new since the last frame."""
@@ -131,7 +106,9 @@ class View:
             policy = self.watched.policy if look is None else look.policy
             record["decision"] = None if latest is None else _decision(latest, views)
             laid = latest is not None and latest.pheromone is not None
-            record["trails"] = [[short(v) for v in edge] for edge in edges(policy, _EDGES // views)] if laid else []
+            record["trails"] = (
+                [[short(v) for v in edge] for edge in edges(policy, stage.task.grid, _EDGES // views)] if laid else []
+            )
         return record
 
     def _braking(self) -> tuple[float, float]:

@@ -14,14 +14,15 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadScenario
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
-from antway.kernels.robot.cycle import Body, Discs, Record, play
+from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.dynamics import REST
 from antway.planning import TimedPath
 from antway.version import __version__
-from antway.world.policy import Command, Decision, Observation, Policy, Task, make_policy
+from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, Task, make_policy
 from antway.world.pursuit import Pursuit
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
+from antway.world.terrain import terrain_of
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
 from antway.world.walls import walls_of
@@ -102,9 +103,9 @@ def run(
     ----------
     scenario : Scenario
     policy : str or Policy
-        A name for `make_policy`, or what `reset`s and `act`s. One that has a method `foresee(timeline)` is told where every
-        obstacle will be: only an oracle, which bounds what others can reach, should have it. One that has a method
-        `planned()`, which returns the motion planned as its explanation would, need not explain what nobody records.
+        A name for `make_policy`, or an object with `reset`, `act` and `explain`. One that also has `foresee`
+        (`antway.world.policy.Foresees`) is told where every obstacle will be. One that has `planned`
+        (`antway.world.policy.Plans`) is not asked for explanations that nobody records.
     seed : int or None
         Of all chance in it: obstacles, sensor, policy; None: the scenario's.
     horizon : float or None
@@ -185,7 +186,7 @@ class Episode:
         self.stage = stage = Stage(scenario, self.seed, horizon)
         self.name, self.policy = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
         self.guard = guard
-        self.record = record
+        self._plans = self.policy if not record and isinstance(self.policy, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # in use one after the other
         self.outcome: Outcome | None = None
@@ -193,7 +194,7 @@ class Episode:
         if math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
         try:
-            if hasattr(self.policy, "foresee"):
+            if isinstance(self.policy, Foresees):
                 self.policy.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
             if guard is not None:
@@ -235,9 +236,8 @@ class Episode:
 
     def _planned(self) -> TimedPath | None:
         """Return the motion planned; the explanation that tells it is kept, unless none is needed."""
-        if not self.record and hasattr(self.policy, "planned"):
-            path: TimedPath | None = self.policy.planned()
-            return path
+        if self._plans is not None:
+            return self._plans.planned()
         decision = self.policy.explain()
         if not self.decisions or decision is not self.decisions[-1][1]:
             self.decisions.append((self.stage.n, decision))
@@ -279,7 +279,7 @@ class Stage:
 
     def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
         task = self.task = scenario.task
-        spec, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
+        spec = task.robot
         self.horizon = horizon
         self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
         self.pursuit = Pursuit(scenario.world, task, seed, horizon, self.steps)
@@ -287,7 +287,8 @@ class Stage:
         self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
         self.stepwise = spec.stepwise
-        self.aim, self.frame = np.array([*task.goal, task.goal_tolerance]), np.array([x0, y0, size])
+        self.aim = np.array([*task.goal, task.goal_tolerance])
+        self.terrain = terrain_of(task.grid)
         rows = self.steps + 1
         self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)
         self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)
@@ -304,12 +305,10 @@ class Stage:
                 )
         self.pursuit.go(0, task.start)
         if not self.stepwise:
-            line = self.timeline
             self.limits, self.late = spec.limits, math.ceil(spec.latency / spec.dt - 1e-9)
             self.body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
             self.log = Record(self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command)
             self.walls = walls_of(task.grid)
-            self.discs = Discs(line.knot_t, line.knot_xy, line.first, line.radius)
 
     @property
     def at_rest(self) -> bool:
@@ -354,30 +353,14 @@ class Stage:
             self.log,
             self.aim,
             self.walls,
-            self.discs,
+            self.timeline.trajectories,
             self.clearance,
         )
 
     def _step(self, cx: float, cy: float) -> tuple[int, int, float]:
-        line = self.timeline
-        return advance(
-            self.n,
-            cx,
-            cy,
-            self.task.robot.dt,
-            self.robot,
-            self.aim,
-            self.t,
-            self.xy,
-            self.velocity,
-            self.heading,
-            self.task.grid.blocked,
-            self.frame,
-            line.knot_t,
-            line.knot_xy,
-            line.first,
-            line.radius,
-        )
+        record = self.t, self.xy, self.velocity, self.heading
+        dt, trajectories = self.task.robot.dt, self.timeline.trajectories
+        return advance(self.n, cx, cy, dt, self.robot, self.aim, *record, self.terrain, trajectories)
 
     def _ended(self, what: int, obstacle: int) -> tuple[Outcome | None, str]:
         line = self.timeline

@@ -89,7 +89,7 @@ class BackAndForth:
 class Waypoints:
     """Along `points` (m) at `speed` (m/s), with `pause` s at each; closed and for ever, or once if not `loop`.
 
-    A loop begins at the share `phase` in [0, 1] of its round.
+    A loop starts at the fraction `phase` in [0, 1] of its length.
     """
 
     points: tuple[XY, ...]

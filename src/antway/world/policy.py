@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from antway.grid import Grid
 from antway.planning import TimedPath, find
 from antway.tables import POLICIES as POLICIES
 from antway.world.robots import RobotSpec as RobotSpec
+from antway.world.timeline import Timeline
 
 XY = tuple[float, float]  # m, or m/s
 
@@ -177,7 +178,7 @@ class Decision:
     time_to_closest, distance_at_closest : float
         Of the closest approach to that obstacle on the present course, s and m between the discs' edges; NaN if none.
     local_target : (x, y) or None
-        Where the way round leads, m.
+        Where the detour ends, m.
     path : TimedPath or None
         The motion planned from here on.
     alternatives : sequence of (name, cost in s)
@@ -222,6 +223,62 @@ class Policy(Protocol):
 
     def explain(self) -> Decision:
         """Return why the last command was what it was."""
+
+
+@runtime_checkable
+class Foresees(Protocol):
+    """A policy that is told where every obstacle will be: only an oracle, which bounds what others can reach, should be."""
+
+    def foresee(self, timeline: Timeline) -> None:
+        """Take in where all obstacles will be; comes before `reset`."""
+
+
+@runtime_checkable
+class Plans(Protocol):
+    """A policy that tells the motion in use without an explanation."""
+
+    def planned(self) -> TimedPath | None:
+        """Return the motion in use, as the explanation would have it."""
+
+
+class LaidTrails(NamedTuple):
+    """Pheromone on moves between cells."""
+
+    here: NDArray[np.int64]  # [N, 2] (row, col)
+    there: NDArray[np.int64]  # [N, 2]
+    amount: NDArray[np.float64]  # [N]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AntStep:
+    """What the ants of a policy did in one control cycle.
+
+    Attributes
+    ----------
+    idle : str
+        Why no ants took part; empty if some did.
+    done : bool
+        Whether they ended by themselves: with more cycles of theirs the control cycle comes to the same.
+    decision : Decision
+    """
+
+    idle: str
+    done: bool
+    decision: Decision
+
+
+@runtime_checkable
+class ShowsAnts(Protocol):
+    """A policy whose ants can be watched at work."""
+
+    def use_common_memory(self) -> None:
+        """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
+
+    def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
+        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+
+    def trails(self) -> LaidTrails:
+        """Return the pheromone that is worth showing."""
 
 
 def make_policy(name: str, **options: Any) -> Policy:

@@ -20,7 +20,7 @@ class Pursuit:
     Attributes
     ----------
     timeline : Timeline
-        Of all obstacles. A pursuer's course is known up to the end of the control period under way; from there on it stands.
+        Of all obstacles. A pursuer's trajectory is known up to the end of the present control period; after that it stands.
     """
 
     def __init__(self, world: World, task: Task, seed: int, horizon: float, steps: int) -> None:
@@ -40,7 +40,7 @@ class Pursuit:
         self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
 
     def go(self, i: int, robot: tuple[float, float]) -> None:
-        """Lay down the courses in control period i, at the beginning of which the robot is at `robot` (m)."""
+        """Add the trajectories in control period i, at the start of which the robot is at `robot` (m)."""
         t, dt, grid = i * self.task.robot.dt, self.task.robot.dt, self.task.grid
         for k, radius, pursuer in self.pursuers:
             knots = self.xy[self.timeline.first[k] : self.timeline.first[k + 1]]
@@ -63,7 +63,7 @@ def _slide(
     to: tuple[float, float],
     share: float,
 ) -> tuple[float, float]:
-    """Return where a disc is that goes the `share` of the way from `at` to `to` (m), and along the first wall in its way."""
+    """Return where a disc gets to that moves the fraction `share` from `at` to `to` (m) and slides along the first wall."""
     row, col = (at[1] - origin[1]) / size - 0.5, (at[0] - origin[0]) / size - 0.5
     dr, dc = (to[1] - at[1]) * share / size, (to[0] - at[0]) * share / size
     for _ in range(2):

@@ -31,7 +31,7 @@ _BRACKET = re.compile(r"[\[\]{}]")
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A world, a robot and its errand.
+    """A world, a robot and its task.
 
     Parameters
     ----------

@@ -14,6 +14,7 @@ from antway.errors import BadParameter
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.sensor import degrade, scan
 from antway.world.policy import Task, Tracks
+from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
 _STREAM = 2**32  # of the episode's seed; below are the obstacles'
@@ -67,8 +68,7 @@ class Scanner:
 
     def __init__(self, sensor: Sensor, task: Task, timeline: Timeline, seed: int) -> None:
         self.sensor, self.timeline = sensor, timeline
-        self.reach, self.blocked = task.robot.sensor_range, task.grid.blocked
-        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+        self.sensor_range, self.terrain = task.robot.sensor_range, terrain_of(task.grid)
         self.seed = np.uint64(stream(np.uint64(seed), np.uint64(_STREAM)))
         count = len(timeline)
         self.seen, self.state = np.empty(count, np.int64), np.empty((count, 4))
@@ -94,21 +94,7 @@ class Scanner:
 
     def _scan(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
         line, sensor = self.timeline, self.sensor
-        n = scan(
-            t,
-            x,
-            y,
-            self.reach,
-            sensor.occlusion,
-            self.blocked,
-            self.frame,
-            line.knot_t,
-            line.knot_xy,
-            line.first,
-            line.radius,
-            self.seen,
-            self.state,
-        )
+        n = scan(t, x, y, self.sensor_range, sensor.occlusion, self.terrain, line.trajectories, self.seen, self.state)
         covariance = None
         if not self.plain:
             n = degrade(

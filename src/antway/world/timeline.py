@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from antway.errors import BadScenario
+from antway.kernels.base.records import Trajectories
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +91,11 @@ class Timeline:
 
     def __len__(self) -> int:
         return len(self.id)
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """The same for kernels."""
+        return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
 
     def trajectory(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the knots of disc number k: t float64[m] in s, xy float64[m, 2] in m."""

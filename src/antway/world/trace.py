@@ -60,7 +60,7 @@ class Trace:
     sensed : bool[N + 1, K]
         Which obstacles the robot had a track of when it decided at t[i] (the last row repeats the one before).
     decisions : tuple of (step, Decision)
-        What the policy said, at each step where it said something new.
+        The policy's decisions, at each step where it made a new one.
     cycle_ms : float64[N]
         Wall time that the policy took, ms. The one part that differs between two equal runs.
     outcome : Outcome
@@ -120,7 +120,7 @@ class Trace:
 
     @property
     def length(self) -> float:
-        """Way driven, m."""
+        """Length of the path driven, m."""
         return math.fsum(np.hypot(*np.diff(self.xy, axis=0).T).tolist())
 
     def decision_at(self, step: int) -> Decision | None:

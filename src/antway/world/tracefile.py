@@ -118,7 +118,10 @@ def _pack(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def read_fields(path: Path) -> dict[str, Any]:
-    """Read the fields of a `Trace` from a file, the outcome as text; every fault is a `BadInput` that names the file and the key, `BadScenario` unless a value is wrong."""
+    """Read the fields of a `Trace` from a file, the outcome as text.
+
+    Every fault is a `BadInput` that names the file and the key: `BadScenario` unless a value is wrong.
+    """
     where = str(path)
     try:
         size = path.stat().st_size if path.is_file() else -1

@@ -3,6 +3,9 @@
 `push` and `pop` keep `size` rows of key and item in an array [M, 2] of integers or of floats, the row of least key first. An
 item may be there more than once. `put_item` and `pop_item` keep items 0, 1, ... in `heap`, each once, by the least of `key`;
 `place` says where each is, -1: not there.
+
+Three searches have binary heaps of their own, by pairs of keys or with arrays of their own: search/dstarlite, spacetime/sipp
+and spacetime/memory. A 4-ary heap takes equal keys in another order, so that their answers would not be the same bytes.
 """
 
 from __future__ import annotations

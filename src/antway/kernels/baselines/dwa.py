@@ -36,7 +36,7 @@ def roll_out(
     state : float64[5]
         x, y, vx, vy, heading of the robot, m, m/s, rad.
     limits : float64[4]
-        As in `kernels.world.drive`.
+        As in `kernels.robot.dynamics.drive`.
     dt, steps
         Control period in s, and how many of them.
     blocked, frame, radius

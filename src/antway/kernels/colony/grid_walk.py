@@ -282,7 +282,7 @@ def update(
 
 @kernel
 def evaporate(tau: NDArray[np.float64], seen: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
-    """tau <- rho tau on every legal move (`seen` > 0); see `kernels.colony.persistence`."""
+    """tau <- rho tau on every legal move (`seen` > 0); see `kernels.colony.pheromone`."""
     by_edge = policy[0] == ADAPTIVE or policy[0] == PRINTED
     rho, least = 1.0, math.inf
     if by_edge:

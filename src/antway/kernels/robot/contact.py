@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import first_wall, swept_discs, swept_timeline
 from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import Terrain, Trajectories
 from antway.kernels.robot.dynamics import REST, drive
 
 # What ended a step, in the order that decides ties.
@@ -27,12 +28,8 @@ def advance(
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     heading: NDArray[np.float64],
-    blocked: NDArray[np.bool_],
-    frame: NDArray[np.float64],
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    radius: NDArray[np.float64],
+    terrain: Terrain,
+    trajectories: Trajectories,
 ) -> tuple[int, int, float]:
     """Drive control step i under the command (cx, cy) and write row i + 1 of the robot's record.
 
@@ -47,10 +44,8 @@ def advance(
         Goal x, y and tolerance, m.
     t, xy, velocity, heading
         The record; rows up to i are given.
-    blocked, frame : bool[H, W], float64[3]
-        The map; x and y of its corner and the edge of a cell, m.
-    knot_t, knot_xy, first, radius
-        The obstacles (kernels/base/geometry.py).
+    terrain, trajectories
+        The map and the obstacles.
 
     Returns
     -------
@@ -61,6 +56,7 @@ def advance(
     clearance : float
         Least distance between robot and obstacle edges up to row i + 1, m; infinite without obstacles.
     """
+    knot_t, knot_xy, first, radius = trajectories
     vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, robot, dt)
     t0, t1 = t[i], (i + 1) * dt
     h = t1 - t0
@@ -74,9 +70,9 @@ def advance(
         if hit < when or (hit == when and what == GOES_ON):
             when, obstacle = hit, k
             what = HIT_MOVING if math.hypot(vx, vy) > REST else HIT_STANDING
-    s = frame[2]
-    row0, col0 = (ay - frame[1]) / s - 0.5, (ax - frame[0]) / s - 0.5
-    wall, _, _ = first_wall(blocked, row0, col0, vy * h / s, vx * h / s, robot[4] / s)
+    s = terrain.resolution
+    row0, col0 = (ay - terrain.y0) / s - 0.5, (ax - terrain.x0) / s - 0.5
+    wall, _, _ = first_wall(terrain.blocked, row0, col0, vy * h / s, vx * h / s, robot[4] / s)
     if t0 + wall * h < when:
         what, obstacle, when = HIT_WALL, -1, t0 + wall * h
     arrival, _, _ = swept_discs(aim[0] - ax, aim[1] - ay, -vx, -vy, aim[2], h)

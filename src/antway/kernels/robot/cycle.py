@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import timeline_at, wrap
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
 from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, holonomic_ramp, wheels_segment
 from antway.kernels.robot.sweep import Segment, Walls, meets_disc, meets_wall, nearest_disc, pose, rolling, straight
@@ -36,15 +36,6 @@ class Record(NamedTuple):
     command: NDArray[np.float64]  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
 
 
-class Discs(NamedTuple):
-    """The moving obstacles as timelines (kernels/base/geometry.py)."""
-
-    knot_t: NDArray[np.float64]
-    knot_xy: NDArray[np.float64]
-    first: NDArray[np.int64]
-    radius: NDArray[np.float64]
-
-
 @bare_kernel
 def next_segment(
     x: float, y: float, theta: float, a: float, b: float, ca: float, cb: float, limits: RobotLimits, left: float
@@ -68,7 +59,7 @@ def next_segment(
 
 @bare_kernel
 def _first_contact(
-    m: Segment, t: float, h: float, body: Body, discs: Discs, walls: Walls, aim: NDArray[np.float64]
+    m: Segment, t: float, h: float, body: Body, discs: Trajectories, walls: Walls, aim: NDArray[np.float64]
 ) -> tuple[int, int, float]:
     """What comes first on a segment that begins at time t, with which obstacle, and after how long."""
     what, who, when = GOES_ON, -1, math.inf
@@ -100,7 +91,7 @@ def _first_contact(
 
 
 @bare_kernel
-def _next_knot(discs: Discs, k: int, t: float) -> float:
+def _next_knot(discs: Trajectories, k: int, t: float) -> float:
     """Time of the first knot of disc k after t; infinite if there is none."""
     low, high = discs.first[k], discs.first[k + 1]
     i = low + int(np.searchsorted(discs.knot_t[low:high], t, side="right"))
@@ -117,7 +108,7 @@ def _later(m: Segment, s: float) -> Segment:
 
 
 @bare_kernel
-def _nearest(m: Segment, t: float, h: float, body: Body, discs: Discs, best: float) -> float:
+def _nearest(m: Segment, t: float, h: float, body: Body, discs: Trajectories, best: float) -> float:
     """Least gap from any obstacle on a segment that begins at time t; `best` if that is less."""
     for k in range(len(discs.radius)):
         s = 0.0
@@ -141,7 +132,7 @@ def play(
     record: Record,
     aim: NDArray[np.float64],
     walls: Walls,
-    discs: Discs,
+    discs: Trajectories,
     least: float,
 ) -> tuple[int, int, float]:
     """Drive control cycle i of `dt` s and write row i + 1 of the record: its end, or what came first on the path.

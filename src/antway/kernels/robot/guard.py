@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH, first_wall, segment_hits_cells, swept_discs, wrap
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
 _FRACTIONS = 10  # speeds tried along the commanded direction
 _SIDES = 16  # directions tried for a step aside
+X, Y, VX, VY, RADIUS, SPEED_BOUND = range(6)  # columns of the tracks that count: m, m/s, m and m/s
+_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED = range(8)  # columns of the table of tracks seen of late; _SEEN in s
+
+
+class Bounds(NamedTuple):
+    """What the guard takes for granted of obstacles, and how long the robot needs."""
+
+    speed: float  # m/s; no obstacle is faster
+    acceleration: float  # m/s^2; no obstacle's speed grows faster
+    stopping_time: float  # s; the robot stands so long after this command
 
 
 @kernel
@@ -55,9 +67,7 @@ def within_reach(
     velocity: NDArray[np.float64],
     radius: NDArray[np.float64],
     spread: NDArray[np.float64],
-    fastest: float,
-    surge_bound: float,
-    stopping: float,
+    bounds: Bounds,
     out: NDArray[np.float64],
 ) -> tuple[int, int]:
     """Write the rows x, y, vx, vy, radius, bound of all tracks that count: those of this scan, and those not long lost.
@@ -72,8 +82,7 @@ def within_reach(
         The scan; an unknown velocity is NaN.
     spread : float64[K]
         How far off the places may be, m.
-    fastest, surge_bound, stopping : float
-        Bounds on an obstacle's speed (m/s) and its growth (m/s^2); time the robot needs to stand (s).
+    bounds : Bounds
 
     Returns
     -------
@@ -85,23 +94,23 @@ def within_reach(
         vx, vy = velocity[k, 0], velocity[k, 1]
         speed = math.hypot(vx, vy)
         if math.isnan(speed):
-            vx, vy, speed = 0.0, 0.0, fastest
+            vx, vy, speed = 0.0, 0.0, bounds.speed
         i = 0
-        while i < count and (table[i, 0] != name[k] or name[k] < 0):
+        while i < count and (table[i, _ID] != name[k] or name[k] < 0):
             i += 1
         if i == count:
             count += 1
-        table[i, 0], table[i, 1], table[i, 2], table[i, 3] = name[k], stamp, xy[k, 0], xy[k, 1]
-        table[i, 4], table[i, 5], table[i, 6], table[i, 7] = vx, vy, radius[k] + spread[k], speed
+        table[i, _ID], table[i, _SEEN], table[i, _X], table[i, _Y] = name[k], stamp, xy[k, 0], xy[k, 1]
+        table[i, _VX], table[i, _VY], table[i, _RADIUS], table[i, _SPEED] = vx, vy, radius[k] + spread[k], speed
     kept = 0
     for i in range(count):
-        age = now - table[i, 1]
-        if table[i, 1] < stamp and age > hold:
+        age = now - table[i, _SEEN]
+        if table[i, _SEEN] < stamp and age > hold:
             continue
         table[kept] = table[i]
-        out[n] = table[i, 2:]
-        out[n, 5] = min(fastest, table[i, 7] + surge_bound * (age + stopping))
-        out[n, 4] += out[n, 5] * age
+        out[n] = table[i, _X:]
+        out[n, SPEED_BOUND] = min(bounds.speed, table[i, _SPEED] + bounds.acceleration * (age + bounds.stopping_time))
+        out[n, RADIUS] += out[n, SPEED_BOUND] * age
         kept, n = kept + 1, n + 1
     return kept, n
 
@@ -144,13 +153,9 @@ def brakes_free(
     wx: float,
     wy: float,
     tracks: NDArray[np.float64],
-    radius: float,
-    a_max: float,
+    limits: NDArray[np.float64],
     dt: float,
-    blocked: NDArray[np.bool_],
-    resolution: float,
-    ox: float,
-    oy: float,
+    terrain: Terrain,
 ) -> bool:
     """Tell whether a robot at (px, py) may drive one period with (wx, wy) and then brake, straight, to a stand.
 
@@ -160,20 +165,21 @@ def brakes_free(
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
         return True
+    a_max, radius, resolution = limits[1], limits[4], terrain.resolution
     t, x, y = 0.0, px, py
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
-            reach, speed_bound = radius + tracks[k, 4] + tracks[k, 5] * t, tracks[k, 5]
-            if gap_to_reach(x - tracks[k, 0], y - tracks[k, 1], ux * speed, uy * speed, reach, speed_bound, dt) < -TOUCH:
+            reach, speed_bound = radius + tracks[k, RADIUS] + tracks[k, SPEED_BOUND] * t, tracks[k, SPEED_BOUND]
+            if gap_to_reach(x - tracks[k, X], y - tracks[k, Y], ux * speed, uy * speed, reach, speed_bound, dt) < -TOUCH:
                 return False
         x += ux * speed * dt
         y += uy * speed * dt
         t += dt
         speed -= a_max * dt
-    ar, ac = (py - oy) / resolution - 0.5, (px - ox) / resolution - 0.5
-    br, bc = (y - oy) / resolution - 0.5, (x - ox) / resolution - 0.5
-    return not segment_hits_cells(blocked, ar, ac, br, bc, radius / resolution, True)
+    ar, ac = (py - terrain.y0) / resolution - 0.5, (px - terrain.x0) / resolution - 0.5
+    br, bc = (y - terrain.y0) / resolution - 0.5, (x - terrain.x0) / resolution - 0.5
+    return not segment_hits_cells(terrain.blocked, ar, ac, br, bc, radius / resolution, True)
 
 
 @kernel
@@ -181,9 +187,9 @@ def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np
     """Earliest contact in s of the robot at (x, y) keeping (vx, vy) with any track keeping its velocity; infinite if none."""
     earliest = math.inf
     for k in range(len(tracks)):
-        ax, ay = tracks[k, 0] - x, tracks[k, 1] - y
-        ux, uy = tracks[k, 2] - vx, tracks[k, 3] - vy
-        reach = radius + tracks[k, 4]
+        ax, ay = tracks[k, X] - x, tracks[k, Y] - y
+        ux, uy = tracks[k, VX] - vx, tracks[k, VY] - vy
+        reach = radius + tracks[k, RADIUS]
         closing = ax * ux + ay * uy
         slack = ax * ax + ay * ay - reach * reach
         uu = ux * ux + uy * uy
@@ -202,11 +208,11 @@ def _aside(
     """Time of the first contact, at most `horizon` s, of a robot that drives with (vx, vy) until `until` s and then stands."""
     earliest = horizon
     for k in range(len(tracks)):
-        ax, ay, ux, uy = tracks[k, 0] - x, tracks[k, 1] - y, tracks[k, 2], tracks[k, 3]
-        first, _, _ = swept_discs(ax, ay, ux - vx, uy - vy, radius + tracks[k, 4], until)
+        ax, ay, ux, uy = tracks[k, X] - x, tracks[k, Y] - y, tracks[k, VX], tracks[k, VY]
+        first, _, _ = swept_discs(ax, ay, ux - vx, uy - vy, radius + tracks[k, RADIUS], until)
         earliest = min(earliest, first)
         ax, ay = ax + (ux - vx) * until, ay + (uy - vy) * until
-        first, _, _ = swept_discs(ax, ay, ux, uy, radius + tracks[k, 4], horizon - until)
+        first, _, _ = swept_discs(ax, ay, ux, uy, radius + tracks[k, RADIUS], horizon - until)
         earliest = min(earliest, until + first)
     return earliest
 
@@ -221,22 +227,19 @@ def guarded(
     cx: float,
     cy: float,
     tracks: NDArray[np.float64],
-    radius: float,
     limits: NDArray[np.float64],
     dt: float,
     lookahead: float,
-    blocked: NDArray[np.bool_],
-    resolution: float,
-    ox: float,
-    oy: float,
+    terrain: Terrain,
 ) -> tuple[float, float, int]:
     """Return the command (vx, vy) that the guard lets pass, and what it did.
 
     The commanded velocity (cx, cy) where the braking path of what the robot does with it is free; else the fastest along it of
     which that holds; else a stand. A robot that would stand in the way of a track within `lookahead` s steps aside where a side
-    is free that puts the contact off. Wheels at rest turn towards the command. `limits` is float64[4], as in `drive`.
+    is free that puts the contact off. Wheels at rest turn towards the command.
+    `limits` is float64[5]: those of `drive`, and the robot's radius.
     """
-    v_max, a_max = limits[0], limits[1]
+    v_max, radius, resolution = limits[0], limits[4], terrain.resolution
     speed = math.hypot(cx, cy)
     if speed > v_max:
         cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
@@ -245,17 +248,17 @@ def guarded(
             break
         tx, ty = cx * k / _FRACTIONS, cy * k / _FRACTIONS
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
-        if brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
+        if brakes_free(px, py, wx, wy, tracks, limits, dt, terrain):
             return tx, ty, FREE if k == _FRACTIONS else SLOWED
     best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
     sx, sy = 0.0, 0.0
     for k in range(_SIDES if best <= lookahead else 0):
         tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
-        row, col, ahead = (py - oy) / resolution - 0.5, (px - ox) / resolution - 0.5, lookahead / resolution
-        wall, _, _ = first_wall(blocked, row, col, ty * ahead, tx * ahead, radius / resolution)
+        row, col, ahead = (py - terrain.y0) / resolution - 0.5, (px - terrain.x0) / resolution - 0.5, lookahead / resolution
+        wall, _, _ = first_wall(terrain.blocked, row, col, ty * ahead, tx * ahead, radius / resolution)
         value = _aside(px, py, tx, ty, min(wall, 1.0) * lookahead, 2 * lookahead, tracks, radius)
-        if value > best + TOUCH and brakes_free(px, py, wx, wy, tracks, radius, a_max, dt, blocked, resolution, ox, oy):
+        if value > best + TOUCH and brakes_free(px, py, wx, wy, tracks, limits, dt, terrain):
             best, sx, sy = value, tx, ty
     if sx == 0.0 and sy == 0.0:
         turn = wrap(math.atan2(cy, cx) - heading)

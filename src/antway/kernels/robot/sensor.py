@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells, timeline_at
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.kalman import measure_place
+from antway.kernels.base.records import Terrain, Trajectories
 from antway.kernels.base.rng import State, stream, uniform
+
+# Columns of a filter of `degrade`: place, velocity, variance of the place, covariance, variance of the velocity, and time.
+_X, _Y, _VX, _VY, _P11, _P12, _P22, _T = range(8)
 
 
 @bare_kernel
@@ -19,23 +24,17 @@ def scan(
     y: float,
     sensor_range: float,
     occlusion: bool,
-    blocked: NDArray[np.bool_],
-    frame: NDArray[np.float64],
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    radius: NDArray[np.float64],
+    terrain: Terrain,
+    trajectories: Trajectories,
     seen: NDArray[np.int64],
     state: NDArray[np.float64],
 ) -> int:
-    """See from (x, y) at time t the discs whose edge is within `sensor_range` m and, with `occlusion`, not hidden by blocked cells.
+    """See from (x, y) at time t the discs with an edge within `sensor_range` m and, with `occlusion`, not hidden by walls.
 
     A disc is hidden if walls cut the sight of its nearest point and of both its sides.
 
     Parameters
     ----------
-    blocked, frame, knot_t, knot_xy, first, radius
-        Map and obstacles, as in kernels/robot/dynamics.py.
     seen, state : int64[K], float64[K, 4]
         Filled with the index and the (x, y, vx, vy) of each disc seen, in the order of the indices.
 
@@ -44,9 +43,10 @@ def scan(
     int
         How many are seen.
     """
+    first, radius = trajectories.first, trajectories.radius
     n = 0
     for k in range(len(radius)):
-        ox, oy, vx, vy = timeline_at(t, knot_t, knot_xy, first[k], first[k + 1])
+        ox, oy, vx, vy = timeline_at(t, trajectories.knot_t, trajectories.knot_xy, first[k], first[k + 1])
         dx, dy = ox - x, oy - y
         distance = math.hypot(dx, dy)
         if distance - radius[k] > sensor_range:
@@ -55,9 +55,9 @@ def scan(
             ux, uy = dx / distance, dy / distance
             r = radius[k]
             if (
-                _hidden(blocked, frame, x, y, ox - r * ux, oy - r * uy)
-                and _hidden(blocked, frame, x, y, ox - r * uy, oy + r * ux)
-                and _hidden(blocked, frame, x, y, ox + r * uy, oy - r * ux)
+                _hidden(terrain, x, y, ox - r * ux, oy - r * uy)
+                and _hidden(terrain, x, y, ox - r * uy, oy + r * ux)
+                and _hidden(terrain, x, y, ox + r * uy, oy - r * ux)
             ):
                 continue
         seen[n] = k
@@ -67,11 +67,11 @@ def scan(
 
 
 @kernel
-def _hidden(blocked: NDArray[np.bool_], frame: NDArray[np.float64], x: float, y: float, px: float, py: float) -> bool:
-    s = frame[2]
-    r0, c0 = (y - frame[1]) / s - 0.5, (x - frame[0]) / s - 0.5
-    r1, c1 = (py - frame[1]) / s - 0.5, (px - frame[0]) / s - 0.5
-    return segment_hits_cells(blocked, r0, c0, r1, c1, 0.0, False)
+def _hidden(terrain: Terrain, x: float, y: float, px: float, py: float) -> bool:
+    s = terrain.resolution
+    r0, c0 = (y - terrain.y0) / s - 0.5, (x - terrain.x0) / s - 0.5
+    r1, c1 = (py - terrain.y0) / s - 0.5, (px - terrain.x0) / s - 0.5
+    return segment_hits_cells(terrain.blocked, r0, c0, r1, c1, 0.0, False)
 
 
 @kernel
@@ -100,7 +100,7 @@ def degrade(
 
     Each disc is lost with probability `dropout`; its place gets normal noise of `noise` m, its velocity of `velocity_noise`
     m/s. With `agility` > 0 the velocity is not measured but estimated from the places by a Kalman filter for constant velocity
-    and white acceleration of that standard deviation (m/s^2), one per disc, begun anew after a second unseen. The noise of a
+    and white acceleration of that standard deviation (m/s^2), one per disc, started anew after a second unseen. The noise of a
     disc in scan number `tick` depends on nothing but seed, tick and disc.
 
     Parameters
@@ -147,18 +147,14 @@ def _track(
 ) -> tuple[float, float, float, float, float, float, float]:
     """Take the measured place into the filter `f` and return its estimate."""
     measured = max(noise * noise, 1e-8)
-    dt = t - f[7]
+    dt = t - f[_T]
     if not dt <= 1.0:
-        f[0], f[1], f[2], f[3] = x, y, 0.0, 0.0
-        f[4], f[5], f[6], f[7] = measured, 0.0, 4.0, t  # 2 m/s: a standing start may hide any usual speed
+        f[_X], f[_Y], f[_VX], f[_VY] = x, y, 0.0, 0.0
+        f[_P11], f[_P12], f[_P22] = measured, 0.0, 4.0  # a standard deviation of 2 m/s: an obstacle may walk or stand
     else:
-        q = agility * agility
-        x0, y0 = f[0] + f[2] * dt, f[1] + f[3] * dt
-        pp = f[4] + 2.0 * dt * f[5] + dt * dt * f[6] + q * dt**4 / 4.0
-        pv = f[5] + dt * f[6] + q * dt**3 / 2.0
-        vv = f[6] + q * dt * dt
-        gain_p, gain_v = pp / (pp + measured), pv / (pp + measured)
-        f[0], f[1] = x0 + gain_p * (x - x0), y0 + gain_p * (y - y0)
-        f[2], f[3] = f[2] + gain_v * (x - x0), f[3] + gain_v * (y - y0)
-        f[4], f[5], f[6], f[7] = (1.0 - gain_p) * pp, (1.0 - gain_p) * pv, vv - gain_v * pv, t
-    return f[0], f[1], f[2], f[3], f[4], f[5], f[6]
+        x0, y0 = f[_X] + f[_VX] * dt, f[_Y] + f[_VY] * dt
+        g1, g2, f[_P11], f[_P12], f[_P22] = measure_place(f[_P11], f[_P12], f[_P22], dt, agility, measured)
+        f[_X], f[_Y] = x0 + g1 * (x - x0), y0 + g1 * (y - y0)
+        f[_VX], f[_VY] = f[_VX] + g2 * (x - x0), f[_VY] + g2 * (y - y0)
+    f[_T] = t
+    return f[_X], f[_Y], f[_VX], f[_VY], f[_P11], f[_P12], f[_P22]

@@ -1,15 +1,15 @@
-"""Any-angle search over the free strips of a grid, all geometry in exact integers.
+"""Any-angle search over the free polygons of a grid, all geometry in exact integers.
 
 Lengths are doubled: cell (r, c) covers y = 2r..2r+2 and x = 2c..2c+2, its centre is (2r+1, 2c+1), lattice lines are even.
 
-A *strip* is a stack of equal maximal row runs of free cells: a rectangle with walls left and right, left only through the
-*portals* of its top and bottom side, where it overlaps a strip above or below. An end of a portal where one of the two strips
-reaches further is a corner of an obstacle that a taut path may turn at: corner 2k is the left end of portal k, 2k+1 the right.
-Diagonally touching blocked cells leave no portal between them, so nothing squeezes through.
+A *polygon* of the mesh is a stack of equal maximal row runs of free cells: a rectangle with walls left and right, left only
+through the *portals* of its top and bottom side, where it overlaps a polygon above or below. An end of a portal where one
+of the two polygons reaches further is a corner of an obstacle that a taut path may turn at: corner 2k is the left end of
+portal k, 2k+1 the right. Diagonally touching blocked cells leave no portal between them, so nothing squeezes through.
 
-A *node* is an interval of a portal as seen from a root, the start or a corner: int64 [7] of the portal, the way through it
-(0 up, 1 down), the root, and the points (x, y) that fix the rays from the root on the interval's left and right. As a ray is
-kept by a lattice point, whether a point lies left of it is the sign of an integer.
+A *node* is an interval of a portal as seen from a root, the start or a corner: int64 [7] of the portal, the direction
+through it (0 up, 1 down), the root, and the points (x, y) that fix the rays from the root on the interval's left and right.
+As a ray is kept by a lattice point, whether a point lies left of it is the sign of an integer.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Floats = NDArray[np.float64]
 
 FOUND, EMPTY, PAUSED = 1, 2, 3  # how a slice of the search ended
 START, HIDDEN = -1, -2  # in place of a corner
-X0, X1, NEAR = 0, 1, 2  # of a strip [6]: its ends; first and end of the portals of its top side, then of its bottom side
-Y, LEFT, RIGHT, POLYGON = 0, 1, 2, 3  # of a portal [5]: where it lies; the strip above, the strip below
+X0, X1, NEAR = 0, 1, 2  # of a polygon [6]: its ends; first and end of the portals of its top side, then of its bottom side
+Y, LEFT, RIGHT, POLYGON = 0, 1, 2, 3  # of a portal [5]: where it lies; the polygon above, the polygon below
 
 
 @kernel
 def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np.int32]]:
-    """Return the strips [S, 6], the connected part of each [S], the portals [P, 5], and the strip of each cell or -1 [H, W]."""
+    """Return the polygons [S, 6], the connected part of each [S], the portals [P, 5], and each cell's polygon or -1 [H, W]."""
     rows, cols = blocked.shape
     at = np.full((rows, cols), -1, np.int32)
     runs = 0
@@ -88,7 +88,7 @@ def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np
 
 @kernel
 def _part(part: Ints, s: int) -> int:
-    """Return the root of `s` in the forest `part`, halving the way to it."""
+    """Return the root of `s` in the forest `part`, halving the path to it."""
     while part[s] != s:
         part[s] = part[part[s]]
         s = part[s]
@@ -110,9 +110,9 @@ def search(
 ) -> tuple[int, int]:
     """Run Polyanya (Cui, Harabor, Grastien, IJCAI 2017) for at most `steps` expansions or until room for nodes is short.
 
-    `ends` is x, y, strip of the start and of the goal. `best` [2P] is the shortest way found to each corner, `parent` [2P] the
-    corner before it. For each node `cost` is the way to its root; `heap` orders the open ones by the least length of a path by
-    them. `count` is the number of nodes, of open nodes, of expansions, and the most successors a node can have.
+    `ends` is x, y, polygon of the start and of the goal. `best` [2P] is the length of the shortest path found to each corner,
+    `parent` [2P] the corner before it. For each node `cost` is the length to its root; `heap` orders the open ones by the least
+    length of a path by them. `count` is the number of nodes, of open nodes, of expansions, and the most successors of a node.
 
     Returns how it ended, and the corner before the goal if FOUND.
     """
@@ -158,7 +158,7 @@ def _expand(
     y, polygon, path = ports[k, Y], ports[k, POLYGON + down], cost[n]
     x0, y0 = _place(ports, ends, root)
     first, end = mesh[polygon, NEAR + 2 * down], mesh[polygon, NEAR + 2 * down + 1]
-    if y0 == y:  # the root is a corner of the strip itself: it sees all of it
+    if y0 == y:  # the root is a corner of the polygon itself: it sees all of it
         for j in range(first, end):
             _add(node, cost, count, j, down, root, path, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
         _add_flat(mesh, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, path)
@@ -205,7 +205,7 @@ def _add_flat(
     root: int,
     path: float,
 ) -> None:
-    """Add the portals beside `k`, left (0) or right (1) of it, on the same side of the strip: reached along the wall."""
+    """Add the portals beside `k`, left (0) or right (1) of it, on the same side of the polygon: reached along the wall."""
     polygon = ports[k, POLYGON + down]
     first, end = mesh[polygon, NEAR + 2 - 2 * down], mesh[polygon, NEAR + 3 - 2 * down]
     if side == 0:
@@ -221,7 +221,7 @@ def _add_flat(
 
 @bare_kernel
 def _before_goal(mesh: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, n: int) -> int:
-    """Return the corner before the goal on the way through node `n` into the goal's strip; HIDDEN if that way is not taut."""
+    """Return the corner before the goal on the path by node `n` into the goal's polygon; HIDDEN if that path is not taut."""
     k, root = node[n, 0], node[n, 2]
     x0, y0 = _place(ports, ends, root)
     if y0 == ports[k, Y]:
@@ -255,9 +255,9 @@ def _place(ports: Ints, ends: Ints, corner: int) -> tuple[int, int]:
 
 @bare_kernel
 def _improve(best: Floats, parent: Ints, corner: int, root: int, path: float) -> bool:
-    """Note a way to `corner` if it is shorter than all before.
+    """Note a path to `corner` if it is shorter than all before.
 
-    Of two equal ways the first will do: where a shortest path goes on from the corner, both are taut, or one is not shortest.
+    Of two equal paths the first will do: where a shortest path goes on from the corner, both are taut, or one is not shortest.
     """
     if path >= best[corner]:
         return False

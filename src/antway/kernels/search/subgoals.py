@@ -5,8 +5,8 @@ shortest paths between them on an empty map are free and pass no subgoal: i diag
 parallelogram. Every shortest path can be laid from cell to cell that see each other, with subgoals in between (Uras, Koenig and
 Hernandez, Subgoal graphs for optimal pathfinding in eight-neighbor grids, ICAPS 2013).
 
-`stops` is packed as the map is in `kernels.jps`, with bits for blocked cells and subgoals alike. `number` is the number of each
-subgoal, -1 elsewhere, on a flat map with a margin of 1. Costs are integers, STRAIGHT and DIAGONAL a move (see `kernels.field`).
+`stops` is packed as the map is in `jps`, with bits for blocked cells and subgoals alike. `number` is the number of each
+subgoal, -1 elsewhere, on a flat map with a margin of 1. Costs are integers, STRAIGHT or DIAGONAL for a move.
 """
 
 from __future__ import annotations

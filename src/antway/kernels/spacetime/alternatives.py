@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import T0, T1, VX, VY, X, Y
 from antway.kernels.spacetime.context import PlanningContext, centre
 from antway.kernels.spacetime.motion import place_at
 
-_SAMPLES = 100
+_SAMPLES = 100  # steps into which the time looked at is divided
 
 
 @kernel
@@ -25,13 +26,13 @@ def passing(
     best, p = (math.inf, 0.0, 0.0, 0.0, 0.0), 0
     for i in range(_SAMPLES + 1):
         t = now + (until - now) * i / _SAMPLES
-        while p < len(segments) - 1 and segments[p, 1] <= t:
+        while p < len(segments) - 1 and segments[p, T1] <= t:
             p += 1
         x, y, _ = place_at(knots, len(knots), t)
-        x -= segments[p, 2] + (t - segments[p, 0]) * segments[p, 4]
-        y -= segments[p, 3] + (t - segments[p, 0]) * segments[p, 5]
+        x -= segments[p, X] + (t - segments[p, T0]) * segments[p, VX]
+        y -= segments[p, Y] + (t - segments[p, T0]) * segments[p, VY]
         if math.hypot(x, y) < best[0]:
-            best = math.hypot(x, y), x, y, float(segments[p, 4]), float(segments[p, 5])
+            best = math.hypot(x, y), x, y, float(segments[p, VX]), float(segments[p, VY])
     return best[1], best[2], best[3], best[4]
 
 

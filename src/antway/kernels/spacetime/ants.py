@@ -2,43 +2,95 @@
 
 A state is a cell together with an interval of time in which a robot may stand there. From a state an ant moves to a neighbour
 cell: it waits for the first safe departure and drives. The colony remembers for each state the earliest arrival and the state
-it came from, so every ant continues from the best way known to wherever it is, and which moves have been tried. Ants are
-recruited to where untried moves promise most; when no promise beats the best way it is optimal, so the colony is complete.
+it came from, so every ant continues from the best path known to wherever it is, and which moves have been tried. Ants are
+recruited to where untried moves promise most; when no promise beats the best path it is optimal, so the colony is complete.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
-from antway.kernels.base.rng import uniform
+from antway.kernels.base.records import Predictions
+from antway.kernels.base.rng import State, uniform
 from antway.kernels.spacetime.context import PlanningContext, centre, clear
-from antway.kernels.spacetime.memory import LEGS, Memory, leave, note_box, open_cell, pop, push
+from antway.kernels.spacetime.memory import (
+    ANT_STEPS,
+    EXPANSIONS,
+    GENERATION,
+    HEAP_SIZE,
+    LEGS,
+    STATE_COUNT,
+    Memory,
+    leave,
+    note_box,
+    open_cell,
+    pop,
+    push,
+)
 from antway.kernels.spacetime.pheromone import Trails, edge, lay, slot
 from antway.kernels.spacetime.segments import TOUCH
 
-_EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)  # weights are drawn, never compared: 1/64 is fine enough
+_EXP = np.exp(-np.arange(1024) / 64.0).astype(
+    np.float32
+)  # exp(-k / 64): steps of 1/64 are fine enough for weights that are only drawn by
+
+
+class ColonySettings(NamedTuple):
+    """How the ants of one search behave."""
+
+    leg_cells: int  # the first move may end so many cells around the robot
+    betas: NDArray[np.float64]  # [B] 1/s; greed of ants 0, 1, ... in turn
+    slack: NDArray[np.float64]  # [B] s; an ant gives up when the cost of its path has grown by more
+    minimum_improvement: float  # s; a path counts as better only by more than this
+    amount: float  # s; Q of the deposit Q / L on a path better than all before, L its duration in s; 0: no pheromone
+
+
+class _Origin(NamedTuple):
+    """Where and when a search starts, and how far it looks."""
+
+    x: float  # m
+    y: float
+    t0: float  # s
+    horizon: float  # s, absolute
+    here: float  # s; time to the goal if nothing moved
+    legs: np.uint64  # bits of the first moves
+    longest_move: float  # m
+    time: NDArray[np.float64]  # [K] s; duration of each move
+
+
+class _Steps(NamedTuple):
+    """Moves that an ant may choose from: move k goes to the flat cell `base` + offset[k] in time[k] s."""
+
+    base: np.int64
+    offset: NDArray[np.int64]  # [K]
+    time: NDArray[np.float64]  # [K]
+
+
+class _Choices(NamedTuple):
+    """Scratch: the moves that promise something, what they promise, and their weights."""
+
+    move: NDArray[np.int64]  # [LEGS]
+    cost: NDArray[np.float64]  # [LEGS] s; arrival at the goal at the earliest
+    weight: NDArray[np.float64]  # [LEGS]
 
 
 @inner_kernel
 def _expand(
     memory: Memory,
     context: PlanningContext,
+    predictions: Predictions,
+    origin: _Origin,
     s: int,
     cell: int,
     duration: float,
     x: float,
     y: float,
-    longest_move: float,
-    t0: float,
-    horizon: float,
-    segments: NDArray[np.float64],
-    stopping_time: float,
-    work: NDArray[np.float64],
 ) -> int:
     """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what is earlier than known.
 
@@ -46,12 +98,12 @@ def _expand(
     """
     soonest = -1
     gx, gy = centre(context, cell)
-    if memory.stamp[cell] != memory.counter[0]:
-        open_cell(memory, cell, gx, gy, longest_move, t0, horizon, segments)
-    memory.counter[2] += 1
+    if memory.stamp[cell] != memory.counter[GENERATION]:
+        open_cell(memory, cell, gx, gy, origin.longest_move, origin.t0, origin.horizon, predictions.segments)
+    memory.counter[EXPANSIONS] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
-    limit = min(memory.high[s], horizon)
+    limit = min(memory.high[s], origin.horizon)
     for c in range(memory.first[cell], memory.first[cell] + memory.intervals[cell]):
         if memory.high[c] <= since + duration:
             continue
@@ -60,7 +112,7 @@ def _expand(
             break
         if soon + duration >= memory.arrival[c] - TOUCH:
             continue
-        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, segments, stopping_time, work)
+        depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, predictions)
         if depart == math.inf:
             break
         arrival = depart + duration
@@ -77,7 +129,7 @@ def _expand(
 
 @kernel
 def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, amount: float) -> None:
-    """Lay `amount` on each edge (cell, move, bin of arrival) of the way that leads to state `end`, Eq. (2)."""
+    """Lay `amount` on each edge (cell, move, bin of arrival) of the path that leads to state `end`, Eq. (2)."""
     s = end
     while memory.cell[s] >= 0 and memory.cell[memory.parent[s]] >= 0:
         p = memory.parent[s]
@@ -110,33 +162,31 @@ def _weigh(
     memory: Memory,
     trails: Trails,
     context: PlanningContext,
-    base: int,
-    offset: NDArray[np.int64],
-    time: NDArray[np.float64],
+    steps: _Steps,
     moves: np.uint64,
     now: float,
     promised: float,
     beta: float,
     limit: float,
     scented: bool,
-    move: NDArray[np.int64],
-    cost: NDArray[np.float64],
-    weight: NDArray[np.float64],
+    choices: _Choices,
 ) -> tuple[int, float]:
     """Write those of `moves`, bits, that promise to arrive before `limit`, their promises and weights by Eq. (1).
 
-    Move k goes to the cell `base` + offset[k] in time[k] s; who comes there no earlier than others came has nothing to gain.
-    Returns how many they are and the sum of the weights.
+    An ant that comes to a cell no earlier than others came gains nothing there. `promised` is what the present state promises.
+    Returns how many moves there are and the sum of their weights.
     """
+    base, offset, time = steps.base, steps.offset, steps.time
+    move, cost, weight = choices.move, choices.cost, choices.weight
     n, total = 0, 0.0
     while moves:
         k = ctz(moves)
         moves &= moves - np.uint64(1)
         target, then = base + offset[k], now + time[k]
         move[n], cost[n] = k, then + context.field[target]
-        if (cost[n] < limit) & ((memory.stamp[target] != memory.counter[0]) | (then < memory.latest[target])):
+        if (cost[n] < limit) & ((memory.stamp[target] != memory.counter[GENERATION]) | (then < memory.latest[target])):
             n += 1
-    trail = edge(trails, base, 0, now)
+    trail = edge(trails, int(base), 0, now)
     for m in range(n):
         likely = float(_EXP[min(int(max(beta * (cost[m] - promised), 0.0) * 64.0), 1023)])
         if scented:
@@ -147,46 +197,99 @@ def _weigh(
     return n, total
 
 
+@inner_kernel
+def _draw(choices: _Choices, n: int, total: float, state: State) -> int:
+    """Return the index of a choice drawn in proportion to its weight; `total` is the sum of the weights."""
+    spin, i = uniform(state) * total, -1
+    for m in range(n):
+        if choices.weight[m] > 0.0:
+            i = m
+            spin -= choices.weight[m]
+            if spin < 0.0:
+                break
+    return i
+
+
+@inner_kernel
+def _step(
+    memory: Memory,
+    trails: Trails,
+    context: PlanningContext,
+    predictions: Predictions,
+    origin: _Origin,
+    choices: _Choices,
+    s: int,
+    beta: float,
+    limit: float,
+    state: State,
+) -> int:
+    """Let an ant in state s choose moves by Eq. (1) until one leads somewhere earlier than known; return that state, or -1.
+
+    What the untried moves still promise becomes the key of s among the open states.
+    """
+    cell, now = memory.cell[s], memory.arrival[s]
+    memory.counter[ANT_STEPS] += 1
+    if s == 0:
+        steps, untried = _Steps(np.int64(0), memory.leg_cell, memory.leg_time), origin.legs & ~memory.tried[0]
+        n, total = _weigh(memory, trails, context, steps, untried, now, now + origin.here, beta, limit, False, choices)
+    else:
+        steps, untried = _Steps(np.int64(cell), context.offset, origin.time), context.legal[cell] & ~memory.tried[s]
+        promised = now + context.field[cell]
+        n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, trails.mark[cell], choices)
+    x, y = (origin.x, origin.y) if s == 0 else centre(context, cell)
+    then = -1
+    while then < 0 and total > 1e-9:
+        i = _draw(choices, n, total, state)
+        k = choices.move[i]
+        memory.tried[s] |= np.uint64(1) << np.uint64(k)
+        total -= choices.weight[i]
+        choices.weight[i], choices.cost[i] = 0.0, math.inf
+        target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + context.offset[k], origin.time[k])
+        if s == 0 and not clear(context, x, y, *centre(context, target)):
+            continue
+        then = _expand(memory, context, predictions, origin, s, target, duration, x, y)
+    memory.key[s], least = math.inf, choices.cost[:n].min() if n else math.inf
+    if least < math.inf:
+        push(memory, least, s)
+    return then
+
+
+@bare_kernel
+def _promise(memory: Memory) -> float:
+    """Drop stale entries off the heap; return the least key of an open state, infinite if none is open."""
+    while memory.counter[HEAP_SIZE] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
+        pop(memory)
+    return memory.heap_key[0] if memory.counter[HEAP_SIZE] > 0 else math.inf
+
+
 @kernel
 def search(
     memory: Memory,
     trails: Trails,
     context: PlanningContext,
-    segments: NDArray[np.float64],
-    stopping_time: float,
+    predictions: Predictions,
+    settings: ColonySettings,
     x: float,
     y: float,
     t0: float,
     horizon: float,
-    leg_cells: int,
-    betas: NDArray[np.float64],
-    slack: NDArray[np.float64],
-    minimum_improvement: float,
     limit: float,
     max_expansions: int,
-    amount: float,
-    state: NDArray[np.uint64],
+    state: State,
 ) -> tuple[int, float, float]:
     """Send ants from (x, y) at t0; returns (best end state or -1, its arrival at the goal, a lower bound on any), in s.
 
     Parameters
     ----------
-    segments, stopping_time : float64[P, 8], float
-        Predicted obstacles, margins included, and the lag of those that a moving robot keeps clear of; kernels/spacetime/segments.py.
+    predictions : Predictions
+        Of the obstacles, margins included.
+    settings : ColonySettings
     horizon : float
-        Absolute time after which obstacles are forgotten: a way that ends then is charged the field from there.
-    leg_cells : int
-        How many cells around (x, y) the first move may end.
-    betas, slack : float64[B]
-        Of ants 0, 1, ... in turn: greed in 1/s, and how much an ant lets the cost of its way grow before it gives up, s.
-    minimum_improvement : float
-        s; a way counts as better only by more than this.
+        Absolute time after which obstacles are forgotten: a path that ends then is charged the field from there.
     limit : float
         Arrival that has to be bettered (that of the plan in use), s; infinite for none.
     max_expansions : int
         Moves tested in all.
-    amount : float
-        Q of the deposit Q / L on a way that is better than all before, L its duration in s; 0 for no pheromone.
     state : uint64[1]
         Of the random generator.
 
@@ -194,112 +297,65 @@ def search(
     -----
     Each ant is recruited to the open state whose untried moves promise the least cost, and walks from there. It chooses by
     Eq. (1) with the heuristic exp(-beta * extra), extra = step + field(next) - field(here) >= 0: a move is drawn first and
-    tested after. The promise of the best open state bounds every way not yet tried, so the gap of the best is certified.
+    tested after. The promise of the best open state bounds every path not yet tried, so the gap of the best is certified.
     """
-    memory.counter[0] += 1
+    # Step 1: an empty memory, the first moves, and a bound that holds if nothing moves.
+    memory.counter[GENERATION] += 1
     memory.counter[1:] = 0
-    legs = _legs(memory, context, x, y, leg_cells)
-    here = math.inf  # static bound at the start
+    legs = _legs(memory, context, x, y, settings.leg_cells)
+    here = math.inf
     for k in range(legs):
         here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])
-    if here == math.inf or t0 + here >= limit - minimum_improvement:
+    if here == math.inf or t0 + here >= limit - settings.minimum_improvement:
         return -1, limit, t0 + here
-    for p in range(len(segments)):
-        note_box(memory, segments, p)
-    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, segments)
-    if memory.counter[1] == 0 or memory.low[0] > t0:
+    # Step 2: the intervals in which the robot can stand where it is.
+    for p in range(len(predictions.segments)):
+        note_box(memory, predictions.segments, p)
+    open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, predictions.segments)
+    if memory.counter[STATE_COUNT] == 0 or memory.low[0] > t0:
         return -1, math.inf, t0 + here
-    work, weight, cost, move = np.empty(2), np.empty(LEGS), np.empty(LEGS), np.empty(LEGS, np.int64)
-    time, all_legs = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    longest_move = time.max() * context.speed
-    memory.counter[1] = 1  # the start's later intervals cannot be reached without leaving it
+    choices = _Choices(np.empty(LEGS, np.int64), np.empty(LEGS), np.empty(LEGS))
+    time, bits = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
+    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, time)
+    memory.counter[STATE_COUNT] = 1  # the start's later intervals cannot be reached without leaving it
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, t0 + here, 0)
+    # Steps 4 to 7: ants, one after the other, until no promise betters the best path or the budget is spent.
     best, best_cost, bound = -1, limit, t0 + here
-    one = np.uint64(1)
     ant = 0
-    while memory.counter[2] < max_expansions and memory.counter[1] < len(memory.cell) - 64:
-        while memory.counter[4] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
-            pop(memory)  # stale
-        bound = memory.heap_key[0] if memory.counter[4] > 0 else math.inf
-        if bound >= best_cost - minimum_improvement:
+    while memory.counter[EXPANSIONS] < max_expansions and memory.counter[STATE_COUNT] < len(memory.cell) - 64:
+        bound = _promise(memory)
+        if bound >= best_cost - settings.minimum_improvement:
             break
         s = memory.heap_state[0]
         pop(memory)
-        beta = betas[ant % len(betas)]
-        most = bound + slack[ant % len(slack)]
+        beta = settings.betas[ant % len(settings.betas)]
+        most = bound + settings.slack[ant % len(settings.slack)]
         ant += 1
-        while memory.counter[2] < max_expansions:
+        while memory.counter[EXPANSIONS] < max_expansions:
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until obstacles are forgotten can go on along the field then.
             done = now if cell == context.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
-            if cell >= 0 and done + context.field[cell] < best_cost - minimum_improvement:
+            if cell >= 0 and done + context.field[cell] < best_cost - settings.minimum_improvement:
                 best, best_cost = s, done + context.field[cell]
-                deposit(memory, trails, context, s, amount / (best_cost - t0))
+                deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
             if cell == context.goal or now >= horizon:
                 memory.key[s] = math.inf
                 break
-            memory.counter[3] += 1
-            if s == 0:
-                n, total = _weigh(
-                    memory,
-                    trails,
-                    context,
-                    0,
-                    memory.leg_cell,
-                    memory.leg_time,
-                    all_legs & ~memory.tried[0],
-                    now,
-                    now + here,
-                    beta,
-                    best_cost - minimum_improvement,
-                    False,
-                    move,
-                    cost,
-                    weight,
-                )
-            else:
-                n, total = _weigh(
-                    memory,
-                    trails,
-                    context,
-                    cell,
-                    context.offset,
-                    time,
-                    context.legal[cell] & ~memory.tried[s],
-                    now,
-                    now + context.field[cell],
-                    beta,
-                    best_cost - minimum_improvement,
-                    trails.mark[cell],
-                    move,
-                    cost,
-                    weight,
-                )
-            sx, sy = (x, y) if s == 0 else centre(context, cell)
-            then = -1
-            while then < 0 and total > 1e-9:
-                spin, i = uniform(state) * total, -1
-                for m in range(n):
-                    if weight[m] > 0.0:
-                        i = m
-                        spin -= weight[m]
-                        if spin < 0.0:
-                            break
-                k = move[i]
-                memory.tried[s] |= one << np.uint64(k)
-                total -= weight[i]
-                weight[i], cost[i] = 0.0, math.inf
-                target, duration = (memory.leg_cell[k], memory.leg_time[k]) if s == 0 else (cell + context.offset[k], time[k])
-                if s == 0 and not clear(context, x, y, *centre(context, target)):
-                    continue
-                then = _expand(
-                    memory, context, s, target, duration, sx, sy, longest_move, t0, horizon, segments, stopping_time, work
-                )
-            memory.key[s], least = math.inf, cost[:n].min() if n else math.inf
-            if least < math.inf:
-                push(memory, least, s)
+            then = _step(
+                memory,
+                trails,
+                context,
+                predictions,
+                origin,
+                choices,
+                s,
+                beta,
+                best_cost - settings.minimum_improvement,
+                state,
+            )
             if then < 0 or memory.key[then] > most:
                 break
             s = then
-    return best, best_cost, max(min(bound, best_cost - minimum_improvement), t0 + here)  # what would gain less was passed over
+    # A path that would gain less than the minimum improvement was passed over, so the bound lies as much lower.
+    return best, best_cost, max(min(bound, best_cost - settings.minimum_improvement), t0 + here)

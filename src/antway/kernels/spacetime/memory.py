@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import CLEARANCE_RADIUS, T0, T1, VX, VY, Predictions, X, Y
 from antway.kernels.spacetime.segments import TOUCH, delayed, unsafe_stay, within
 
-SEGMENTS = 2048  # of all predictions at most
-NEAR = 1 << 16  # pieces that come near a cell, over all cells of a search
-STATES = 1 << 14  # of the memory; a search that fills it ends with what it has
-HEAP = 1 << 15
-LEGS = 64  # first moves at most: from wherever the robot is to cells around
+SEGMENTS = 2048  # greatest number of motion segments of all predictions together
+NEAR = 1 << 16  # greatest number of pairs of an open cell and a motion segment near it in one search
+STATES = 1 << 14  # greatest number of states; a search that has made so many ends with the best path so far
+HEAP = 1 << 15  # greatest number of entries of the heap of open states, stale ones included
+LEGS = 64  # greatest number of first moves, from the robot's place to the centres of cells around it
+# Entries of `Memory.counter`: searches so far, and of the present one states, moves tested, steps of ants, heap entries, and
+# rows of `near_segment`.
+GENERATION, STATE_COUNT, EXPANSIONS, ANT_STEPS, HEAP_SIZE, NEAR_COUNT = range(6)
 
 
 class Memory(NamedTuple):
@@ -24,11 +28,11 @@ class Memory(NamedTuple):
     stamp: NDArray[np.int32]  # [cells] search in which a cell's intervals were made
     first: NDArray[np.int32]  # [cells] its first state
     intervals: NDArray[np.int32]  # [cells] how many
-    latest: NDArray[np.float64]  # [cells] greatest arrival among its states, s: who comes later has nothing to gain there
-    near: NDArray[np.int32]  # [cells + 1, 2] pieces near a cell: rows [first, last) below; those of the start come last
+    latest: NDArray[np.float64]  # [cells] greatest arrival among its states, s: an ant that comes later gains nothing there
+    near: NDArray[np.int32]  # [cells + 1, 2] motion segments near a cell: rows [first, last) below; the last row is the start's
     near_segment: NDArray[np.int32]  # [NEAR]
     near_time: NDArray[np.float64]  # [NEAR, 2] from when to when, s
-    box: NDArray[np.float64]  # [PIECES, 4] least and greatest x and y in m that a piece reaches
+    box: NDArray[np.float64]  # [SEGMENTS, 4] least and greatest x and y in m that a motion segment reaches
     cell: NDArray[np.int32]  # [STATES] -1: the start
     low: NDArray[np.float64]  # [STATES] the safe interval, s
     high: NDArray[np.float64]
@@ -41,15 +45,20 @@ class Memory(NamedTuple):
     heap_state: NDArray[np.int32]  # [HEAP]
     leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
-    span: NDArray[np.float64]  # [2, PIECES] scratch
-    counter: NDArray[np.int64]  # [6] searches, states, moves tested, ant steps, heap entries, rows of `near_segment`
+    span: NDArray[np.float64]  # [2, SEGMENTS] scratch
+    counter: NDArray[np.int64]  # [6] see GENERATION and the others above
 
 
 @bare_kernel
 def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
-    """Note the box that piece p sweeps."""
-    x, y, span, clearance_radius = segments[p, 2], segments[p, 3], segments[p, 1] - segments[p, 0], segments[p, 7]
-    ex, ey = x + segments[p, 4] * span, y + segments[p, 5] * span
+    """Write down the box that motion segment p sweeps."""
+    x, y, span, clearance_radius = (
+        segments[p, X],
+        segments[p, Y],
+        segments[p, T1] - segments[p, T0],
+        segments[p, CLEARANCE_RADIUS],
+    )
+    ex, ey = x + segments[p, VX] * span, y + segments[p, VY] * span
     memory.box[p, 0], memory.box[p, 1] = min(x, ex) - clearance_radius, max(x, ex) + clearance_radius
     memory.box[p, 2], memory.box[p, 3] = min(y, ey) - clearance_radius, max(y, ey) + clearance_radius
 
@@ -60,12 +69,13 @@ def open_cell(
 ) -> None:
     """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
 
-    Of all pieces those are kept that come near enough to matter to a move out of it, which is at most `longest_move` m long.
+    Of all motion segments those are kept that come near enough to matter to a move out of the cell; no move is longer than
+    `longest_move` m.
     """
     lows, highs = memory.span[0], memory.span[1]
-    n, near = 0, memory.counter[5]
+    n, near = 0, memory.counter[NEAR_COUNT]
     if near + len(segments) > len(memory.near_segment):  # full: the cell stays closed
-        memory.stamp[cell], memory.intervals[cell] = memory.counter[0], 0
+        memory.stamp[cell], memory.intervals[cell] = memory.counter[GENERATION], 0
         return
     for p in range(len(segments)):
         if (
@@ -75,7 +85,7 @@ def open_cell(
             or y - longest_move > memory.box[p, 3]
         ):
             continue
-        since, until = within(x, y, segments[p, 7] + longest_move, segments, p)
+        since, until = within(x, y, segments[p, CLEARANCE_RADIUS] + longest_move, segments, p)
         if since >= until:
             continue
         memory.near_segment[near], memory.near_time[near, 0], memory.near_time[near, 1] = p, since, until
@@ -89,26 +99,26 @@ def open_cell(
             i -= 1
         lows[i], highs[i] = low, high
         n += 1
-    memory.near[cell, 0], memory.near[cell, 1] = memory.counter[5], near  # of the start, cell -1, in the last row
-    memory.counter[5] = near
-    start = memory.counter[1]
+    memory.near[cell, 0], memory.near[cell, 1] = memory.counter[NEAR_COUNT], near  # of the start, cell -1, in the last row
+    memory.counter[NEAR_COUNT] = near
+    start = memory.counter[STATE_COUNT]
     if cell >= 0:
-        memory.stamp[cell] = memory.counter[0]
+        memory.stamp[cell] = memory.counter[GENERATION]
         memory.first[cell] = start
     since = t0
     for i in range(n + 1):
         until = lows[i] if i < n else math.inf
-        if until > since + TOUCH and memory.counter[1] < len(memory.cell) and since < horizon:
-            s = memory.counter[1]
+        if until > since + TOUCH and memory.counter[STATE_COUNT] < len(memory.cell) and since < horizon:
+            s = memory.counter[STATE_COUNT]
             memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
             memory.arrival[s] = memory.key[s] = math.inf
             memory.tried[s] = np.uint64(0)
-            memory.counter[1] += 1
+            memory.counter[STATE_COUNT] += 1
         if i < n:
             since = max(since, highs[i])
     if cell >= 0:
-        memory.intervals[cell] = memory.counter[1] - start
-        memory.latest[cell] = math.inf if memory.counter[1] > start else -math.inf
+        memory.intervals[cell] = memory.counter[STATE_COUNT] - start
+        memory.latest[cell] = math.inf if memory.counter[STATE_COUNT] > start else -math.inf
 
 
 @bare_kernel
@@ -122,17 +132,16 @@ def leave(
     duration: float,
     s: float,
     limit: float,
-    segments: NDArray[np.float64],
-    stopping_time: float,
-    work: NDArray[np.float64],
+    predictions: Predictions,
 ) -> float:
-    """Do as `earliest_departure` does, for a cell that is open: from among the pieces near it."""
+    """Do as `earliest_departure` does, for a cell that is open: among the motion segments near it."""
     first, last = memory.near[cell, 0], memory.near[cell, 1]
+    stopping_time = predictions.stopping_time
     i, clear = first, 0
     while clear < last - first and s <= limit:
         later = s
         if memory.near_time[i, 0] <= s - stopping_time + duration and memory.near_time[i, 1] >= s - stopping_time:
-            later = delayed(x, y, vx, vy, duration, s, segments, memory.near_segment[i], stopping_time, work)
+            later = delayed(x, y, vx, vy, duration, s, predictions, memory.near_segment[i])
         clear = clear + 1 if later == s else 1
         s, i = later, i + 1 if i + 1 < last else first
     return s if s <= limit else math.inf
@@ -142,10 +151,10 @@ def leave(
 def push(memory: Memory, key: float, s: int) -> None:
     """Put state s on the heap of open states under `key`, its least cost over untried moves; older entries become stale."""
     memory.key[s] = key
-    i = memory.counter[4]
+    i = memory.counter[HEAP_SIZE]
     if i == len(memory.heap_key):
         return
-    memory.counter[4] += 1
+    memory.counter[HEAP_SIZE] += 1
     while i > 0 and memory.heap_key[(i - 1) // 2] > key:
         memory.heap_key[i], memory.heap_state[i] = memory.heap_key[(i - 1) // 2], memory.heap_state[(i - 1) // 2]
         i = (i - 1) // 2
@@ -155,8 +164,8 @@ def push(memory: Memory, key: float, s: int) -> None:
 @bare_kernel
 def pop(memory: Memory) -> None:
     """Take the least entry off the heap."""
-    memory.counter[4] -= 1
-    n = memory.counter[4]
+    memory.counter[HEAP_SIZE] -= 1
+    n = memory.counter[HEAP_SIZE]
     key, s = memory.heap_key[n], memory.heap_state[n]
     i = 0
     while 2 * i + 1 < n:

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
-LOOK = 10  # vertices ahead that a shortcut may reach
+LOOK = 10  # a shortcut leads at most so many vertices ahead
 
 
 @kernel
 def trace_back(
     memory: Memory,
     context: PlanningContext,
-    segments: NDArray[np.float64],
-    stopping_time: float,
+    predictions: Predictions,
     x: float,
     y: float,
     end: int,
@@ -28,13 +28,12 @@ def trace_back(
     until: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Write the way to state `end` and on along the field as knots (t, x, y) to out, waits included; returns how many.
+    """Write the path to state `end` and on along the field as knots (t, x, y) to out, waits included; returns how many.
 
     Waits are shifted: each departure is made the earliest that is safe, now that arrivals may have become earlier than when the
-    move was tried. Past `end`, where obstacles are forgotten, the way follows the field to the goal or until time `until`.
+    move was tried. Past `end`, where obstacles are forgotten, the path follows the field to the goal or until time `until`.
     """
     chain = np.empty(512, np.int32)
-    work = np.empty(2)
     length = 0
     s = end
     while s >= 0 and length < len(chain):
@@ -53,9 +52,7 @@ def trace_back(
             continue
         limit = memory.depart[c]
         vx, vy = (gx - px) / duration, (gy - py) / duration
-        depart = earliest_departure(
-            px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, segments, stopping_time, work
-        )
+        depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, predictions)
         depart = min(depart, limit)
         if depart > t + TOUCH:
             out[n, 0], out[n, 1], out[n, 2] = depart, px, py
@@ -88,10 +85,8 @@ def trace_back(
 
 
 @kernel
-def first_conflict(
-    knots: NDArray[np.float64], now: float, segments: NDArray[np.float64], stopping_time: float, work: NDArray[np.float64]
-) -> float:
-    """Time at which the rest of a motion, rows (t, x, y), first has a leg or wait that meets a piece; infinite if never."""
+def first_conflict(knots: NDArray[np.float64], now: float, predictions: Predictions) -> float:
+    """Start in s of the first leg or wait of a motion, rows (t, x, y), after `now` that meets an obstacle; infinite if none."""
     for i in range(len(knots) - 1):
         t0, t1 = max(float(knots[i, 0]), now), float(knots[i + 1, 0])
         if t1 <= t0:
@@ -100,9 +95,9 @@ def first_conflict(
         vx, vy = (knots[i + 1, 1] - knots[i, 1]) / span, (knots[i + 1, 2] - knots[i, 2]) / span
         x, y = knots[i, 1] + vx * (t0 - knots[i, 0]), knots[i, 2] + vy * (t0 - knots[i, 0])
         if vx == 0.0 and vy == 0.0:
-            if not can_stay(x, y, t0, t1, segments):
+            if not can_stay(x, y, t0, t1, predictions.segments):
                 return t0
-        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, segments, stopping_time, work) == math.inf:
+        elif earliest_departure(x, y, vx, vy, t1 - t0, t0, t0, predictions) == math.inf:
             return t0
     return math.inf
 
@@ -126,8 +121,7 @@ def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float
 @kernel
 def shorten(
     context: PlanningContext,
-    segments: NDArray[np.float64],
-    stopping_time: float,
+    predictions: Predictions,
     knots: NDArray[np.float64],
     n: int,
     out: NDArray[np.float64],
@@ -139,7 +133,6 @@ def shorten(
     """
     x, y = np.empty(n), np.empty(n)
     arrive, depart = np.empty(n), np.empty(n)
-    work = np.empty(2)
     m = 0
     for i in range(n):
         if m > 0 and knots[i, 1] == x[m - 1] and knots[i, 2] == y[m - 1]:
@@ -156,8 +149,10 @@ def shorten(
             leave = math.inf
             if t + duration <= arrive[j] + TOUCH and (j == i + 1 or clear(context, x[i], y[i], x[j], y[j])):
                 vx, vy = (x[j] - x[i]) / duration, (y[j] - y[i]) / duration
-                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], segments, stopping_time, work)
-            if leave + duration <= arrive[j] + TOUCH and can_stay(x[j], y[j], leave + duration, depart[j], segments):
+                leave = earliest_departure(x[i], y[i], vx, vy, duration, t, depart[i], predictions)
+            if leave + duration <= arrive[j] + TOUCH and can_stay(
+                x[j], y[j], leave + duration, depart[j], predictions.segments
+            ):
                 break
             if j == i + 1:
                 leave, duration = depart[i], arrive[j] - depart[i]  # as before

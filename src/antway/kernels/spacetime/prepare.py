@@ -1,4 +1,4 @@
-"""What a search in space and time is prepared with: a disc's legal moves, the exact field over them, and the discs' pieces."""
+"""What a search in space and time needs: a disc's legal moves, the exact field over them, and motion segments of obstacles."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_square, timeline_at
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Trajectories
 from antway.kernels.spacetime.segments import Segments
 
-NEVER = 1e9  # s; a time that is not lived to see
+NEVER = 1e9  # s; stands for the end of all time, where a number must be finite
 
 
 @kernel
@@ -141,21 +142,14 @@ def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.i
 
 
 @kernel
-def timeline_segments(
-    radius: NDArray[np.float64],
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    robot_radius: float,
-    start: float,
-    horizon: float,
-) -> Segments:
-    """Return the pieces (see `segments.py`) of K timelines between `start` and `horizon`, in s; then they are forgotten."""
+def timeline_segments(trajectories: Trajectories, robot_radius: float, start: float, horizon: float) -> Segments:
+    """Return the motion segments (see `segments.py`) of K discs between `start` and `horizon` s; then they are forgotten."""
+    knot_t, knot_xy, first, radius = trajectories
     segments = np.empty((len(knot_t) + len(radius), 8))
     n = 0
     for k in range(len(radius)):
         low, high = first[k], first[k + 1]
-        for i in range(low, high + 1):  # the piece that ends at knot i
+        for i in range(low, high + 1):  # the segment that ends at knot i
             t0 = start if i == low else max(start, knot_t[i - 1])
             t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
             if t0 < t1:

@@ -1,9 +1,10 @@
-"""When can a disc not stand, or not set off? Exact answers against pieces of uniform motion.
+"""When can a disc not stand, or not set off? Exact answers against motion segments.
 
-A *piece* is a row (t0, t1, x, y, vx, vy, reach, berth): from t0 to t1 s an obstacle moves uniformly from (x, y) m with
-(vx, vy) m/s. A robot that stands is in its way at a distance of the centres below `contact_radius` m, one that moves below `berth`
-m, and that of where the obstacle was `stopping_time` s before: what a guard asks of one that cannot stop sooner. Touching is legal. A
-piecewise linear prediction is a list of pieces, and a tube that widens over time is one whose later pieces reach farther.
+A *motion segment* is a row (t0, t1, x, y, vx, vy, contact radius, clearance radius): from t0 to t1 s an obstacle moves
+uniformly from (x, y) m with (vx, vy) m/s. A robot that stands touches it where the centres are nearer than the contact radius.
+A robot that moves keeps the clearance radius away from where the obstacle was `stopping_time` s before: that is what the guard
+asks of a robot that cannot stop sooner. Touching is legal. A piecewise linear prediction is a list of segments, and a tube that
+widens over time is one whose later segments have larger radii.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, X, Y
 
 TOUCH = 1e-9
 Segments = NDArray[np.float64]  # [P, 8]
@@ -21,26 +23,26 @@ Segments = NDArray[np.float64]  # [P, 8]
 
 @bare_kernel
 def unsafe_stay(x: float, y: float, segments: Segments, p: int) -> tuple[float, float]:
-    """Return the open interval of times in s at which a robot at (x, y) is in contact with piece p; (inf, -inf) if none."""
-    return within(x, y, segments[p, 6] - TOUCH, segments, p)
+    """Return the open interval of times in s at which a robot at (x, y) is in contact with segment p; (inf, -inf) if none."""
+    return within(x, y, segments[p, CONTACT_RADIUS] - TOUCH, segments, p)
 
 
 @bare_kernel
 def within(x: float, y: float, distance: float, segments: Segments, p: int) -> tuple[float, float]:
-    """Return the open interval of times in s at which piece p is less than `distance` m from (x, y); (inf, -inf) if none."""
-    ax, ay = segments[p, 2] - x, segments[p, 3] - y
-    vx, vy = segments[p, 4], segments[p, 5]
+    """Return the open interval of times in s at which segment p is less than `distance` m from (x, y); (inf, -inf) if none."""
+    ax, ay = segments[p, X] - x, segments[p, Y] - y
+    vx, vy = segments[p, VX], segments[p, VY]
     slack = ax * ax + ay * ay - distance * distance
     vv = vx * vx + vy * vy
     if vv == 0.0:
-        return (segments[p, 0], segments[p, 1]) if slack < 0.0 else (math.inf, -math.inf)
+        return (segments[p, T0], segments[p, T1]) if slack < 0.0 else (math.inf, -math.inf)
     av = ax * vx + ay * vy
     root = av * av - vv * slack
     if root <= 0.0:
         return math.inf, -math.inf
     root = math.sqrt(root)
-    low = max(segments[p, 0], segments[p, 0] + (-av - root) / vv)
-    high = min(segments[p, 1], segments[p, 0] + (-av + root) / vv)
+    low = max(segments[p, T0], segments[p, T0] + (-av - root) / vv)
+    high = min(segments[p, T1], segments[p, T0] + (-av + root) / vv)
     return (low, high) if low < high else (math.inf, -math.inf)
 
 
@@ -48,7 +50,7 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
 def _edge(
     bx: float, by: float, dx: float, dy: float, low: float, high: float, contact_radius: float, out: NDArray[np.float64]
 ) -> bool:
-    """Part of [low, high] in which |b + d z| < reach, written to out[0:2]; False if there is none."""
+    """Part of [low, high] in which |b + d z| < contact_radius, written to out[0:2]; False if there is none."""
     dd = dx * dx + dy * dy
     slack = bx * bx + by * by - contact_radius * contact_radius
     if dd == 0.0:
@@ -68,28 +70,28 @@ def _edge(
 def unsafe_departures(
     x: float, y: float, vx: float, vy: float, duration: float, segments: Segments, p: int, work: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return the interval of departure times in s for which a uniform move meets piece p (without lag); (inf, -inf) if none.
+    """Return the departures in s, an interval, with which a uniform move meets segment p; (inf, -inf) if none.
 
     The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. In contact are the (z, t) in [0, duration] x
-    [t0, t1], z the time since departure and t the time itself, with |a + v z - u (t - t0)| < reach: a convex set, so the
+    [t0, t1], z the time since departure and t the time itself, with |a + v z - u (t - t0)| < r: a convex set, so the
     departures s = t - z that lead into it are one interval. Its ends lie on an edge of the rectangle or where a line of
     constant s touches the ellipse. `work` is float64[2].
     """
-    t0, t1 = segments[p, 0], segments[p, 1]
-    ax, ay = x - segments[p, 2], y - segments[p, 3]
-    ux, uy = segments[p, 4], segments[p, 5]
-    contact_radius = segments[p, 7] - TOUCH
+    t0, t1 = segments[p, T0], segments[p, T1]
+    ax, ay = x - segments[p, X], y - segments[p, Y]
+    ux, uy = segments[p, VX], segments[p, VY]
+    contact_radius = segments[p, CLEARANCE_RADIUS] - TOUCH
     span = t1 - t0
     low, high = math.inf, -math.inf
     for k in range(2):  # edges of constant z: at departure and at arrival
         z = duration * k
         if _edge(ax + vx * z, ay + vy * z, -ux, -uy, 0.0, span, contact_radius, work):
             low, high = min(low, work[0] - z), max(high, work[1] - z)
-    for k in range(2):  # edges of constant t: the piece's begin and end
+    for k in range(2):  # edges of constant t: the start and the end of the segment
         w = span * k
         if _edge(ax - ux * w, ay - uy * w, vx, vy, 0.0, duration, contact_radius, work):
             low, high = min(low, w - work[1]), max(high, w - work[0])
-    # q = a + v z - u w on the circle; w - z is linear in q with gradient g, so it is extreme at q = -+ reach g / |g|.
+    # q = a + v z - u w on the circle; w - z is linear in q with gradient g, so it is extreme at q = -+ r g / |g|.
     det = ux * vy - uy * vx
     if det != 0.0:
         gx, gy = (vy - uy) / det, (ux - vx) / det
@@ -106,52 +108,34 @@ def unsafe_departures(
 
 
 @bare_kernel
-def delayed(
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    duration: float,
-    s: float,
-    segments: Segments,
-    p: int,
-    stopping_time: float,
-    work: NDArray[np.float64],
-) -> float:
-    """Return s, or where piece p forbids to leave (x, y) then with (vx, vy) for `duration` s, when it no longer does."""
-    t0, t1 = max(s - stopping_time, segments[p, 0]), min(s - stopping_time + duration, segments[p, 1])
+def delayed(x: float, y: float, vx: float, vy: float, duration: float, s: float, predictions: Predictions, p: int) -> float:
+    """Return s, or where segment p forbids to leave (x, y) then with (vx, vy) for `duration` s, when it no longer does."""
+    segments, stopping_time = predictions.segments, predictions.stopping_time
+    t0, t1 = max(s - stopping_time, segments[p, T0]), min(s - stopping_time + duration, segments[p, T1])
     if t0 > t1:
         return s
-    # culling: the boxes of both sweeps
-    contact_radius = segments[p, 7]
+    # The boxes around both sweeps tell most that are apart.
+    contact_radius = segments[p, CLEARANCE_RADIUS]
+    z0, z1 = t0 - segments[p, T0], t1 - segments[p, T0]
     ex, ey = x + vx * duration, y + vy * duration
-    ox, px = segments[p, 2] + segments[p, 4] * (t0 - segments[p, 0]), segments[p, 2] + segments[p, 4] * (t1 - segments[p, 0])
+    ox, px = segments[p, X] + segments[p, VX] * z0, segments[p, X] + segments[p, VX] * z1
     if min(ox, px) - contact_radius > max(x, ex) or max(ox, px) + contact_radius < min(x, ex):
         return s
-    oy, py = segments[p, 3] + segments[p, 5] * (t0 - segments[p, 0]), segments[p, 3] + segments[p, 5] * (t1 - segments[p, 0])
+    oy, py = segments[p, Y] + segments[p, VY] * z0, segments[p, Y] + segments[p, VY] * z1
     if min(oy, py) - contact_radius > max(y, ey) or max(oy, py) + contact_radius < min(y, ey):
         return s
-    low, high = unsafe_departures(x, y, vx, vy, duration, segments, p, work)
+    low, high = unsafe_departures(x, y, vx, vy, duration, segments, p, predictions.work)
     return high + stopping_time if low + TOUCH < s - stopping_time < high - TOUCH else s
 
 
 @bare_kernel
 def earliest_departure(
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    duration: float,
-    s: float,
-    limit: float,
-    segments: Segments,
-    stopping_time: float,
-    work: NDArray[np.float64],
+    x: float, y: float, vx: float, vy: float, duration: float, s: float, limit: float, predictions: Predictions
 ) -> float:
     """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
-    p = clear = 0  # pieces in turn, until all in a row allow the same time
-    while clear < len(segments) and s <= limit:
-        later = delayed(x, y, vx, vy, duration, s, segments, p, stopping_time, work)
+    p = clear = 0  # segments in turn, until all in a row allow the same time
+    while clear < len(predictions.segments) and s <= limit:
+        later = delayed(x, y, vx, vy, duration, s, predictions, p)
         clear = clear + 1 if later == s else 1
-        s, p = later, p + 1 if p + 1 < len(segments) else 0
+        s, p = later, p + 1 if p + 1 < len(predictions.segments) else 0
     return s if s <= limit else math.inf

@@ -14,11 +14,32 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.prepare import NEVER
 from antway.kernels.spacetime.segments import Segments, earliest_departure, unsafe_stay
 
 FOUND, NO_PATH, BUDGET, FULL = 0, 1, 2, 3
 SLACK = 1e-9  # s; costs closer than this are equal
+
+
+class Frame(NamedTuple):
+    """Where the cells of a map are."""
+
+    x0: float  # m; of the centre of cell (0, 0)
+    y0: float
+    resolution: float  # m; edge of a cell
+    cols: int
+
+
+class Move(NamedTuple):
+    """From (x, y) m by (dx, dy) m in `duration` s to the flat cell `cell`."""
+
+    x: float
+    y: float
+    dx: float
+    dy: float
+    duration: float
+    cell: int
 
 
 class Workspace(NamedTuple):
@@ -46,16 +67,22 @@ class Workspace(NamedTuple):
     work: NDArray[np.float64]  # [2]
 
 
+class Moving(NamedTuple):
+    """A disc robot, the map, its moves on the map, and the exact field over them."""
+
+    blocked: NDArray[np.bool_]  # [H, W]
+    mask: NDArray[np.uint32]  # [H, W] legal moves, from `move_mask`
+    field: NDArray[np.float64]  # [H, W] s, from `move_field`
+    offsets: NDArray[np.int32]  # [K, 2] (d_row, d_col) of the moves
+    lengths: NDArray[np.float64]  # [K] cells
+    frame: Frame
+    radius: float  # m
+    speed: float  # m/s
+
+
 @kernel
 def sipp(
-    blocked: NDArray[np.bool_],
-    mask: NDArray[np.uint32],
-    field: NDArray[np.float64],
-    offsets: NDArray[np.int32],
-    lengths: NDArray[np.float64],
-    frame: tuple[float, float, float],
-    radius: float,
-    speed: float,
+    moving: Moving,
     start: tuple[float, float],
     now: float,
     segments: Segments,
@@ -69,23 +96,13 @@ def sipp(
 
     Parameters
     ----------
-    blocked : bool[H, W]
-    mask : uint32[H, W]
-        Legal moves, from `move_mask`.
-    field : float64[H, W]
-        From `move_field`, in s.
-    offsets, lengths
-        Of the moves, in cells.
-    frame : (x, y, resolution)
-        Centre of cell (0, 0) and edge of a cell, m.
-    radius, speed : float
-        Of the robot, m and m/s.
+    moving : Moving
     start : (x, y)
         m. A start off the centres of cells first goes straight to a centre at most 3 rows and columns from its cell.
     now : float
         Time at the start, s.
     segments : float64[P, 8]
-        The moving discs, see `segments.py`; the robot's radius is in their reach.
+        The moving discs, see `segments.py`; their contact radius includes the robot's radius.
     max_expanded : int
     ws : Workspace
 
@@ -99,8 +116,9 @@ def sipp(
     bound : float
         No path arrives earlier, s.
     """
+    blocked, mask, field, offsets, lengths, frame, radius, speed = moving
     rows, cols = mask.shape
-    x0, y0, cell_size = frame
+    x0, y0, cell_size, _ = frame
     if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
     ws.query[0] += 1
@@ -120,9 +138,8 @@ def sipp(
                 dx, dy = x0 + c * cell_size - start[0], y0 + r * cell_size - start[1]
                 duration = math.hypot(dx, dy) / speed
                 bound = min(bound, now + duration + field[r, c])
-                states, entries = _reach(
-                    0, start, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, segments, states, entries, ws
-                )
+                leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
+                states, entries = _reach(0, leg, field[r, c], frame, now, segments, states, entries, ws)
                 if states < 0:
                     return FULL, -1, 0, bound
     expanded = 0
@@ -151,9 +168,8 @@ def sipp(
                     rest = min(rest, extra)
                 elif extra > ws.done[i]:
                     dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
-                    states, entries = _reach(
-                        i, at, dx, dy, duration, r * cols + c, field[r, c], frame, cols, now, segments, states, entries, ws
-                    )
+                    move = Move(at[0], at[1], dx, dy, duration, r * cols + c)
+                    states, entries = _reach(i, move, field[r, c], frame, now, segments, states, entries, ws)
                     if states < 0:
                         return FULL, -1, expanded, bound
         ws.done[i], ws.todo[i] = limit, rest
@@ -165,29 +181,25 @@ def sipp(
 @kernel
 def _reach(
     i: int,
-    at: tuple[float, float],
-    dx: float,
-    dy: float,
-    duration: float,
-    cell: int,
+    move: Move,
     remaining: float,
-    frame: tuple[float, float, float],
-    cols: int,
+    frame: Frame,
     now: float,
     segments: Segments,
     states: int,
     entries: int,
     ws: Workspace,
 ) -> tuple[int, int]:
-    """Make the move of state i by (dx, dy) into every safe interval of `cell` that it improves.
+    """Make a move of state i into every safe interval of the cell it leads to that it improves.
 
     Returns the new numbers of states and heap entries; both are -1 where the workspace is full.
     """
+    x, y, dx, dy, duration, cell = move
     if ws.stamp[cell] != ws.query[0]:
         if states + len(segments) + 1 > len(ws.cell):
             return -1, -1
-        row, col = divmod(cell, cols)
-        n = _open(cell, frame[0] + col * frame[2], frame[1] + row * frame[2], now, states, segments, ws)
+        row, col = divmod(cell, frame.cols)
+        n = _open(cell, frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution, now, states, segments, ws)
         ws.stamp[cell], ws.first[cell], ws.size[cell] = ws.query[0], states, n
         states += n
     if entries + ws.size[cell] + 1 > len(ws.heap_key):
@@ -200,7 +212,7 @@ def _reach(
         latest = min(ws.end[i], ws.end[j] - duration)
         if depart > latest:
             continue
-        depart = earliest_departure(at[0], at[1], vx, vy, duration, depart, latest, segments, 0.0, ws.work)
+        depart = earliest_departure(x, y, vx, vy, duration, depart, latest, Predictions(segments, 0.0, ws.work))
         arrival = max(depart + duration, ws.since[j])
         if arrival < ws.arrival[j]:
             ws.arrival[j], ws.depart[j], ws.parent[j] = arrival, depart, i
@@ -275,17 +287,17 @@ def _pop(entries: int, ws: Workspace) -> int:
 
 @kernel
 def sipp_path(
-    state: int, start: tuple[float, float], cols: int, frame: tuple[float, float, float], ws: Workspace
+    state: int, start: tuple[float, float], frame: Frame, ws: Workspace
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the way to `state` of the last query: t float64[N] s, strictly increasing, and xy float64[N, 2] m."""
+    """Return the path to `state` of the last query: t float64[N] s, strictly increasing, and xy float64[N, 2] m."""
     n, i = 1, state
     while i > 0:
         n, i = n + 2, ws.parent[i]
     t, xy = np.empty(n), np.empty((n, 2))
     i, k = state, n
     while True:
-        row, col = divmod(ws.cell[i], cols)
-        x, y = (start[0], start[1]) if i == 0 else (frame[0] + col * frame[2], frame[1] + row * frame[2])
+        row, col = divmod(ws.cell[i], frame.cols)
+        x, y = (start[0], start[1]) if i == 0 else (frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution)
         if k == n or t[k] > ws.arrival[i]:
             k -= 1
             t[k], xy[k, 0], xy[k, 1] = ws.arrival[i], x, y
@@ -293,8 +305,10 @@ def sipp_path(
             return t[k:], xy[k:]
         parent = ws.parent[i]
         if ws.depart[i] > ws.arrival[parent]:
-            row, col = divmod(ws.cell[parent], cols)
-            x, y = (start[0], start[1]) if parent == 0 else (frame[0] + col * frame[2], frame[1] + row * frame[2])
+            row, col = divmod(ws.cell[parent], frame.cols)
+            x, y = (
+                (start[0], start[1]) if parent == 0 else (frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution)
+            )
             k -= 1
             t[k], xy[k, 0], xy[k, 1] = ws.depart[i], x, y
         i = parent

@@ -1,9 +1,9 @@
-"""People who avoid one another: what each wishes is learnt from what it does, and where all will go follows by ORCA.
+"""People who avoid one another: the goal of each is learnt from what it does, and where all will go follows by ORCA.
 
-Who avoids others takes the allowed velocity nearest to the wished one (kernels/tracking/orca.py). Seen backwards: the wish is the
-velocity taken plus some of the outward normals of the lines that it lies on. With a length known, the wish of one who is free
-or at one line is known exactly, else it lies in an arc. Bearings of wishes from several places tell the goal. A crowd is
-predicted so only if of late it was predicted better so than by constant velocity.
+A person who avoids others takes the allowed velocity nearest to the preferred one (kernels/tracking/orca.py). Conversely, the
+preferred velocity is the one taken plus some of the outward normals of the lines that it lies on. Its length is known, so that
+of a person who is free or at one line is known exactly; else it lies in an arc. Its bearings from several places tell the goal.
+A crowd is predicted in this way only if of late that was better than constant velocity.
 """
 
 from __future__ import annotations
@@ -17,19 +17,25 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
 from antway.kernels.tracking.predict import LATER, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
 
-# columns of a row: the belief last seen, its goal and the information on it, the next velocity predicted, both models' errors
+# Columns of a row after those of a track estimate: time of the estimate, goal, information on the goal, next velocity as
+# predicted, and errors of constant velocity and of this prediction.
 _SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _DIRECT, _TURNING = range(8, 18)
-COLUMNS = 18
-STEPS = 36  # of a predicted course
-_HORIZON, _SKIN, _NEAR = 5.0, 0.01, 10.0  # s, m, m: for how long and with how much room whom does one avoid
-_MOST = 32  # are predicted so at once: more would take too long
-_EASE = 1.0  # s; who is so near to the goal slows down
-_AHEAD, _DOUBT = 10.0, 0.2  # m; at first a goal is taken to be so far ahead, give or take that share
-_SURE = 0.01  # rad; of an exact bearing
+COLUMNS = 18  # of a row
+STEPS = 36  # of a predicted trajectory
+_HORIZON = 5.0  # s; people avoid contacts that would come within so long
+_SKIN = 0.01  # m; each person keeps so much room around itself
+_NEAR = 10.0  # m; people farther apart than this do not avoid one another
+_MOST = 32  # more people than this are predicted by constant velocity alone: together they would take too long
+_EASE = 1.0  # s; a person nearer to its goal than it walks in so long slows down
+_AHEAD = 10.0  # m; when only a bearing is known, the goal is taken to be so far ahead
+_DOUBT = 0.2  # 1; relative standard deviation of that distance
+_SURE = 0.01  # rad; standard deviation of a bearing that is known exactly
 _ON = 0.005  # m/s; a velocity so near to a line lies on it
-_EXACT, _STRAY = 4, 0.01  # steps, m; later ones may be that far off
-_SPARED = round(LATER / STEP_TIME)  # steps; from then on less room is kept
-_BETTER, _FADES = 0.8, 0.8  # the crowd's errors, which fade so a scan, must be so much smaller than those of going straight
+_EXACT = 4  # steps; a predicted trajectory is exact for so long, and later
+_STRAY = 0.01  # m; as straight as can be without being farther off than this
+_SPARED = round(LATER / STEP_TIME)  # steps; from then on the clearance radius is smaller, so no straight stretch reaches across
+_BETTER = 0.8  # 1; errors must be so much smaller than those of constant velocity for the prediction to be used
+_FADES = 0.8  # 1; share of the sum of squared errors that is left after each scan
 
 
 @bare_kernel

@@ -1,4 +1,4 @@
-"""Beliefs about moving obstacles: a Kalman filter for each track.
+"""Estimates of moving obstacles: a Kalman filter for each track.
 
 Each axis has the state (place, velocity) under white acceleration; both axes share one covariance, because noise and motion
 are alike in x and y (Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6).
@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.kalman import measure_place
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 
-ID, T, P11, P12, P22 = range(8, 13)  # columns of a book of tracks after those of a belief
-COLUMNS = 13
-_LOST = 1.0  # s; how long a track is believed in that is not seen
+ID, T, P11, P12, P22 = range(8, 13)  # columns of the track table after those of a track estimate
+COLUMNS = 13  # of the track table
+_LOST = 1.0  # s; a track that was not seen for longer is dropped
 
 
 @kernel
 def _row(table: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
-    """Row of the track called `name`, or, where sensors give no names (-1), the one whose prediction is nearest; -1 if none."""
+    """Row of the track called `name`, or, where sensors give no names (-1), of the track predicted nearest; -1 if none."""
     if name >= 0.0:
         for i in range(count):
             if table[i, ID] == name:
@@ -50,12 +51,12 @@ def update(
     near: float,
     estimates: NDArray[np.float64],
 ) -> tuple[int, int]:
-    """Take in one scan; returns (tracks in the book, beliefs written).
+    """Take in one scan; returns (rows of the track table, estimates written).
 
     Parameters
     ----------
     table : float64[M, COLUMNS]
-        What is known, rows below `count`.
+        The track table; rows below `count` are in use.
     t : float
         Time of the scan, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
@@ -68,7 +69,7 @@ def update(
     near : float
         How far from its prediction a nameless track may be found, m.
     estimates : float64[N, 8]
-        Filled with the tracks of this scan, and those seen so lately that they must still be about, moved on to `t`.
+        Filled with the tracks of this scan and of the last second, moved on to `t`.
     """
     for k in range(len(name)):
         i = _row(table, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
@@ -76,7 +77,9 @@ def update(
         filtered = variance[k, 0] < 0.0
         if i < 0 or filtered:
             if i < 0:
-                i = count if count < len(table) else int(np.argmin(table[:count, T]))  # the one unseen for longest makes room
+                i = (
+                    count if count < len(table) else int(np.argmin(table[:count, T]))
+                )  # a full table forgets the track unseen for longest
                 count = min(count + 1, len(table))
             table[i, ID], table[i, T] = float(name[k]), t
             table[i, X], table[i, Y] = xy[k, 0], xy[k, 1]
@@ -87,18 +90,11 @@ def update(
             dt = t - table[i, T]
             if dt <= 0.0:
                 continue  # a scan that was taken in already
-            q = agility * agility
             x, y = table[i, X] + table[i, VX] * dt, table[i, Y] + table[i, VY] * dt
-            p11 = table[i, P11] + 2 * dt * table[i, P12] + dt * dt * table[i, P22] + q * dt**4 / 4
-            p12 = table[i, P12] + dt * table[i, P22] + q * dt**3 / 2
-            p22 = table[i, P22] + q * dt * dt
             vx, vy = table[i, VX], table[i, VY]
-            # place
-            s = p11 + variance[k, 0]
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
-            g1, g2 = (p11 / s, p12 / s) if s > 0.0 else (1.0, 0.0)
+            g1, g2, p11, p12, p22 = measure_place(table[i, P11], table[i, P12], table[i, P22], dt, agility, variance[k, 0])
             x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
-            p11, p12, p22 = (1 - g1) * p11, (1 - g1) * p12, p22 - g2 * p12
             if known:
                 s = p22 + variance[k, 1]
                 wx, wy = velocity[k, 0] - vx, velocity[k, 1] - vy

@@ -1,22 +1,37 @@
-"""Where tracks will be: straight on, mirrored at walls, in tubes that widen with what is not known of them."""
+"""Predictions of tracks: constant velocity, mirrored at walls, in tubes that widen with the uncertainty."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base import records
 from antway.kernels.base.geometry import first_wall
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Terrain
 
-X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of a belief, one row a track
-MIRRORS = 4  # at most, of one track
-STEP_TIME = 0.25  # s; a course is a velocity for each such step
-NO_PREDICTIONS = np.empty((0, 1, 2))  # no courses
-_TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube that widens does so in steps
-LATER, _SPARED = 2.5, 0.1  # s, m; of a course that turns, what is so far ahead is not worth the whole berth
-_KNOWN = 1.0  # s; tubes widen no further: by then there is a newer plan, and a wider tube would close every way
+X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track estimates, one row for each track
+MIRRORS = 4  # a track is mirrored at walls at most so often
+STEP_TIME = 0.25  # s; a predicted trajectory has one velocity for each step of this length
+NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
+_TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube widens in steps, at these times from now
+LATER = 2.5  # s; from then on a robot spares tracks that turn less than their whole clearance radius
+_SPARED = 0.1  # m; namely so much less
+_KNOWN = 1.0  # s; tubes widen no further than here: by then there is a newer plan, and a wider tube would close every path
+
+
+class TubeMargins(NamedTuple):
+    """How wide the tubes of a prediction are."""
+
+    robot_radius: float  # m
+    margin: float  # m; added to the radii
+    quantile: float  # 1; so many standard deviations of the place are added at each time
+    speed_bound: float  # m/s; no obstacle is faster
+    acceleration_bound: float  # m/s^2; no obstacle's speed grows faster
+    stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from where it was so long before
 
 
 @kernel
@@ -27,51 +42,44 @@ def predict(
     horizon: float,
     robot_x: float,
     robot_y: float,
-    robot_radius: float,
-    margin: float,
-    speed_bound: float,
-    surge_bound: float,
-    stopping_time: float,
-    quantile: float,
-    blocked: NDArray[np.bool_],
-    frame: NDArray[np.float64],
+    margins: TubeMargins,
+    terrain: Terrain,
     prediction: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> int:
-    """Turn beliefs about tracks into pieces (kernels/spacetime/segments.py) for a robot at (robot_x, robot_y).
+    """Turn track estimates into motion segments (kernels/spacetime/segments.py) for a robot at (robot_x, robot_y).
 
     Parameters
     ----------
     estimates : float64[K, 8]
         x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's id.
     now, age, horizon : float
-        Time now; how old the beliefs are; how far ahead to predict; s.
-    margin, quantile : float
-        Added to the radii, m; times the standard deviation at each time.
-    speed_bound, surge_bound, stopping_time : float
-        No obstacle is faster than `speed_bound` m/s, nor faster than now by more than `surge_bound` m/s^2 for each s. A moving robot keeps
-        clear of all that an obstacle could reach from where it was `stopping_time` s before; pieces begin so much earlier.
-    blocked, frame : bool[H, W], float64[3]
-        The map; x and y of its corner and the edge of a cell, m.
+        Time now; how old the estimates are; how far ahead to predict; s.
+    robot_x, robot_y : float
+        Where the robot is, m.
+    margins : TubeMargins
+        Segments begin `stopping_time` s before the estimates.
+    terrain : Terrain
     prediction : float64[N, S, 2]
-        Velocities of the first N tracks in steps of COURSE s, m/s; NaN for those that go straight on, as the rest do.
+        Velocities of the first N tracks in steps of STEP_TIME s, m/s; NaN for those that keep their velocity, as the rest do.
     out : float64[P, 8]
 
     Returns
     -------
     int
-        Number of pieces written. The margins of a track that the robot is within already are cut to what there is, so that it
-        may stand there; its body never is. So is the room that a moving robot keeps, for the first `stopping_time` s: it may leave at
-        once if it comes no nearer meanwhile and has its full room then, which is what a guard asks of the first period. Later
-        on a robot keeps less of that room to one who moves on a course: by then there is a newer plan.
+        Number of segments written. Where the robot is within the margins of a track already, they are cut to what there is, so
+        that it may stand there; the bodies never are. So is the clearance radius for the first `stopping_time` s: the robot may
+        leave at once if it comes no nearer meanwhile and is clear then, which is what a guard asks of the first period. Later
+        on the clearance radius of a track on a predicted trajectory is smaller: by then there is a newer plan.
     """
     n = 0
-    size = frame[2]
+    size = terrain.resolution
+    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time = margins
     for k in range(len(estimates)):
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
         body = robot_radius + estimates[k, RADIUS]
         slack = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
-        runs = min(speed_bound, math.hypot(vx, vy) + surge_bound * stopping_time) * stopping_time
+        runs = min(speed_bound, math.hypot(vx, vy) + acceleration_bound * stopping_time) * stopping_time
         held = min(slack + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
         spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
@@ -99,21 +107,23 @@ def predict(
             past = within and t < -1e-9
             if past:
                 end = min(end, 0.0)
-            col, row = (x - frame[0]) / size - 0.5, (y - frame[1]) / size - 0.5
+            col, row = (x - terrain.x0) / size - 0.5, (y - terrain.y0) / size - 0.5
             share, n_row, n_col = first_wall(
-                blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, estimates[k, RADIUS] / size
+                terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, estimates[k, RADIUS] / size
             )
             hit = share <= 1.0 and mirrors < MIRRORS
             until = t + share * (end - t) if hit else end
             if until > t:
                 variance = estimates[k, SIGMA] ** 2 + (estimates[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
                 wide = margin + quantile * math.sqrt(variance)
-                out[n, 0], out[n, 1] = now + t, now + until
-                out[n, 2], out[n, 3], out[n, 4], out[n, 5] = x, y, vx, vy
-                out[n, 6] = body + max(min(wide, slack - 1e-6), 0.0)
-                out[n, 7] = max(held - 1e-6, 0.0) if past else body + wide + runs
+                out[n, records.T0], out[n, records.T1] = now + t, now + until
+                out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
+                out[n, records.CONTACT_RADIUS] = body + max(min(wide, slack - 1e-6), 0.0)
+                out[n, records.CLEARANCE_RADIUS] = max(held - 1e-6, 0.0) if past else body + wide + runs
                 if turns and t > LATER - 1e-9 and vx * vx + vy * vy > 0.01:
-                    out[n, 7] = max(out[n, 7] - _SPARED, out[n, 6])
+                    out[n, records.CLEARANCE_RADIUS] = max(
+                        out[n, records.CLEARANCE_RADIUS] - _SPARED, out[n, records.CONTACT_RADIUS]
+                    )
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if hit:

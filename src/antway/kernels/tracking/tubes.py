@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import swept_timeline
 from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import Terrain, Trajectories
 
 
 @bare_kernel
@@ -21,16 +22,14 @@ def first_met(
     end: float,
     body: float,
     wider: float,
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    radius: NDArray[np.float64],
+    trajectories: Trajectories,
 ) -> tuple[float, int]:
     """First instant at which a body that goes from (ax, ay) at `start` to (bx, by) at `end` s meets a tube, and which.
 
     Tubes are `wider` m wider than their discs; the other parameters are those of `first_conflict`. Infinite and -1 if it meets
     none.
     """
+    knot_t, knot_xy, first, radius = trajectories
     when, obstacle = math.inf, -1
     for k in range(len(radius)):
         contact_radius = body + radius[k] + wider
@@ -47,10 +46,7 @@ def first_conflict(
     until: float,
     body: float,
     growth: float,
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    radius: NDArray[np.float64],
+    trajectories: Trajectories,
 ) -> tuple[float, int]:
     """First instant up to `until` at which a body on a timed path meets a tube.
 
@@ -64,8 +60,8 @@ def first_conflict(
         The body's radius with margin, m.
     growth : float
         How fast a tube widens after t[0], m/s.
-    knot_t, knot_xy, first, radius
-        The predicted courses (kernels/base/geometry.py).
+    trajectories : Trajectories
+        As predicted.
 
     Returns
     -------
@@ -85,7 +81,7 @@ def first_conflict(
             share = (end - t[i]) / (t[i + 1] - t[i])
             bx, by = ax + share * (xy[i + 1, 0] - ax), ay + share * (xy[i + 1, 1] - ay)
         wider = growth * (start - t[0])
-        hit, other = first_met(ax, ay, bx, by, start, end, body, wider, knot_t, knot_xy, first, radius)
+        hit, other = first_met(ax, ay, bx, by, start, end, body, wider, trajectories)
         if hit < when:
             when, obstacle = hit, other
     return when, obstacle
@@ -99,10 +95,7 @@ def stand_free(
     until: float,
     body: float,
     growth: float,
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    radius: NDArray[np.float64],
+    trajectories: Trajectories,
     free: NDArray[np.bool_],
 ) -> None:
     """Mark the places xy[i] at which a body can stand from t[i] to `until` and meets no tube.
@@ -113,12 +106,12 @@ def stand_free(
         `free` is filled.
     now, until : float
         s; tubes widen from `now` on.
-    body, growth, knot_t, knot_xy, first, radius
+    body, growth, trajectories
         As in `first_conflict`.
     """
     for i in range(len(t)):
         x, y, wider = xy[i, 0], xy[i, 1], growth * (t[i] - now)
-        hit, _ = first_met(x, y, x, y, t[i], max(until, t[i]), body, wider, knot_t, knot_xy, first, radius)
+        hit, _ = first_met(x, y, x, y, t[i], max(until, t[i]), body, wider, trajectories)
         free[i] = hit == math.inf
 
 
@@ -132,13 +125,9 @@ def close_cells(
     late: float,
     horizon: float,
     body: float,
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    first: NDArray[np.int64],
-    radius: NDArray[np.float64],
-    frame: NDArray[np.float64],
-    row0: int,
-    col0: int,
+    trajectories: Trajectories,
+    terrain: Terrain,
+    corner: tuple[int, int],
     closed: NDArray[np.bool_],
 ) -> None:
     """Mark the cells in whose centre a body from (x, y) would meet a tube when it gets there.
@@ -148,13 +137,14 @@ def close_cells(
 
     Parameters
     ----------
-    closed : bool[h, w]
-        Filled; cell (row0, col0) of the map is its first.
+    corner, closed : (row, col), bool[h, w]
+        `closed` is filled; its first cell is the cell `corner` of the map.
     """
+    size = terrain.resolution
     for i in range(closed.shape[0]):
         for j in range(closed.shape[1]):
-            cx, cy = frame[0] + (col0 + j + 0.5) * frame[2], frame[1] + (row0 + i + 0.5) * frame[2]
+            cx, cy = terrain.x0 + (corner[1] + j + 0.5) * size, terrain.y0 + (corner[0] + i + 0.5) * size
             d = math.hypot(cx - x, cy - y) / v_max
             start, end = now + min(early * d, horizon), now + min(late * d + 0.5, horizon)
-            hit, _ = first_met(cx, cy, cx, cy, start, end, body, 0.0, knot_t, knot_xy, first, radius)
+            hit, _ = first_met(cx, cy, cx, cy, start, end, body, 0.0, trajectories)
             closed[i, j] = hit < math.inf

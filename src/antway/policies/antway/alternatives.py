@@ -11,6 +11,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.records import CLEARANCE_RADIUS, CONTACT_RADIUS, T0, T1, VX, VY, Predictions, Terrain, X
 from antway.kernels.crossing import Settings
 from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
@@ -36,37 +37,26 @@ class Situation:
 
     context: PlanningContext
     settings: Settings
-    frame: NDArray[np.float64]
+    terrain: Terrain
     now: float  # s
-    age: float  # s, of the beliefs
+    age: float  # s, of the track estimates
     xy: XY  # m, of the robot
     estimates: NDArray[np.float64]  # [K, 8]
     prediction: NDArray[np.float64]  # [K, STEPS, 2]
     segments: NDArray[np.float64]  # [P, 8]
 
+    def _predictions(self, segments: NDArray[np.float64]) -> Predictions:
+        return Predictions(segments, self.settings.tubes.stopping_time, np.empty(2))
+
     def free(self) -> float:
         """Return the time to the goal if nothing moved, s."""
-        return float(free_time(self.context, *self.xy, self.settings.leg_cells))
+        return float(free_time(self.context, *self.xy, self.settings.colony.leg_cells))
 
     def segments_of(self, k: int) -> NDArray[np.float64]:
         """Return the prediction of track k alone, in order of time."""
-        s, out = self.settings, np.empty((256, 8))
+        s, out, one = self.settings, np.empty((256, 8)), slice(k, k + 1)
         count = predict(
-            self.estimates[k : k + 1],
-            self.now,
-            self.age,
-            s.horizon,
-            *self.xy,
-            s.robot_radius,
-            s.margin,
-            s.speed_bound,
-            s.surge_bound,
-            s.stopping_time,
-            s.quantile,
-            self.context.blocked,
-            self.frame,
-            self.prediction[k : k + 1],
-            out,
+            self.estimates[one], self.now, self.age, s.horizon, *self.xy, s.tubes, self.terrain, self.prediction[one], out
         )
         return out[:count]
 
@@ -76,30 +66,13 @@ class Situation:
         memory = make_memory(context.field.size) if memory is None else memory
         trails, state = make_trails(context.field.size), np.zeros(1, np.uint64)
         end = self.now + s.horizon
-        last, _, _ = search(
-            memory,
-            trails,
-            context,
-            segments,
-            s.stopping_time,
-            x,
-            y,
-            self.now,
-            end,
-            s.leg_cells,
-            s.betas,
-            s.slack,
-            s.minimum_improvement,
-            math.inf,
-            s.expansions,
-            0.0,
-            state,
-        )
+        predictions, settings = self._predictions(segments), s.colony._replace(amount=0.0)
+        last, _, _ = search(memory, trails, context, predictions, settings, x, y, self.now, end, math.inf, s.expansions, state)
         if last < 0:
             return None
         scratch, knots = np.empty((2048, 3)), np.empty((2048, 3))
-        n = trace_back(memory, context, segments, s.stopping_time, x, y, last, end, end + s.horizon, scratch)
-        n = shorten(context, segments, s.stopping_time, scratch, n, knots)
+        n = trace_back(memory, context, predictions, x, y, last, end, end + s.horizon, scratch)
+        n = shorten(context, predictions, scratch, n, knots)
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
@@ -113,7 +86,7 @@ class Situation:
     def conflict(self, path: TimedPath, segments: NDArray[np.float64]) -> float:
         """Return when a robot on `path` first meets one of `segments`, s; infinite if never."""
         knots = np.column_stack((path.t, path.xy))
-        return float(first_conflict(knots, self.now, segments, self.settings.stopping_time, np.empty(2)))
+        return float(first_conflict(knots, self.now, self._predictions(segments)))
 
     def cost(self, path: TimedPath) -> float:
         """Return how much later than if nothing moved a robot on `path` is at the goal, s."""
@@ -129,7 +102,7 @@ class Situation:
 
 def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.float64], now: float) -> str:
     """Name how `path` passes the obstacle that `segments` predict: by where the robot is when it is nearest."""
-    until = min(float(path.t[-1]), float(segments[-1, 1]))
+    until = min(float(path.t[-1]), float(segments[-1, T1]))
     ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), segments, now, until)
     if encounter.startswith("crossing"):
         return CROSSING[0] if ax * vx + ay * vy > 0.0 else CROSSING[1]
@@ -189,18 +162,18 @@ def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: 
     """Return discs that move along with an obstacle, side by side, and leave one side of it open; none where the robot is."""
     left = np.array((-velocity[1], velocity[0])) / max(math.hypot(*velocity), 1e-9)
     rows = []
-    for d in np.arange(1.0, _WALL / (_APART * float(own[0, 6])) + 1.0):
+    for d in np.arange(1.0, _WALL / (_APART * float(own[0, CONTACT_RADIUS])) + 1.0):
         row = own.copy()
-        row[:, 7] = row[:, 6]
-        step = d * _APART * own[:, 6:7]
+        row[:, CLEARANCE_RADIUS] = row[:, CONTACT_RADIUS]
+        step = d * _APART * own[:, CONTACT_RADIUS, None]
         if leaving in CROSSING:
-            ahead = own[:, 4:6] / np.maximum(np.hypot(own[:, 4], own[:, 5]), 1e-9)[:, None]
-            row[:, 2:4] += step * (ahead if leaving == CROSSING[1] else -ahead)
+            ahead = own[:, VX : VY + 1] / np.maximum(np.hypot(own[:, VX], own[:, VY]), 1e-9)[:, None]
+            row[:, X : X + 2] += step * (ahead if leaving == CROSSING[1] else -ahead)
         else:
-            row[:, 2:4] += step * (-left if leaving == ELSE[0] else left)
-        i = max(int(np.searchsorted(row[:, 0], now, side="right")) - 1, 0)
-        x, y = row[i, 2:4] + (now - row[i, 0]) * row[i, 4:6]
-        if math.hypot(x - robot[0], y - robot[1]) > row[i, 6]:
+            row[:, X : X + 2] += step * (-left if leaving == ELSE[0] else left)
+        i = max(int(np.searchsorted(row[:, T0], now, side="right")) - 1, 0)
+        x, y = row[i, X : X + 2] + (now - row[i, T0]) * row[i, VX : VY + 1]
+        if math.hypot(x - robot[0], y - robot[1]) > row[i, CONTACT_RADIUS]:
             rows.append(row)
     return np.vstack(rows) if rows else own[:0]
 

@@ -111,10 +111,10 @@ def wait_of(path: TimedPath, now: float) -> float:
 
 
 def _approach(now: Situation, row: Sequence[float], velocity: XY) -> tuple[float, float]:
-    """When a track, a row of beliefs, would come closest on a course, in s, and how near, in m between the discs' edges."""
+    """When a track, a row of estimates, comes closest at a velocity of the robot, in s; how near, in m between the edges."""
     at = (row[X] + row[VX] * now.age, row[Y] + row[VY] * now.age)
     when, distance = closest_approach(now.xy, velocity, at, (row[VX], row[VY]))
-    return when, distance - row[RADIUS] - now.settings.robot_radius
+    return when, distance - row[RADIUS] - now.settings.tubes.robot_radius
 
 
 def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, float, float]:

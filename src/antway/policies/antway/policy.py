@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from statistics import NormalDist
 
@@ -14,33 +15,37 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.crossing import COUNT, FORESEEN, KEPT, Crowd, Plan, Settings, cycle
-from antway.kernels.spacetime.memory import SEGMENTS
+from antway.kernels.crossing import COUNT, FORESEEN, KEPT, LOOK, Crowd, Plan, Settings, cycle
+from antway.kernels.spacetime.ants import ColonySettings
+from antway.kernels.spacetime.memory import EXPANSIONS, SEGMENTS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, TubeMargins
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.state import make_context, make_memory, make_trails
+from antway.policies.antway.state import Cycle, State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import Guard, check_observation
-from antway.world.policy import Command, Decision, Observation, Task, Tracks
+from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
+from antway.world.terrain import terrain_of
 
-_KNOTS = 2048  # of a plan
-_AGILITY = 1.0  # m/s^2; acceleration that the filter expects of obstacles
-_BRAKES = 0.5  # s; with tracks in sight no robot cruises at a speed from which it needs longer to stand
-_OUTSET, _NEARBY = 0.5, 3.0  # s; at first, when nobody's course is known well, no way round is made for what is farther ahead
-_STANDS = 1.0  # s; for how long an explanation stands while the plan does
-_NEAR = 0.8  # m; how far from its prediction a track without a name may be found
+_KNOTS = 2048  # greatest number of knots of a plan
+_AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
+_BRAKES = 0.5  # s; with tracks in sight the robot drives no faster than it can brake from in so long
+_OUTSET = 0.5  # s; in so long after the start no track's velocity is known well yet, and
+_NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
+_STANDS = 1.0  # s; an explanation stands no longer, even while the plan does
+_NEAR = 0.8  # m; a track without a name is found if it is no farther from where it was predicted
+_EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle of theirs
 
 
 class AntwayPolicy:
     """Cross a place among moving obstacles by ants in space and time.
 
     Each cycle predicts the tracks, tests the plan in use against them, and lets the colony look for a better one until the gap
-    is certified to be nil or the budget of tests is spent. A plan is kept unless it is in conflict or another is better by
+    is certified to be nil or the budget of expansions is spent. A plan is kept unless it is in conflict or another is better by
     `hysteresis`. What comes out passes the guard.
 
     Parameters
@@ -60,7 +65,7 @@ class AntwayPolicy:
     moves : Moves
         EIGHT, SIXTEEN or THIRTY_TWO.
     deposit : float
-        Q of the deposit Q / L on a way that is better than all before, s; 0 switches pheromone off.
+        Q of the deposit Q / L on a path that is better than all before, s; 0 switches pheromone off.
     guard : bool
         Whether commands pass the guard.
 
@@ -98,6 +103,19 @@ class AntwayPolicy:
         self.deposit = checks.number("deposit", deposit, low=0.0, unit="s")
         self.guard = Guard() if checks.instance("guard", guard, bool) else None
 
+        self.state: State | None = None
+        self._in_common = False
+
+    @property
+    def task(self) -> Task:
+        """The task of the episode."""
+        return self._state.task
+
+    @property
+    def _state(self) -> State:
+        assert self.state is not None, "reset comes first"
+        return self.state
+
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode.
 
@@ -106,59 +124,70 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        self.task, robot, grid = task, task.robot, task.grid
+        robot, grid = task.robot, task.grid
         # what Grid.inflate tells, from a stencil of the few cells round a robot
         stands = move_mask(grid.blocked, np.zeros((1, 2), np.int32), robot.radius / grid.resolution)
         inflated = replace(grid, blocked=stands == 0)
         standing_cell("start", task.start, grid, inflated, robot.radius)
         goal = standing_cell("goal", task.goal, grid, inflated, robot.radius)
-        context = make_context(grid, robot, goal, self.moves)
-        cells = grid.blocked.size
-        self.memory, self.trails = make_memory(cells), make_trails(cells)
-        self.frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
-        self.plan = Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0]))
-        self.segments = np.empty((SEGMENTS, 8))
-        stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
-        self.settings = Settings(
-            dt=robot.dt,
-            robot_radius=robot.radius,
-            horizon=self.horizon,
-            margin=self.margin,
-            speed_bound=float(task.obstacle_speed) if self.guard else 0.0,
-            preferred_speed=float(task.obstacle_speed),
-            surge_bound=float(task.obstacle_surge) if self.guard else 0.0,
-            stopping_time=stopping if self.guard else 0.0,
-            quantile=self.quantile,
-            minimum_improvement=self.minimum_improvement,
-            hysteresis=self.hysteresis,
-            tracking_tolerance=0.02,
-            expansions=self.expansions,
-            improvement_expansions=self.improvement_expansions,
-            amount=self.deposit,
-            leg_cells=2,
-            low=0.1,
-            high=0.9,
-            goal_x=task.goal[0],
-            goal_y=task.goal[1],
-            betas=np.array([100.0, 30.0, 10.0, 100.0]),
-            slack=np.array([9.0, 0.0, 0.05, 0.2]),
-        )
+        context, cells = make_context(grid, robot, goal, self.moves), grid.blocked.size
+        settings = self._settings(task)
         # The room that a braking path needs grows with the square of the speed: slower, a robot gets through where it waited.
         slow = min(robot.v_max, _BRAKES * robot.a_max)
         share = robot.v_max / slow
         careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
         stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
-        self.paces = (context, self.settings.stopping_time), (careful, stopping_time)
-        self.state = np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64)
-        self.table, self.count = np.zeros((256, track.COLUMNS)), 0
-        self.estimates, self.variance = np.zeros((256, 8)), np.zeros((64, 2))
-        self.crowd = Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)))
         if self.guard:
             self.guard.reset(task)
-        self.started = math.nan
-        self.decision: Decision | None = None
-        self.path: TimedPath | None = None
-        self.did, self.until = "", math.inf
+        self.state = State(
+            task=task,
+            terrain=terrain_of(grid),
+            settings=settings,
+            paces=((context, settings.tubes.stopping_time), (careful, stopping_time)),
+            context=context,
+            memory=None if self._in_common else make_memory(cells),
+            trails=make_trails(cells),
+            plan=Plan(
+                np.empty((_KNOTS, 3)),
+                np.empty((_KNOTS, 3)),
+                np.empty((SEGMENTS, 8)),
+                np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0]),
+            ),
+            crowd=Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2))),
+            rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
+        )
+
+    def _settings(self, task: Task) -> Settings:
+        robot, guarded = task.robot, self.guard is not None
+        stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
+        return Settings(
+            dt=robot.dt,
+            horizon=self.horizon,
+            preferred_speed=float(task.obstacle_speed),
+            hysteresis=self.hysteresis,
+            tracking_tolerance=0.02,
+            expansions=self.expansions,
+            improvement_expansions=self.improvement_expansions,
+            low=0.1,
+            high=0.9,
+            goal_x=task.goal[0],
+            goal_y=task.goal[1],
+            tubes=TubeMargins(
+                robot_radius=robot.radius,
+                margin=self.margin,
+                quantile=self.quantile,
+                speed_bound=float(task.obstacle_speed) if guarded else 0.0,
+                acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
+                stopping_time=stopping if guarded else 0.0,
+            ),
+            colony=ColonySettings(
+                leg_cells=2,
+                betas=np.array([100.0, 30.0, 10.0, 100.0]),
+                slack=np.array([9.0, 0.0, 0.05, 0.2]),
+                minimum_improvement=self.minimum_improvement,
+                amount=self.deposit,
+            ),
+        )
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -169,69 +198,72 @@ class AntwayPolicy:
             For an observation that is not finite.
         """
         check_observation(observation)
-        o, t = observation, observation.tracks
+        known, age = self._update_tracks(observation)
+        vx, vy, what, arrival, bound = self._predict_and_plan(observation, known, age)
+        command, did = self._guarded(observation, known, Command((vx, vy)))
+        s = self._state
+        if what != KEPT or s.cycle is None or did != s.cycle.guard or observation.t >= s.until:
+            s.decision, s.until = None, math.inf
+            if what != KEPT:
+                n = int(s.plan.state[COUNT])
+                s.path = TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
+        if s.decision is None:
+            s.cycle = Cycle(observation, known, age, did, arrival, bound)
+        return command
+
+    def _update_tracks(self, o: Observation) -> tuple[int, float]:
+        """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
+        s, t, n = self._state, o.tracks, len(o.tracks)
         stamp = o.t if math.isnan(o.stamp) else o.stamp
-        n = len(t)
-        if n > len(self.variance):
-            self.variance = np.zeros((2 * n, 2))
-        variance = self.variance[:n]
+        if n > len(s.variance):
+            s.variance = np.zeros((2 * n, 2))
+        variance = s.variance[:n]
         if t.covariance is not None:
             estimated = np.where(t.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
             variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0] * estimated, t.covariance[:, 2, 2] * estimated
         else:
             variance[:] = 0.0
-        self.count, known = track.update(
-            self.table,
-            self.count,
-            stamp,
-            t.id,
-            t.xy,
-            t.velocity,
-            t.radius,
-            variance,
-            _AGILITY,
-            _NEAR,
-            self.estimates,
-        )
-        self.context, stopping_time = self.paces[known > 0]
-        if math.isnan(self.started):
-            self.started = o.t
-        horizon = min(self.horizon, _NEARBY) if o.t < self.started + _OUTSET - 1e-6 else self.horizon
-        if stopping_time != self.settings.stopping_time or horizon != self.settings.horizon:
-            self.settings = self.settings._replace(stopping_time=stopping_time, horizon=horizon)
+        scan = t.id, t.xy, t.velocity, t.radius, variance
+        s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
+        return known, o.t - stamp
+
+    def _predict_and_plan(self, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
+        """Return what kernels/crossing.py makes of the track estimates: the velocity on the plan, and what became of that."""
+        s = self._state
+        s.context, stopping_time = s.paces[known > 0]
+        if math.isnan(s.started):
+            s.started = o.t
+        horizon = min(self.horizon, _NEARBY) if o.t < s.started + _OUTSET - 1e-6 else self.horizon
+        if stopping_time != s.settings.tubes.stopping_time or horizon != s.settings.horizon:
+            s.settings = s.settings._replace(horizon=horizon, tubes=s.settings.tubes._replace(stopping_time=stopping_time))
+        memory = self.memory()
         arguments = (
-            self.memory,
-            self.trails,
-            self.context,
-            self.settings,
-            self.plan,
-            self.crowd,
-            self.estimates[:known],
+            memory,
+            s.trails,
+            s.context,
+            s.terrain,
+            s.settings,
+            s.plan,
+            s.crowd,
+            s.estimates[:known],
             float(o.t),
-            float(o.t - stamp),
-            float(o.xy[0]),
-            float(o.xy[1]),
-            self.frame,
-            self.segments,
-            self.state,
+            float(age),
+            (float(o.xy[0]), float(o.xy[1])),
+            s.rng,
         )
-        vx, vy, what, arrival, bound = entry(cycle, *arguments)(*arguments)
-        command = Command((vx, vy))
-        if self.guard:
-            command = self.guard.passed(o if t.covariance is None else self._estimated(o, known), command)
-        did = self.guard.did if self.guard else ""
-        if what != KEPT or did != self.did or o.t >= self.until:
-            self.decision, self.until = None, math.inf
-            if what != KEPT:
-                n = int(self.plan.state[COUNT])
-                self.path = TimedPath(self.plan.knots[:n, 0].copy(), self.plan.knots[:n, 1:].copy()) if n else None
-        if self.decision is None:
-            self.now, self.known, self.age, self.did, self.arrival, self.bound = o, known, o.t - stamp, did, arrival, bound
-        return command
+        result = entry(cycle, *arguments)(*arguments)
+        s.expansions = int(memory.counter[EXPANSIONS])
+        return result
+
+    def _guarded(self, o: Observation, known: int, command: Command) -> tuple[Command, str]:
+        """Return the command that may pass, and what the guard did."""
+        if self.guard is None:
+            return command, ""
+        return self.guard.passed(o if o.tracks.covariance is None else self._estimated(o, known), command), self.guard.did
 
     def _estimated(self, o: Observation, known: int) -> Observation:
         """Return what is seen, as the filter sees it."""
-        b = self.estimates[:known]
+        b = self._state.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
@@ -242,30 +274,69 @@ class AntwayPolicy:
 
         The same object while the plan, what it waits for and the guard's part stay, for 1 s at most.
         """
-        if self.decision is None:
-            now = self.now.t
-            wait = 0.0 if self.path is None else wait_of(self.path, now)
-            self.until = now + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
-            known = Situation(
-                self.context,
-                self.settings,
-                self.frame,
-                float(now),
-                float(self.age),
-                (float(self.now.xy[0]), float(self.now.xy[1])),
-                self.estimates[: self.known].copy(),
-                self.crowd.prediction[: self.known].copy(),
-                self.segments[: int(self.plan.state[FORESEEN])].copy(),
+        s = self._state
+        if s.decision is None:
+            now = s.cycle
+            assert now is not None, "act comes first"
+            t, (x, y) = float(now.seen.t), now.seen.xy
+            wait = 0.0 if s.path is None else wait_of(s.path, t)
+            s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
+            situation = Situation(
+                s.context,
+                s.settings,
+                s.terrain,
+                t,
+                float(now.age),
+                (float(x), float(y)),
+                s.estimates[: now.known].copy(),
+                s.crowd.prediction[: now.known].copy(),
+                s.plan.segments[: int(s.plan.state[FORESEEN])].copy(),
             )
-            cost, bound = self.arrival - now, self.bound - now
-            self.decision = explain(known, self.path, cost, bound, self.did, self.pheromone(), self.memory)
-        return self.decision
+            cost, bound = now.arrival - t, now.bound - t
+            s.decision = explain(situation, s.path, cost, bound, now.guard, self.pheromone(), self.memory())
+        return s.decision
 
     def planned(self) -> TimedPath | None:
         """Return the motion in use, as the explanation has it."""
-        return self.path
+        return self._state.path
 
     def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:
         """Return the pheromone by cell, the largest over moves and times, in the window that holds any."""
-        top, left, pheromone = window(self.trails, self.task.grid.shape[1])
+        top, left, pheromone = window(self._state.trails, self.task.grid.shape[1])
         return (top, left, pheromone) if pheromone.size else None
+
+    def memory(self) -> Memory:
+        """Return the memory that the ants search in."""
+        memory = self._state.memory
+        return shared_memory(self.task.grid.blocked.size) if memory is None else memory
+
+    def use_common_memory(self) -> None:
+        """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
+        self._in_common = True
+        if self.state is not None:
+            self.state.memory = None
+
+    def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
+        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+        s, budget = self._state, _EXPANSIONS_SHOWN * cycles
+        expansions, improvement, due = s.settings.expansions, s.settings.improvement_expansions, s.plan.state[LOOK]
+        least = min(expansions, budget), min(improvement, budget)
+        s.settings = s.settings._replace(expansions=least[0], improvement_expansions=least[1])
+        act()
+        idle = ""
+        if s.expansions == 0:
+            idle = "No ants in this control cycle: no other plan can be better."
+            if s.plan.state[LOOK] == due:
+                idle = f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
+        return AntStep(idle, s.expansions < budget or budget >= expansions, self.explain())
+
+    def trails(self) -> LaidTrails:
+        """Return the pheromone on moves between cells, by the time of arrival the most over all times."""
+        trails, (rows, cols) = self._state.trails, self.task.grid.shape
+        used = np.flatnonzero(trails.key >= 0)
+        cell, move = trails.key[used] // 64 % (rows * cols), trails.key[used] % 64
+        key, at = np.unique(cell * 64 + move, return_inverse=True)
+        amount = np.zeros(len(key))
+        np.maximum.at(amount, at, trails.tau[used])
+        here = np.column_stack(np.divmod(key // 64, cols))
+        return LaidTrails(here, here + self.moves.offsets.astype(np.int64)[key % 64], amount)

@@ -1,16 +1,116 @@
-"""What a colony in space and time is given: the static side of a task, an empty memory, pheromone."""
+"""What policy antway knows in an episode, and what its colony is given: the static side of a task, a memory, pheromone."""
 
 from __future__ import annotations
+
+import math
+import threading
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid, Moves
+from antway.kernels.base.records import Terrain
+from antway.kernels.crossing import Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
+from antway.kernels.tracking.kalman import COLUMNS
+from antway.planning import TimedPath
 from antway.search.sipp import timed_field, timed_moves
-from antway.world.policy import RobotSpec
+from antway.world.policy import Decision, Observation, RobotSpec, Task
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cycle:
+    """A control cycle as an explanation needs it.
+
+    Attributes
+    ----------
+    seen : Observation
+    known : int
+        How many tracks were known.
+    age : float
+        Of their estimates, s.
+    guard : str
+        What the guard did.
+    arrival, bound : float
+        Of the plan at the goal, and a lower bound on any arrival; absolute, s.
+    """
+
+    seen: Observation
+    known: int
+    age: float
+    guard: str
+    arrival: float
+    bound: float
+
+
+@dataclass(slots=True, eq=False)
+class State:
+    """All that policy antway knows in one episode; `AntwayPolicy.reset` makes a new one.
+
+    Attributes
+    ----------
+    paces : pair of (PlanningContext, stopping time in s)
+        For full speed while no track is known, and for the slower pace among tracks.
+    context : PlanningContext
+        That of the pace in use.
+    memory : Memory or None
+        To search in; None: that of the thread (`shared_memory`).
+    table, count, variance, estimates
+        The track table with the number of its rows in use, room for the variances of a scan, the track estimates.
+    rng : uint64[1]
+        State of the random generator.
+    started : float
+        Time of the first observation, s; NaN before.
+    expansions : int
+        Moves that the ants tested in the last control cycle.
+    path : TimedPath or None
+        The plan in use, as it was made.
+    cycle : Cycle or None
+        The cycle that the explanation is about.
+    decision : Decision or None
+        The explanation; None: it has to be made.
+    until : float
+        For how long it stands, s.
+    """
+
+    task: Task
+    terrain: Terrain
+    settings: Settings
+    paces: tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
+    context: PlanningContext
+    memory: Memory | None
+    trails: Trails
+    plan: Plan
+    crowd: Crowd
+    rng: NDArray[np.uint64]
+    table: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, COLUMNS)))
+    count: int = 0
+    variance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((64, 2)))
+    estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, 8)))
+    started: float = math.nan
+    expansions: int = 0
+    path: TimedPath | None = None
+    cycle: Cycle | None = None
+    decision: Decision | None = None
+    until: float = math.inf
+
+
+class _Shared(threading.local):
+    memory: Memory | None = None
+
+
+_SHARED = _Shared()
+
+
+def shared_memory(cells: int) -> Memory:
+    """Return the one memory of this thread for searches on maps of so many cells; each search begins with an empty one."""
+    memory = _SHARED.memory
+    if memory is None or len(memory.stamp) != cells:
+        memory = _SHARED.memory = make_memory(cells)
+    return memory
 
 
 def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:

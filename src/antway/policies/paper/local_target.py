@@ -1,4 +1,4 @@
-"""The local target: the node of the global path that a way round an obstacle leads to."""
+"""The local target: the node of the global path at which a detour around an obstacle ends."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def local_target(
     reach: float,
     sight: Callable[[XY], bool],
 ) -> tuple[int, str]:
-    """Return the index of the local target among the nodes of the global path that lie ahead, and why it is that one.
+    """Return the index of the local target among the nodes of the global path that lie ahead, and the reason for it.
 
-    The first node past the conflict that the robot can reach after the obstacle has cleared it, outside every predicted tube;
-    else the farthest node in sensing range with free line of sight; else the last ("a suitable node in the shortest path").
+    It is the first node past the conflict that the robot can reach after the obstacle has cleared it, outside every tube;
+    else the farthest node in sensing range with free line of sight; else the last one ("a suitable node in the shortest path").
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ def local_target(
     taken : bool[N]
         Whether a predicted tube holds the node when the robot can be there.
     beyond : float
-        Way along them to the conflict, m.
+        Distance along them to the conflict, m.
     xy : (x, y)
-        Where the robot is, m.
+        The robot's position, m.
     reach : float
         Sensing range, m.
     sight : function of (x, y)

@@ -1,12 +1,13 @@
-"""Policy `paper`: Dijkstra over the known map, and ants round whatever moves in the sensed window (Steps 1-8 of the paper).
+"""Policy `paper`: Dijkstra on the known map, and ants around moving obstacles in the sensed window (Steps 1-8 of the paper).
 
-Beyond the printed steps the robot waits where that is shorter, steps back where it is boxed in, and where nothing is free
-takes the velocity that puts contact off longest.
+Beyond the printed steps the robot waits if that is shorter, steps back if it is boxed in, and if nothing is free takes the
+velocity that delays contact longest.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,23 +17,24 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.ants.gridpath import Exploration, explore
 from antway.ants.persistence import Adaptive
+from antway.grid import Moves
 from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
-from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
+from antway.world.policy import XY, AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
 
-WAITS = 0.5  # s between the waits that are weighed, and between two looks for a way round while waiting
-NEAR = 2.0  # s; a conflict farther off, with no way round yet, is no reason to stop
-REFUGES = 30  # places to step back to that are tried
+WAITS = 0.5  # s; step between the waiting times that are compared, and pause between two searches for a detour while waiting
+NEAR = 2.0  # s; a conflict later than this, for which no detour is known yet, does not make the robot stop
+REFUGES = 30  # number of cells to step back to that are tried
 Costs = tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detour:
-    """A way round that ants found: its nodes to the goal, the local target and what the colony left."""
+    """A detour that ants found: its nodes to the goal, the local target and the colony's pheromone."""
 
     nodes: Nodes
     target: XY
@@ -42,13 +44,13 @@ class Detour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ahead:
-    """What one control cycle knows: the observation, the tubes, and the robot's radius with what margin there is room for."""
+    """What one control cycle knows: the observation, the tubes, and the robot's radius with the margin that fits."""
 
     seen: Observation
     tubes: Tubes
     body: float
-    velocity: NDArray[np.float64]  # float64[K, 2] of the tracks, m/s
-    until: float  # s; how far the robot looks ahead
+    velocity: NDArray[np.float64]  # float64[K, 2]; velocities of the tracks, m/s
+    until: float  # s; time up to which the robot looks ahead
     growth: float
 
     def conflict(self, path: TimedPath, until: float) -> tuple[float, int]:
@@ -57,16 +59,16 @@ class Ahead:
 
 
 class PaperPolicy:
-    """The paper's method. Step 1: parameters; 2: `reset`; 3: `act`; 4-7: `_detour`; 8: on along the path, `_drive`.
+    """The paper's method. Step 1: parameters; 2: `reset`; 3: `act`; 4-7: `_detour`; 8: continue along the path, `_drive`.
 
     Parameters
     ----------
     ants, cycles : int
-        Of the colony, >= 1.
+        Size of the colony and number of its cycles, >= 1.
     margin : float
-        Room kept round predicted obstacles, m, >= 0.
+        Distance kept from predicted obstacles, m, >= 0.
     growth : float
-        How fast that room widens with the time predicted, m/s, >= 0.
+        How fast that distance grows with the time predicted, m/s, >= 0.
     lookahead : float
         How far ahead motion is predicted, s, > 0.
     """
@@ -82,13 +84,14 @@ class PaperPolicy:
     def reset(self, task: Task, seed: int) -> None:
         """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
         self.seed, self.spec, self.routes = checks.seed(seed), task.robot, Routes(task)
-        self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once, and needs none
+        self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
             self.guard.reset(task)
         self.nodes = self.routes.to_goal(task.start)
         self.held = -math.inf  # s; the robot stands until then
         self.retreating = False  # whether the nodes lead to a refuge, not to the goal
-        self.asked = -math.inf  # s; when ways out were last weighed
+        self.asked = -math.inf  # s; time of the latest comparison of detours and waits
+        self.here = task.start  # m; where the robot was in the latest cycle
         self.colonies = 0
         self.found: Exploration | None = None  # by the last colony
         self.places: dict[int, tuple[float, XY]] = {}
@@ -99,14 +102,15 @@ class PaperPolicy:
             self.decision = Decision("stuck", "the map has no way to the goal for this robot")
 
     def act(self, observation: Observation) -> Command:
-        """Return the command for the next control period; that of a robot with inertia or wheels has passed the guard.
+        """Return the command for the next control period; for a robot with inertia or wheels it has passed the guard.
 
         Raises
         ------
         BadParameter
-            For an observation that is not finite.
+            If the observation is not finite.
         """
         check_observation(observation)
+        self.here = observation.xy
         command = self._steer(observation)
         if self.guard is not None:
             command = self.guard.passed(observation, command)
@@ -115,7 +119,7 @@ class PaperPolicy:
         return command
 
     def _steer(self, observation: Observation) -> Command:
-        """Step 3: look ahead along the path; where an obstacle will be met, go round, wait or step back; else go on."""
+        """Step 3: look ahead along the path; if an obstacle will be met, take a detour, wait or step back; else continue."""
         if not len(self.nodes):
             return STOP
         now = observation.t
@@ -142,11 +146,43 @@ class PaperPolicy:
         return self._choose(ahead, when, obstacle)
 
     def explain(self) -> Decision:
-        """Return the decision that stands."""
+        """Return the present decision."""
         return self.decision
 
+    def use_common_memory(self) -> None:
+        """Do nothing: this policy's colonies keep no memory from one search to the next."""
+
+    def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
+        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+        before, most = self.colonies, self.cycles
+        self.cycles = min(cycles, most)
+        act()
+        if self.colonies == before:
+            idle = "No ants in this control cycle: policy paper uses them only for a detour around an obstacle ahead."
+            return AntStep(idle, True, self.decision)
+        found, decision = self.found, self.decision
+        if found is not None:  # whether or not its path was taken
+            nodes = np.vstack((self.here, found.plan.xy(self.routes.inflated)))
+            path = TimedPath(np.arange(len(nodes), dtype=np.float64), nodes)
+            decision = replace(
+                decision, path=path, pheromone=(*found.window[:2], found.pheromone_by_cell), history=found.history
+            )
+        done = cycles >= most or (found is not None and len(found.history) < cycles)
+        return AntStep("", done, decision)
+
+    def trails(self) -> LaidTrails:
+        """Return what the last colony laid on the moves between cells beyond the least on any."""
+        found, none = self.found, np.empty((0, 2), np.int64)
+        if found is None:
+            return LaidTrails(none, none, np.empty(0))
+        tau = found.pheromone
+        least = tau.min(initial=np.inf, where=tau > 0.0)
+        row, col, move = np.nonzero(tau > 1.01 * least)
+        here = np.column_stack((row + found.window[0], col + found.window[1]))
+        return LaidTrails(here, here + Moves.EIGHT.offsets.astype(np.int64)[move], tau[row, col, move])
+
     def _look(self, seen: Observation) -> Ahead:
-        """Predict the range of motion of every track; one without a velocity is taken to move as since it was last seen."""
+        """Predict the range of motion of every track; a missing velocity is taken from the last two positions."""
         tracks, velocity = seen.tracks, seen.tracks.velocity.copy()
         for k, (number, (x, y)) in enumerate(zip(tracks.id.tolist(), tracks.xy.tolist())):
             t, (px, py) = self.places.get(number, (seen.t, (x, y)))
@@ -167,7 +203,7 @@ class PaperPolicy:
         return self._conflict(ahead, nodes, hold, longer)[0] == math.inf
 
     def _choose(self, ahead: Ahead, when: float, obstacle: int) -> Command:
-        """Of the ways out of a coming conflict take the one that costs the least time."""
+        """Resolve a coming conflict by whatever costs the least time: a detour, a wait, or a step back."""
         seen, length = ahead.seen, self.routes.length
         self.asked = seen.t
         waits = np.arange(WAITS, self.lookahead, WAITS).tolist()
@@ -181,7 +217,7 @@ class PaperPolicy:
             self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
             self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, obstacle, costs, detour)
         elif when > seen.t + NEAR and not self.retreating and (wait == math.inf or self.held == -math.inf):
-            self.held = -math.inf  # so far off that much may change
+            self.held = -math.inf  # the conflict is so late that much may change before it
         elif wait < math.inf:
             self.held = seen.t + wait
             self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, obstacle, costs)
@@ -193,7 +229,7 @@ class PaperPolicy:
         return self._drive(seen)
 
     def _detour(self, ahead: Ahead, when: float) -> Detour | None:
-        """Steps 4-7: let ants look for the way to a local target in the sensed window; only those that arrive lay pheromone."""
+        """Steps 4-7: ants search the sensed window for a path to a local target; only those that arrive deposit pheromone."""
         seen, spec, routes, inflated = ahead.seen, self.spec, self.routes, self.routes.inflated
         here = routes.cell(seen.xy)
         route = routes.to_goal(seen.xy) if self.retreating else self.nodes
@@ -241,7 +277,7 @@ class PaperPolicy:
         return None
 
     def _refuge(self, ahead: Ahead) -> Nodes | None:
-        """Return the way to the nearest place where the robot can stand, for long where there is one, else for now."""
+        """Return the path to the nearest cell where the robot can stand, for long if there is one, else for now."""
         seen, routes, v_max = ahead.seen, self.routes, self.spec.v_max
         here = routes.cell(seen.xy)
         if here is None:
@@ -261,7 +297,7 @@ class PaperPolicy:
         return None
 
     def _last_resort(self, ahead: Ahead, obstacle: int, costs: Costs) -> Command:
-        """Nothing is free: take the velocity, rest first, that puts contact off longest."""
+        """If nothing is free, take the velocity that delays contact longest; rest comes first among equals."""
         seen, spec = ahead.seen, self.spec
         push = max(spec.dt, 0.3) + (math.pi / 2 / spec.turn_rate if spec.drive == "differential" else 0.0)
         best, velocity = -math.inf, (0.0, 0.0)
@@ -281,7 +317,7 @@ class PaperPolicy:
     def _decide(
         self, action: str, reason: str, ahead: Ahead, obstacle: int, costs: Costs, detour: Detour | None = None
     ) -> None:
-        """Write down the decision, the encounter as it would be on the present course, and what the ants left."""
+        """Record the decision, the encounter if the robot drove on as it does, and the colony's pheromone."""
         seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
         aim = self.nodes[0].tolist()
         to_aim = math.dist(seen.xy, aim)
@@ -319,7 +355,7 @@ class PaperPolicy:
         self.decision = Decision("follow", "the way is free again", path=path)
 
     def _drive(self, seen: Observation) -> Command:
-        """Step 8: on along the path, exactly; or stand while the robot is to wait."""
+        """Step 8: continue exactly along the path, or stand while the robot has to wait."""
         if self.held > seen.t:
             return STOP
         command, self.nodes = self.routes.passed(seen, self.nodes)

@@ -1,4 +1,4 @@
-"""Ways of a disc robot on the map as chains of nodes: found by Dijkstra, joined, timed, and driven exactly."""
+"""Paths of a disc robot on the map as chains of nodes: found by Dijkstra, joined, timed, and driven exactly."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from antway.world.line_of_sight import clear, nearest_free
 from antway.world.policy import XY, Command, Observation, Task
 
 STOP = Command((0.0, 0.0))
-Nodes = NDArray[np.float64]  # float64[N, 2], m: a chain of points still to be driven to, the robot's own place not among them
+Nodes = NDArray[np.float64]  # float64[N, 2], m; points that the robot has yet to drive to, without its own position
 
 
 class PathsFrom:
-    """Shortest ways between one cell and all cells within some way (m) of it, found at once by Dijkstra's algorithm."""
+    """Shortest paths between one cell and all cells within a distance (m) of it, by one run of Dijkstra's algorithm."""
 
     def __init__(self, inflated: Grid, cell: Cell, within: float = math.inf) -> None:
         self.inflated, self.net = inflated, lattice(inflated, Moves.EIGHT)
@@ -29,13 +29,13 @@ class PathsFrom:
         self.field.run(None)
 
     def distance(self) -> NDArray[np.float64]:
-        """Return the way to each cell in m, float64[H, W]; infinite for those not reached."""
+        """Return the distance to each cell in m, float64[H, W]; infinite for cells that were not reached."""
         label = self.field.label
         known = np.where(label <= self.field.known, label, np.inf) * (self.inflated.resolution / STRAIGHT)
         return known.reshape(self.inflated.shape)
 
     def nodes(self, cell: Cell) -> Nodes:
-        """Return the centres of the cells on the way from `cell` to the one cell; empty if there is none."""
+        """Return the centres of the cells on the path from `cell` to the one cell; empty if there is none."""
         at, net = self.net.at(cell), self.net
         if not (math.isfinite(self.field.label[at]) and self.field.label[at] <= self.field.known):
             return np.empty((0, 2))
@@ -66,11 +66,11 @@ class Routes:
         return clear(self.task, a, b)
 
     def cell(self, xy: XY) -> Cell | None:
-        """Return the cell from which ways from `xy` begin: free, in straight reach, and the nearest such."""
+        """Return the cell at which paths from `xy` start: the nearest free one that can be reached straight."""
         return nearest_free(self.task, self.inflated, xy, cells=3)
 
     def to_goal(self, xy: XY) -> Nodes:
-        """Return the shortest way from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
+        """Return the shortest path from `xy` to the goal (Step 2: Dijkstra); empty if there is none."""
         here = self.cell(xy)
         nodes = np.empty((0, 2)) if here is None or self.home is None else self.home.nodes(here)
         if not len(nodes):
@@ -79,13 +79,13 @@ class Routes:
         return self.pulled(xy, nodes) if self.stops else nodes
 
     def joined(self, xy: XY, nodes: Nodes) -> Nodes:
-        """Return `nodes`, a way that begins at the centre of a cell near `xy`, without that centre where `xy` sees the next."""
+        """Return `nodes`, which start at the centre of a cell near `xy`, without that centre if `xy` sees the next."""
         if len(nodes) > 1 and self.clear(xy, (float(nodes[1, 0]), float(nodes[1, 1]))):
             return nodes[1:]
         return nodes
 
     def pulled(self, xy: XY, nodes: Nodes) -> Nodes:
-        """Return the way from `xy` along `nodes` without those that can be left out: the corners of a string pulled tight."""
+        """Return `nodes` without those that can be left out on the path from `xy`: the corners of a string pulled tight."""
         points, kept, here = [xy, *map(tuple, nodes.tolist())], [], 0
         while here < len(nodes):
             there = here + 1
@@ -96,7 +96,7 @@ class Routes:
         return np.array(kept)
 
     def timed(self, seen: Observation, nodes: Nodes, hold: float = 0.0) -> TimedPath:
-        """Return the motion that stands for `hold` s and then drives along `nodes`, as fast as this robot drives that way."""
+        """Return the motion that stands for `hold` s and then drives along `nodes`, as fast as this robot can."""
         points = np.vstack((seen.xy, nodes))
         if self.stops:
             times, points = self._stop_and_go(seen, points)
@@ -107,7 +107,7 @@ class Routes:
         return TimedPath(seen.t + times, points)
 
     def _stop_and_go(self, seen: Observation, points: Nodes) -> tuple[NDArray[np.float64], Nodes]:
-        """Return times and places of a robot that stops and turns at each corner: six knots a leg."""
+        """Return times and positions of a robot that stops and turns at each corner: six knots for each leg."""
         spec = self.task.robot
         legs = np.diff(points, axis=0)
         points = points[np.concatenate(([True], np.hypot(*legs.T) > 1e-9))]
@@ -146,7 +146,7 @@ class Routes:
         return np.concatenate(([0.0], np.cumsum(spans.ravel()))), np.vstack((points[:1], places.reshape(-1, 2)))
 
     def driven(self, seen: Observation, velocity: XY, push: float) -> TimedPath | None:
-        """Return what the robot does when told to drive at `velocity` for `push` s and then to stop; None if into a wall."""
+        """Return the motion of a robot that is to drive at `velocity` for `push` s and then stop; None if it meets a wall."""
         spec = self.task.robot
         limits = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential")])
         (x, y), (vx, vy), heading, n = seen.xy, seen.velocity, seen.heading, 0
@@ -162,12 +162,12 @@ class Routes:
 
     @staticmethod
     def length(xy: XY, nodes: Nodes) -> float:
-        """Return the length of the way from `xy` along `nodes`, m."""
+        """Return the length of the path from `xy` along `nodes`, m."""
         return float(np.hypot(*np.diff(np.vstack((xy, nodes)), axis=0).T).sum())
 
     @staticmethod
     def ahead(xy: XY, nodes: Nodes) -> Nodes:
-        """Return `nodes` without those that the robot at `xy` has reached or passed, the last apart."""
+        """Return `nodes` without those that the robot at `xy` has reached or passed; the last one always stays."""
         i = 0
         while i < len(nodes) - 1 and (
             math.dist(xy, nodes[i].tolist()) < 1e-6 or _straight(nodes[i].tolist(), xy, nodes[i + 1].tolist())
@@ -197,12 +197,12 @@ class Routes:
         return Command(((here[0] - seen.xy[0]) / dt, (here[1] - seen.xy[1]) / dt)), rest if len(rest) else nodes[-1:]
 
     def astray(self, seen: Observation, nodes: Nodes) -> bool:
-        """Tell whether a robot that could not turn at once has come to rest where it does not see the next of `nodes`."""
+        """Tell whether a robot that could not turn at once has come to rest out of sight of the next of `nodes`."""
         x, y = nodes[0].tolist()
         return self.stops and math.hypot(*seen.velocity) < 1e-6 and not self.clear(seen.xy, (x, y))
 
     def _to_corner(self, seen: Observation, nodes: Nodes) -> Command:
-        """Drive straight to the next corner and stop there: a robot with inertia or one that must turn keeps on its way so."""
+        """Drive straight to the next corner and stop there, so that a robot with inertia or wheels keeps to its path."""
         spec = self.task.robot
         i = 0
         while i + 1 < len(nodes) and _straight(seen.xy, nodes[i].tolist(), nodes[i + 1].tolist()):
@@ -217,7 +217,7 @@ class Routes:
             return STOP
         if spec.drive == "differential" and math.cos(seen.heading) * ux + math.sin(seen.heading) * uy < 1.0 - 1e-12:
             return Command((ux * 1e-6, uy * 1e-6)) if math.hypot(*seen.velocity) < 1e-6 else STOP
-        # Fastest speed v with v dt + v^2 / 2a <= way, so that it can still stop at the corner.
+        # The fastest speed v with v dt + v^2 / 2a <= path, so that the robot can still stop at the corner.
         speed = path / spec.dt
         if math.isfinite(spec.a_max):
             change = spec.a_max * spec.dt

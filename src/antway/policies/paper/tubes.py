@@ -1,4 +1,4 @@
-"""The general range of motion of what the robot senses: each obstacle's predicted course and the room around it."""
+"""The general range of motion of sensed obstacles: each obstacle's predicted trajectory and the space around it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
+from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
 from antway.world.policy import XY, Observation
+from antway.world.terrain import terrain_of
 
-_KNOTS = 64  # of one predicted course at most; beyond, the obstacle is taken to stand
+_KNOTS = 64  # knots of one predicted trajectory, at most; after the last one the obstacle is assumed to stand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tubes:
-    """Predicted courses of K discs: constant velocity, mirrored at walls; the disc of knots first[k]:first[k + 1] is track k.
+    """Predicted trajectories of K discs at constant velocity, mirrored at walls; track k has the knots first[k]:first[k + 1].
 
     Attributes
     ----------
     t : float
-        When they were predicted, s.
+        Time of the prediction, s.
     knot_t, knot_xy, first, radius
         As in `antway.world.timeline.Timeline`.
     """
@@ -35,9 +37,14 @@ class Tubes:
     first: NDArray[np.int64]
     radius: NDArray[np.float64]
 
+    @property
+    def trajectories(self) -> Trajectories:
+        """The same for kernels."""
+        return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
+
     @staticmethod
     def predict(seen: Observation, velocity: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
-        """Step 3: predict the tracks of `seen`, moving at `velocity` (float64[K, 2], m/s), for `horizon` s from its time on."""
+        """Step 3: predict the tracks of `seen`, moving at `velocity` (float64[K, 2], m/s), up to `horizon` s later."""
         stamp = seen.t if math.isnan(seen.stamp) else seen.stamp
         state = np.array([stream(np.uint64(0), np.uint64(0))], np.uint64)
         points = grid.to_points(seen.tracks.xy)
@@ -70,14 +77,14 @@ class Tubes:
         self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float = 0.0
     ) -> tuple[float, int]:
         """Return when and with which track a body of radius `body` m on the timed path (t, xy) first meets a tube."""
-        return first_conflict(t, xy, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius)
+        return first_conflict(t, xy, until, body, growth, self.trajectories)
 
     def standing(
         self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float
     ) -> NDArray[np.bool_]:
         """Return bool[N]: whether a body can stand at xy[i], float64[N, 2], from t[i] to `until` and meets no tube."""
         free = np.empty(len(t), np.bool_)
-        stand_free(t, xy, self.t, until, body, growth, self.knot_t, self.knot_xy, self.first, self.radius, free)
+        stand_free(t, xy, self.t, until, body, growth, self.trajectories, free)
         return free
 
     def close(
@@ -88,24 +95,7 @@ class Tubes:
         row, col, rows, cols = window
         part = np.empty((rows, cols), np.bool_)
         early, late = (0.0, 1e9) if whole else (0.9, 1.3)
-        frame = np.array([grid.origin[0], grid.origin[1], grid.resolution])
-        close_cells(
-            self.t,
-            xy[0],
-            xy[1],
-            v_max,
-            early,
-            late,
-            horizon,
-            body,
-            self.knot_t,
-            self.knot_xy,
-            self.first,
-            self.radius,
-            frame,
-            row,
-            col,
-            part,
-        )
+        terrain, discs, corner = terrain_of(grid), self.trajectories, (row, col)
+        close_cells(self.t, *xy, v_max, early, late, horizon, body, discs, terrain, corner, part)
         closed[row : row + rows, col : col + cols] = part
         return closed

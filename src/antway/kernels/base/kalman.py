@@ -1,0 +1,41 @@
+"""The scalar arithmetic of a Kalman filter for constant velocity, alike for every axis."""
+
+from __future__ import annotations
+
+from antway.kernels.base.jit import bare_kernel
+
+
+@bare_kernel
+def measure_place(
+    p11: float, p12: float, p22: float, dt: float, agility: float, variance: float
+) -> tuple[float, float, float, float, float]:
+    """Move a covariance on by `dt` s and take in a measurement of the place; return the gains and the new covariance.
+
+    Parameters
+    ----------
+    p11, p12, p22 : float
+        Variance of the place (m^2), covariance with the velocity (m^2/s), variance of the velocity (m^2/s^2).
+    dt : float
+        s, > 0.
+    agility : float
+        Standard deviation of the white acceleration, m/s^2.
+    variance : float
+        Of the measured place, m^2, >= 0.
+
+    Returns
+    -------
+    g1, g2 : float
+        By how much of the innovation (measured less predicted place) the place and the velocity (1/s) change.
+    p11, p12, p22 : float
+
+    Notes
+    -----
+    Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6.
+    """
+    q = agility * agility
+    p11 = p11 + 2 * dt * p12 + dt * dt * p22 + q * dt**4 / 4
+    p12 = p12 + dt * p22 + q * dt**3 / 2
+    p22 = p22 + q * dt * dt
+    s = p11 + variance
+    g1, g2 = (p11 / s, p12 / s) if s > 0.0 else (1.0, 0.0)
+    return g1, g2, (1 - g1) * p11, (1 - g1) * p12, p22 - g2 * p12

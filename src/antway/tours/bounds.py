@@ -1,0 +1,89 @@
+"""What no answer of `order_stops` can cost less than (with priorities: collect more than)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from antway.kernels.colony.windows import assignment, shortest
+from antway.tours.stops import Floats, Stops
+from antway.tours.untimed import closed_matrix, held_karp_bound
+
+_SAFE = 1.0 - 1e-9  # for rounding errors of sums
+
+
+def lower_bound(stops: Stops) -> float:
+    """Return a lower bound of the cost of any feasible answer."""
+    travel = travel_bound(stops)
+    if stops.objective == "travel time":
+        return travel
+    far = _closure(stops.matrix)
+    inner = stops.inner
+    # Somebody goes to each stop and on to the end; and what all do together, they share.
+    ends = {stops.start} | (set() if stops.end is None else {stops.end})
+    begin = float(stops.windows[stops.start, 0])
+    each = (
+        np.maximum(begin + stops.service[stops.start] + far[stops.start, inner], stops.windows[inner, 0]) + stops.service[inner]
+    )
+    if stops.end is not None:
+        home = 0.0 if stops.closed else float(stops.service[stops.end])
+        each = each + far[inner, stops.end] + home
+    shared = begin + (travel + float(stops.service[[i for i in range(len(far)) if i not in ends]].sum())) / stops.robots
+    own = float(sum(stops.service[i] for i in ends)) if stops.robots == 1 else 0.0
+    return max(float(each.max(initial=0.0)) * _SAFE, shared + own * _SAFE)
+
+
+def travel_bound(stops: Stops) -> float:
+    """Return a lower bound of the travel time of all robots together."""
+    n = len(stops.matrix)
+    if n < 3 or not np.isfinite(stops.matrix).all():
+        return 0.0
+    matrix = stops.matrix if stops.robots == 1 else _closure(stops.matrix)
+    if stops.robots > 1 and not stops.closed:
+        # Routes with one start hang together; a given end that is not theirs is left aside.
+        return _tree(np.minimum(matrix, matrix.T)) * _SAFE
+    if np.array_equal(matrix, matrix.T):
+        return held_karp_bound(*closed_matrix(stops, matrix))
+    path = matrix.copy()
+    np.fill_diagonal(path, np.inf)
+    rows, columns = np.arange(n), np.arange(n)
+    if not stops.closed:
+        columns = columns[columns != stops.start]
+        if stops.end is None:
+            path = np.column_stack((path, np.zeros(n)))
+            columns = np.append(columns, n)
+        else:
+            rows = rows[rows != stops.end]
+    leave, enter = assignment(np.ascontiguousarray(path[np.ix_(rows, columns)]))
+    return max(0.0, float(leave.sum() + enter.sum())) * _SAFE
+
+
+def worth_bound(stops: Stops) -> float:
+    """Return the sum of the priorities of all stops that a robot can visit alone, in time."""
+    assert stops.priorities is not None
+    far, windows, start = _closure(stops.matrix), stops.windows, stops.start
+    first = np.maximum(windows[start, 0] + stops.service[start] + far[start], windows[:, 0])
+    done = first + stops.service
+    if stops.end is not None and stops.end != start:
+        done = done + far[:, stops.end] + stops.service[stops.end]
+    elif stops.closed:
+        done = done + far[:, start]
+    possible = (first <= windows[:, 1] * (1.0 + 1e-9)) & (done <= stops.deadline * (1.0 + 1e-9))
+    possible[[start] if stops.end is None else [start, stops.end]] = True
+    return float(stops.priorities[possible].sum())
+
+
+def _closure(matrix: Floats) -> Floats:
+    """Return the shortest times with other stops in between."""
+    return shortest(np.ascontiguousarray(matrix))
+
+
+def _tree(matrix: Floats) -> float:
+    """Return the length of the least spanning tree."""
+    reach, used, total = matrix[0].copy(), np.zeros(len(matrix), dtype=bool), 0.0
+    used[0] = True
+    for _ in range(len(matrix) - 1):
+        then = int(np.argmin(np.where(used, np.inf, reach)))
+        used[then] = True
+        total += float(reach[then])
+        reach = np.minimum(reach, matrix[then])
+    return total

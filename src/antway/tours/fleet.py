@@ -1,0 +1,123 @@
+"""Several robots, or more stops than there is time for: routes by ruin and recreation, see `antway.kernels.colony.fleet`."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from antway.kernels.base.rng import stream
+from antway.kernels.colony import fleet as kernel
+from antway.planning import Clock
+from antway.tours.stops import Floats, Order, Stops
+
+_TURNS = 100  # between two looks at the clock
+_HOT, _COLD = 1.0, 0.01  # temperatures at first and at last, in usual steps
+_PRICE = 3.0  # of a stop of mean priority that is left out, in usual steps
+
+
+def layout(stops: Stops) -> tuple[Order, Floats, Floats, Floats]:
+    """Return the stops as kernels see them: rows of the matrix from start to end, -1 for no end; times; opens; closes.
+
+    Times hold the service at the stop that is left, so that a closed tour's start is served once, and a given end after it.
+    """
+    inner = stops.inner
+    end = -1 if stops.end is None else stops.end
+    rows = np.concatenate(([stops.start], inner, [end])).astype(np.int32)
+    n = len(rows)
+    spans = np.zeros((n, n))
+    spans[:-1, :-1] = stops.matrix[np.ix_(rows[:-1], rows[:-1])] + stops.service[rows[:-1], None]
+    spans[:-1, -1] = stops.service[rows[:-1]] + (0.0 if end < 0 else stops.matrix[rows[:-1], end])
+    opens, closes = stops.windows[rows, 0].copy(), stops.windows[rows, 1].copy()
+    if end < 0 or stops.closed:
+        opens[-1], closes[-1] = 0.0, stops.deadline
+    else:
+        closes[-1] = min(closes[-1], stops.deadline - stops.service[end])
+    return rows, spans, opens, closes
+
+
+def best_routes(
+    stops: Stops, clock: Clock, seconds: float, cycles: int | None, seed: int, initial: list[Order] | None
+) -> list[Order]:
+    """Look for the best routes of all robots until `seconds` are over or `cycles` of 100 turns are done."""
+    rows, spans, opens, closes = layout(stops)
+    n = len(rows)
+    if n == 2:
+        return [_order(stops, rows[[0, 1]]) for _ in range(stops.robots)]
+    fleet, step = _fleet(stops, rows, spans, opens, closes)
+    now, saved, best = (kernel.routes(n, stops.robots) for _ in range(3))
+    if initial is not None:
+        _fill(saved, rows, initial)
+    cost, worth = kernel.start(fleet, saved, np.uint64(stream(np.uint64(seed), np.uint64(0))))
+    kernel.copy(fleet, saved, best, True)
+    record = np.array([cost, worth, worth, cost])
+    done, limit, begun = 0, 2**62 if cycles is None else cycles, time.perf_counter()
+    hot = _COLD * 10 if initial is not None else _HOT
+    while done < limit and not (done and clock.spent()):
+        # The temperature falls with the share of the budget that is used.
+        used = done / limit if cycles is not None else min(1.0, (time.perf_counter() - begun) / max(seconds, 1e-9))
+        heat = step * hot * (_COLD / hot) ** used
+        kernel.anneal(
+            fleet, now, saved, best, record, np.uint64(stream(np.uint64(seed), np.uint64(done + 1))), _TURNS, heat, 1.0
+        )
+        done += 1
+    orders = [rows[best.stops[k, : best.sizes[k]]] for k in range(stops.robots)]
+    if stops.priorities is None:
+        orders = _complete(stops, orders, [int(rows[i]) for i in range(1, n - 1) if best.route[i] == kernel.OUT])
+    return [_order(stops, order) for order in orders]
+
+
+def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floats) -> tuple[kernel.Fleet, float]:
+    """Return what kernels take, and a usual step in s."""
+    n = len(rows)
+    finite = spans[np.isfinite(spans)]
+    horizon = float(opens.max() + np.where(np.isfinite(spans), spans, 0.0).max(axis=1).sum()) + 1.0
+    closes = np.minimum(closes, horizon)
+    inner = spans[1:-1, 1:-1].copy()
+    inner = np.minimum(inner, inner.T)
+    np.fill_diagonal(inner, np.inf)
+    near = 1 + np.argsort(inner, axis=1, kind="stable")[:, : n - 3].astype(np.int32)
+    closest = np.sort(inner, axis=1)[:, :3]
+    closest = closest[np.isfinite(closest)]
+    step = float(closest.mean() if closest.size and closest.any() else finite.mean()) or 1.0
+    worth, price = np.zeros(n), np.zeros(n)
+    if stops.priorities is None:
+        worth[1:-1], price[1:-1] = 1.0, horizon
+    else:
+        worth[1:-1] = stops.priorities[rows[1:-1]]
+        price[1:-1] = worth[1:-1] / (float(worth[1:-1].mean()) or 1.0) * _PRICE * step
+    near = np.vstack((np.zeros((1, n - 3), dtype=np.int32), near, np.zeros((1, n - 3), dtype=np.int32)))
+    last = 1.0 if stops.objective == "makespan" else 0.0
+    total = 1e-4 if last else 0.1 if stops.priorities is not None else 1.0
+    return kernel.Fleet(np.ascontiguousarray(spans), opens, closes, price, worth, np.ascontiguousarray(near), last, total), step
+
+
+def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
+    """Begin with `orders`, those of their stops that there are still."""
+    place, last = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}, len(rows) - 1
+    for k, order in enumerate(orders[: len(routes.sizes)]):
+        inner = [place.pop(int(stop)) for stop in order if int(stop) in place]
+        routes.stops[k, 1 : 1 + len(inner)] = inner
+        routes.stops[k, 1 + len(inner)] = last
+        routes.sizes[k] = len(inner) + 2
+        routes.route[inner] = k
+
+
+def _order(stops: Stops, order: Order) -> Order:
+    """Return the route without the end that open tours have for kernels alone."""
+    return order[:-1].astype(np.int32) if stops.end is None else order.astype(np.int32)
+
+
+def _complete(stops: Stops, orders: list[Order], left: list[int]) -> list[Order]:
+    """Insert what no robot can visit in time where that is least late."""
+    for stop in left:
+        best: tuple[float, int, Order] = (math.inf, 0, orders[0])
+        for k, order in enumerate(orders):
+            for p in range(1, len(order)):
+                trial = np.insert(order, p, stop)
+                _, _, end, late = stops.timing(_order(stops, trial))
+                if late + 1e-6 * end < best[0] or best[0] == math.inf:
+                    best = late + 1e-6 * end, k, trial
+        orders[best[1]] = best[2].astype(np.int32)
+    return orders

@@ -1,0 +1,50 @@
+"""One robot that visits all stops in time, by the colony of `solve_tsptw`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from antway.planning import Clock
+from antway.tours.fleet import layout
+from antway.tours.stops import Floats, Order, Stops
+from antway.tours.windowed import Path, search
+
+
+def best_order(
+    stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None, pheromone: Floats | None
+) -> tuple[Order, bool, Floats | None]:
+    """Return the best order found, whether it is proven to be the best feasible one, and the pheromone, float64[n, n]."""
+    rows, spans, opens, closes = layout(stops)
+    n, m = len(stops.matrix), len(rows)
+    path = Path(spans, opens, closes)
+    tau = None
+    # Rows of the pheromone are stops; a closed tour has its start at both ends.
+    ids = np.where(rows < 0, 0, rows)
+    if pheromone is not None and pheromone.shape == (n, n):
+        tau = np.ascontiguousarray(pheromone[np.ix_(ids, ids)])
+    first = None
+    if initial is not None:
+        place = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}
+        kept = [place.pop(int(stop)) for stop in initial if int(stop) in place]
+        first = _inserted(path, [0, *kept, m - 1], sorted(place.values()))
+    found = search(path, clock, makespan=stops.objective == "makespan", cycles=cycles, seed=seed, initial=first, pheromone=tau)
+    learned = None
+    if found.pheromone.size:
+        learned = np.full((n, n), 0.5)
+        learned[np.ix_(ids[:-1], ids[1:-1])] = found.pheromone[:-1, 1:-1]
+        if rows[-1] >= 0:
+            learned[ids[1:-1], rows[-1]] = found.pheromone[1:-1, -1]
+    order = rows[found.order]
+    order = order[:-1] if stops.end is None else order
+    return order.astype(np.int32), found.proven and found.late == 0.0, learned
+
+
+def _inserted(path: Path, order: list[int], missing: list[int]) -> Order:
+    """Insert the missing stops where they make the order least late, then least long."""
+    for stop in missing:
+        trials = [[*order[:p], stop, *order[p:]] for p in range(1, len(order))]
+        costs = [
+            (path.late(np.array(trial, dtype=np.int32)), float(path.finite[trial[:-1], trial[1:]].sum())) for trial in trials
+        ]
+        order = trials[min(range(len(trials)), key=costs.__getitem__)]
+    return np.array(order, dtype=np.int32)

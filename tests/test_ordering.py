@@ -1,0 +1,226 @@
+"""C48: `order_stops` against all permutations: windows, deadlines, priorities, several robots, open, closed and given ends."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+import naive.ordering as naive
+from antway.errors import BadInput, BadParameter, TooLarge
+from antway.kernels.colony import fleet as kernel
+from antway.tours.ordering import Ordering, order_stops
+from common import cases
+
+
+def sound(answer: Ordering, matrix: np.ndarray, start: int, end: int | None, robots: int, whole: bool) -> None:
+    """Assert that the routes begin and end where they should, and visit no stop twice."""
+    assert len(answer.orders) == robots
+    inner: list[int] = []
+    for order in answer.orders:
+        assert order[0] == start and (end is None or (len(order) > 1 and order[-1] == end))
+        inner += order[1 : len(order) - (end is not None)].tolist()
+    assert len(set(inner)) == len(inner) and not {start, end} & set(inner)
+    if whole:
+        assert {start, *inner} | ({end} - {None}) == set(range(len(matrix)))
+
+
+def test_equal_to_all_permutations() -> None:
+    rng, feasible = np.random.default_rng(1), 0
+    for case in range(cases(80, 2_000)):
+        n = int(rng.integers(2, 8))
+        xy = rng.random((n, 2)) * 10
+        matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+        if rng.random() < 0.4:
+            matrix = matrix * rng.uniform(0.8, 1.2, matrix.shape)
+        start = int(rng.integers(n))
+        given = [None, "start", int(rng.integers(n))][rng.integers(3)]
+        end = start if given == "start" else given
+        robots = min(int(rng.choice([1, 1, 1, 2, 3])), 2 if n > 6 else 3)
+        priorities = rng.integers(1, 6, n).astype(float) if rng.random() < 0.3 else None
+        service = rng.random(n) * (rng.random() < 0.5)
+        windows = np.tile([0.0, math.inf], (n, 1))
+        if rng.random() < 0.5:
+            begin = rng.random(n) * 15
+            windows = np.c_[begin * (rng.random(n) < 0.5), begin + rng.random(n) * 25]
+            windows[start] = 0.0, math.inf
+        deadline = float(rng.uniform(8, 25)) if priorities is not None or rng.random() < 0.2 else math.inf
+        makespan = bool(rng.integers(2))
+        answer = order_stops(
+            matrix,
+            start=start,
+            end=given,
+            windows=windows,
+            service=service,
+            priorities=priorities,
+            deadline=deadline,
+            robots=robots,
+            objective="makespan" if makespan else "travel time",
+            cycles=20,
+            seed=case,
+        )
+        sound(answer, matrix, start, end, robots, priorities is None)
+        late = naive.lateness(matrix.tolist(), windows.tolist(), service.tolist(), deadline, answer.orders, end == start)
+        assert answer.lateness == pytest.approx(late, abs=1e-6)
+        best = naive.best(
+            matrix.tolist(), start, end, windows.tolist(), service.tolist(), priorities, deadline, robots, makespan
+        )
+        assert answer.feasible == (best is not None), case
+        if best is None:
+            continue
+        feasible += 1
+        assert answer.collected == pytest.approx(best[0]), case
+        assert answer.cost == pytest.approx(best[1], rel=1e-3), case
+        assert answer.bound >= best[0] - 1e-9 if priorities is not None else answer.bound <= best[1] * (1 + 1e-12), case
+    assert feasible > case / 2
+
+
+def test_more_than_twelve_asymmetric_stops() -> None:
+    """A cycle of cheap arcs one way is found, and its bound is its cost."""
+    rng = np.random.default_rng(3)
+    n = 40
+    matrix = rng.uniform(5.0, 9.0, (n, n))
+    ring = np.append(0, 1 + rng.permutation(n - 1))
+    matrix[ring, np.roll(ring, -1)] = 1.0
+    answer = order_stops(matrix, end="start", cycles=20)
+    assert answer.cost == pytest.approx(n) and answer.gap < 1e-6
+    assert answer.orders[0].tolist() == [*ring.tolist(), 0]
+
+
+@pytest.mark.parametrize("timed", [False, True])
+@pytest.mark.parametrize("end", [None, "start", 7])
+def test_goes_on_from_a_former_answer(timed: bool, end: int | str | None) -> None:
+    """With no cycle to run a former order is improved at most; stops that have come or gone find their place."""
+    rng = np.random.default_rng(5)
+    xy = rng.random((40, 2)) * 100
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    windows = np.tile([0.0, 5_000.0 if timed else math.inf], (40, 1))
+    first = order_stops(matrix, end=end, windows=windows, cycles=30, seed=1)
+    again = order_stops(matrix, end=end, windows=windows, cycles=1, seed=2, initial=first)
+    assert again.cost <= first.cost * (1 + 1e-9) and again.feasible
+    fewer = order_stops(matrix[:39, :39], end=end, windows=windows[:39], cycles=1, initial=first)
+    assert fewer.feasible and fewer.cost <= first.cost * (1 + 1e-9)
+    rougher = order_stops(matrix, end=end, windows=windows, cycles=1, initial=fewer.orders[0])
+    sound(rougher, matrix, 0, 0 if end == "start" else end, 1, True)
+
+
+def test_several_robots_go_on_too() -> None:
+    rng = np.random.default_rng(6)
+    xy = rng.random((30, 2)) * 100
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    first = order_stops(matrix, end="start", robots=3, objective="makespan", cycles=60, seed=1)
+    again = order_stops(matrix, end="start", robots=3, objective="makespan", cycles=3, seed=2, initial=first)
+    assert again.cost <= first.cost * (1 + 1e-9)
+    assert first.bound <= first.cost and max(len(order) for order in first.orders) < 25
+
+
+def test_same_seed_same_bytes() -> None:
+    rng = np.random.default_rng(2)
+    xy = rng.random((25, 2)) * 100
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    for more in (
+        {},
+        {"windows": np.tile([0.0, 900.0], (25, 1))},
+        {"robots": 2},
+        {"priorities": np.ones(25), "deadline": 150.0},
+    ):
+        one, two = (order_stops(matrix, cycles=10, seed=3, **more) for _ in range(2))
+        assert one.cost == two.cost and all(a.tobytes() == b.tobytes() for a, b in zip(one.orders, two.orders))
+
+
+def test_what_cannot_be_is_late_or_infinite() -> None:
+    matrix = np.full((4, 4), 5.0)
+    windows = np.tile([0.0, 3.0], (4, 1))
+    for robots in (1, 2):
+        answer = order_stops(matrix, windows=windows, robots=robots, cycles=5)
+        assert not answer.feasible and answer.lateness > 0.0
+        sound(answer, matrix, 0, None, robots, True)
+    cut = matrix.copy()
+    cut[:, 3] = math.inf
+    for robots in (1, 2):
+        answer = order_stops(cut, robots=robots, cycles=5)
+        assert not answer.feasible and answer.cost == math.inf
+    assert 3 not in order_stops(cut, priorities=np.ones(4), cycles=5).orders[0]
+    late = order_stops(matrix, deadline=2.0, end="start", cycles=5)
+    assert not late.feasible and late.lateness == pytest.approx(18.0)
+
+
+def test_spends_no_more_than_it_may() -> None:
+    rng = np.random.default_rng(9)
+    xy = rng.random((60, 2)) * 100
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    for more in ({}, {"windows": np.tile([0.0, 2_000.0], (60, 1))}, {"robots": 2}):
+        order_stops(matrix, cycles=1, **more)
+        begun = time.perf_counter()
+        order_stops(matrix, seconds=0.2, **more)
+        assert time.perf_counter() - begun < 10.0  # far above, so that a busy machine fails nothing
+
+
+def test_times_of_routes_stay_right() -> None:
+    """After any number of ruins the arrays of a route are those of a fresh one."""
+    rng = np.random.default_rng(4)
+    n, k = 14, 3
+    xy = rng.random((n, 2)) * 10
+    xy[-1] = xy[0]
+    spans = np.ascontiguousarray(np.hypot(*(xy[:, None] - xy[None]).T))
+    near = np.array([[j for j in np.argsort(spans[i]) if j not in (0, i, n - 1)][: n - 3] for i in range(n)], dtype=np.int32)
+    opens = np.where(rng.random(n) < 0.3, 8.0, 0.0)
+    opens[0] = 0.0
+    fleet = kernel.Fleet(spans, opens, np.full(n, 60.0), np.full(n, 99.0), np.ones(n), near, 1.0, 1e-4)
+    now, saved, best = (kernel.routes(n, k) for _ in range(3))
+    cost, worth = kernel.start(fleet, saved, np.uint64(1))
+    kernel.copy(fleet, saved, best, True)
+    record = np.array([cost, worth, worth, cost])
+    for turn in range(30):
+        kernel.anneal(fleet, now, saved, best, record, np.uint64(turn), 10, 3.0, 0.99)
+        fresh = kernel.routes(n, k)
+        kernel.copy(fleet, saved, fresh, True)
+        stops = sorted(int(stop) for r in range(k) for stop in saved.stops[r, 1 : saved.sizes[r] - 1])
+        assert stops == [stop for stop in range(1, n - 1) if saved.route[stop] != kernel.OUT]
+        total, last = 0.0, 0.0
+        for r in range(k):
+            route = saved.stops[r, : saved.sizes[r]].tolist()
+            assert route[0] == 0 and route[-1] == n - 1
+            done, travel, late = naive.timing(spans, np.c_[opens, np.full(n, 60.0)].tolist(), np.zeros(n), 60.0, route, True)
+            assert late == 0.0 and fresh.ends[r] == pytest.approx(done) and fresh.travel[r] == pytest.approx(travel)
+            total, last = total + travel, max(last, done)
+        assert record[kernel.HERE] == pytest.approx(last + 1e-4 * total + 99.0 * (n - 2 - len(stops)))
+
+
+@pytest.mark.parametrize(
+    ("more", "field"),
+    [
+        ({"matrix": [[0.0, 1.0]]}, "matrix.shape"),
+        ({"matrix": [[0.0, math.nan], [1.0, 0.0]]}, "matrix[0, 1]"),
+        ({"matrix": [[0.0, -1.0], [1.0, 0.0]]}, "matrix[0, 1]"),
+        ({"matrix": np.zeros((0, 0))}, "matrix.shape"),
+        ({"start": 3}, "start"),
+        ({"end": 5}, "end"),
+        ({"end": "finish"}, "end"),
+        ({"windows": [[0, 1], [5, 4], [0, 1]]}, "windows[1]"),
+        ({"windows": [[0, 1], [0, 4], [0, math.nan]]}, "windows[2]"),
+        ({"service": [0, 0, -1]}, "service[2]"),
+        ({"priorities": [0, -2, 1]}, "priorities[1]"),
+        ({"deadline": -1.0}, "deadline"),
+        ({"robots": 0}, "robots"),
+        ({"objective": "length"}, "objective"),
+        ({"seconds": math.nan}, "seconds"),
+        ({"cycles": 1.5}, "cycles"),
+        ({"seed": -1}, "seed"),
+        ({"initial": [0, 1.5, 2]}, "initial"),
+        ({"initial": "tour"}, "initial"),
+    ],
+)
+def test_wrong_input_is_one_typed_error(more: dict, field: str) -> None:
+    arguments = {"matrix": np.ones((3, 3)), **more}
+    with pytest.raises(BadParameter) as caught:
+        order_stops(arguments.pop("matrix"), **arguments)
+    assert caught.value.field == field
+
+
+def test_too_many_stops() -> None:
+    with pytest.raises(TooLarge) as caught:
+        order_stops(np.zeros((5_001, 5_001)))
+    assert isinstance(caught.value, BadInput)
