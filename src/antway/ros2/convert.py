@@ -194,7 +194,7 @@ def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSp
     """Return `command`, in the map's frame, as a geometry_msgs/msg/Twist in the robot's.
 
     A holonomic robot gets the velocity turned by -heading. Wheels get the command's twist, or the one that turns them towards
-    its velocity (`antway.world.policy.towards`); with the dynamics "steps", the forward speed and the turn rate that bring them,
+    its velocity (`antway.world.policy.towards`); with the dynamics "steps", the forward speed and turn rate that bring them,
     within their limits and one control period, as near the command as `antway.world` would.
     """
     vx, vy = command.velocity

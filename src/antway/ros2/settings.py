@@ -149,7 +149,7 @@ def _robot(name: str, **options: Any) -> RobotSpec:
     Raises
     ------
     BadParameter
-        For what `RobotSpec` refuses, and where neither a name nor a drive is said: nobody's robot drives in all directions at
+        For what `RobotSpec` refuses, and where neither a name nor a drive is given: nobody's robot drives in all directions at
         once by default.
     """
     base = load_robot(checks.instance("name", name, str)) if name else None
@@ -157,10 +157,10 @@ def _robot(name: str, **options: Any) -> RobotSpec:
         allowed = f"{', '.join(DRIVES)}; or robot.name one of {', '.join(ROBOTS)} or a .toml file"
         raise BadParameter("drive", "", allowed)
     plain = {f.name: _UNSAID.get(f.name, f.default) for f in fields(RobotSpec)}
-    said = {key: value for key, value in options.items() if value != plain[key]}
-    if "footprint" in said:
-        said["footprint"] = _footprint(said["footprint"])
-    return RobotSpec(**said) if base is None else replace(base, **said)
+    given = {key: value for key, value in options.items() if value != plain[key]}
+    if "footprint" in given:
+        given["footprint"] = _footprint(given["footprint"])
+    return RobotSpec(**given) if base is None else replace(base, **given)
 
 
 def _footprint(text: object) -> Any:

@@ -116,8 +116,9 @@ def load_scenario(path: str | Path) -> Scenario:
     replay, CSV lines t,x,y.
 
     `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). In place of its `radius` a
-    robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about. Guard and contacts take it as it
-    is, turned as the robot is; planning takes the disc round it: safe whatever its heading, and blind to paths that fit it in
+    robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about. Guard and contacts take it
+    as it is, turned as the robot is; planning takes the disc round it: safe whatever its heading, and blind to paths that fit
+    it in
     some headings alone.
 
     Raises

@@ -2,8 +2,8 @@
 
 A manoeuvre is: one control cycle of the command, then brake while the turn rate goes to some value for some cycles, then brake
 and stop turning. It is certified if its true path (ramps, arcs, the footprint) keeps a margin to walls and stays out of
-every place that an obstacle could reach by then (kernels/robot/reach.py). What an obstacle could reach by a given time shrinks with each
-look at it, so a manoeuvre certified once stays certified: the guard keeps the last one and falls back on it.
+every place that an obstacle could reach by then (kernels/robot/reach.py). What an obstacle could reach by a given time shrinks
+with each look at it, so a manoeuvre certified once stays certified: the guard keeps the last one and falls back on it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.robot.cycle import Body, next_segment
 from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, drive_cycle, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
-from antway.kernels.robot.sweep import Segment, Walls, axis_gap, disc_axis, meets_wall, pose, room
+from antway.kernels.robot.sweep import Segment, Walls, axis_gap, disc_axis, free_distance, meets_wall, pose
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
 TURN, CYCLES, SIDE = range(3)  # of the state kept: turn rate of the stop held, how many cycles of it are left, last side taken
@@ -199,9 +199,9 @@ def first_touch(x: float, y: float, tracks: NDArray[np.float64], radius: float) 
     for k in range(len(tracks)):
         vx, vy = tracks[k, VX], tracks[k, VY]
         ax, ay = tracks[k, X] + vx * tracks[k, AGE] - x, tracks[k, Y] + vy * tracks[k, AGE] - y
-        reach = radius + tracks[k, RADIUS]
+        contact_radius = radius + tracks[k, RADIUS]
         closing = ax * vx + ay * vy
-        apart = ax * ax + ay * ay - reach * reach
+        apart = ax * ax + ay * ay - contact_radius * contact_radius
         vv = vx * vx + vy * vy
         root = closing * closing - vv * apart
         if apart <= 0.0:
@@ -237,7 +237,7 @@ def _safe_for(
             if t > until:
                 ca, cb = 0.0, 0.0
             x1, y1, theta1, a1, b1 = drive_roughly(x, y, theta, a, b, ca, cb, limits, robot.dt)
-            if room(robot.walls, x1, y1) < radius and math.hypot(x1 - x, y1 - y) > TOUCH:
+            if free_distance(robot.walls, x1, y1) < radius and math.hypot(x1 - x, y1 - y) > TOUCH:
                 standing = True
             else:
                 x, y, theta, a, b = x1, y1, theta1, a1, b1
@@ -300,10 +300,10 @@ def _aside(
 
 
 @bare_kernel
-def least_room(x: float, y: float, theta: float, robot: Robot) -> float:
+def margin_left(x: float, y: float, theta: float, robot: Robot) -> float:
     """Margin to walls that a robot at rest there has left, at most `robot.margin`, at least 0."""
     low, high = 0.0, robot.margin
-    if room(robot.walls, x, y) >= robot.body.radius + robot.margin:
+    if free_distance(robot.walls, x, y) >= robot.body.radius + robot.margin:
         return robot.margin
     for _ in range(6):
         middle = 0.5 * (low + high)
@@ -349,7 +349,7 @@ def passed_command(
     ca, cb : float
         The command; not finite means stop.
     tracks, rows : float64[K, 8], float64[>= K, 8]
-        All obstacles known, and room for those that are near.
+        All obstacles known, and free_distance for those that are near.
     lookahead : float
         For what would touch a robot at rest within so long it steps aside, s.
     keep : float64[3]
@@ -359,7 +359,7 @@ def passed_command(
     wheels = limits.drive != HOLONOMIC
     ca, cb = clip_twist(ca, cb, limits) if wheels else clip_velocity(ca, cb, limits)
     near = rows[: nearby(x, y, abs(a) if wheels else math.hypot(a, b), robot, tracks, rows)]
-    margin = least_room(x, y, theta, robot)
+    margin = margin_left(x, y, theta, robot)
     asked = abs(ca) if wheels else math.hypot(ca, cb)
     if asked > REST and _stop_for(x, y, theta, a, b, ca, cb, robot, margin, near, keep):
         keep[SIDE] = -1.0

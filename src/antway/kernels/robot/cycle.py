@@ -62,7 +62,7 @@ def _first_contact(
     m: Segment, t: float, h: float, body: Body, discs: Trajectories, walls: Walls, aim: NDArray[np.float64]
 ) -> tuple[int, int, float]:
     """What comes first on a segment that begins at time t, with which obstacle, and after how long."""
-    what, who, when = GOES_ON, -1, math.inf
+    what, obstacle, when = GOES_ON, -1, math.inf
     fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
     if not m.curved:
         fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
@@ -77,17 +77,17 @@ def _first_contact(
                 part = _later(m, s)
                 hit = meets_disc(part, span, body.corners, body.rounding, ox, oy, ux, uy, discs.radius[k], 0.0, 0.0)
                 if s + hit < when:
-                    what, who, when = HIT_MOVING, k, s + hit
+                    what, obstacle, when = HIT_MOVING, k, s + hit
             s += max(span, 1e-12)
     wall = meets_wall(m, min(h, when), body.corners, body.rounding, body.radius, walls)
     if wall < when:
-        what, who, when = HIT_WALL, -1, wall
+        what, obstacle, when = HIT_WALL, -1, wall
     x, y = m.x - aim[0], m.y - aim[1]
     if math.hypot(x, y) - aim[2] <= fastest * h:
         arrival = meets_disc(m, min(h, when), body.centre, 0.0, aim[0], aim[1], 0.0, 0.0, aim[2], 0.0, 0.0)
         if arrival < when:
-            what, who, when = REACHED, -1, arrival
-    return what, who, when
+            what, obstacle, when = REACHED, -1, arrival
+    return what, obstacle, when
 
 
 @bare_kernel
@@ -151,7 +151,7 @@ def play(
 
     Returns
     -------
-    what, who : int
+    what, obstacle : int
         As `advance` in kernels/robot/contact.py.
     clearance : float
         Least distance between the edges of robot and obstacles in this cycle if that is less than `least`, else `least`.
@@ -163,14 +163,14 @@ def play(
     late = max(limits.latency - whole * dt, 0.0)
     if late <= 1e-9 * dt:
         late = 0.0
-    begin, what, who = t, GOES_ON, -1
+    started, what, obstacle = t, GOES_ON, -1
     for part in range(2):
         left = late if part == 0 else dt - late
         j = i - whole - 1 + part
         ca, cb = (record.command[j, 0], record.command[j, 1]) if j >= 0 else (0.0, 0.0)
         while left > 0.0 and what == GOES_ON:
             m, h, a1, b1 = next_segment(x, y, theta, a, b, ca, cb, limits, left)
-            what, who, when = _first_contact(m, t, h, body, discs, walls, aim)
+            what, obstacle, when = _first_contact(m, t, h, body, discs, walls, aim)
             s = min(when, h)
             least = _nearest(m, t, s, body, discs, least)
             x, y, theta, vx, vy, w = pose(m, s)
@@ -189,8 +189,8 @@ def play(
             theta = math.atan2(vy, vx)
     if what == HIT_MOVING and math.hypot(vx, vy) <= REST and (len(body.corners) == 1 or abs(w) <= REST):
         what = HIT_STANDING
-    record.t[i + 1] = (i + 1) * dt if what == GOES_ON else max(t, np.nextafter(begin, math.inf))
+    record.t[i + 1] = (i + 1) * dt if what == GOES_ON else max(t, np.nextafter(started, math.inf))
     record.xy[i + 1, 0], record.xy[i + 1, 1] = x, y
     record.velocity[i + 1, 0], record.velocity[i + 1, 1] = vx, vy
     record.heading[i + 1], record.turn_rate[i + 1] = wrap(theta), w
-    return what, who, least
+    return what, obstacle, least

@@ -2,9 +2,9 @@
 
 The body is the convex hull of its corners, rounded: a disc has one corner, its centre, and its radius as rounding. Contact is a
 gap below -`TOUCH`; touching is legal. All of it is conservative advancement: along the axis n of the present gap d the body
-can lose no more than the quadratic d + c s + q s^2 / 2 shows, whose c is exact and whose q is exact on straight segments and a bound
-on the acceleration of every corner on curved ones. To jump from root to root never passes a contact, and comes to it as fast as
-Newton's method does.
+can lose no more than the quadratic d + c s + q s^2 / 2 shows, whose c is exact and whose q is exact on straight segments and a
+bound on the acceleration of every corner on curved ones. To jump from root to root never passes a contact, and comes to it as
+fast as Newton's method does.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LEAST = 1e-9  # s; no jump is shorter
 
 
 class Segment(NamedTuple):
-    """A stretch of motion from (x, y, theta): straight with a constant acceleration, or an arc (kernels/robot/motion.py)."""
+    """A part of motion from (x, y, theta): straight with a constant acceleration, or an arc (kernels/robot/motion.py)."""
 
     curved: bool
     x: float  # m
@@ -98,7 +98,7 @@ def axis_gap(
     m, at : Segment, tuple
         The motion, and its `pose` now.
     nx, ny, level : float
-        Unit axis from the obstacle to the body; how far the obstacle, and the body's rounding, reach along it, m.
+        Unit axis from the obstacle to the body; how far the obstacle, and the body's rounding, extend along it, m.
     rate, growth : float
         How fast `level` rises, m/s, and that rate, m/s^2.
 
@@ -223,15 +223,15 @@ def meets_disc(
     uy: float,
     radius: float,
     growth: float,
-    surge: float,
+    growth_rate: float,
 ) -> float:
     """Time in s of the first contact on the segment, `h` s long, with a disc; infinite if there is none.
 
     Parameters
     ----------
     ox, oy, ux, uy : float
-        The disc's centre at the segment's begin, m, and its velocity, m/s.
-    radius, growth, surge : float
+        The disc's centre at the segment's start, m, and its velocity, m/s.
+    radius, growth, growth_rate : float
         Its radius then, m, how fast that grows, m/s, and that rate, m/s^2.
     """
     s = 0.0
@@ -239,8 +239,8 @@ def meets_disc(
         at = pose(m, s)
         px, py = ox + ux * s, oy + uy * s
         nx, ny = disc_axis(at, corners, px, py)
-        level = nx * px + ny * py + radius + (growth + 0.5 * surge * s) * s + rounding - TOUCH
-        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy + growth + surge * s, surge)
+        level = nx * px + ny * py + radius + (growth + 0.5 * growth_rate * s) * s + rounding - TOUCH
+        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy + growth + growth_rate * s, growth_rate)
         if gap <= _CLOSE and opening < 0.0:
             return s
         s += max(time, _LEAST)
@@ -307,7 +307,7 @@ class Walls(NamedTuple):
 
 
 @bare_kernel
-def room(walls: Walls, x: float, y: float) -> float:
+def free_distance(walls: Walls, x: float, y: float) -> float:
     """Lower bound in m of the distance of (x, y) from blocked squares and from the map's edges, at least 0."""
     s = walls.resolution
     rows, cols = walls.blocked.shape
@@ -331,15 +331,15 @@ def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: flo
     fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
     if not m.curved:
         fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
-    stretch = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the way
+    window = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the way
     s = 0.0
     while s < h:
         x, y, _, _, _, _ = pose(m, s)
-        free = room(walls, x, y) - radius
-        if free > 0.25 * stretch:
+        free = free_distance(walls, x, y) - radius
+        if free > 0.25 * window:
             s += free / fastest if fastest > 0.0 else math.inf
             continue
-        end = min(s + stretch / fastest, h) if fastest > 0.0 else h
+        end = min(s + window / fastest, h) if fastest > 0.0 else h
         first = _meets_near(m, s, end, corners, rounding, radius + fastest * (end - s), walls, x, y)
         if first < math.inf:
             return first
@@ -350,45 +350,45 @@ def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: flo
 @bare_kernel
 def _meets_near(
     m: Segment,
-    begin: float,
+    start: float,
     end: float,
     corners: NDArray[np.float64],
     rounding: float,
-    reach: float,
+    nearby: float,
     walls: Walls,
     x: float,
     y: float,
 ) -> float:
-    """First contact over [begin, end] with edges of the map and with cells within `reach` m of (x, y)."""
+    """First contact over [start, end] with edges of the map and with cells within `nearby` m of (x, y)."""
     rows, cols = walls.blocked.shape
     size = walls.resolution
     best = math.inf
     for side in range(4):
         nx, ny = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
         edge = (walls.x0, -(walls.x0 + cols * size), walls.y0, -(walls.y0 + rows * size))[side]
-        if nx * x + ny * y - edge > reach + TOUCH:
+        if nx * x + ny * y - edge > nearby + TOUCH:
             continue
-        s, last = begin, min(end, best)
+        s, last = start, min(end, best)
         while s <= last:
             gap, opening, time = axis_gap(m, pose(m, s), corners, nx, ny, edge + rounding - TOUCH, 0.0, 0.0)
             if gap <= _CLOSE and opening < 0.0:
                 best = s
                 break
             s += max(time, _LEAST)
-    low, high = (y - walls.y0 - reach) / size, (y - walls.y0 + reach) / size
-    left, right = (x - walls.x0 - reach) / size, (x - walls.x0 + reach) / size
+    low, high = (y - walls.y0 - nearby) / size, (y - walls.y0 + nearby) / size
+    left, right = (x - walls.x0 - nearby) / size, (x - walls.x0 + nearby) / size
     for i in range(max(math.floor(low), 0), min(math.floor(high), rows - 1) + 1):
         for j in range(max(math.floor(left), 0), min(math.floor(right), cols - 1) + 1):
             if walls.blocked[i, j]:
                 cx, cy = walls.x0 + (j + 0.5) * size, walls.y0 + (i + 0.5) * size
-                best = min(best, _meets_square(m, begin, min(end, best), corners, rounding, cx, cy, 0.5 * size))
+                best = min(best, _meets_square(m, start, min(end, best), corners, rounding, cx, cy, 0.5 * size))
     return best
 
 
 @bare_kernel
 def _meets_square(
     m: Segment,
-    begin: float,
+    start: float,
     end: float,
     corners: NDArray[np.float64],
     rounding: float,
@@ -396,7 +396,7 @@ def _meets_square(
     cy: float,
     half: float,
 ) -> float:
-    s = begin
+    s = start
     while s <= end:
         at = pose(m, s)
         nx, ny = square_axis(at, corners, cx, cy, half)
