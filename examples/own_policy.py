@@ -22,7 +22,7 @@ class Timid:
             self.path.pop(0)
         far = math.dist(seen.xy, self.path[0])
         speed = min(self.task.robot.v_max, far / self.task.robot.dt)
-        self.decision = antway.Decision("follow", "the way is free")
+        self.decision = antway.Decision("follow", "the path is free")
         return antway.Command(tuple(speed * (b - a) / far if far else 0.0 for a, b in zip(seen.xy, self.path[0])))
 
     def explain(self) -> antway.Decision:

@@ -1,4 +1,4 @@
-"""Policy `antway` in episodes: it arrives, keeps its promise, says why, bears bad input, and moves on once the way is free."""
+"""Policy `antway` in episodes: it arrives, keeps its promise, says why, bears bad input, and moves on once the path is free."""
 
 from __future__ import annotations
 
@@ -85,12 +85,12 @@ def test_what_else_could_be_done_is_weighed() -> None:
         (does, cost), (other, more), (waits, later) = first.alternatives
         assert {does, other} == set(names) and does in first.reason and f"+{cost:.1f} s" in first.reason
         assert cost <= more + 0.05 and cost <= later + 0.05 and more < 5.0, first.alternatives
-        assert waits.startswith(("wait", "straight on"))
+        assert waits.startswith(("wait", "the direct path"))
         assert (later < math.inf) == (motion is crosses), "who comes or stands in the way does not clear it"
 
 
 def test_waiting_costs_what_it_says() -> None:
-    """In a corridor just as wide as one that crosses it, to wait is all there is; driven so, the way is free and no sooner."""
+    """In a corridor just as wide as one that crosses it, to wait is all there is; driven so, the path is free and no sooner."""
     blocked = np.zeros((20, 40), dtype=bool)
     blocked[:8, :18] = blocked[12:, :18] = blocked[:8, 22:] = blocked[12:, 22:] = True
     first = next(
@@ -99,7 +99,7 @@ def test_waiting_costs_what_it_says() -> None:
         if d.obstacle is not None and d.alternatives[0][1] > 0.1
     )
     name, cost = first.alternatives[2]
-    assert name == f"wait {cost:g} s, then straight on" and first.alternatives[0][1] <= cost + 0.05 < math.inf
+    assert name == f"wait {cost:g} s, then the direct path" and first.alternatives[0][1] <= cost + 0.05 < math.inf
 
 
 def test_decisions_speak_of_what_the_filter_believes() -> None:

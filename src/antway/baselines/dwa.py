@@ -82,7 +82,7 @@ class Dwa(Follow):
         o, robot = observation, self.task.robot
         path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
         if not len(path.t):
-            self.decide("stuck", "the map has no way for this robot")
+            self.decide("stuck", "the map has no path for this robot")
             return STOP
         target = look_ahead(self.task, o, path, self.look_ahead)
         commands = self._candidates(o, target)

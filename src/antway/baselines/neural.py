@@ -105,7 +105,7 @@ class Neural:
             self._sweep(kind)
         target = self._up(o, kind)
         if target is None:
-            self._decide("stuck", "no cell in reach is more active")
+            self._decide("stuck", "no neighbouring cell is more active")
             return STOP
         self._decide("follow", "up the activity")
         dt = task.robot.dt

@@ -76,7 +76,7 @@ class Orca(Follow):
         o, robot, mind = observation, self.task.robot, self.mind
         path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
         if not len(path.t):
-            self.decide("stuck", "the map has no way for this robot")
+            self.decide("stuck", "the map has no path for this robot")
             return STOP
         target = look_ahead(self.task, o, path, self.look_ahead)
         dx, dy = target[0] - o.xy[0], target[1] - o.xy[1]

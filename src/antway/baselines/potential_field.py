@@ -82,7 +82,7 @@ class PotentialField(Follow):
         o = observation
         target = self._target(o)
         if target is None:
-            self.decide("stuck", "the map has no way for this robot")
+            self.decide("stuck", "the map has no path for this robot")
             return STOP
         fx, fy, obstacle = self._force(o, target)
         if obstacle < 0:

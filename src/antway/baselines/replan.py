@@ -25,7 +25,7 @@ STOP = Command((0.0, 0.0))
 
 
 class Follow:
-    """Drive the shortest way over the map and avoid nothing.
+    """Drive the shortest path over the map and avoid nothing.
 
     Exact over moves in 32 directions (A* with the exact distance field as its heuristic). What every other policy has to beat.
     """
@@ -34,7 +34,7 @@ class Follow:
         """Prepare the distance field."""
         self.task, robot = task, task.robot
         self.search = SpaceTime(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
-        self.decision = Decision("follow", "the shortest way over the map")
+        self.decision = Decision("follow", "the shortest path over the map")
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
@@ -52,7 +52,7 @@ class Follow:
 
 
 class Stop(Follow):
-    """Drive the shortest way over the map, and wait while what moves would be met on the next part of it.
+    """Drive the shortest path over the map, and wait while what moves would be met on the next part of it.
 
     Every obstacle is assumed to keep its velocity. This is what most industrial vehicles do.
 
@@ -79,9 +79,9 @@ class Stop(Follow):
         body = robot.radius + self.margin
         discs = Trajectories(times, knots, first, o.tracks.radius)
         if len(path.t) and first_conflict(path.t, path.xy, float(ends[1]), body, 0.0, discs)[0] < math.inf:
-            self.decide("wait", "an obstacle crosses the way ahead")
+            self.decide("wait", "an obstacle crosses the path ahead")
             return STOP
-        self.decide("follow", "the way ahead is free")
+        self.decide("follow", "the path ahead is free")
         return drive(self.task, o, path)
 
 
@@ -114,9 +114,9 @@ class Sipp(Follow):
         for margin in (self.clearance, 0.0):
             path = self.search.search(o.xy, o.t, self._segments(o, margin)).path
             if len(path.t):
-                self.decide("avoid", "the way that arrives first, as the obstacles are predicted")
+                self.decide("avoid", "the path that arrives first, as the obstacles are predicted")
                 return drive(self.task, o, path)
-        self.decide("brake", "there is no way")
+        self.decide("brake", "there is no path")
         return STOP
 
     def _segments(self, o: Observation, margin: float) -> NDArray[np.float64]:
@@ -189,7 +189,7 @@ class DStarLite(Follow):
         o = observation
         here = self._cell(o.xy)
         if self.repair is None or here is None:
-            self.decide("stuck", "the map has no way for this robot")
+            self.decide("stuck", "the map has no path for this robot")
             return STOP
         closed = np.zeros_like(self.closed)
         contact_radius = o.tracks.radius + self.task.robot.radius + self.margin
@@ -203,9 +203,9 @@ class DStarLite(Follow):
         self.closed = closed
         nodes = self.inflated.to_xy(self.repair.plan().cells)
         if not len(nodes):
-            self.decide("wait", "every way is closed")
+            self.decide("wait", "every path is closed")
             return STOP
-        self.decide("avoid", "the shortest way round what is sensed")
+        self.decide("avoid", "the shortest detour around what is sensed")
         if len(nodes) == 1 or clear(self.task, o.xy, (float(nodes[1, 0]), float(nodes[1, 1]))):
             nodes = np.vstack((nodes[1:], self.task.goal))
         points = np.vstack((o.xy, nodes))

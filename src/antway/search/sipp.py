@@ -214,7 +214,7 @@ class Sipp:
         horizon: float = math.inf,
         max_expanded: int | None = None,
     ) -> TimedPlan:
-        """Return the way that arrives first.
+        """Return the path that arrives first.
 
         Parameters
         ----------

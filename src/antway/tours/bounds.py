@@ -11,6 +11,18 @@ from antway.tours.untimed import closed_matrix, held_karp_bound
 _SAFE = 1.0 - 1e-9  # for rounding errors of sums
 
 
+def quick_bound(stops: Stops) -> float:
+    """Return a weak bound at once: whoever visits a stop comes from somewhere; with priorities their sum."""
+    if stops.priorities is not None:
+        return float(stops.priorities.sum())
+    steps = stops.matrix.copy()
+    np.fill_diagonal(steps, np.inf)
+    entered = steps.min(axis=0)
+    entered[stops.start] = entered[stops.start] if stops.closed and len(steps) > 1 else 0.0
+    travel = float(entered.sum()) * _SAFE if np.isfinite(entered).all() else 0.0
+    return travel if stops.objective == "travel time" else travel / stops.robots
+
+
 def lower_bound(stops: Stops) -> float:
     """Return a lower bound of the cost of any feasible answer."""
     travel = travel_bound(stops)

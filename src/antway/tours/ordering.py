@@ -11,12 +11,13 @@ import numpy as np
 from antway import checks
 from antway.errors import BadParameter
 from antway.planning import Budget
-from antway.tours.bounds import lower_bound, worth_bound
+from antway.tours.bounds import lower_bound, quick_bound, worth_bound
 from antway.tours.fleet import best_routes
 from antway.tours.single import best_order
 from antway.tours.stops import Floats, Order, Stops, checked
-from antway.tours.untimed import is_untimed, shortest_order
+from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
 
+_QUICK = 0.2  # s: with less time, a former answer is improved by local search alone
 _NEAR = 1e-9  # of the time all is done: by how much sums of times may differ
 
 
@@ -108,7 +109,7 @@ def order_stops(
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     initial : Ordering, sequence of int, or None
-        A former answer or order to go on from.
+        A former answer or order to go on from. With less than 0.2 s local search alone improves it, and the bound is weak.
 
     Returns
     -------
@@ -129,18 +130,25 @@ def order_stops(
     known, learned = _initial(stops, initial)
     budget = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles)
     clock = budget.start()
+    # A robot that waits for a new order does not want to wait for a good bound.
+    quick = known is not None and seconds is not None and seconds < _QUICK
     if is_untimed(stops):
-        order, least = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
-        return finished(stops, [order], least)
+        if not quick or len(stops.matrix) <= FEW:
+            order, least = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
+            return finished(stops, [order], least)
+        assert known is not None
+        known = [improved_order(stops, known[0])]
     proven, pheromone = False, None
     if stops.robots > 1 or stops.priorities is not None:
         allowed = math.inf if budget.seconds is None else budget.seconds
         orders = best_routes(stops, clock, allowed, cycles, seed, known)
     else:
-        order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned)
+        order, proven, pheromone = best_order(stops, clock, cycles, seed, None if known is None else known[0], learned, quick)
         orders = [order]
     answer = finished(stops, orders, 0.0, pheromone)
-    if stops.priorities is not None:
+    if quick:
+        bound = quick_bound(stops)
+    elif stops.priorities is not None:
         bound = worth_bound(stops)
     elif proven and answer.feasible:
         bound = answer.cost * (1.0 - _NEAR)

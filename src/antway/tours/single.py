@@ -11,12 +11,12 @@ from antway.tours.windowed import Path, search
 
 
 def best_order(
-    stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None, pheromone: Floats | None
+    stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None, pheromone: Floats | None, quick: bool
 ) -> tuple[Order, bool, Floats | None]:
     """Return the best order found, whether it is proven to be the best feasible one, and the pheromone, float64[n, n]."""
     rows, spans, opens, closes = layout(stops)
     n, m = len(stops.matrix), len(rows)
-    path = Path(spans, opens, closes)
+    path = Path(spans, opens, closes, quick)
     tau = None
     # Rows of the pheromone are stops; a closed tour has its start at both ends.
     ids = np.where(rows < 0, 0, rows)

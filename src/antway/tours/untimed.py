@@ -51,6 +51,14 @@ def shortest_order(
     return _finish(first[_from_start(order, n, end)], stops), least
 
 
+def improved_order(stops: Stops, initial: Order) -> Order:
+    """Return `initial` as 3-opt leaves it, with all stops."""
+    first, n = rows_from_start(stops), len(stops.matrix)
+    closed, _, end = closed_matrix(stops, stops.matrix)
+    order = _improved(Tsp(matrix=closed), np.argsort(first)[initial], end)
+    return _finish(first[_from_start(order, n, end)], stops)
+
+
 def rows_from_start(stops: Stops) -> Order:
     """Return the stops with the start as number 0."""
     return np.concatenate(([stops.start], np.delete(np.arange(len(stops.matrix)), stops.start))).astype(np.int32)

@@ -19,6 +19,7 @@ from antway.planning import Clock
 
 Floats = NDArray[np.float64]
 Order = NDArray[np.int32]
+_FEW_ATTEMPTS = 10  # shakes between two looks at the clock where a former order is to be mended at once
 _LONGEST, _ATTEMPTS, _FADE, _HEAT, _HURRY, _WIDTH = 8, 100, 0.1, 0.5, 3.0, 30
 _STATES = 4_000_000  # partial orders times stops that a beam may hold, 12 bytes each
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
@@ -46,6 +47,8 @@ class Path:
         Service and travel from stop to stop; infinite where there is no path.
     opens, closes : float64[n]
         When service may begin; closes may be infinite.
+    quick : bool
+        Whether to go without what windows decide alone, which only local search does without.
 
     Notes
     -----
@@ -53,7 +56,7 @@ class Path:
     side: an order in time here is in time there.
     """
 
-    def __init__(self, time: Floats, opens: Floats, closes: Floats) -> None:
+    def __init__(self, time: Floats, opens: Floats, closes: Floats, quick: bool = False) -> None:
         n = len(time)
         steps = time.copy()
         np.fill_diagonal(steps, np.inf)
@@ -72,18 +75,22 @@ class Path:
         self.time, self.opens, self.closes = steps, opens.copy(), ends.copy()
         whole = steps.copy()
         np.fill_diagonal(whole, 0.0)
-        self.far = kernel.shortest(whole)
+        self.quick = quick
+        self.far = whole if quick else kernel.shortest(whole)
         # For orders that are late in any case: an arc that does not exist takes as long as all others.
         self.finite = np.where(np.isfinite(whole), whole, np.ceil(horizon * self.scale))
         self.windows, self.feasible = self._prepare()
-        self.mirror = _mirror(self.windows) if self.feasible else self.windows
+        self.mirror = _mirror(self.windows) if self.feasible and not quick else self.windows
         step = np.sort(steps, axis=1)[:-1, : min(3, n - 1)]
         self.step = float(step[np.isfinite(step)].mean()) if np.isfinite(step).any() else 1.0
 
     def _prepare(self) -> tuple[kernel.Windows, bool]:
         steps, opens, closes, far = self.time.copy(), self.opens.copy(), self.closes.copy(), self.far
         first = np.zeros(steps.shape, dtype=np.bool_)
-        stuck = -1
+        stuck, n = -1, len(steps)
+        both = np.zeros(n), np.zeros(n)
+        if self.quick:
+            return _record(steps, far, opens, closes, first, *both), True
         for _ in range(2):
             stuck = kernel.tighten(steps, far, opens, closes, first)
             if stuck >= 0:
@@ -92,8 +99,6 @@ class Path:
             np.fill_diagonal(loops, 0.0)
             far = kernel.shortest(loops)
         leave, enter = kernel.assignment(np.ascontiguousarray(steps[:-1, 1:])) if stuck < 0 else (np.zeros(1), np.zeros(1))
-        n = len(steps)
-        both = np.zeros(n), np.zeros(n)
         if stuck < 0:
             both[0][:-1], both[1][1:] = leave, enter
         return _record(steps, far, opens, closes, first, both[0], both[1]), stuck < 0
@@ -215,7 +220,8 @@ class _Run:
             tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), np.array([math.inf, math.inf, 0.0, 0.0])
         )
         step = path.step
-        self.habits = colonies.Habits(_WIDTH, _ATTEMPTS, _FADE, _HEAT * step, step, _HURRY)
+        width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (_WIDTH, _ATTEMPTS)
+        self.habits = colonies.Habits(width, attempts, _FADE, _HEAT * step, step, _HURRY)
         self.moves = Moves(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
         self.beam, self.trail = beams.workspace(n, _WIDTH), trail(n)
         self.start, self.warm, self.proven = start, warm, False
@@ -257,7 +263,7 @@ class _Run:
         limit = 2**62 if cycles is None else cycles
         late = self._repair(0, 0) if self.warm else math.inf
         self._note()
-        batch, done, widened = 1, 0, 4
+        batch, done, widened, beam_time = 1, 0, 4, 0.0
         while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
             batch = min(batch, limit - done, widened - done)
             begun = time.perf_counter()
@@ -270,8 +276,12 @@ class _Run:
             if record[colonies.BEST] == math.inf:
                 # One by one, so that what happens does not depend on how long it takes.
                 late, batch = self._repair(1, done), 1
-            if done == widened and not self.clock.spent():
-                self._widen(128 * done)
+            if done == widened:
+                # Each beam takes four times as long as the last; seconds that are not left are not begun.
+                before = time.perf_counter()
+                if before + 4.0 * beam_time < self.clock.end and not path.quick:
+                    self._widen(128 * done)
+                    beam_time = time.perf_counter() - before
                 widened *= 4
             self._note()
         if record[colonies.BEST] < math.inf:

@@ -133,7 +133,7 @@ def run(
     >>> class Straight:
     ...     def reset(self, task, seed): self.task = task
     ...     def act(self, observation): return Command((1.0, 0.0))
-    ...     def explain(self): return Decision("follow", "the way is free")
+    ...     def explain(self): return Decision("follow", "the path is free")
     >>> result = run(room, Straight())
     >>> result.outcome, round(result.time, 6)
     (<Outcome.REACHED: 'reached'>, 7.8)

@@ -209,7 +209,7 @@ class Decision:
 
     def weighed(self) -> list[tuple[str, str]]:
         """Return the alternatives in words, as every table and page shows them: what, and what it costs."""
-        return [(name, f"+{cost:.1f} s" if math.isfinite(cost) else "no way found") for name, cost in self.alternatives]
+        return [(name, f"+{cost:.1f} s" if math.isfinite(cost) else "no path found") for name, cost in self.alternatives]
 
 
 class Policy(Protocol):

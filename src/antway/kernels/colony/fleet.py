@@ -272,12 +272,35 @@ def anneal(
         heat *= cooling
 
 
+@bare_kernel
+def shorten(fleet: Fleet, r: Routes, k: int) -> None:
+    """Take stops out of route k until none is late: before the first that is, those that save most time for their price."""
+    while r.sizes[k] > 2:
+        refresh(fleet, r, k)
+        size, stops, late = r.sizes[k], r.stops[k], 0
+        while late < size and r.ready[k, late] <= fleet.closes[stops[late]]:
+            late += 1
+        if late == size:
+            return
+        best, place = -1.0, min(late, size - 2)
+        for p in range(1, min(late, size - 2) + 1):
+            saved = fleet.time[stops[p - 1], stops[p]] + fleet.time[stops[p], stops[p + 1]]
+            saved = max(0.0, saved - fleet.time[stops[p - 1], stops[p + 1]]) / (fleet.price[stops[p]] + 1e-9)
+            if saved > best:
+                best, place = saved, p
+        r.route[stops[place]] = OUT
+        for p in range(place, size - 1):
+            stops[p] = stops[p + 1]
+        r.sizes[k] -= 1
+    refresh(fleet, r, k)
+
+
 @kernel
 def start(fleet: Fleet, r: Routes, seed: np.uint64) -> tuple[float, float]:
-    """Insert the stops that are in no route; return objective and priorities."""
+    """Insert the stops that are in no route, after those that would be late are out; return objective and priorities."""
     state = np.array([seed], dtype=np.uint64)
     for k in range(len(r.sizes)):
-        refresh(fleet, r, k)
+        shorten(fleet, r, k)
     n = len(r.route)
     absent, keys = np.zeros(n, dtype=np.int32), np.zeros(n)
     recreate(fleet, r, absent, keys, state)

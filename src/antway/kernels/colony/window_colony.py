@@ -32,7 +32,7 @@ class Colony(NamedTuple):
 class Habits(NamedTuple):
     """What does not change from cycle to cycle."""
 
-    width: int  # of the ants' beams
+    width: int  # of the ants' beams; 0: no ants, only shaking
     attempts: int  # shakes a cycle
     fade: float  # share of pheromone that a cycle replaces
     heat: float  # s, by how much worse a shaken order may be at first
@@ -176,7 +176,7 @@ def cycles(
     best = record[BEST]
     for done in range(count):
         state[0] = rng.stream(seed, np.uint64(record[CYCLE]))
-        found = walk(problem, mirror, colony, habits, moves, beam, state)
+        found = walk(problem, mirror, colony, habits, moves, beam, state) if habits.width > 0 else np.inf
         record[CYCLE] += 1
         if found == np.inf and record[BEST] == np.inf:
             continue

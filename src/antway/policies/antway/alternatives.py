@@ -182,12 +182,12 @@ def _wait(now: Situation) -> tuple[str, float]:
     """Of the waits after which the straight way is free the shortest; as far as can be foreseen."""
     path, farthest = now.straight(), -math.inf
     if path is None:
-        return "wait, then straight on", math.inf
+        return "wait, then the direct path", math.inf
     for wait in np.arange(0.0, now.settings.horizon, _WAITS).tolist():
         t, xy = np.concatenate((path.t[:1], path.t + wait)), np.vstack((path.xy[:1], path.xy))
         when = now.conflict(TimedPath(t, xy), now.segments) - wait
         if when < math.inf:
             farthest = max(farthest, when)
         elif farthest + wait + _PAST <= now.now + now.settings.horizon:
-            return f"wait {wait:g} s, then straight on" if wait else "straight on", now.cost(path) + wait
-    return "wait, then straight on", math.inf
+            return f"wait {wait:g} s, then the direct path" if wait else "the direct path", now.cost(path) + wait
+    return "wait, then the direct path", math.inf

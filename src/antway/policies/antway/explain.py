@@ -46,7 +46,7 @@ def explain(
         To work in.
     """
     if path is None:
-        return Decision("wait", "no way is safe at the moment: stand", guard=guard, pheromone=pheromone)
+        return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)
     bound = min(cost, bound)  # which holds over the grid's moves: a way at any angle may be faster
     late = max(cost - now.free(), 0.0)
@@ -56,11 +56,11 @@ def explain(
     met = f"closest in {t:.1f} s at {max(gap, 0.0):.1f} m"
     if k is None and (waiting > 0.0 or late > _LATE):
         k, when, velocity = _hindrance(now, memory)
-        met = f"in {when - now.now:.1f} s on the straight way"
+        met = f"in {when - now.now:.1f} s on the direct path"
         if k is not None:
             t, gap = _approach(now, now.estimates[k].tolist(), velocity)
-    reason, kind, name = "the way is free", "", None
-    alternatives: Sequence[tuple[str, float]] = (("on along the way", late),)
+    reason, kind, name = "the path is free", "", None
+    alternatives: Sequence[tuple[str, float]] = (("on along the path", late),)
     if k is not None:
         name = int(now.estimates[k, NAME])
         kind = encounter(velocity, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
@@ -72,7 +72,7 @@ def explain(
         reason = f"{kind} with {whom}, {met}: {does}, +{late:.1f} s"
         alternatives = Weighed(now, k, kind, velocity, (does, late), how)
     elif late > _LATE:
-        reason = "a way round what moves"
+        reason = "a detour around what moves"
     if guard in _STEPS or guard == "slowed":
         reason += f"; guard: {guard}"
     return Decision(
@@ -128,7 +128,7 @@ def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, fl
 
 
 def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
-    """Of the tracks that would be met on the straight way the first: row, when in s, the robot's velocity then."""
+    """Of the tracks that would be met on the direct path the first: row, when in s, the robot's velocity then."""
     path, best, first = now.straight(memory), None, math.inf
     if path is None or now.conflict(path, now.segments) == math.inf:
         return None, math.nan, (0.0, 0.0)

@@ -99,7 +99,7 @@ class PaperPolicy:
             path = self.routes.timed(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()), self.nodes)
             self.decision = Decision("follow", "the shortest path over the map", path=path)
         else:
-            self.decision = Decision("stuck", "the map has no way to the goal for this robot")
+            self.decision = Decision("stuck", "the map has no path to the goal for this robot")
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period; for a robot with inertia or wheels it has passed the guard.
@@ -215,12 +215,12 @@ class PaperPolicy:
         costs = ((f"wait {wait:g} s" if wait < math.inf else "wait", wait), ("go round", max(extra, 0.0)))
         if detour is not None and extra <= wait:
             self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
-            self._decide("avoid", f"ants found a way round; local target: {detour.reason}", ahead, obstacle, costs, detour)
+            self._decide("avoid", f"ants found a detour; local target: {detour.reason}", ahead, obstacle, costs, detour)
         elif when > seen.t + NEAR and not self.retreating and (wait == math.inf or self.held == -math.inf):
             self.held = -math.inf  # the conflict is so late that much may change before it
         elif wait < math.inf:
             self.held = seen.t + wait
-            self._decide("wait", f"waiting {wait:g} s is shorter than any way round", ahead, obstacle, costs)
+            self._decide("wait", f"waiting {wait:g} s is shorter than any detour", ahead, obstacle, costs)
         elif (refuge := self._refuge(ahead)) is not None:
             self.nodes, self.held, self.retreating = refuge, -math.inf, True
             self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, obstacle, costs)
@@ -352,7 +352,7 @@ class PaperPolicy:
     def _resume(self, seen: Observation, nodes: Nodes) -> None:
         self.nodes, self.held, self.retreating = nodes, -math.inf, False
         path = self.routes.timed(seen, nodes)
-        self.decision = Decision("follow", "the way is free again", path=path)
+        self.decision = Decision("follow", "the path is free again", path=path)
 
     def _drive(self, seen: Observation) -> Command:
         """Step 8: continue exactly along the path, or stand while the robot has to wait."""

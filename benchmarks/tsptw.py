@@ -1,0 +1,149 @@
+"""Tours with time windows on four public sets, beside OR-Tools and PyVRP: python benchmarks/tsptw.py --seeds 5 --seconds 10.
+
+Needs ../shared/data/tsptw (see SOURCES.md there) and, for --peers, the extra `peers`. Each instance is solved once a seed, on
+one core, until it costs no more than the best known value of the set's list, or for --seconds. Every answer is checked by
+`check_tsptw`; "best" means the listed value or less. The constants of the search were chosen on SolomonPesant rc20?.0 and .2,
+SolomonPotvinBengio rc_20?.1 and .3, AFG rbg0??a and rbg201a, and Dumas *.001 and *.004; `--half new` shows the others alone.
+Peers get the same seconds an instance, and one run, as they take no best known value to stop at.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+
+from antway import InvalidPlan, check_tsptw, load_tsptw, solve_tsptw
+from antway.tours.time_windows import Tsptw
+
+DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "tsptw"
+SETS = ("SolomonPotvinBengio", "SolomonPesant", "Dumas", "AFG")
+TUNED = re.compile(r"rc20\d\.[02]$|rc_20\d\.[13]\.txt|rbg0\d\da\.tw|rbg201a|n\d+w\d+\.00[14]\.txt")
+NEAR = 0.01  # the lists have two places, some of them cut off
+
+
+def known_values(folder: str) -> dict[str, float]:
+    """The best known values of a set, by file."""
+    lines = (DATA / "best_known_sol" / f"{folder}.txt").read_text(encoding="utf-8").splitlines()
+    return {words[0]: float(words[1]) for line in lines if (words := line.split()) and words[0] != "#"}
+
+
+def by_antway(instance: Tsptw, seconds: float, seed: int, target: float) -> tuple[float, float]:
+    """(cost, seconds); infinite if no order in time was found."""
+    result = solve_tsptw(instance, seconds=seconds, seed=seed, target=target)
+    check_tsptw(instance, result.order, result.cost, feasible=result.feasible)
+    return result.cost if result.feasible else np.inf, result.elapsed
+
+
+def checked(instance: Tsptw, order: list[int], began: float) -> tuple[float, float]:
+    """(cost, seconds) of a peer's order; infinite if it is none or late."""
+    took = time.perf_counter() - began
+    try:
+        check_tsptw(instance, order)
+    except InvalidPlan:
+        return np.inf, took
+    return float(sum(instance.matrix[a, b] for a, b in zip(order, [*order[1:], 0]))), took
+
+
+def whole_numbers(instance: Tsptw) -> tuple[list[list[int]], list[list[int]]]:
+    """Times and windows as integers."""
+    scale = 1 if np.array_equal(np.rint(instance.matrix), instance.matrix) else 10_000
+    return np.rint(instance.matrix * scale).astype(int).tolist(), np.rint(instance.windows * scale).astype(int).tolist()
+
+
+def by_ortools(instance: Tsptw, seconds: float) -> tuple[float, float]:
+    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+
+    began = time.perf_counter()
+    matrix, windows = whole_numbers(instance)
+    manager = pywrapcp.RoutingIndexManager(instance.size, 1, 0)
+    model = pywrapcp.RoutingModel(manager)
+    transit = model.RegisterTransitMatrix(matrix)
+    model.SetArcCostEvaluatorOfAllVehicles(transit)
+    horizon = windows[0][1]
+    model.AddDimension(transit, horizon, horizon, False, "time")
+    clock = model.GetDimensionOrDie("time")
+    for node in range(1, instance.size):
+        clock.CumulVar(manager.NodeToIndex(node)).SetRange(*windows[node])
+    how = pywrapcp.DefaultRoutingSearchParameters()
+    how.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PATH_CHEAPEST_ARC
+    how.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
+    how.time_limit.FromMilliseconds(int(1000 * seconds))
+    found = model.SolveWithParameters(how)
+    order: list[int] = []
+    at = model.Start(0)
+    while found is not None and not model.IsEnd(at):
+        order.append(manager.IndexToNode(at))
+        at = found.Value(model.NextVar(at))
+    return checked(instance, order, began)
+
+
+def by_pyvrp(instance: Tsptw, seconds: float) -> tuple[float, float]:
+    import pyvrp
+    from pyvrp.stop import MaxRuntime
+
+    began = time.perf_counter()
+    matrix, windows = whole_numbers(instance)
+    model = pyvrp.Model()
+    places = [model.add_location(0, 0) for _ in matrix]
+    depot = model.add_depot(places[0])
+    for node in range(1, instance.size):
+        model.add_client(places[node], tw_early=windows[node][0], tw_late=windows[node][1])
+    model.add_vehicle_type(1, start_depot=depot, end_depot=depot, tw_early=windows[0][0], tw_late=windows[0][1])
+    for i, a in enumerate(places):
+        for j, b in enumerate(places):
+            if i != j:
+                model.add_edge(a, b, distance=matrix[i][j], duration=matrix[i][j])
+    found = model.solve(MaxRuntime(seconds), seed=1, display=False)
+    order = [0, *(one.idx + 1 for route in found.best.routes() for one in route if one.is_client())]
+    return checked(instance, order, began)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sets", default=",".join(SETS))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--every", type=int, default=1, help="take every so many instances of a set")
+    parser.add_argument("--half", choices=("all", "new"), default="all", help="new: those on which no constant was chosen")
+    parser.add_argument("--peers", default="", help="ortools,pyvrp")
+    told = parser.parse_args()
+    peers = [name for name in told.peers.split(",") if name]
+    solve_tsptw(Tsptw(np.ones((8, 8)), np.tile([0.0, 99.0], (8, 1))), cycles=8)  # loads the kernels
+    for folder in told.sets.split(","):
+        known = known_values(folder)
+        names = sorted(file.name for file in (DATA / folder).iterdir() if file.name in known)
+        names = [name for name in names if told.half == "all" or not TUNED.search(name)][:: told.every]
+        gaps: dict[str, list[list[float]]] = {who: [] for who in ["antway", *peers]}
+        took: dict[str, list[float]] = {who: [] for who in gaps}
+        for name in names:
+            instance, best = load_tsptw(DATA / folder / name), known[name]
+            runs = {"antway": [by_antway(instance, told.seconds, seed, best + NEAR) for seed in range(told.seeds)]}
+            if "ortools" in peers:
+                runs["ortools"] = [by_ortools(instance, told.seconds)]
+            if "pyvrp" in peers:
+                runs["pyvrp"] = [by_pyvrp(instance, told.seconds)]
+            for who, results in runs.items():
+                gaps[who].append([0.0 if abs(cost - best) <= NEAR else cost / best - 1.0 for cost, _ in results])
+                took[who] += [seconds for _, seconds in results]
+            if max(gaps["antway"][-1]) > 0.0:
+                print(f"  {folder} {name}: best known {best:g}, found {', '.join(f'{cost:.6g}' for cost, _ in runs['antway'])}")
+        print(f"{folder}: {len(names)} instances, {told.seconds:g} s, {told.seeds} seeds of antway, one run of peers")
+        for who, rows in gaps.items():
+            reached = sum(max(row) <= 0.0 for row in rows)
+            found = np.array([max(0.0, gap) for row in rows for gap in row if np.isfinite(gap)])
+            none = sum(not np.isfinite(gap) for row in rows for gap in row)
+            less = sum(min(row) < 0.0 for row in rows)
+            print(
+                f"  {who:8} best known in every run on {reached} of {len(rows)} (below it on {less}), mean gap"
+                f" {100 * found.mean() if len(found) else np.inf:.4f} %, {none} runs without an order in time;"
+                f" {np.mean(took[who]):.2f} s a run, {np.max(took[who]):.2f} s at most",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
