@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.world.policy import Decision, Task
+from antway.world.stops import Rounds
 from antway.world.timeline import Timeline
 from antway.world.tracefile import read_fields, to_json
 
@@ -66,6 +67,8 @@ class Trace:
         One sentence on the outcome.
     config : mapping
         How the episode was set up, as JSON values: version, policy options, sensor, horizon.
+    rounds : Rounds or None
+        The stops, if the scenario has any, and how they were visited.
     """
 
     task: Task
@@ -84,6 +87,7 @@ class Trace:
     outcome: Outcome
     reason: str = ""
     config: Mapping[str, Any] = field(default_factory=dict)
+    rounds: Rounds | None = None
 
     def __post_init__(self) -> None:
         for array in (self.t, self.xy, self.velocity, self.heading, self.command, self.sensed, self.cycle_ms):
