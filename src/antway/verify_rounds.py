@@ -44,7 +44,7 @@ def rounds_faults(trace: Trace) -> Iterator[str]:
     if trace.outcome.value == "reached" and len(seen) < len(rounds.stops):
         yield f"claims to be done without stops {sorted(set(range(len(rounds.stops))) - seen)}"
     for turn in rounds.turns:
-        left = set(range(len(rounds.stops))) - {visit.stop for visit in rounds.visits if visit.end <= turn.t + _NEAR}
+        left = set(range(len(rounds.stops))) - {visit.stop for visit in rounds.visits if visit.end < turn.t - _NEAR}
         if len(set(turn.order)) != len(turn.order) or not set(turn.order) <= left:
             yield f"the order decided on at {turn.t:g} s has stops twice, or visited before"
 

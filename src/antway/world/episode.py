@@ -191,12 +191,13 @@ class Episode:
         horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.stage = stage = Stage(scenario, self.seed, horizon)
         self.name, self.policy = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
-        self.tour: RoundsPolicy | None = None
-        if scenario.stops:
-            self.policy = self.tour = RoundsPolicy(self.policy, scenario.stops)
+        driver, self.tour = self.policy, RoundsPolicy(self.policy, scenario.stops) if scenario.stops else None
+        if self.tour is not None:
+            self.policy = self.tour
+            self.tour.check(stage.task)
             stage.aim[2] = -1.0  # no goal until all stops are visited
         self.guard = guard
-        self._plans = self.policy if not record and isinstance(self.policy, Plans) else None
+        self._plans = driver if not record and isinstance(driver, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # in use one after the other
         self.outcome: Outcome | None = None
@@ -204,8 +205,8 @@ class Episode:
         if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
         try:
-            if isinstance(self.policy, Foresees):
-                self.policy.foresee(stage.timeline)
+            if isinstance(driver, Foresees):
+                driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
             if guard is not None:
                 guard.reset(stage.task)

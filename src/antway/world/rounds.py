@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,11 +57,6 @@ class RoundsPolicy:
         self.order_ms: list[float] = []
         self.homeward = False
 
-    def __getattr__(self, name: str) -> Any:
-        if name in ("foresee", "planned"):  # only where the policy has them
-            return getattr(self.policy, name)
-        raise AttributeError(name)
-
     @property
     def rounds(self) -> Rounds:
         """The record so far."""
@@ -86,7 +80,6 @@ class RoundsPolicy:
         self.free = task.grid.inflate(task.robot.radius)
         self.around = self.free  # with what stands in it
         self._said: tuple[Decision | None, Decision] | None = None
-        self._check_reach()
         self._away = self._distances(self.free)
         self._decide("the first order", first=True)
         self._set_out()
@@ -112,7 +105,7 @@ class RoundsPolicy:
             self.at, self.arrived, self.served = self.order[0], self.now, 0.0
         if self.at is not None:
             self._serve()
-        elif self.now - self.looked >= REVIEW and self.order:
+        elif self.now - self.looked >= REVIEW:
             self._review()
         return self.policy.act(observation)
 
@@ -161,7 +154,7 @@ class RoundsPolicy:
         """Have the policy drive to the next stop, or to the end."""
         self.homeward, self.started, self._said = not self.left, self.now, None
         self.legs += 1
-        task = replace(self.task, start=self.xy, goal=self._target)
+        task = replace(self.task, grid=self._seen(), start=self.xy, goal=self._target)
         self.policy.reset(task, (self.seed + self.legs - 1) % 2**64)
 
     def _watch(self, observation: Observation) -> None:
@@ -186,13 +179,14 @@ class RoundsPolicy:
             if abs(self._way(self.around) - before) > DETOUR:
                 reason = f"obstacle {min(walls)} stands in the way" if walls else "the way is free again"
         late, done = self._outlook(self.order)
-        if not reason and (late > self.promised[0] + LESS_LATE or done > self.promised[1] + EARLIER):
+        turned = bool(reason)
+        if not reason and self.order and (late > self.promised[0] + LESS_LATE or done > self.promised[1] + EARLIER):
             reason = f"{max(late - self.promised[0], done - self.promised[1]):.0f} s late"
             self.promised = late, done
         if reason:
             aim = self._target
             self._decide(reason)
-            if self._target != aim:
+            if turned or self._target != aim:
                 self._set_out()
 
     def _with(self, walls: frozenset[int]) -> Grid:
@@ -201,18 +195,40 @@ class RoundsPolicy:
             return self.free
         rows, cols = np.indices(self.free.shape)
         blocked = self.free.blocked.copy()
-        for number in walls:
+        for number in walls & self.standing.keys():
             _, _, x, y, radius = self.standing[number]
             (row, col), reach = self.free.to_points([(x, y)])[0], (radius + self.task.robot.radius) / self.free.resolution
             blocked |= np.hypot(rows - row, cols - col) < reach
         return Grid(blocked, self.free.resolution, self.free.origin)
+
+    def _seen(self) -> Grid:
+        """Return the map with the cells that lie wholly within obstacles that stand."""
+        grid = self.task.grid
+        if not self.walls:
+            return grid
+        rows, cols = np.indices(grid.shape)
+        blocked = grid.blocked.copy()
+        for number in self.walls & self.standing.keys():
+            _, _, x, y, radius = self.standing[number]
+            row, col = grid.to_points([(x, y)])[0]
+            blocked |= np.hypot(rows - row, cols - col) < radius / grid.resolution - 0.71
+        return replace(grid, blocked=blocked)
 
     def _way(self, around: Grid) -> float:
         """Return the length of the way to the next stop, m."""
         here, there = self._cell(around, self.xy), self._cell(around, self._target)
         return float(min(distance_field(around, there, until=here)[here], 1e9))
 
-    def _cell(self, grid: Grid, xy: XY) -> Cell:
+    def check(self, task: Task) -> None:
+        """Raise the error that names the first stop to which no path leads."""
+        free = task.grid.inflate(task.robot.radius)
+        field = distance_field(free, self._cell(free, task.start))
+        for k, stop in enumerate(self.stops):
+            if not math.isfinite(float(field[self._cell(free, stop.at)])):
+                raise BadParameter(f"stops[{k}] ({self._name(k)})", stop.at, "where a path leads from the start")
+
+    @staticmethod
+    def _cell(grid: Grid, xy: XY) -> Cell:
         """Return the cell at `xy`, or the free one nearest to it."""
         row, col = grid.cell_at(xy)
         if not grid.blocked[row, col]:
@@ -224,12 +240,6 @@ class RoundsPolicy:
                 near = free[np.argmin(np.hypot(free[:, 0] + r0 - row, free[:, 1] + c0 - col))]
                 return int(near[0]) + r0, int(near[1]) + c0
         return row, col
-
-    def _check_reach(self) -> None:
-        field = distance_field(self.free, self._cell(self.free, self.task.start))
-        for k, stop in enumerate(self.stops):
-            if not math.isfinite(float(field[self._cell(self.free, stop.at)])):
-                raise BadParameter(f"stops[{k}] ({self._name(k)})", stop.at, "where a path leads from the start")
 
     def _distances(self, grid: Grid) -> NDArray[np.float64]:
         """Return the lengths among all stops and, last, the goal, m."""
