@@ -92,8 +92,8 @@ def test_a_robot_visits_all_stops_and_keeps_their_windows() -> None:
     assert rounds is not None and not rounds.missed
     assert all(rounds.lateness(visit) == 0.0 for visit in rounds.visits)
     by_name = {rounds.name(visit.stop): visit for visit in rounds.visits}
-    assert by_name["lab"].begin >= 20.0
-    assert by_name["ward"].end - by_name["ward"].begin >= 2.0 - 0.1 - 1e-6
+    assert by_name["lab"].start >= 20.0
+    assert by_name["ward"].end - by_name["ward"].start >= 2.0 - 0.1 - 1e-6
     assert len(result.order_ms) >= 4
     assert "to ward" in " ".join(decision.reason for _, decision in result.trace.decisions)
 
@@ -127,9 +127,9 @@ def spoilt(rounds: Rounds, k: int = 0, **changes: float) -> Rounds:
 BROKEN = {
     "a visit left out": lambda r: replace(r, visits=r.visits[:-1]),
     "a stop visited twice": lambda r: replace(r, visits=(*r.visits, r.visits[0])),
-    "an arrival before it was there": lambda r: spoilt(r, arrival=0.0, begin=0.0),
-    "service cut short": lambda r: spoilt(r, [v.stop for v in r.visits].index(0), end=r.visits[0].begin),
-    "service before the window opens": lambda r: spoilt(r, [v.stop for v in r.visits].index(1), begin=12.0),
+    "an arrival before it was there": lambda r: spoilt(r, arrival=0.0, start=0.0),
+    "service cut short": lambda r: spoilt(r, [v.stop for v in r.visits].index(0), end=r.visits[0].start),
+    "service before the window opens": lambda r: spoilt(r, [v.stop for v in r.visits].index(1), start=12.0),
     "another stop": lambda r: spoilt(r, stop=99),
     "the other place": lambda r: replace(r, stops=(replace(r.stops[0], at=(1.0, 5.0)), *r.stops[1:])),
     "an order with a stop twice": lambda r: replace(r, turns=(Turn(0.0, (0, 0, 1, 2), ""), *r.turns[1:])),

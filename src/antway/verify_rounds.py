@@ -52,13 +52,13 @@ def rounds_faults(trace: Trace) -> Iterator[str]:
 def _visit_faults(trace: Trace, visit: Visit) -> Iterator[str]:
     assert trace.rounds is not None
     stop = trace.rounds.stops[visit.stop]
-    if not 0.0 <= visit.arrival <= visit.begin <= visit.end <= trace.t[-1] + _NEAR:
-        yield f"arrives at {visit.arrival:g} s, begins at {visit.begin:g} s, ends at {visit.end:g} s"
+    if not 0.0 <= visit.arrival <= visit.start <= visit.end <= trace.t[-1] + _NEAR:
+        yield f"arrives at {visit.arrival:g} s, begins at {visit.start:g} s, ends at {visit.end:g} s"
         return
-    if abs(visit.begin - max(visit.arrival, stop.window[0])) > _NEAR:
-        yield f"begins at {visit.begin:g} s; it arrived at {visit.arrival:g} s, and its window opens at {stop.window[0]:g} s"
-    if visit.end - visit.begin < stop.service - trace.task.robot.dt - _NEAR:
-        yield f"is served for {visit.end - visit.begin:g} s in place of {stop.service:g} s"
+    if abs(visit.start - max(visit.arrival, stop.window[0])) > _NEAR:
+        yield f"begins at {visit.start:g} s; it arrived at {visit.arrival:g} s, and its window opens at {stop.window[0]:g} s"
+    if visit.end - visit.start < stop.service - trace.task.robot.dt - _NEAR:
+        yield f"is served for {visit.end - visit.start:g} s in place of {stop.service:g} s"
     rows = (trace.t >= visit.arrival - _NEAR) & (trace.t <= visit.end + _NEAR)
     away = np.hypot(*(trace.xy[rows] - np.array(stop.at)).T)
     if not len(away) or away[0] > trace.task.goal_tolerance + _NEAR:

@@ -79,7 +79,7 @@ class RoundsPolicy:
         self.now, self.xy = 0.0, task.start
         self.free = task.grid.inflate(task.robot.radius)
         self.around = self.free  # with what stands in it
-        self._said: tuple[Decision | None, Decision] | None = None
+        self._explained: tuple[Decision | None, Decision] | None = None
         self._away = self._distances(self.free)
         self._decide("the first order", first=True)
         self._set_out()
@@ -111,18 +111,18 @@ class RoundsPolicy:
 
     def explain(self) -> Decision:
         """Return why, and to which stop."""
-        said = self.policy.explain()
-        if self._said is None or self._said[0] is not said:
+        inner = self.policy.explain()
+        if self._explained is None or self._explained[0] is not inner:
             if self.at is not None:
                 words, action = self._name(self.at), "arrived"
                 early = self.stops[self.at].window[0]
                 what = f"waits at {words} until {early:g} s" if early > self.now else f"at {words}"
-                shown = replace(said, action=action, reason=f"{what}; {said.reason}")
+                shown = replace(inner, action=action, reason=f"{what}; {inner.reason}")
             else:
                 words = self._name(self.order[0]) if self.order else "the end"
-                shown = replace(said, reason=f"to {words}: {said.reason}")
-            self._said = said, shown
-        return self._said[1]
+                shown = replace(inner, reason=f"to {words}: {inner.reason}")
+            self._explained = inner, shown
+        return self._explained[1]
 
     def _name(self, stop: int) -> str:
         return self.stops[stop].name or f"stop {stop}"
@@ -138,12 +138,12 @@ class RoundsPolicy:
         """Wait for the window and serve while the robot is at the stop; then go on."""
         assert self.at is not None
         stop = self.stops[self.at]
-        begin = max(self.arrived, stop.window[0])
-        if self.now > begin and self._near(self.at, 2.0):  # who must step aside for someone serves on when back
-            self.served += min(self.task.robot.dt, self.now - begin)
-        if self.now < begin or self.served < stop.service - 1e-9:
+        serves_from = max(self.arrived, stop.window[0])
+        if self.now > serves_from and self._near(self.at, 2.0):  # who must step aside for someone serves on when back
+            self.served += min(self.task.robot.dt, self.now - serves_from)
+        if self.now < serves_from or self.served < stop.service - 1e-9:
             return
-        self.visits.append(Visit(self.at, self.arrived, begin, self.now))
+        self.visits.append(Visit(self.at, self.arrived, serves_from, self.now))
         self.left.remove(self.at)
         self.order.remove(self.at)
         self.at = None
@@ -152,7 +152,7 @@ class RoundsPolicy:
 
     def _set_out(self) -> None:
         """Have the policy drive to the next stop, or to the end."""
-        self.homeward, self.started, self._said = not self.left, self.now, None
+        self.homeward, self.started, self._explained = not self.left, self.now, None
         self.legs += 1
         task = replace(self.task, grid=self._seen(), start=self.xy, goal=self._target)
         self.policy.reset(task, (self.seed + self.legs - 1) % 2**64)
@@ -174,9 +174,9 @@ class RoundsPolicy:
         walls = frozenset(number for number, one in self.standing.items() if one[1] - one[0] >= STANDS)
         reason = ""
         if walls != self.walls:
-            before = self._way(self.around)
+            before = self._distance(self.around)
             self.walls, self.around = walls, self._with(walls)
-            if abs(self._way(self.around) - before) > DETOUR:
+            if abs(self._distance(self.around) - before) > DETOUR:
                 reason = f"obstacle {min(walls)} stands in the way" if walls else "the way is free again"
         late, done = self._outlook(self.order)
         turned = bool(reason)
@@ -197,8 +197,11 @@ class RoundsPolicy:
         blocked = self.free.blocked.copy()
         for number in walls & self.standing.keys():
             _, _, x, y, radius = self.standing[number]
-            (row, col), reach = self.free.to_points([(x, y)])[0], (radius + self.task.robot.radius) / self.free.resolution
-            blocked |= np.hypot(rows - row, cols - col) < reach
+            (row, col), radius_in_cells = (
+                self.free.to_points([(x, y)])[0],
+                (radius + self.task.robot.radius) / self.free.resolution,
+            )
+            blocked |= np.hypot(rows - row, cols - col) < radius_in_cells
         return Grid(blocked, self.free.resolution, self.free.origin)
 
     def _seen(self) -> Grid:
@@ -214,7 +217,7 @@ class RoundsPolicy:
             blocked |= np.hypot(rows - row, cols - col) < radius / grid.resolution - 0.71
         return replace(grid, blocked=blocked)
 
-    def _way(self, around: Grid) -> float:
+    def _distance(self, around: Grid) -> float:
         """Return the length of the way to the next stop, m."""
         here, there = self._cell(around, self.xy), self._cell(around, self._target)
         return float(min(distance_field(around, there, until=here)[here], 1e9))
@@ -233,9 +236,9 @@ class RoundsPolicy:
         row, col = grid.cell_at(xy)
         if not grid.blocked[row, col]:
             return row, col
-        for reach in (8, 32, max(grid.shape)):
-            r0, c0 = max(row - reach, 0), max(col - reach, 0)
-            free = np.argwhere(~grid.blocked[r0 : row + reach + 1, c0 : col + reach + 1])
+        for span in (8, 32, max(grid.shape)):
+            r0, c0 = max(row - span, 0), max(col - span, 0)
+            free = np.argwhere(~grid.blocked[r0 : row + span + 1, c0 : col + span + 1])
             if len(free):
                 near = free[np.argmin(np.hypot(free[:, 0] + r0 - row, free[:, 1] + c0 - col))]
                 return int(near[0]) + r0, int(near[1]) + c0
@@ -269,7 +272,7 @@ class RoundsPolicy:
             if times is not None:
                 now += float(times[k, k + 1])
             elif k == 0:
-                now += self._way(self.around) / scale
+                now += self._distance(self.around) / scale
             else:
                 now += float(self._away[order[k - 1], stop]) / scale
             early, latest = self.stops[stop].window
@@ -287,10 +290,10 @@ class RoundsPolicy:
         started = time.perf_counter()
         if self.left:
             times = self._times(self.left)
-            reach = [k for k in range(len(self.left)) if math.isfinite(times[0, k + 1])]
-            lost = [stop for k, stop in enumerate(self.left) if k not in reach]  # for now; they come last
-            rows = [0, *(k + 1 for k in reach), len(self.left) + 1]
-            stops = [self.left[k] for k in reach]
+            reachable = [k for k in range(len(self.left)) if math.isfinite(times[0, k + 1])]
+            lost = [stop for k, stop in enumerate(self.left) if k not in reachable]  # for now; they come last
+            rows = [0, *(k + 1 for k in reachable), len(self.left) + 1]
+            stops = [self.left[k] for k in reachable]
             found = [stops[k] for k in self._best(stops, times[np.ix_(rows, rows)])] if stops else []
             place = {stop: k + 1 for k, stop in enumerate(self.left)}
             kept = [stop for stop in self.order if stop not in lost]

@@ -63,26 +63,26 @@ def checked_stops(stops: object, task: Task) -> tuple[Stop, ...]:
         raise TooLarge("stops", len(listed), f"at most {MAX_STOPS}")
     grid, cells = task.grid, dict[tuple[int, int], int]()
     for k, stop in enumerate(listed):
-        said = f"stops[{k}]" + (f" ({stop.name})" if checks.instance(f"stops[{k}]", stop, Stop).name else "")
+        label = f"stops[{k}]" + (f" ({stop.name})" if checks.instance(f"stops[{k}]", stop, Stop).name else "")
         try:
             cell = grid.cell_at(stop.at)
         except OutOfBounds as error:
-            raise error.at("", said) from None
+            raise error.at("", label) from None
         row, col = grid.to_points(stop.at)[0].tolist()
         if segment_hits_cells(grid.blocked, row, col, row, col, task.robot.radius / grid.resolution, True):
             allowed = f"at least the robot's radius, {task.robot.radius:g} m, from walls and the map's edges"
-            raise CellBlocked(said, stop.at, allowed)
+            raise CellBlocked(label, stop.at, allowed)
         if cells.setdefault(cell, k) != k:
-            raise BadParameter(said, stop.at, f"a stop of its own; stops[{cells[cell]}] is in the same cell")
+            raise BadParameter(label, stop.at, f"a stop of its own; stops[{cells[cell]}] is in the same cell")
     return tuple(listed)
 
 
 class Visit(NamedTuple):
-    """What came of a stop: the robot arrived, began to serve, and left, s."""
+    """What came of a stop: the robot arrived, started to serve, and left, s."""
 
     stop: int
     arrival: float
-    begin: float
+    start: float
     end: float
 
 
@@ -113,7 +113,7 @@ class Rounds:
 
     def lateness(self, visit: Visit) -> float:
         """Return by how much service began after the window, s."""
-        return max(0.0, visit.begin - self.stops[visit.stop].window[1])
+        return max(0.0, visit.start - self.stops[visit.stop].window[1])
 
     @property
     def missed(self) -> tuple[int, ...]:

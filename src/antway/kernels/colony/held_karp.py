@@ -158,8 +158,8 @@ def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) 
             for j in range(m):
                 if seen >> j & 1 or away[row, j + 1] == np.inf:
                     continue
-                begins = max(leaves + away[row, j + 1], windows[j, 0])
-                later, ends = lateness + max(0.0, begins - windows[j, 1]), begins + service[j]
+                starts = max(leaves + away[row, j + 1], windows[j, 0])
+                later, ends = lateness + max(0.0, starts - windows[j, 1]), starts + service[j]
                 both = seen | 1 << j
                 if later < late[both, j] or (later == late[both, j] and ends < done[both, j]):
                     late[both, j], done[both, j], came[both, j] = later, ends, i if seen else -1
