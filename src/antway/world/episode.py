@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadScenario
+from antway.kernels.base.jit import entry
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
 from antway.kernels.robot.dynamics import REST
 from antway.planning import TimedPath
@@ -338,9 +339,9 @@ class Stage:
         i, line = self.n, self.timeline
         self.command[i] = cx, cy
         record = self.t, self.xy, self.velocity, self.heading
-        what, obstacle, clearance = advance(
-            i, cx, cy, self.task.robot.dt, self.robot, self.aim, *record, self.terrain, line.trajectories
-        )
+        dt = self.task.robot.dt
+        arguments = i, cx, cy, dt, self.robot, self.aim, *record, self.terrain, line.trajectories
+        what, obstacle, clearance = entry(advance, *arguments)(*arguments)
         self.n, self.clearance = i + 1, min(self.clearance, clearance)
         if what == GOES_ON:
             x, y = self.xy[i + 1].tolist()
