@@ -11,7 +11,7 @@ from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, Bounds, guarded, within_reach
+from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
 from antway.policies.guard import Guard, Guarded
 from common import cases
 from naive import guard as naive
@@ -162,7 +162,7 @@ def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
         xy, velocity = rng.uniform(-5, 5, (len(name), 2)), rng.uniform(-1, 1, (len(name), 2))
         velocity[rng.random(len(name)) < 0.2] = math.nan
         radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name))
-        bounds, scan = Bounds(BOUND, 0.5, 0.3), (name, xy, velocity, radius, spread)
+        bounds, scan = np.array([BOUND, 0.5, 0.3]), (name, xy, velocity, radius, spread)
         count, n = within_reach(table, count, now, now - age, 0.5, *scan, bounds, out)
         expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3)
         rows = out[:n][np.lexsort(out[:n].T)]

@@ -91,6 +91,56 @@ def test_tours_are_as_short_as_the_best_of_all_orders(end: str | None) -> None:
         assert tour.length == pytest.approx(best)
 
 
+def best_in_time(away: np.ndarray, windows: np.ndarray, service: np.ndarray) -> float:
+    """The least travel time of an open tour from 0 that is never late, by dynamic programming over (visited, last, travel).
+
+    Waiting makes time and travel differ, so every state keeps the pairs (time, travel) that no other betters in both.
+    """
+    n = len(away)
+    states: dict[tuple[int, int], list[tuple[float, float]]] = {(1, 0): [(0.0, 0.0)]}
+    for _ in range(n - 1):
+        onward: dict[tuple[int, int], list[tuple[float, float]]] = {}
+        for (seen, at), pairs in states.items():
+            for to in range(1, n):
+                if seen >> to & 1:
+                    continue
+                for now, travel in pairs:
+                    begin = max(now + away[at, to], windows[to, 0])
+                    if begin <= windows[to, 1]:
+                        onward.setdefault((seen | 1 << to, to), []).append((begin + service[to], travel + away[at, to]))
+        states = {}
+        for key, pairs in onward.items():
+            least, kept = math.inf, []
+            for pair in sorted(pairs):
+                if pair[1] < least:
+                    least = pair[1]
+                    kept.append(pair)
+            states[key] = kept
+    return min((travel for pairs in states.values() for _, travel in pairs), default=math.inf)
+
+
+def test_tours_with_windows_are_as_short_as_the_dynamic_program_says() -> None:
+    rng = np.random.default_rng(12)
+    for case in range(cases(5, 150)):
+        n = 4 + int(rng.integers(0, 7))
+        grid, points = connected(rng, n)
+        away = matrix_of(grid, points)
+        order = [0, *(1 + rng.permutation(n - 1))]
+        service = np.r_[0.0, rng.uniform(0.0, 3.0, n - 1)]
+        windows, now = np.tile([0.0, math.inf], (n, 1)), 0.0
+        for a, b in itertools.pairwise(order):
+            now += away[a, b]
+            if rng.random() < 0.6:
+                windows[b] = max(0.0, now - rng.uniform(0, 8)), now + rng.uniform(0, 8)
+            now = max(now, windows[b, 0]) + service[b]
+        tour = plan_tour(grid, points[0], points[1:], windows=windows[1:], service=service[1:], cycles=300, seed=case)
+        check_tour(tour)
+        best = best_in_time(away, windows, service)
+        assert tour.feasible
+        assert tour.cost == pytest.approx(best)
+        assert tour.bound <= best * (1 + 1e-9)
+
+
 def some_tour() -> TourPlan:
     grid, points = connected(np.random.default_rng(3), 7)
     windows = [None, (0.0, 1e4), (300.0, 900.0), None, None]

@@ -14,6 +14,7 @@ from antway.errors import InvalidPlan
 from antway.grid import Cell, Grid, Moves
 from antway.planning import Plan, Problem, Status
 from antway.verify_motion import driven, dynamic_faults, dynamic_gaps, last_gaps
+from antway.verify_rounds import last_end, rounds_faults
 
 if TYPE_CHECKING:
     from antway.world.episode import EpisodeResult
@@ -233,10 +234,11 @@ def check_episode(episode: EpisodeResult | Trace) -> None:
     ------
     InvalidPlan
         If times do not increase by the control period, the robot does not begin at its start, jumps, exceeds a limit of speed,
-        acceleration or turn rate, passes through an obstacle or a wall, or the outcome or a figure contradicts the trace.
+        acceleration or turn rate, passes through an obstacle or a wall, the outcome or a figure contradicts the trace, or
+        a stop was not visited as the record of the rounds says.
     """
     trace = _trace_of(episode)
-    faults = _shape_faults(trace) or [*_motion_faults(trace), *_end_faults(trace)]
+    faults = _shape_faults(trace) or [*_motion_faults(trace), *_end_faults(trace), *rounds_faults(trace)]
     if hasattr(episode, "min_clearance") and not faults:
         faults = _figure_faults(cast("EpisodeResult", episode), trace)
     if faults:
@@ -312,7 +314,7 @@ def _end_faults(trace: Trace) -> Iterator[str]:
     away = np.hypot(*(trace.xy - np.array(task.goal)).T)
     if outcome == "reached" and away[-1] > task.goal_tolerance + _NEAR:
         yield f"claims to have reached the goal from {away[-1]:g} m away"
-    if (away[:-1] < task.goal_tolerance - _NEAR).any():
+    if ((away[:-1] < task.goal_tolerance - _NEAR) & (trace.t[:-1] > last_end(trace) + _NEAR)).any():
         yield "goes on after it reached the goal"
     stepwise = task.robot.stepwise
     near, wall = ([], math.inf) if stepwise else last_gaps(trace)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
+from antway.kernels.base.jit import entry
 from antway.kernels.robot.brake import Robot, fallback, passed_command, when_it_acts
 from antway.kernels.robot.cycle import Body
-from antway.kernels.robot.guard import BRAKED, Bounds, fault, guarded, within_reach
+from antway.kernels.robot.guard import BRAKED, fault, guarded, within_reach
 from antway.world.policy import XY, Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of
 from antway.world.walls import walls_of
@@ -71,8 +72,11 @@ class Guard:
         robot, self.task, self.terrain = task.robot, task, terrain_of(task.grid)
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential"), robot.radius])
         self.dynamic = None if robot.stepwise else _Dynamic(task)
+        self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, 0.0])  # of obstacles; and the time to stand
         self.table, self.count = np.zeros((128, 8)), 0
         self.tracks, self.spread = np.empty((128, 6)), np.zeros(128)
+        numbers = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        self._kernel = entry(guarded, *numbers, self.tracks[:0], self.limits, robot.dt, self.lookahead, self.terrain)
         self.last_stamp = -math.inf
         self.did = ""
 
@@ -105,7 +109,7 @@ class Guard:
             passed, did = self.dynamic.passed(o, command.acts(o, robot), tracks, self.lookahead)
             self.did = DID[did]
             return passed
-        vx, vy, did = guarded(
+        vx, vy, did = self._kernel(
             *o.xy, *o.velocity, o.heading, *command.velocity, tracks, self.limits, robot.dt, self.lookahead, self.terrain
         )
         self.did = DID[did]
@@ -113,7 +117,7 @@ class Guard:
 
     def _within_reach(self, o: Observation, stamp: float) -> NDArray[np.float64]:
         """Rows x, y, vx, vy, radius, bound of all tracks that count, wider by what they could have moved since seen."""
-        t, task, robot = o.tracks, self.task, self.task.robot
+        t, robot = o.tracks, self.task.robot
         # What the robot may drive after this command, it can brake from.
         stopping = robot.dt + min(math.hypot(*o.velocity) / robot.braking + robot.dt, robot.stop_time)
         if self.dynamic is not None:
@@ -124,8 +128,10 @@ class Guard:
             self.tracks, self.spread = np.empty((2 * most, 6)), np.zeros(2 * most)
         if t.covariance is not None:
             self.spread[: len(t)] = 2.0 * np.sqrt(t.covariance[:, 0, 0])
-        bounds, scan = Bounds(task.obstacle_speed, task.obstacle_surge, stopping), (t.id, t.xy, t.velocity, t.radius)
-        self.count, n = within_reach(self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, bounds, self.tracks)
+        self.bounds[2], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
+        self.count, n = within_reach(
+            self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
+        )
         return self.tracks[:n]
 
 

@@ -1,4 +1,4 @@
-"""The scenes that come with the package: a 20 x 20 grid as in the paper, an office, a warehouse aisle."""
+"""The scenes that come with the package: a 20 x 20 grid as in the paper, an office, a warehouse aisle; rounds in a ward."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from antway import checks
 
 SCENES = ("paper", "office", "warehouse")
+ROUNDS = ("rounds",)  # scenes with stops
 
 
 def scene(name: str) -> Path:
@@ -17,4 +18,4 @@ def scene(name: str) -> Path:
     >>> scene("office").name
     'office.toml'
     """
-    return Path(__file__).parent / f"{checks.choice('scene', name, SCENES)}.toml"
+    return Path(__file__).parent / f"{checks.choice('scene', name, (*SCENES, *ROUNDS))}.toml"

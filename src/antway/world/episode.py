@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadScenario
+from antway.kernels.base.jit import entry
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
 from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.dynamics import REST
@@ -20,8 +21,10 @@ from antway.planning import TimedPath
 from antway.version import __version__
 from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, Task, make_policy
 from antway.world.pursuit import Pursuit
+from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
+from antway.world.stops import Rounds
 from antway.world.terrain import terrain_of
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
@@ -64,6 +67,10 @@ class EpisodeResult:
         How the episode was set up.
     trace : Trace or None
         The record, if one was asked for.
+    rounds : Rounds or None
+        The stops, if the scenario has any, and how they were visited.
+    order_ms : float64[M]
+        Wall time of each decision on the order of the stops, ms.
     """
 
     outcome: Outcome
@@ -77,6 +84,8 @@ class EpisodeResult:
     seed: int
     config: Mapping[str, Any] = field(default_factory=dict)
     trace: Trace | None = None
+    rounds: Rounds | None = None
+    order_ms: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @property
     def reached(self) -> bool:
@@ -185,17 +194,22 @@ class Episode:
         horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.stage = stage = Stage(scenario, self.seed, horizon)
         self.name, self.policy = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
+        driver, self.tour = self.policy, RoundsPolicy(self.policy, scenario.stops) if scenario.stops else None
+        if self.tour is not None:
+            self.policy = self.tour
+            self.tour.check(stage.task)
+            stage.aim[2] = -1.0  # no goal until all stops are visited
         self.guard = guard
-        self._plans = self.policy if not record and isinstance(self.policy, Plans) else None
+        self._plans = driver if not record and isinstance(driver, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # in use one after the other
         self.outcome: Outcome | None = None
         self.reason = self._fault = ""
-        if math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
+        if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
             self.outcome, self.reason = Outcome.REACHED, "the start is at the goal"
         try:
-            if isinstance(self.policy, Foresees):
-                self.policy.foresee(stage.timeline)
+            if isinstance(driver, Foresees):
+                driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
             if guard is not None:
                 guard.reset(stage.task)
@@ -221,6 +235,8 @@ class Episode:
                     self.plans.append(path)
             except Exception as error:
                 self._fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
+        if self.tour is not None:
+            stage.aim[2] = stage.task.goal_tolerance if self.tour.homeward else -1.0
         self.outcome, self.reason = stage.drive(one, two)
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
@@ -259,6 +275,8 @@ class Episode:
         trace = (
             stage.trace(self.name, scenario.name, self.seed, tuple(decisions), outcome, self.reason, config) if record else None
         )
+        rounds = None if self.tour is None else self.tour.rounds
+        trace = trace if trace is None or rounds is None else replace(trace, rounds=rounds)
         return EpisodeResult(
             outcome=outcome,
             reason=self.reason,
@@ -271,6 +289,8 @@ class Episode:
             seed=self.seed,
             config=config,
             trace=trace,
+            rounds=rounds,
+            order_ms=np.array([] if self.tour is None else self.tour.order_ms),
         )
 
 
@@ -358,9 +378,9 @@ class Stage:
         )
 
     def _step(self, cx: float, cy: float) -> tuple[int, int, float]:
-        record = self.t, self.xy, self.velocity, self.heading
-        dt, trajectories = self.task.robot.dt, self.timeline.trajectories
-        return advance(self.n, cx, cy, dt, self.robot, self.aim, *record, self.terrain, trajectories)
+        record, dt = (self.t, self.xy, self.velocity, self.heading), self.task.robot.dt
+        arguments = self.n, cx, cy, dt, self.robot, self.aim, *record, self.terrain, self.timeline.trajectories
+        return entry(advance, *arguments)(*arguments)
 
     def _ended(self, what: int, obstacle: int) -> tuple[Outcome | None, str]:
         line = self.timeline

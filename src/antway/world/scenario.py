@@ -21,6 +21,7 @@ from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
+from antway.world.stops import Stop, checked_stops
 from antway.world.world import MAX_OBSTACLES, Obstacle, World
 
 MAX_STEPS = 1_000_000
@@ -51,6 +52,8 @@ class Scenario:
     name : str
     map : str
         The map's file as the scenario file gives it; empty for a world made in Python.
+    stops : tuple of Stop
+        What the robot visits, in the best order, before it goes to its goal; see `antway.world.rounds`.
 
     Raises
     ------
@@ -69,6 +72,7 @@ class Scenario:
     obstacle_surge: float = math.inf
     name: str = "scenario"
     map: str = ""
+    stops: tuple[Stop, ...] = ()
     task: Task = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -91,6 +95,7 @@ class Scenario:
             if segment_hits_cells(grid.blocked, row, col, row, col, self.robot.radius / grid.resolution, True):
                 allowed = f"at least the robot's radius, {self.robot.radius:g} m, from walls and the map's edges"
                 raise CellBlocked(end, getattr(task, end), allowed)
+        set_(self, "stops", checked_stops(self.stops, task))
 
     def driven_by(self, robot: RobotSpec) -> Scenario:
         """Return the same scenario for another robot; one that is slower has more time.
@@ -104,7 +109,7 @@ class Scenario:
 
 
 _PLAIN = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "obstacle_surge", "horizon", "seed")
-_TOP = (*_PLAIN, "robot", "sensor", "obstacles")
+_TOP = (*_PLAIN, "robot", "sensor", "obstacles", "stops")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -112,8 +117,9 @@ def load_scenario(path: str | Path) -> Scenario:
 
     Keys are the fields of `Scenario`; tables `[robot]` and `[sensor]` hold those of `RobotSpec` and `Sensor`; each
     `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and that
-    motion's fields (`antway.world.motions`). `map` is a file in the scenario's folder or below it; so is the `file` of a
-    replay, CSV lines t,x,y.
+    motion's fields (`antway.world.motions`), and each `[[stops]]` those of
+    `antway.world.stops.Stop`. `map` is a file in the scenario's folder or below it; so is the `file` of a replay, CSV lines
+    t,x,y.
 
     `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). In place of its `radius` a
     robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about. Guard and contacts take it
@@ -178,8 +184,12 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
     if len(listed) > MAX_OBSTACLES:
         raise TooLarge("obstacles.length", len(listed), f"at most {MAX_OBSTACLES}", where=where)
     obstacles = tuple(_obstacle(f"obstacles[{k}]", one, folder, where) for k, one in enumerate(listed))
+    visits = values.pop("stops", [])
+    if not isinstance(visits, list):
+        raise BadScenario("stops", visits, "a list of tables [[stops]]", where=where)
+    stops = tuple(_build(f"stops[{k}]", Stop, one, where) for k, one in enumerate(visits))
     try:
-        return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, **values)
+        return Scenario(world=World(grid, obstacles), robot=robot, sensor=sensor, stops=stops, **values)
     except BadInput as error:
         raise error.at(where) from None
 
@@ -280,6 +290,8 @@ def to_toml(scenario: Scenario) -> str:
             raise BadParameter(f"obstacles[{k}].motion", obstacle.motion, f"one of {', '.join(MOTIONS)} to be written")
         lines += ["", "[[obstacles]]", f"radius = {_toml(obstacle.radius)}", f"motion = {_toml(names[kind])}"]
         lines += [f"{f.name} = {_toml(getattr(obstacle.motion, f.name))}" for f in fields(kind) if f.init]
+    for stop in scenario.stops:
+        lines += ["", "[[stops]]", *(f"{f.name} = {_toml(getattr(stop, f.name))}" for f in fields(stop))]
     return "\n".join(lines) + "\n"
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter
+from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.sensor import degrade, scan
 from antway.world.policy import Task, Tracks
@@ -94,7 +95,9 @@ class Scanner:
 
     def _scan(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
         line, sensor = self.timeline, self.sensor
-        n = scan(t, x, y, self.sensor_range, sensor.occlusion, self.terrain, line.trajectories, self.seen, self.state)
+        at, out = (float(t), float(x), float(y)), (self.seen, self.state)
+        arguments = *at, self.sensor_range, sensor.occlusion, self.terrain, line.trajectories, *out
+        n = entry(scan, *arguments)(*arguments)
         covariance = None
         if not self.plain:
             n = degrade(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.world.policy import Decision, Task
+from antway.world.stops import Rounds
 from antway.world.timeline import Timeline
 from antway.world.tracefile import read_fields, to_json
 
@@ -70,6 +71,8 @@ class Trace:
         How the episode was set up, as JSON values: version, policy options, sensor, horizon.
     turn_rate : float64[N + 1]
         Of wheels, rad/s.
+    rounds : Rounds or None
+        The stops, if the scenario has any, and how they were visited.
     """
 
     task: Task
@@ -88,6 +91,7 @@ class Trace:
     outcome: Outcome
     reason: str = ""
     config: Mapping[str, Any] = field(default_factory=dict)
+    rounds: Rounds | None = None
     turn_rate: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:

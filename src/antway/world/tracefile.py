@@ -18,6 +18,7 @@ from antway.errors import BadInput, BadScenario, TooLarge
 from antway.grid import Grid
 from antway.planning import TimedPath
 from antway.world.policy import Decision, RobotSpec, Task
+from antway.world.stops import rounds_of
 from antway.world.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -77,6 +78,8 @@ def to_json(trace: Trace, *, timing: bool = True) -> str:
         "sensed": _pack(trace.sensed),
         "decisions": [{"step": step, **_decision_record(decision)} for step, decision in trace.decisions],
     }
+    if trace.rounds is not None:
+        record["rounds"] = trace.rounds.record()
     if timing:
         record["cycle_ms"] = trace.cycle_ms.tolist()
     return json.dumps(_finite(record), allow_nan=False, separators=(",", ":"))
@@ -181,6 +184,7 @@ class _Reader:
             outcome=self.text("outcome", top["outcome"]),
             reason=self.text("reason", top["reason"]),
             config=self.table("config", top["config"], ""),
+            rounds=None if top.get("rounds") is None else rounds_of(top["rounds"], self.where),
             **arrays,
         )
 

@@ -126,3 +126,54 @@ def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
         seen ^= 1 << at
         at = before
     return order
+
+
+@kernel
+def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) -> NDArray[np.int32]:
+    """Return the order of m <= 14 stops that is least late, and of those with no lateness the one that is done first.
+
+    A label is the lateness so far and the time; of two labels of the same stops and the same last one the less late is kept,
+    then the earlier one. Who is earlier with no lateness can do all that a later one can, so that a tour without lateness is
+    found wherever there is one, and the earliest; the least lateness otherwise is only a good guess.
+
+    Parameters
+    ----------
+    away : float64[m + 2, m + 2]
+        Travel times in s; row 0 is where the robot is, rows 1 to m are the stops, row m + 1 is where it ends.
+    windows, service : float64[m, 2], float64[m]
+        s.
+    now : float
+        When it leaves, s.
+    """
+    m = len(service)
+    if m == 0:
+        return np.empty(0, np.int32)
+    late, done = np.full((1 << m, m), np.inf), np.full((1 << m, m), np.inf)
+    came = np.full((1 << m, m), -1, np.int8)
+    for seen in range(1 << m):
+        for i in range(m if seen else 1):
+            if seen and (not seen >> i & 1 or late[seen, i] == np.inf):
+                continue
+            lateness, leaves, row = (late[seen, i], done[seen, i], i + 1) if seen else (0.0, now, 0)
+            for j in range(m):
+                if seen >> j & 1 or away[row, j + 1] == np.inf:
+                    continue
+                starts = max(leaves + away[row, j + 1], windows[j, 0])
+                later, ends = lateness + max(0.0, starts - windows[j, 1]), starts + service[j]
+                both = seen | 1 << j
+                if later < late[both, j] or (later == late[both, j] and ends < done[both, j]):
+                    late[both, j], done[both, j], came[both, j] = later, ends, i if seen else -1
+    seen, at, least, first = (1 << m) - 1, -1, np.inf, np.inf
+    for i in range(m):
+        home = done[seen, i] + away[i + 1, m + 1]
+        if late[seen, i] < least or (late[seen, i] == least and home < first):
+            least, first, at = late[seen, i], home, i
+    if at < 0:
+        return np.empty(0, np.int32)
+    order = np.empty(m, np.int32)
+    for k in range(m - 1, -1, -1):
+        order[k] = at
+        before = came[seen, at]
+        seen ^= 1 << at
+        at = before
+    return order

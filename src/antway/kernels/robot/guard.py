@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +17,6 @@ _FRACTIONS = 10  # speeds tried along the commanded direction
 _SIDES = 16  # directions tried for a step aside
 X, Y, VX, VY, RADIUS, SPEED_BOUND = range(6)  # columns of the tracks that count: m, m/s, m and m/s
 _ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED = range(8)  # columns of the table of tracks seen of late; _SEEN in s
-
-
-class Bounds(NamedTuple):
-    """What the guard takes for granted of obstacles, and how long the robot needs."""
-
-    speed: float  # m/s; no obstacle is faster
-    acceleration: float  # m/s^2; no obstacle's speed grows faster
-    stopping_time: float  # s; the robot stands so long after this command
 
 
 @kernel
@@ -67,7 +58,7 @@ def within_reach(
     velocity: NDArray[np.float64],
     radius: NDArray[np.float64],
     spread: NDArray[np.float64],
-    bounds: Bounds,
+    bounds: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> tuple[int, int]:
     """Write the rows x, y, vx, vy, radius, bound of all tracks that count: those of this scan, and those not long lost.
@@ -82,19 +73,22 @@ def within_reach(
         The scan; an unknown velocity is NaN.
     spread : float64[K]
         How far off the places may be, m.
-    bounds : Bounds
+    bounds : float64[3]
+        No obstacle is faster than bounds[0] m/s, nor does its speed grow by more than bounds[1] m/s^2; the robot stands
+        bounds[2] s after this command.
 
     Returns
     -------
     count, rows : int
         What could have been moved since a track was seen is added to its radius.
     """
+    speed_bound, acceleration_bound, stopping_time = bounds[0], bounds[1], bounds[2]
     n = 0
     for k in range(len(name)):
         vx, vy = velocity[k, 0], velocity[k, 1]
         speed = math.hypot(vx, vy)
         if math.isnan(speed):
-            vx, vy, speed = 0.0, 0.0, bounds.speed
+            vx, vy, speed = 0.0, 0.0, speed_bound
         i = 0
         while i < count and (table[i, _ID] != name[k] or name[k] < 0):
             i += 1
@@ -109,7 +103,7 @@ def within_reach(
             continue
         table[kept] = table[i]
         out[n] = table[i, _X:]
-        out[n, SPEED_BOUND] = min(bounds.speed, table[i, _SPEED] + bounds.acceleration * (age + bounds.stopping_time))
+        out[n, SPEED_BOUND] = min(speed_bound, table[i, _SPEED] + acceleration_bound * (age + stopping_time))
         out[n, RADIUS] += out[n, SPEED_BOUND] * age
         kept, n = kept + 1, n + 1
     return kept, n

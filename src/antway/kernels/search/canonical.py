@@ -47,13 +47,17 @@ def surroundings(blocked: NDArray[np.uint8], around: NDArray[np.uint8]) -> None:
     """
     height, width = blocked.shape
     free = np.zeros((3, width + 2), np.uint8)
-    free[1, 1:-1] = blocked[0] ^ np.uint8(1)
+    # Loops, where assignments to slices would take Numba several seconds more to compile.
+    for i in range(width):
+        free[1, i + 1] = blocked[0, i] ^ np.uint8(1)
     for row in range(height):
         above, here, below = free[row % 3], free[(row + 1) % 3], free[(row + 2) % 3]
         if row + 1 < height:
-            below[1:-1] = blocked[row + 1] ^ np.uint8(1)
+            for i in range(width):
+                below[i + 1] = blocked[row + 1, i] ^ np.uint8(1)
         else:
-            below[:] = 0
+            for i in range(width):
+                below[i + 1] = np.uint8(0)
         out = around[row]
         n, ne, x, e, s, se = above[1:], above[2:], here[1:], here[2:], below[1:], below[2:]
         for i in range(width):
@@ -61,59 +65,49 @@ def surroundings(blocked: NDArray[np.uint8], around: NDArray[np.uint8]) -> None:
             out[i] = x[i] * (straight | se[i] << 4 | below[i] << 5 | above[i] << 6 | ne[i] << 7)
 
 
-@kernel
-def is_free(bits: int, row: int, col: int) -> bool:
-    """Tell whether the cell at (row, col) from x is free, x itself being so."""
-    if row == 0 and col == 0:
-        return True
-    for d in range(8):
-        if ROW[d] == row and COL[d] == col:
-            return bits >> d & 1 == 1
-    return False
-
-
-@kernel
-def may_move(bits: int, row: int, col: int, to_row: int, to_col: int, need: int) -> bool:
-    """Tell whether the step between two neighbours among x and the cells around it is legal."""
-    if not is_free(bits, to_row, to_col) or abs(row - to_row) > 1 or abs(col - to_col) > 1:
-        return False
-    if row == to_row or col == to_col:
-        return row != to_row or col != to_col
-    return need >= 0 and is_free(bits, row, to_col) + is_free(bits, to_row, col) >= need
-
-
-@kernel
-def length(row: int, col: int) -> float:
-    """Return the length of a step."""
-    return math.sqrt(row * row + col * col)
-
-
-@kernel
-def is_beaten(bits: int, came: int, to: int, need: int) -> bool:
-    """Tell whether the cell in direction `to` from x is reached as well without x from where the move `came` to x began."""
-    row, col, to_row, to_col = -ROW[came], -COL[came], ROW[to], COL[to]
-    through = length(row, col) + length(to_row, to_col)
-    if (row == to_row and col == to_col) or may_move(bits, row, col, to_row, to_col, need):
-        return True
-    for d in range(8):
-        r, c = ROW[d], COL[d]
-        if may_move(bits, row, col, r, c, need) and may_move(bits, r, c, to_row, to_col, need):
-            first, second = length(r - row, c - col), length(to_row - r, to_col - c)
-            earlier = first > length(row, col) if need >= 0 else c == col
-            if first + second < through - 1e-9 or (first + second < through + 1e-9 and earlier):
-                return True
-    return False
-
-
-@kernel
 def successor_table(need: int) -> NDArray[np.uint8]:
-    """Return the canonical successors, uint8[9 * 256]: a set of directions at 256 * direction of arrival + surroundings."""
-    table = np.zeros(9 * 256, np.uint8)
-    for bits in range(256):
-        for to in range(8):
-            if may_move(bits, 0, 0, ROW[to], COL[to], need):
-                table[START << 8 | bits] |= 1 << to
-                for came in range(8):
-                    if (came < 4 or need >= 0) and not is_beaten(bits, came, to, need):
-                        table[came << 8 | bits] |= 1 << to
-    return table
+    """Return the canonical successors, uint8[9 * 256]: a set of directions at 256 * direction of arrival + surroundings.
+
+    All 256 surroundings are worked out at once. NumPy does so in milliseconds; a kernel would take seconds to compile.
+    """
+    table = np.zeros((9, 256), np.uint8)
+    for to in range(8):
+        legal = _may_move(0, 0, int(ROW[to]), int(COL[to]), need)
+        table[START] |= np.where(legal, 1 << to, 0).astype(np.uint8)
+        for came in range(8 if need >= 0 else 4):
+            table[came] |= np.where(legal & ~_is_beaten(came, to, need), 1 << to, 0).astype(np.uint8)
+    return table.ravel()
+
+
+def _is_free(row: int, col: int) -> NDArray[np.bool_]:
+    """Tell for each of the 256 surroundings of x whether the cell at (row, col) from x is free, x itself being so."""
+    if row == 0 and col == 0:
+        return np.ones(256, np.bool_)
+    direction = np.flatnonzero((row == ROW) & (col == COL))
+    return np.arange(256) >> direction[0] & 1 == 1 if len(direction) else np.zeros(256, np.bool_)
+
+
+def _may_move(row: int, col: int, to_row: int, to_col: int, need: int) -> NDArray[np.bool_]:
+    """Tell for each surroundings whether the step between two neighbours among x and the cells around it is legal."""
+    apart = max(abs(row - to_row), abs(col - to_col))
+    if apart != 1 or (need < 0 and row != to_row and col != to_col):
+        return np.zeros(256, np.bool_)
+    if row == to_row or col == to_col:
+        return _is_free(to_row, to_col)
+    sides = _is_free(row, to_col).astype(np.int64) + _is_free(to_row, col)
+    return _is_free(to_row, to_col) & (sides >= need)
+
+
+def _is_beaten(came: int, to: int, need: int) -> NDArray[np.bool_]:
+    """Tell for each surroundings whether the cell in direction `to` is reached as well from where the move `came` started."""
+    row, col, to_row, to_col = -int(ROW[came]), -int(COL[came]), int(ROW[to]), int(COL[to])
+    if row == to_row and col == to_col:
+        return np.ones(256, np.bool_)
+    through = math.hypot(row, col) + math.hypot(to_row, to_col)
+    beaten = _may_move(row, col, to_row, to_col, need)
+    for r, c in zip(ROW.tolist(), COL.tolist()):
+        first, second = math.hypot(r - row, c - col), math.hypot(to_row - r, to_col - c)
+        earlier = first > math.hypot(row, col) if need >= 0 else c == col
+        if first + second < through - 1e-9 or (first + second < through + 1e-9 and earlier):
+            beaten |= _may_move(row, col, r, c, need) & _may_move(r, c, to_row, to_col, need)
+    return beaten

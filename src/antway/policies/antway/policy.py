@@ -198,10 +198,10 @@ class AntwayPolicy:
             For an observation that is not finite.
         """
         check_observation(observation)
-        known, age = self._update_tracks(observation)
-        vx, vy, what, arrival, bound = self._predict_and_plan(observation, known, age)
-        command, did = self._guarded(observation, known, Command((vx, vy)))
         s = self._state
+        known, age = self._update_tracks(s, observation)
+        vx, vy, what, arrival, bound = self._predict_and_plan(s, observation, known, age)
+        command, did = self._guarded(s, observation, known, Command((vx, vy)))
         if what != KEPT or s.cycle is None or did != s.cycle.guard or observation.t >= s.until:
             s.decision, s.until = None, math.inf
             if what != KEPT:
@@ -211,9 +211,9 @@ class AntwayPolicy:
             s.cycle = Cycle(observation, known, age, did, arrival, bound)
         return command
 
-    def _update_tracks(self, o: Observation) -> tuple[int, float]:
+    def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
         """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
-        s, t, n = self._state, o.tracks, len(o.tracks)
+        t, n = o.tracks, len(o.tracks)
         stamp = o.t if math.isnan(o.stamp) else o.stamp
         if n > len(s.variance):
             s.variance = np.zeros((2 * n, 2))
@@ -227,18 +227,16 @@ class AntwayPolicy:
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
         return known, o.t - stamp
 
-    def _predict_and_plan(self, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
+    def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
         """Return what kernels/crossing.py makes of the track estimates: the velocity on the plan, and what became of that."""
-        s = self._state
         s.context, stopping_time = s.paces[known > 0]
         if math.isnan(s.started):
             s.started = o.t
         horizon = min(self.horizon, _NEARBY) if o.t < s.started + _OUTSET - 1e-6 else self.horizon
         if stopping_time != s.settings.tubes.stopping_time or horizon != s.settings.horizon:
             s.settings = s.settings._replace(horizon=horizon, tubes=s.settings.tubes._replace(stopping_time=stopping_time))
-        memory = self.memory()
         arguments = (
-            memory,
+            s.memory or self.memory(),
             s.trails,
             s.context,
             s.terrain,
@@ -251,19 +249,19 @@ class AntwayPolicy:
             (float(o.xy[0]), float(o.xy[1])),
             s.rng,
         )
-        result = entry(cycle, *arguments)(*arguments)
-        s.expansions = int(memory.counter[EXPANSIONS])
-        return result
+        return entry(cycle, *arguments)(*arguments)
 
-    def _guarded(self, o: Observation, known: int, command: Command) -> tuple[Command, str]:
+    def _guarded(self, s: State, o: Observation, known: int, command: Command) -> tuple[Command, str]:
         """Return the command that may pass, and what the guard did."""
         if self.guard is None:
             return command, ""
-        return self.guard.passed(o if o.tracks.covariance is None else self._estimated(o, known), command), self.guard.did
+        if o.tracks.covariance is not None:
+            o = self._estimated(s, o, known)
+        return self.guard.passed(o, command), self.guard.did
 
-    def _estimated(self, o: Observation, known: int) -> Observation:
+    def _estimated(self, s: State, o: Observation, known: int) -> Observation:
         """Return what is seen, as the filter sees it."""
-        b = self._state.estimates[:known]
+        b = s.estimates[:known]
         covariance = np.zeros((known, 4, 4))
         covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
@@ -323,12 +321,12 @@ class AntwayPolicy:
         least = min(expansions, budget), min(improvement, budget)
         s.settings = s.settings._replace(expansions=least[0], improvement_expansions=least[1])
         act()
-        idle = ""
-        if s.expansions == 0:
+        idle, tested = "", int(self.memory().counter[EXPANSIONS])
+        if tested == 0:
             idle = "No ants in this control cycle: no other plan can be better."
             if s.plan.state[LOOK] == due:
                 idle = f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
-        return AntStep(idle, s.expansions < budget or budget >= expansions, self.explain())
+        return AntStep(idle, tested < budget or budget >= expansions, self.explain())
 
     def trails(self) -> LaidTrails:
         """Return the pheromone on moves between cells, by the time of arrival the most over all times."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,7 @@ from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cycle:
+class Cycle(NamedTuple):
     """A control cycle as an explanation needs it.
 
     Attributes
@@ -64,8 +64,6 @@ class State:
         State of the random generator.
     started : float
         Time of the first observation, s; NaN before.
-    expansions : int
-        Moves that the ants tested in the last control cycle.
     path : TimedPath or None
         The plan in use, as it was made.
     cycle : Cycle or None
@@ -91,7 +89,6 @@ class State:
     variance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((64, 2)))
     estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, 8)))
     started: float = math.nan
-    expansions: int = 0
     path: TimedPath | None = None
     cycle: Cycle | None = None
     decision: Decision | None = None

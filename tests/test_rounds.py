@@ -1,0 +1,235 @@
+"""Rounds: stops in a scenario, visited in an order that is decided anew; their record, their check, and doors that close."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import antway
+from antway import BadInput, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
+from antway.kernels.colony.held_karp import earliest_of_few
+from antway.scenes import scene
+from antway.world.episode import Episode
+from antway.world.motions import Line
+from antway.world.rounds import RoundsPolicy
+from antway.world.scenario import save_scenario
+from antway.world.stops import Rounds, Stop, Turn, Visit, rounds_of
+from antway.world.trace import Trace
+from antway.world.world import Obstacle
+from common import cases
+
+
+def hall(*, stops: tuple[Stop, ...], obstacles: tuple[Obstacle, ...] = (), horizon: float = 120.0, **more: object) -> Scenario:
+    """A hall of 12 x 6 m with a wall across it that has a door at each end."""
+    blocked = np.zeros((60, 120), dtype=bool)
+    blocked[12:48, 60:62] = True
+    start: tuple[float, float] = (1.0, 1.0)
+    grid = Grid(blocked, resolution=0.1)
+    return Scenario(World(grid, obstacles), start, start, RobotSpec(radius=0.25), stops=stops, horizon=horizon, **more)
+
+
+FOUR = (
+    Stop((4.0, 5.0), "ward", service=2.0),
+    Stop((9.0, 1.0), "lab", window=(20.0, 60.0), service=1.0),
+    Stop((3.0, 1.0), "desk"),
+    Stop((9.0, 5.0), "store", window=(0.0, 30.0)),
+)
+
+
+def naive_best(away: np.ndarray, windows: np.ndarray, service: np.ndarray, now: float) -> tuple[float, float]:
+    """The least (lateness, end) of all orders."""
+    m = len(service)
+
+    def outcome(order: tuple[int, ...]) -> tuple[float, float]:
+        t, late, at = now, 0.0, 0
+        for j in order:
+            t = max(t + away[at, j + 1], windows[j, 0])
+            late += max(0.0, t - windows[j, 1])
+            t += service[j]
+            at = j + 1
+        return late, t + away[at, m + 1]
+
+    return min(outcome(order) for order in itertools.permutations(range(m)))
+
+
+def test_few_stops_keep_every_window_that_can_be_kept() -> None:
+    rng = np.random.default_rng(1)
+    kept = 0
+    for _ in range(cases(60, 2000)):
+        m = int(rng.integers(1, 7))
+        xy = rng.random((m + 2, 2)) * 10
+        away = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
+        opens = rng.uniform(0, 30, m)
+        windows = np.column_stack((opens, opens + rng.uniform(0, 25, m)))
+        service, now = rng.uniform(0, 2, m), float(rng.uniform(0, 5))
+        order = earliest_of_few(away, windows, service, now)
+        assert sorted(order.tolist()) == list(range(m))
+        late, end = naive_best(away, windows, service, now)
+        t, found, at = now, 0.0, 0
+        for j in order.tolist():
+            t = max(t + away[at, j + 1], windows[j, 0])
+            found += max(0.0, t - windows[j, 1])
+            t += service[j]
+            at = j + 1
+        if late == 0.0:
+            kept += 1
+            assert found == 0.0
+            assert t + away[at, m + 1] == pytest.approx(end)
+        else:
+            assert found >= late - 1e-9
+    assert kept > 10
+
+
+def test_a_robot_visits_all_stops_and_keeps_their_windows() -> None:
+    result = run(hall(stops=FOUR), "follow", seed=1)
+    check_episode(result)
+    assert result.outcome is Outcome.REACHED
+    rounds = result.rounds
+    assert rounds is not None and not rounds.missed
+    assert all(rounds.lateness(visit) == 0.0 for visit in rounds.visits)
+    by_name = {rounds.name(visit.stop): visit for visit in rounds.visits}
+    assert by_name["lab"].start >= 20.0
+    assert by_name["ward"].end - by_name["ward"].start >= 2.0 - 0.1 - 1e-6
+    assert len(result.order_ms) >= 4
+    assert "to ward" in " ".join(decision.reason for _, decision in result.trace.decisions)
+
+
+def test_the_trace_of_rounds_is_read_back(tmp_path) -> None:
+    trace = run(hall(stops=FOUR), "follow", seed=1).trace
+    trace.save(tmp_path / "trace.json")
+    back = Trace.load(tmp_path / "trace.json")
+    assert back.rounds == trace.rounds
+    assert back.digest() == trace.digest()
+    check_episode(back)
+
+
+def test_the_same_seed_gives_the_same_rounds() -> None:
+    one, two = (run(hall(stops=FOUR), "follow", seed=3).trace.digest() for _ in range(2))
+    assert one == two
+
+
+def test_a_scenario_with_stops_is_written_and_read_back(tmp_path) -> None:
+    scenario = hall(stops=FOUR)
+    save_scenario(scenario, tmp_path / "hall.toml")
+    assert load_scenario(tmp_path / "hall.toml").stops == scenario.stops
+
+
+def spoilt(rounds: Rounds, k: int = 0, **changes: float) -> Rounds:
+    visits = list(rounds.visits)
+    visits[k] = visits[k]._replace(**changes)
+    return replace(rounds, visits=tuple(visits))
+
+
+BROKEN = {
+    "a visit left out": lambda r: replace(r, visits=r.visits[:-1]),
+    "a stop visited twice": lambda r: replace(r, visits=(*r.visits, r.visits[0])),
+    "an arrival before it was there": lambda r: spoilt(r, arrival=0.0, start=0.0),
+    "service cut short": lambda r: spoilt(r, [v.stop for v in r.visits].index(0), end=r.visits[0].start),
+    "service before the window opens": lambda r: spoilt(r, [v.stop for v in r.visits].index(1), start=12.0),
+    "another stop": lambda r: spoilt(r, stop=99),
+    "the other place": lambda r: replace(r, stops=(replace(r.stops[0], at=(1.0, 5.0)), *r.stops[1:])),
+    "an order with a stop twice": lambda r: replace(r, turns=(Turn(0.0, (0, 0, 1, 2), ""), *r.turns[1:])),
+}
+
+
+@pytest.mark.parametrize("what", BROKEN)
+def test_check_episode_rejects_rounds_with(what: str) -> None:
+    trace = run(hall(stops=FOUR), "follow", seed=1).trace
+    check_episode(trace)
+    with pytest.raises(InvalidPlan):
+        check_episode(replace(trace, rounds=BROKEN[what](trace.rounds)))
+
+
+def test_a_door_that_closes_turns_the_order() -> None:
+    """Someone stands in the upper door: the way round makes "south" late unless it comes first, and the lower door is taken."""
+    stops = (Stop((4.5, 5.4), "near"), Stop((7.5, 5.4), "behind"), Stop((4.5, 0.7), "south", window=(0.0, 19.0)))
+    stands = Obstacle(0.3, Line((6.1, 5.4), (6.1, 5.4), 0.0))
+    result = run(hall(stops=stops, obstacles=(stands,), obstacle_speed=0.5), "stop", seed=1)
+    check_episode(result)
+    first, second, *_ = result.rounds.turns
+    assert first.order == (0, 1, 2)
+    assert second.order in ((0, 2, 1), (2, 1))
+    assert "stands in the way" in second.reason
+    assert result.outcome is Outcome.REACHED and not result.rounds.missed
+    assert all(result.rounds.lateness(visit) == 0.0 for visit in result.rounds.visits)
+
+
+def test_a_stop_may_be_added_on_the_way() -> None:
+    episode = Episode(hall(stops=FOUR[2:]), "follow", seed=1)
+    for _ in range(20):
+        episode.step()
+    assert isinstance(episode.policy, RoundsPolicy)
+    episode.policy.add(Stop((4.0, 5.0), "late call"))
+    with pytest.raises(BadInput):
+        episode.policy.add(Stop((99.0, 5.0), "nowhere"))
+    while episode.outcome is None:
+        episode.step()
+    result = episode.result()
+    check_episode(result)
+    assert not result.rounds.missed and len(result.rounds.visits) == 3
+    assert any("late call was added" in turn.reason for turn in result.rounds.turns)
+
+
+def test_the_colony_orders_many_stops() -> None:
+    rng = np.random.default_rng(2)
+    stops = tuple(Stop((float(x), float(y)), f"s{k}") for k, (x, y) in enumerate(rng.uniform(0.5, 5.5, (16, 2))))
+    result = run(hall(stops=stops, horizon=200.0), "follow", seed=1)
+    check_episode(result)
+    assert result.outcome is Outcome.REACHED and not result.rounds.missed
+
+
+@pytest.mark.parametrize(
+    ("stops", "words"),
+    [
+        ((Stop((6.1, 3.0), "wall"),), r"stops\[0\] \(wall\)"),
+        ((Stop((99.0, 3.0)),), r"stops\[0\]"),
+        ((Stop((4.0, 5.0), "a"), Stop((4.01, 5.01), "b")), r"stops\[1\] \(b\).*stops\[0\]"),
+        (("ward",), r"stops\[0\]"),
+    ],
+)
+def test_wrong_stops_are_named(stops: tuple[Stop, ...], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        hall(stops=stops)
+
+
+@pytest.mark.parametrize(
+    "change", [{"window": (5.0, 4.0)}, {"window": (math.nan, 4.0)}, {"service": -1.0}, {"at": (1.0,)}, {"at": (math.nan, 1.0)}]
+)
+def test_a_wrong_stop_is_refused(change: dict[str, object]) -> None:
+    with pytest.raises(BadInput):
+        Stop(**{"at": (1.0, 1.0), **change})  # type: ignore[arg-type]
+
+
+def test_a_stop_out_of_reach_is_the_fault_of_the_scenario() -> None:
+    blocked = np.zeros((20, 60), dtype=bool)
+    blocked[:, 30] = True
+    scenario = Scenario(
+        World(Grid(blocked, 0.1)), (1.0, 1.0), (2.0, 1.0), RobotSpec(radius=0.2), stops=(Stop((5.0, 1.0), "far"),)
+    )
+    with pytest.raises(BadInput, match=r"stops\[0\] \(far\)"):
+        run(scenario, "follow")
+
+
+def test_a_record_of_rounds_that_is_none_is_refused() -> None:
+    good = Rounds((Stop((1.0, 1.0), "a"),), (Visit(0, 1.0, 1.0, 2.0),), (Turn(0.0, (0,), "first"),)).record()
+    assert rounds_of(good).visits[0].arrival == 1.0
+    for wrong in (
+        [],
+        {},
+        {**good, "visits": [[5, 1.0, 1.0, 2.0]]},
+        {**good, "turns": [[0.0, [7], ""]]},
+        {**good, "stops": [1]},
+    ):
+        with pytest.raises(BadInput):
+            rounds_of(wrong)
+
+
+def test_the_scene_rounds_has_twelve_stops_and_four_windows() -> None:
+    stops = load_scenario(scene("rounds")).stops
+    assert len(stops) == 12
+    assert sum(math.isfinite(stop.window[1]) for stop in stops) == 4
+    assert antway.load_scenario(scene("office")).stops == ()
