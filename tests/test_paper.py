@@ -124,7 +124,9 @@ def test_crowded_rooms_are_crossed_by_every_robot(robot: RobotSpec) -> None:
     # The promise of no contact is the guard's, which the paper's own robot, that stops at once, drives without.
     guarded = robot.drive == "differential" or math.isfinite(robot.a_max)
     assert outcomes.count(Outcome.HIT_MOVING) <= (0 if guarded else 0.05 * len(outcomes)), outcomes
-    assert outcomes.count(Outcome.REACHED) >= 0.75 * len(outcomes), outcomes
+    # Turns and ramps take space that the paper does not plan for.
+    slow = robot.drive == "differential" and math.isfinite(robot.a_max)
+    assert outcomes.count(Outcome.REACHED) >= (0.5 if slow else 0.75) * len(outcomes), outcomes
 
 
 def test_no_way_and_blind_robots_stand() -> None:

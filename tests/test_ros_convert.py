@@ -116,7 +116,7 @@ def test_plans_come_back_as_they_were():
 def test_commands_come_back_as_they_were():
     """A holonomic command turned into the robot's frame and back is the same velocity; a differential one keeps the limits."""
     rng = np.random.default_rng(3)
-    disc, cart = RobotSpec(), RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0)
+    disc, cart = RobotSpec(), RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0, dynamics="steps")
     for _ in range(cases(200, 5_000)):
         velocity, heading = rng.uniform(-1, 1, 2), rng.uniform(-math.pi, math.pi)
         twist = convert.twist_message(Command(tuple(velocity)), (0.0, 0.0), heading, disc)

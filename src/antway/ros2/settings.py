@@ -26,7 +26,7 @@ from antway.world.robots import DRIVES, load_robot
 LASER = "sensor_msgs/msg/LaserScan"
 _OWN: dict[str, tuple[Any, str]] = {
     "robot.name": ("", f"Which robot this is: {names(ROBOTS)}, or a .toml file; what robot.* says departs from it."),
-    "yaw_tolerance": (math.pi, "rad; how far from the goal's yaw wheels may stand when they have arrived; pi: any."),
+    "yaw_tolerance": (math.pi, "rad; how far from the goal's yaw wheels may stand when they have arrived; pi or more: any."),
     "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
     "frame": ("map", "Frame of the map; what comes in another needs tf."),
     "base_frame": ("base_link", "Frame of the robot, in which commands are given."),
@@ -114,7 +114,6 @@ class Settings:
             for name, (default, text) in _OWN.items()
             if isinstance(default, float)
         }
-        checks.number("yaw_tolerance", own["yaw_tolerance"], low=0.0, high=math.pi, open_low=True, unit="rad")
         radius = own.pop("obstacle_radius")
         for name in ("autostart", "stamped"):
             checks.instance(name, values[name], bool)
@@ -152,6 +151,7 @@ def _robot(name: str, **options: Any) -> RobotSpec:
         For what `RobotSpec` refuses, and where neither a name nor a drive is given: nobody's robot drives in all directions at
         once by default.
     """
+    checks.number("brake_max", options["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")
     base = load_robot(checks.instance("name", name, str)) if name else None
     if base is None and options["drive"] == "":
         allowed = f"{', '.join(DRIVES)}; or robot.name one of {', '.join(ROBOTS)} or a .toml file"
