@@ -16,7 +16,6 @@ from antway.errors import BadParameter
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
 from antway.scenes import SCENES
-from antway.scenes import scene as shipped_scene
 from antway.verify import check_episode
 from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task, make_policy
@@ -34,7 +33,7 @@ def scene(name: str) -> Scenario:
     BadScenario
         If there is neither.
     """
-    return load_scenario(shipped_scene(name) if name in SCENES and not Path(name).exists() else name)
+    return load_scenario(name)
 
 
 def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
