@@ -64,7 +64,7 @@ def top(context: typer.Context, version: Annotated[bool, typer.Option("--version
 
 @app.command("plan")
 def plan_command(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt or .npy; or a shipped scene.")],
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene.")],
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m (with --cells: ROW,COL).")],
     goal: Annotated[str, typer.Option(metavar="X,Y", help="Where to, in m (with --cells: ROW,COL).")],
     cells: Annotated[bool, typer.Option("--cells", help="Start and goal are cells, ROW,COL.")] = False,
