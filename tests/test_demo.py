@@ -23,7 +23,9 @@ def test_the_demo_writes_what_it_promises(tmp_path: Path) -> None:
     """Both policies on three scenes, all reached; figures, animation, page, traces and summaries are there, open, and agree."""
     on_progress: list[tuple[str, str]] = []
     rows = list(run_demo(tmp_path, on_progress=lambda *what: on_progress.append(what)))
-    assert sorted((name, numbers["policy"]) for name, numbers in rows) == sorted(product(SCENES, ("paper", "antway")))
+    played = [*product(SCENES, ("paper", "antway")), ("rounds", "antway")]
+    assert sorted((name, numbers["policy"]) for name, numbers in rows) == sorted(played)
+    assert all((tmp_path / "rounds" / name).stat().st_size > 200 for name in ("rounds.png", "replay.html", "summary.json"))
     assert all(numbers["reached"] for _, numbers in rows) and ("office", "episodes") in on_progress
     for folder in (tmp_path, *(tmp_path / name for name in SCENES)):
         assert all((folder / name).stat().st_size > 200 for name in FILES), folder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from dataclasses import replace
 
@@ -233,3 +234,21 @@ def test_the_scene_rounds_has_twelve_stops_and_four_windows() -> None:
     assert len(stops) == 12
     assert sum(math.isfinite(stop.window[1]) for stop in stops) == 4
     assert antway.load_scenario(scene("office")).stops == ()
+
+
+def test_rounds_are_drawn_and_summed_up(tmp_path) -> None:
+    """The figure draws late and missed stops as well; the summary is JSON; the page holds the stops."""
+    from antway.demo import summary
+    from antway.view import style
+    from antway.view.replay import replay_page
+    from antway.view.rounds import rounds_figure
+
+    late = (*FOUR, Stop((6.0, 0.6), "too late", window=(0.0, 0.5)))
+    result = run(hall(stops=late, horizon=18.0), "follow", seed=1)
+    check_episode(result)
+    assert result.outcome is Outcome.TIMEOUT and result.rounds.missed
+    assert style.save(rounds_figure(result.trace), tmp_path / "rounds.png").stat().st_size > 10_000
+    numbers = summary(result, result.trace.task)
+    assert numbers["stops"] == 5 and numbers["visited"] < 5 and numbers["lateness"] > 0.0
+    json.dumps(numbers, allow_nan=False)
+    assert '"name":"too late"' in replay_page(result.trace)

@@ -64,7 +64,7 @@ def top(context: typer.Context, version: Annotated[bool, typer.Option("--version
 
 @app.command("plan")
 def plan_command(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt or .npy.")],
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene.")],
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m (with --cells: ROW,COL).")],
     goal: Annotated[str, typer.Option(metavar="X,Y", help="Where to, in m (with --cells: ROW,COL).")],
     cells: Annotated[bool, typer.Option("--cells", help="Start and goal are cells, ROW,COL.")] = False,
@@ -174,11 +174,11 @@ def demo_command(
     seed: RunSeed = None,
     json: Json = False,
 ) -> int:
-    """Play the paper's experiment on three scenes: figures, animations, replay pages and a table."""
+    """Play the paper's experiment on three scenes, and rounds in a ward: figures, animations, replay pages and a table."""
     from rich.console import Console
 
     from antway.demo import run_demo
-    from antway.scenes import SCENES
+    from antway.scenes import ROUNDS, SCENES
 
     console = Console(stderr=True)
     with console.status("starting") as status, working("playing the scenes"):
@@ -187,7 +187,7 @@ def demo_command(
                 out, policies=policies.split(","), seed=seed, on_progress=lambda name, what: status.update(f"{name}: {what}")
             )
         )
-    rows.sort(key=lambda row: SCENES.index(row[0]))
+    rows.sort(key=lambda row: (*SCENES, *ROUNDS).index(row[0]))
     if json:
         print_json({"episodes": [numbers for _, numbers in rows], "out": str(out)})
     else:

@@ -15,8 +15,7 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
-from antway.scenes import SCENES
-from antway.scenes import scene as shipped_scene
+from antway.scenes import ROUNDS, SCENES
 from antway.verify import check_episode
 from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task, make_policy
@@ -34,7 +33,7 @@ def scene(name: str) -> Scenario:
     BadScenario
         If there is neither.
     """
-    return load_scenario(shipped_scene(name) if name in SCENES and not Path(name).exists() else name)
+    return load_scenario(name)
 
 
 def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
@@ -46,6 +45,28 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     shortest = static_shortest(task)
     rest = 0.0 if result.trace is None else math.dist(result.trace.xy[-1].tolist(), task.goal)
     ratio = (result.length + rest) / shortest if result.reached and shortest > 0 else math.nan
+    rounds = result.rounds
+    visited = (
+        {}
+        if rounds is None
+        else {
+            "stops": len(rounds.stops),
+            "visited": len(rounds.visits),
+            "lateness": round(math.fsum(rounds.lateness(visit) for visit in rounds.visits), 6),
+            "orders": len(rounds.turns),
+            "order_ms_max": _finite(float(result.order_ms.max(initial=0.0))),
+            "visits": [
+                {
+                    "stop": rounds.name(visit.stop),
+                    "arrival": visit.arrival,
+                    "start": visit.start,
+                    "end": visit.end,
+                    "late": rounds.lateness(visit),
+                }
+                for visit in rounds.visits
+            ],
+        }
+    )
     return {
         "outcome": result.outcome.value,
         "reason": result.reason,
@@ -60,6 +81,7 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
         "cycle_ms_p50": _finite(result.cycle(50)),
         "cycle_ms_p99": _finite(result.cycle(99)),
         "seed": result.seed,
+        **visited,
     }
 
 
@@ -125,11 +147,29 @@ def write_episode(
     avoiding = figures.moment_figure(trace, avoid, title=title, path=path, pheromone=True)
     figures.save(avoiding, folder / "figure6_avoidance.png")
     figures.save(figures.final_figure(trace, path=path), folder / "figure7_final_path.png")
+    if trace.rounds is not None:
+        from antway.view.rounds import rounds_figure
+
+        figures.save(rounds_figure(trace), folder / "rounds.png")
     first, *rest = (*others, trace)
     on_progress("animation")
     write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
     on_progress("replay page")
     write_replay(first, folder / "replay.html", beside=rest, shortest=path)
+    return numbers
+
+
+def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict[str, Any]:
+    """Play a scene with stops; write its figure, replay page, trace and summary, and return the summary."""
+    from antway.view import figures
+    from antway.view.replay import write_replay
+    from antway.view.rounds import rounds_figure
+
+    result = run(scene(name), policy, seed=seed)
+    numbers = write_record(result, folder)
+    trace = _trace(result)
+    figures.save(rounds_figure(trace), folder / "rounds.png")
+    write_replay(trace, folder / "replay.html")
     return numbers
 
 
@@ -153,6 +193,8 @@ def run_demo(
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Play every scene with each policy and write what came of it under `out`; yield each episode's scene and summary.
 
+    The scene with stops, `rounds`, is played with the last policy alone.
+
     A scene's folder holds the figures, trace and summary of the last policy, an animation and a page with all of them side by
     side, and a folder for each other policy with its trace and summary. The pictures of the paper's scene, and those of no
     scene, lie in `out` itself. `on_progress(scene, what)` is called before each part. Other processes play the other policies
@@ -170,6 +212,7 @@ def run_demo(
     *others, shown = policies
     out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        rounds = {name: pool.submit(write_rounds, name, shown, seed, out / name) for name in ROUNDS}
         aside = pool.submit(_play, others, seed)  # in one process: each would compile the same kernels
         drawn = {}
         for name in SCENES:
@@ -185,6 +228,9 @@ def run_demo(
         for name in SCENES:
             on_progress(name, "figures, animation, replay page")
             yield name, drawn[name].result()
+        for name in ROUNDS:
+            on_progress(name, "rounds")
+            yield name, rounds[name].result()
         charts.result()
     for picture in sorted(path for path in (out / SCENES[0]).iterdir() if path.is_file()):
         shutil.copyfile(picture, out / picture.name)

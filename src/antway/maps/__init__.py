@@ -16,6 +16,7 @@ from antway.maps import image, movingai, ros, text
 from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.movingai import ScenRow, load_scen
 from antway.maps.ros import GreyTrapWarning, load_costs
+from antway.scenes import shipped
 
 __all__ = ["GreyTrapWarning", "Limits", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
 
@@ -52,7 +53,8 @@ def load_map(
     Parameters
     ----------
     path : str or path
-        The file. Row 0 of the grid is the last line of a ROS map (lowest y) and the first line of every other.
+        The file, or the name of a shipped scene such as "office" for its map. Row 0 of the grid is the last line of a ROS map
+        (lowest y) and the first line of every other.
     resolution : float, optional
         Edge of a cell in m, for formats that hold none; 1 where not given.
     origin : (x, y, yaw), optional
@@ -79,7 +81,7 @@ def load_map(
     GreyTrapWarning
         If unknown cells of a ROS map load as free.
     """
-    file = as_path(path)
+    file = shipped(path, map_file=True) or as_path(path)
     kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
     checks.instance("limits", limits, Limits)
     if kind in (".yaml", ".yml"):

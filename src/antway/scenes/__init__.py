@@ -19,3 +19,17 @@ def scene(name: str) -> Path:
     'office.toml'
     """
     return Path(__file__).parent / f"{checks.choice('scene', name, (*SCENES, *ROUNDS))}.toml"
+
+
+def shipped(name: object, *, map_file: bool = False) -> Path | None:
+    """Return the scenario, or the map, of the scene called `name`; None if it is none or a file of that name is there.
+
+    Examples
+    --------
+    >>> shipped("office", map_file=True).name
+    'office.yaml'
+    """
+    if not isinstance(name, str | Path) or str(name) not in (*SCENES, *ROUNDS) or Path(name).is_file():
+        return None
+    file = scene(str(name))
+    return next(map_ for map_ in map(file.with_suffix, (".yaml", ".txt")) if map_.exists()) if map_file else file

@@ -22,6 +22,7 @@ from antway.grid import Grid
 from antway.planning import Plan
 from antway.version import __version__
 from antway.world.policy import Decision
+from antway.world.stops import Rounds
 from antway.world.trace import Trace
 
 _IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)
@@ -90,6 +91,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "start": list(task.start),
         "goal": list(task.goal),
         "tolerance": task.goal_tolerance,
+        "stops": _stops(trace.rounds),
         "obstacles": {
             "id": [int(i) for i in trace.obstacle_id],
             "radius": [round(float(r), 6) for r in trace.obstacle_radius],
@@ -101,6 +103,23 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "pheromone": heaps,
         "cycle_ms": _pack(trace.cycle_ms, "<f4"),
     }
+
+
+def _stops(rounds: Rounds | None) -> list[dict[str, Any]]:
+    """The stops of an episode in the order of the visits, and those not visited after them."""
+    if rounds is None:
+        return []
+    visits = {visit.stop: visit for visit in rounds.visits}
+    return [
+        {
+            "at": list(rounds.stops[stop].at),
+            "name": rounds.name(stop),
+            "arrival": visits[stop].arrival if stop in visits else None,
+            "end": visits[stop].end if stop in visits else None,
+            "late": stop in visits and rounds.lateness(visits[stop]) > 0,
+        }
+        for stop in (*visits, *rounds.missed)
+    ]
 
 
 def map_record(grid: Grid, pack: Callable[[NDArray[np.bool_]], str]) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
         np.isfinite(task.windows).any(axis=1).any() and ((task.windows[:, 0] > 0) | np.isfinite(task.windows[:, 1])).any()
     )
     scheduled = (timed or task.priorities is not None or math.isfinite(task.deadline)) and visits <= MOST_LISTED
-    low, high = _shown_part(task.grid)
+    low, high = shown_part(task.grid)
     width, height = style.box_size(low.tolist(), high.tolist(), width=7.2, extra=1.5)
     rows = visits + len(tour.routes) * (len(tour.routes) > 1)
     below = 0.75 + 0.19 * rows if scheduled else 0.0
@@ -70,7 +70,7 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
     return fig
 
 
-def _shown_part(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def shown_part(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return two corners in m of what is drawn: the known part of the map and a margin."""
     known = np.ones(grid.shape, dtype=bool) if grid.unknown is None else ~grid.unknown
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
@@ -140,7 +140,7 @@ def _draw_stops(axes: Axes, tour: TourPlan, visits: int, points_per_metre: float
     ]
     true = task.stops[[stop for stop, _, _ in shown]].reshape(-1, 2)
     ends = np.array([task.start] + ([task.end] if isinstance(task.end, tuple) else []))
-    placed = _apart(true, ends, (size + 1.5) / points_per_metre) if numbered else true
+    placed = apart(true, ends, (size + 1.5) / points_per_metre) if numbered else true
     for (_, n, colour), (x, y), (u, v) in zip(shown, true, placed):
         if not numbered or math.hypot(u - x, v - y) * points_per_metre > 1.5:
             axes.plot([x, u], [y, v], color=colour, linewidth=0.8, zorder=4.6)
@@ -162,7 +162,7 @@ def _draw_stops(axes: Axes, tour: TourPlan, visits: int, points_per_metre: float
         axes.plot(*task.end, marker="*", color="#FFD23F", markersize=13, markeredgewidth=0.9, label="end", **look)
 
 
-def _apart(xy: NDArray[np.float64], fixed: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+def apart(xy: NDArray[np.float64], fixed: NDArray[np.float64], least: float) -> NDArray[np.float64]:
     """Move points apart until no two, and none and a fixed one, are nearer than `least`, each as little as that needs."""
     placed, still = xy.copy(), len(fixed)
     for _ in range(60):

@@ -17,6 +17,7 @@ from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.limits import MAX_DEPTH, MAX_TIME
+from antway.scenes import SCENES, shipped
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
@@ -113,7 +114,7 @@ _TOP = (*_PLAIN, "robot", "sensor", "obstacles", "stops")
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario from a TOML file.
+    """Read a scenario from a TOML file, or the shipped scene called "paper", "office" or "warehouse".
 
     Keys are the fields of `Scenario`; tables `[robot]` and `[sensor]` hold those of `RobotSpec` and `Sensor`; each
     `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and that
@@ -136,11 +137,11 @@ def load_scenario(path: str | Path) -> Scenario:
     """
     if not isinstance(path, (str, PathLike)):
         raise BadScenario("path", path, "a path")
-    path = Path(path)
+    path = shipped(path) or Path(path)
     where = str(path)
     try:
         if not path.is_file():
-            raise BadScenario("scenario", where, "an existing regular file")
+            raise BadScenario("scenario", where, f"an existing regular file, or a shipped scene: {', '.join(SCENES)}")
         if path.stat().st_size > MAX_BYTES:
             raise TooLarge("size", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
         record = read_toml(path.read_text(encoding="utf-8-sig"), where)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.prepare import NEVER
 from antway.kernels.spacetime.segments import Segments, earliest_departure, unsafe_stay
@@ -119,6 +119,7 @@ def sipp(
     blocked, mask, field, offsets, lengths, frame, radius, speed = moving
     rows, cols = mask.shape
     x0, y0, cell_size, _ = frame
+    predictions = Predictions(segments, 0.0, ws.work)  # the robot stands or drives at full speed at once
     if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
     ws.query[0] += 1
@@ -139,7 +140,7 @@ def sipp(
                 duration = math.hypot(dx, dy) / speed
                 bound = min(bound, now + duration + field[r, c])
                 leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
-                states, entries = _reach(0, leg, field[r, c], frame, now, segments, states, entries, ws)
+                states, entries = _reach(0, leg, field[r, c], frame, now, predictions, states, entries, ws)
                 if states < 0:
                     return FULL, -1, 0, bound
     expanded = 0
@@ -169,7 +170,7 @@ def sipp(
                 elif extra > ws.done[i]:
                     dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
                     move = Move(at[0], at[1], dx, dy, duration, r * cols + c)
-                    states, entries = _reach(i, move, field[r, c], frame, now, segments, states, entries, ws)
+                    states, entries = _reach(i, move, field[r, c], frame, now, predictions, states, entries, ws)
                     if states < 0:
                         return FULL, -1, expanded, bound
         ws.done[i], ws.todo[i] = limit, rest
@@ -178,14 +179,14 @@ def sipp(
     return NO_PATH, -1, expanded, np.inf
 
 
-@kernel
+@bare_kernel
 def _reach(
     i: int,
     move: Move,
     remaining: float,
     frame: Frame,
     now: float,
-    segments: Segments,
+    predictions: Predictions,
     states: int,
     entries: int,
     ws: Workspace,
@@ -196,10 +197,12 @@ def _reach(
     """
     x, y, dx, dy, duration, cell = move
     if ws.stamp[cell] != ws.query[0]:
-        if states + len(segments) + 1 > len(ws.cell):
+        if states + len(predictions.segments) + 1 > len(ws.cell):
             return -1, -1
         row, col = divmod(cell, frame.cols)
-        n = _open(cell, frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution, now, states, segments, ws)
+        n = _open(
+            cell, frame.x0 + col * frame.resolution, frame.y0 + row * frame.resolution, now, states, predictions.segments, ws
+        )
         ws.stamp[cell], ws.first[cell], ws.size[cell] = ws.query[0], states, n
         states += n
     if entries + ws.size[cell] + 1 > len(ws.heap_key):
@@ -212,7 +215,7 @@ def _reach(
         latest = min(ws.end[i], ws.end[j] - duration)
         if depart > latest:
             continue
-        depart = earliest_departure(x, y, vx, vy, duration, depart, latest, Predictions(segments, 0.0, ws.work))
+        depart = earliest_departure(x, y, vx, vy, duration, depart, latest, predictions)
         arrival = max(depart + duration, ws.since[j])
         if arrival < ws.arrival[j]:
             ws.arrival[j], ws.depart[j], ws.parent[j] = arrival, depart, i
@@ -221,7 +224,7 @@ def _reach(
     return states, entries
 
 
-@kernel
+@bare_kernel
 def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segments, ws: Workspace) -> int:
     """Append the safe intervals from `now` on of a robot standing at (x, y) as states; return how many."""
     spans, n = ws.spans, 0
@@ -230,7 +233,7 @@ def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segm
         if low < high:
             i = n
             while i > 0 and spans[i - 1, 0] > low:
-                spans[i] = spans[i - 1]
+                spans[i, 0], spans[i, 1] = spans[i - 1, 0], spans[i - 1, 1]
                 i -= 1
             spans[i, 0], spans[i, 1] = low, high
             n += 1
@@ -246,7 +249,7 @@ def _open(cell: int, x: float, y: float, now: float, states: int, segments: Segm
     return found
 
 
-@kernel
+@bare_kernel
 def _push(key: float, time: float, state: int, entries: int, ws: Workspace) -> int:
     """Push onto the heap, whose top has the least key and, among equals, the latest time; return the number of entries."""
     key = np.rint(key / SLACK) * SLACK
@@ -261,7 +264,7 @@ def _push(key: float, time: float, state: int, entries: int, ws: Workspace) -> i
     return entries + 1
 
 
-@kernel
+@bare_kernel
 def _pop(entries: int, ws: Workspace) -> int:
     """Remove the top of the heap; return the number of entries left."""
     entries -= 1

@@ -26,7 +26,7 @@ from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, TubeMa
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.state import Cycle, State, make_context, make_memory, make_trails, shared_memory
+from antway.policies.antway.state import State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import Guard, check_observation
 from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
 from antway.world.terrain import terrain_of
@@ -202,13 +202,13 @@ class AntwayPolicy:
         known, age = self._update_tracks(s, observation)
         vx, vy, what, arrival, bound = self._predict_and_plan(s, observation, known, age)
         command, did = self._guarded(s, observation, known, Command((vx, vy)))
-        if what != KEPT or s.cycle is None or did != s.cycle.guard or observation.t >= s.until:
+        if what != KEPT or did != s.did or observation.t >= s.until:
             s.decision, s.until = None, math.inf
             if what != KEPT:
                 n = int(s.plan.state[COUNT])
                 s.path = TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
         if s.decision is None:
-            s.cycle = Cycle(observation, known, age, did, arrival, bound)
+            s.cycle, s.did = (observation, known, age, arrival, bound), did
         return command
 
     def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
@@ -274,9 +274,9 @@ class AntwayPolicy:
         """
         s = self._state
         if s.decision is None:
-            now = s.cycle
-            assert now is not None, "act comes first"
-            t, (x, y) = float(now.seen.t), now.seen.xy
+            assert s.cycle is not None, "act comes first"
+            seen, known, age, arrival, bound = s.cycle
+            t, (x, y) = float(seen.t), seen.xy
             wait = 0.0 if s.path is None else wait_of(s.path, t)
             s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
             situation = Situation(
@@ -284,14 +284,13 @@ class AntwayPolicy:
                 s.settings,
                 s.terrain,
                 t,
-                float(now.age),
+                float(age),
                 (float(x), float(y)),
-                s.estimates[: now.known].copy(),
-                s.crowd.prediction[: now.known].copy(),
+                s.estimates[:known].copy(),
+                s.crowd.prediction[:known].copy(),
                 s.plan.segments[: int(s.plan.state[FORESEEN])].copy(),
             )
-            cost, bound = now.arrival - t, now.bound - t
-            s.decision = explain(situation, s.path, cost, bound, now.guard, self.pheromone(), self.memory())
+            s.decision = explain(situation, s.path, arrival - t, bound - t, s.did, self.pheromone(), self.memory())
         return s.decision
 
     def planned(self) -> TimedPath | None:

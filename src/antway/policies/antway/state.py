@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,30 +19,6 @@ from antway.kernels.tracking.kalman import COLUMNS
 from antway.planning import TimedPath
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task
-
-
-class Cycle(NamedTuple):
-    """A control cycle as an explanation needs it.
-
-    Attributes
-    ----------
-    seen : Observation
-    known : int
-        How many tracks were known.
-    age : float
-        Of their estimates, s.
-    guard : str
-        What the guard did.
-    arrival, bound : float
-        Of the plan at the goal, and a lower bound on any arrival; absolute, s.
-    """
-
-    seen: Observation
-    known: int
-    age: float
-    guard: str
-    arrival: float
-    bound: float
 
 
 @dataclass(slots=True, eq=False)
@@ -66,8 +41,11 @@ class State:
         Time of the first observation, s; NaN before.
     path : TimedPath or None
         The plan in use, as it was made.
-    cycle : Cycle or None
-        The cycle that the explanation is about.
+    cycle : (Observation, int, float, float, float) or None
+        What the explanation is about: what was seen, how many tracks were known, the age of their estimates in s, the plan's
+        arrival at the goal and a lower bound on any arrival in s, absolute.
+    did : str
+        What the guard did then.
     decision : Decision or None
         The explanation; None: it has to be made.
     until : float
@@ -90,7 +68,8 @@ class State:
     estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, 8)))
     started: float = math.nan
     path: TimedPath | None = None
-    cycle: Cycle | None = None
+    cycle: tuple[Observation, int, float, float, float] | None = None
+    did: str = ""
     decision: Decision | None = None
     until: float = math.inf
 

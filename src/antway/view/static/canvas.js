@@ -1,7 +1,7 @@
 // Draws a map and one moment of an episode on a canvas; keeps nothing but the view (pan and zoom), the map and the colours.
 // Distances are in metres, y points up. A moment is a plain object, all of it optional but the robot:
 //   robot {x, y, heading, radius, range, occlusion}, start [x, y], goal [x, y], tolerance, trail, global [[x, y], ...],
-//   planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], and what layers.js draws:
+//   stops [{at, number, done, late}], planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], and what layers.js draws:
 //   tubes, trails, pheromone, field {mask, row, col, height, width}, braking. A mask is an image whose alpha is the amount; its
 //   first row is the highest y.
 import { HORIZON, drawAmounts, drawBraking, drawSight, drawTrails, drawTubes } from "./layers.js";
@@ -128,6 +128,7 @@ class Stage {
     if (show.planned) this.line(moment.planned, this.colour.planned, 2.6, [], true);
     if (show.target && moment.target) this.diamond(moment.target);
     if (moment.goal) this.drawEnds(moment);
+    for (const stop of moment.stops ?? []) this.drawStop(stop);
     for (const obstacle of obstacles) this.drawObstacle(obstacle);
     this.drawRobot(moment.robot);
   }
@@ -213,6 +214,23 @@ class Stage {
     c.fillStyle = this.colour.goal;
     c.fill();
     this.stroke(this.colour.ink, 1.2);
+  }
+
+  // A place to visit and its number: filled until it is done, red where it came too late.
+  drawStop({ at, number, done, late }) {
+    const c = this.context;
+    const [sx, sy] = this.toScreen(at);
+    const colour = late ? this.colour.moving : this.colour.robot;
+    c.beginPath();
+    c.arc(sx, sy, 9 * this.unit, 0, 2 * Math.PI);
+    c.fillStyle = done ? this.colour.floor : colour;
+    c.fill();
+    this.stroke(done ? colour : this.colour.floor, 1.5);
+    c.fillStyle = done ? colour : this.colour.floor;
+    c.font = `600 ${10 * this.unit}px system-ui, sans-serif`;
+    c.textAlign = "center";
+    c.textBaseline = "middle";
+    c.fillText(String(number), sx, sy);
   }
 
   diamond(point) {

@@ -83,6 +83,7 @@ class View {
     const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, path: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
     return {
       step: i, decision, obstacles, start: data.start, goal: data.goal, tolerance: data.tolerance,
+      stops: (data.stops ?? []).map(({ at, end, late }, k) => ({ at, late, number: k + 1, done: end != null && end <= time })),
       robot: { x, y, heading: this.heading[i], radius: data.robot.radius, range, occlusion: data.robot.occlusion }, tubes,
       trail: [...robotXY.slice(0, i + 1), [x, y]], global: this.global, planned: decision?.path, target: decision?.target,
       pheromone: decision?.pheromone != null ? data.pheromone[decision.pheromone] : null,
