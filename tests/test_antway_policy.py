@@ -161,7 +161,7 @@ def test_no_contact_in_motion_with_poor_sensors_and_drives(name: str, changes: d
 
 def test_a_robot_with_inertia_is_slower_among_obstacles() -> None:
     """With tracks in sight it drives no faster than it can brake from in half a second; alone it uses its full speed."""
-    robot = RobotSpec(a_max=1.0)
+    robot = RobotSpec(a_max=1.0, dynamics="steps")
     far, alone = run(room(Obstacle(0.3, Line((5.0, 4.5), (6.0, 4.5), 0.1)), robot=robot)), run(room(robot=robot))
     assert far.reached and alone.reached
     assert np.hypot(*alone.trace.velocity.T).max() > 0.95

@@ -27,7 +27,8 @@ def synthetic() -> Suite:
 
     In "high-turners" half of the discs turn at random every 3 s, in "high-noise" the sensed positions have an error of 0.05 m,
     in "medium-fast" discs run at 0.6-1.5 m/s. The declared speed bound of the obstacles is the family's top
-    speed; their speed never grows, and their declared acceleration is at most 0.5 m/s^2.
+    speed; their speed never grows, and their declared acceleration is at most 0.5 m/s^2. But for turners discs turn at walls
+    alone: elsewhere their velocity is declared to change by at most 0.1 m/s^2.
     """
     levels = (*DENSITIES, "high-turners", "high-noise", "medium-fast")
     return Suite("synthetic", tuple(f"{family}/{level}" for family in FAMILIES for level in levels), make)
@@ -59,6 +60,7 @@ def make(group: str, chance: Chance) -> Scenario:
         sensor=Sensor(occlusion=False, noise=0.05 if variant == "noise" else 0.0),
         obstacle_speed=speeds[1],
         obstacle_surge=0.5,
+        obstacle_swerve=math.inf if variant == "turners" else 0.1,
         name=f"synthetic {group}",
     )
 

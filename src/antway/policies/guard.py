@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.brake import Robot, fallback, passed_command, when_it_acts
+from antway.kernels.robot.brake import Robot, fallback, first_certified, passed_command, when_it_acts
 from antway.kernels.robot.cycle import Body
 from antway.kernels.robot.guard import BRAKED, fault, guarded, within_reach
-from antway.world.policy import XY, Command, Decision, Observation, Policy, Task
+from antway.kernels.robot.reach import split_at_walls
+from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of
 from antway.world.walls import walls_of
 
@@ -59,7 +60,8 @@ class Guard:
     -----
     The promise is passive safety: while the robot moves there is no contact, if obstacles keep to the declared bounds of their
     speed (`Task.obstacle_speed`, `Task.obstacle_surge`; they may turn in no time), are seen early enough, and do not drive into
-    a robot that has stopped.
+    a robot that has stopped. For robots with inertia they also keep to `Task.obstacle_swerve`, but where a wall may throw them
+    back, they are not seen now, or not exactly.
     """
 
     def __init__(self, *, timeout: float = 0.5, hold: float = 0.5, lookahead: float = 1.5) -> None:
@@ -91,8 +93,16 @@ class Guard:
         check_observation(observation)
         return self.passed(observation, command)
 
-    def passed(self, observation: Observation, command: Command | None) -> Command:
-        """Do as `limit` does, for an observation that was checked already."""
+    def passed(self, observation: Observation, command: Command | None, others: NDArray[np.float64] | None = None) -> Command:
+        """Do as `limit` does, for an observation that was checked already.
+
+        Parameters
+        ----------
+        observation, command
+            As in `limit`.
+        others : float64[N, 2] or None
+            For robots with inertia: commands in place of one that does not pass, best first. The first that passes is taken.
+        """
         o, robot = observation, self.task.robot
         stamp = o.t if math.isnan(o.stamp) else o.stamp
         if (
@@ -106,7 +116,11 @@ class Guard:
         self.last_stamp = stamp
         tracks = self._within_reach(o, stamp)
         if self.dynamic is not None:
-            passed, did = self.dynamic.passed(o, command.acts(o, robot), tracks, self.lookahead)
+            asked = np.array([command.acts(o, robot)])
+            if others is not None:
+                asked = np.vstack((asked, others))
+            late = o.t - self.table[: len(tracks), 1]
+            passed, did = self.dynamic.passed(o, asked, tracks, late, self.lookahead)
             self.did = DID[did]
             return passed
         vx, vy, did = self._kernel(
@@ -140,6 +154,7 @@ class _Dynamic:
 
     def __init__(self, task: Task) -> None:
         robot = self.robot = task.robot
+        self.acceleration = float(task.obstacle_swerve)
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)
         body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
         self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN)
@@ -153,16 +168,33 @@ class _Dynamic:
         # Time to turn away and to get out of the way of a disc as large as the robot.
         self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
 
-    def passed(self, o: Observation, asked: XY, tracks: NDArray[np.float64], lookahead: float) -> tuple[Command, int]:
-        """Return the command that passes, and what was done."""
-        if len(tracks) > len(self.rows[0]):
-            self.rows = np.empty((2 * len(tracks), 8)), np.empty((2 * len(tracks), 8))
-        known, near = self.rows
-        known = known[: len(tracks)]
+    def passed(
+        self,
+        o: Observation,
+        asked: NDArray[np.float64],
+        tracks: NDArray[np.float64],
+        late: NDArray[np.float64],
+        lookahead: float,
+    ) -> tuple[Command, int]:
+        """Return the command that passes, of those asked for the first that does, and what was done.
+
+        Of the tracks, `late` says how long ago they were seen, s.
+        """
+        if 2 * len(tracks) > len(self.rows[0]):
+            self.rows = np.empty((4 * len(tracks), 8)), np.empty((4 * len(tracks), 8))
+        (rows, near), n = self.rows, len(tracks)
+        known = rows[:n]
         known[:, :6], known[:, 6], known[:, 7] = tracks, math.inf, 0.0
+        if o.tracks.covariance is None and self.acceleration < math.inf:
+            # what is not seen now, or not exactly, may go anywhere
+            known[late < 1e-9, 6] = self.acceleration
+            n = split_at_walls(rows, n, self.record.walls, self.stopping)
         pending = self.sent if o.pending is None else o.pending
         state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
-        one, two, did = passed_command(*state, *asked, known, near, self.record, lookahead + self.aside, self.keep)
+        if len(asked) > 1:
+            asked = asked[first_certified(*state, asked, rows[:n], near, self.record, self.keep) :]
+        one, two = asked[0].tolist()
+        one, two, did = passed_command(*state, one, two, rows[:n], near, self.record, lookahead + self.aside, self.keep)
         return self._command(o, one, two), did
 
     def stop(self, o: Observation) -> Command:

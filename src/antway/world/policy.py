@@ -37,8 +37,10 @@ class Task:
     obstacle_speed : float
         Declared bound on the speed of moving obstacles, m/s, >= 0 (an assumption of the guard's promise).
     obstacle_surge : float
-        Declared bound on how fast an obstacle's speed grows, m/s^2, >= 0; infinite: it may be at full speed at once. It may
-        turn at once in any case.
+        Declared bound on how fast an obstacle's speed grows, m/s^2, >= 0; infinite: it may be at full speed at once.
+    obstacle_swerve : float
+        Declared bound on how fast an obstacle's velocity changes as a vector, m/s^2, >= 0; infinite: it may turn at once. One
+        that touches a wall may turn at once in any case. Only what is told to robots with inertia.
 
     Raises
     ------
@@ -53,6 +55,7 @@ class Task:
     goal_tolerance: float = 0.2
     obstacle_speed: float = 1.5
     obstacle_surge: float = math.inf
+    obstacle_swerve: float = math.inf
 
     def __post_init__(self) -> None:
         checks.instance("grid", self.grid, Grid)
@@ -67,7 +70,8 @@ class Task:
                 raise error.at("", name) from None
         checks.number("goal_tolerance", self.goal_tolerance, low=0.0, open_low=True, unit="m")
         checks.number("obstacle_speed", self.obstacle_speed, low=0.0, unit="m/s")
-        checks.number("obstacle_surge", self.obstacle_surge, low=0.0, infinite=True, unit="m/s^2")
+        for name in ("obstacle_surge", "obstacle_swerve"):
+            checks.number(name, getattr(self, name), low=0.0, infinite=True, unit="m/s^2")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,6 +48,8 @@ class Scenario:
         Used where `run` is given none.
     goal_tolerance : float
         The goal is reached within this distance, m, > 0.
+    obstacle_swerve : float
+        Declared bound on how fast their velocity changes as a vector, away from walls, m/s^2, >= 0, may be infinite.
     obstacle_speed, obstacle_surge : float
         Declared bounds on the obstacles' speed, m/s, >= 0, and on how fast it grows, m/s^2, >= 0, may be infinite.
     name : str
@@ -71,6 +73,7 @@ class Scenario:
     goal_tolerance: float = 0.2
     obstacle_speed: float = 1.5
     obstacle_surge: float = math.inf
+    obstacle_swerve: float = math.inf
     name: str = "scenario"
     map: str = ""
     stops: tuple[Stop, ...] = ()
@@ -85,7 +88,7 @@ class Scenario:
         for text in ("name", "map"):
             checks.instance(text, getattr(self, text), str)
         ends = (self.start, self.goal, self.goal_tolerance)
-        task = Task(self.world.grid, self.robot, *ends, self.obstacle_speed, self.obstacle_surge)
+        task = Task(self.world.grid, self.robot, *ends, self.obstacle_speed, self.obstacle_surge, self.obstacle_swerve)
         set_(self, "task", task)
         if self.horizon / self.robot.dt > MAX_STEPS:
             raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
@@ -109,7 +112,18 @@ class Scenario:
         return replace(self, robot=robot, horizon=self.horizon * max(self.robot.v_max / robot.v_max, 1.0))
 
 
-_PLAIN = ("name", "map", "start", "goal", "goal_tolerance", "obstacle_speed", "obstacle_surge", "horizon", "seed")
+_PLAIN = (
+    "name",
+    "map",
+    "start",
+    "goal",
+    "goal_tolerance",
+    "obstacle_speed",
+    "obstacle_surge",
+    "obstacle_swerve",
+    "horizon",
+    "seed",
+)
 _TOP = (*_PLAIN, "robot", "sensor", "obstacles", "stops")
 
 

@@ -71,6 +71,7 @@ def to_json(trace: Trace, *, timing: bool = True) -> str:
             "goal_tolerance": task.goal_tolerance,
             "obstacle_speed": task.obstacle_speed,
             "obstacle_surge": task.obstacle_surge,
+            **({} if math.isinf(task.obstacle_swerve) else {"obstacle_swerve": task.obstacle_swerve}),
         },
         **{name: getattr(trace, name).tolist() for name in _ARRAYS},
         **({} if task.robot.stepwise else {"turn_rate": trace.turn_rate.tolist()}),
@@ -214,6 +215,7 @@ class _Reader:
                 goal_tolerance=self.real("task.goal_tolerance", parts["goal_tolerance"]),
                 obstacle_speed=self.real("task.obstacle_speed", parts["obstacle_speed"]),
                 obstacle_surge=self.real("task.obstacle_surge", parts["obstacle_surge"]),
+                obstacle_swerve=self.real("task.obstacle_swerve", parts.get("obstacle_swerve", "inf")),
             )
         except BadInput as error:
             raise error if error.where else error.at(self.where, f"task.{error.field}") from None

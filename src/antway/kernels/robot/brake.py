@@ -387,6 +387,33 @@ def passed_command(
 
 
 @bare_kernel
+def first_certified(
+    x: float,
+    y: float,
+    theta: float,
+    a: float,
+    b: float,
+    commands: NDArray[np.float64],
+    tracks: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    robot: Robot,
+    keep: NDArray[np.float64],
+) -> int:
+    """Return the first of `commands`, float64[N, 2], that passes as it is, or 0; else as `passed_command`."""
+    wheels = robot.limits.drive != HOLONOMIC
+    near = rows[: nearby(x, y, abs(a) if wheels else math.hypot(a, b), robot, tracks, rows)]
+    margin = margin_left(x, y, theta, robot)
+    for i in range(len(commands)):
+        if wheels:
+            ca, cb = clip_twist(commands[i, 0], commands[i, 1], robot.limits)
+        else:
+            ca, cb = clip_velocity(commands[i, 0], commands[i, 1], robot.limits)
+        if _stop_for(x, y, theta, a, b, ca, cb, robot, margin, near, keep):
+            return i
+    return 0
+
+
+@bare_kernel
 def fallback(keep: NDArray[np.float64], wheels: bool) -> tuple[float, float, int]:
     """Return the next command of the stop kept, which was certified when it was taken."""
     if wheels and keep[CYCLES] > 0.0:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
+from antway.kernels.robot.sweep import Walls, free_distance
 
 X, Y, VX, VY, RADIUS, SPEED, ACCEL, AGE = range(8)  # columns of a row, one row an obstacle
 COLUMNS = 8
@@ -93,3 +94,29 @@ def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, w
         ax, ay = ax - row[VX] * since, ay - row[VY] * since
         gap = max(gap, least_gap(ax, ay, wx - row[VX], wy - row[VY], reach, growth, span))
     return gap
+
+
+@bare_kernel
+def split_at_walls(tracks: NDArray[np.float64], count: int, walls: Walls, time: float) -> int:
+    """Add a row for each of `count` tracks that could touch a wall within `time` s; returns how many rows there are.
+
+    A wall may throw a track back. Until it could first touch one, a track is within accel t^2 / 2 of its course, which is
+    looked at in steps of 0.05 s; after that it goes anywhere with its speed. Wherever it is, one of its two rows is there.
+    """
+    n = count
+    for k in range(count):
+        accel = tracks[k, ACCEL]
+        if accel == math.inf:
+            continue
+        drift = 0.025 * math.hypot(tracks[k, VX], tracks[k, VY])  # from the middle of a step to its ends
+        for i in range(math.ceil(time / 0.05)):
+            t = 0.05 * i + 0.025
+            x, y = tracks[k, X] + tracks[k, VX] * t, tracks[k, Y] + tracks[k, VY] * t
+            off = 0.5 * accel * (t + 0.025) * (t + 0.025) + drift
+            if free_distance(walls, x, y) < tracks[k, RADIUS] + off:
+                tracks[n, X], tracks[n, Y], tracks[n, VX], tracks[n, VY] = x, y, 0.0, 0.0
+                tracks[n, RADIUS], tracks[n, SPEED] = tracks[k, RADIUS] + off, tracks[k, SPEED]
+                tracks[n, ACCEL], tracks[n, AGE] = math.inf, tracks[k, AGE] - (t - 0.025)
+                n += 1
+                break
+    return n

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter
-from antway.grid import Moves
+from antway.errors import BadInput, BadParameter
+from antway.grid import Cell, Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.crossing import COUNT, FORESEEN, KEPT, LOOK, Crowd, Plan, Settings, cycle
+from antway.kernels.crossing import COUNT, FORESEEN, KEPT, LOOK, NEW, Crowd, Plan, Settings, cycle
 from antway.kernels.spacetime.ants import ColonySettings
+from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import EXPANSIONS, SEGMENTS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
@@ -25,14 +26,16 @@ from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, TubeMargins
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
+from antway.policies.antway.controls import ControlColony, ControlOptions, acting, has_inertia
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.state import State, make_context, make_memory, make_trails, shared_memory
+from antway.policies.antway.state import Paces, State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import Guard, check_observation
-from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
+from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, RobotSpec, Task, Tracks
 from antway.world.terrain import terrain_of
 
 _KNOTS = 2048  # greatest number of knots of a plan
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
+_WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _BRAKES = 0.5  # s; with tracks in sight the robot drives no faster than it can brake from in so long
 _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well yet, and
 _NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
@@ -68,6 +71,8 @@ class AntwayPolicy:
         Q of the deposit Q / L on a path that is better than all before, s; 0 switches pheromone off.
     guard : bool
         Whether commands pass the guard.
+    controls : ControlOptions or None
+        Numbers of the colony in the space of controls, which drives robots with inertia; None: the usual ones.
 
     Raises
     ------
@@ -88,6 +93,7 @@ class AntwayPolicy:
         moves: Moves = Moves.THIRTY_TWO,
         deposit: float = 20.0,
         guard: bool = True,
+        controls: ControlOptions | None = None,
     ) -> None:
         self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
@@ -101,6 +107,7 @@ class AntwayPolicy:
             raise BadParameter("moves", moves.value, "eight, sixteen or thirty-two")
         self.moves = moves
         self.deposit = checks.number("deposit", deposit, low=0.0, unit="s")
+        self.controls = ControlOptions() if controls is None else checks.instance("controls", controls, ControlOptions)
         self.guard = Guard() if checks.instance("guard", guard, bool) else None
 
         self.state: State | None = None
@@ -132,18 +139,21 @@ class AntwayPolicy:
         goal = standing_cell("goal", task.goal, grid, inflated, robot.radius)
         context, cells = make_context(grid, robot, goal, self.moves), grid.blocked.size
         settings = self._settings(task)
-        # The room that a braking path needs grows with the square of the speed: slower, a robot gets through where it waited.
-        slow = min(robot.v_max, _BRAKES * robot.a_max)
-        share = robot.v_max / slow
-        careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
-        stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
+        paces = self._paces(context, settings, robot)
+        controls = None
+        if has_inertia(robot):
+            context = self._away_from_walls(context, task, goal)
+            paces = (context, 0.0), (context, 0.0)
+            controls = ControlColony(
+                self.controls, task, context.field.reshape(grid.shape), seed, guarded=self.guard is not None
+            )
         if self.guard:
             self.guard.reset(task)
         self.state = State(
             task=task,
             terrain=terrain_of(grid),
             settings=settings,
-            paces=((context, settings.tubes.stopping_time), (careful, stopping_time)),
+            paces=paces,
             context=context,
             memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
@@ -155,10 +165,33 @@ class AntwayPolicy:
             ),
             crowd=Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2))),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
+            controls=controls,
         )
 
+    def _paces(self, context: PlanningContext, settings: Settings, robot: RobotSpec) -> Paces:
+        """Return the paces of a robot that drives the plan itself.
+
+        The room that a braking path needs grows with the square of the speed: slower, it gets through where it waited.
+        """
+        slow = min(robot.v_max, _BRAKES * robot.a_max)
+        share = robot.v_max / slow
+        careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
+        stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
+        return (context, settings.tubes.stopping_time), (careful, stopping_time)
+
+    def _away_from_walls(self, context: PlanningContext, task: Task, goal: Cell) -> PlanningContext:
+        """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal."""
+        row, col = task.grid.cell_at(task.start)
+        wide = replace(task.robot, radius=task.robot.radius + _WALL_MARGIN, footprint=None)
+        try:
+            wider = make_context(task.grid, wide, goal, self.moves)
+        except BadInput:
+            return context
+        return wider if math.isfinite(wider.field[row * task.grid.shape[1] + col]) else context
+
     def _settings(self, task: Task) -> Settings:
-        robot, guarded = task.robot, self.guard is not None
+        robot = task.robot
+        guarded = self.guard is not None and not has_inertia(robot)  # else the colony in the space of controls looks to that
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         return Settings(
             dt=robot.dt,
@@ -200,16 +233,30 @@ class AntwayPolicy:
         check_observation(observation)
         s = self._state
         known, age = self._update_tracks(s, observation)
-        vx, vy, what, arrival, bound = self._predict_and_plan(s, observation, known, age)
-        command, did = self._guarded(s, observation, known, Command((vx, vy)))
+        if s.controls is None:
+            vx, vy, what, arrival, bound = self._predict_and_plan(s, observation, known, age)
+            command, did = self._guarded(s, observation, known, Command((vx, vy)))
+        else:
+            late, seen, state = acting(observation, s.task.robot)
+            _, _, what, arrival, bound = self._predict_and_plan(s, seen, known, age + late)
+            n, m = int(s.plan.state[COUNT]), int(s.plan.state[FORESEEN])
+            command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], s.plan.knots[:n], arrival)
+            command, did = self._guarded(s, observation, known, command)
+            what = KEPT if s.controls.same_path() else NEW
         if what != KEPT or did != s.did or observation.t >= s.until:
             s.decision, s.until = None, math.inf
             if what != KEPT:
-                n = int(s.plan.state[COUNT])
-                s.path = TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
+                s.path = self._planned(s)
         if s.decision is None:
             s.cycle, s.did = (observation, known, age, arrival, bound), did
         return command
+
+    def _planned(self, s: State) -> TimedPath | None:
+        """Return a copy of the plan in use, or where the best ant in the space of controls goes."""
+        if s.controls is not None:
+            return s.controls.path
+        n = int(s.plan.state[COUNT])
+        return TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
 
     def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
         """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
@@ -257,7 +304,8 @@ class AntwayPolicy:
             return command, ""
         if o.tracks.covariance is not None:
             o = self._estimated(s, o, known)
-        return self.guard.passed(o, command), self.guard.did
+        others = None if s.controls is None else s.controls.others()
+        return self.guard.passed(o, command, others), self.guard.did
 
     def _estimated(self, s: State, o: Observation, known: int) -> Observation:
         """Return what is seen, as the filter sees it."""

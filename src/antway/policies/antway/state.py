@@ -17,8 +17,11 @@ from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, 
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking.kalman import COLUMNS
 from antway.planning import TimedPath
+from antway.policies.antway.controls import ControlColony
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task
+
+Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
 
 @dataclass(slots=True, eq=False)
@@ -37,6 +40,8 @@ class State:
         The track table with the number of its rows in use, room for the variances of a scan, the track estimates.
     rng : uint64[1]
         State of the random generator.
+    controls : ControlColony or None
+        What drives a robot with inertia or wheels.
     started : float
         Time of the first observation, s; NaN before.
     path : TimedPath or None
@@ -55,13 +60,14 @@ class State:
     task: Task
     terrain: Terrain
     settings: Settings
-    paces: tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
+    paces: Paces
     context: PlanningContext
     memory: Memory | None
     trails: Trails
     plan: Plan
     crowd: Crowd
     rng: NDArray[np.uint64]
+    controls: ControlColony | None = None
     table: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, COLUMNS)))
     count: int = 0
     variance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((64, 2)))

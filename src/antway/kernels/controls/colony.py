@@ -1,0 +1,204 @@
+"""Ants in the space of controls: an archive of good sequences is the pheromone, shifted from cycle to cycle.
+
+Socha and Dorigo: Ant colony optimization for continuous domains, European Journal of Operational Research 185, 2008 (ACO_R).
+An ant picks a guide from the archive by its rank and draws its own sequence around it, as far off as the archive is spread.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.rng import State, next_bits, uniform
+from antway.kernels.controls.rollout import HEADING, CostWeights, Outlook, StaticField, judge
+from antway.kernels.controls.seeds import along_plan, downhill, turn_and_go
+
+
+class Archive(NamedTuple):
+    """Sequences of controls in fixed places, and their order by cost."""
+
+    sequence: NDArray[np.float64]  # [K, S, 2]
+    cost: NDArray[np.float64]  # [K]
+    order: NDArray[np.int64]  # [K] places, best first
+    spread: NDArray[np.float64]  # [K, B, 2] mean distance of a sequence to the others, by block
+    used: NDArray[np.int64]  # [1] places in use
+    ant: NDArray[np.float64]  # [S, 2] room for one ant
+    nothing: NDArray[np.float64]  # [0, 2] no path is wanted
+
+
+class ColonySettings(NamedTuple):
+    """Numbers of the colony."""
+
+    rounds: int
+    ants: int
+    block: int  # steps that share a draw
+    choosiness: float  # q: guides are picked with a weight of exp(-rank^2 / (2 q^2 K^2))
+    breath: float  # times the archive's spread
+    least_a: float  # m/s
+    least_b: float  # rad/s
+    curious: float  # share of ants whose spread is at least
+    wide_a: float
+    wide_b: float
+
+
+@inner_kernel
+def normal(state: State) -> float:
+    """A number that is nearly normal (mean 0, variance 1): the sum of four uniform ones, from one draw of 64 bits."""
+    bits = next_bits(state)
+    total = (
+        float(bits & np.uint64(0xFFFF))
+        + float((bits >> np.uint64(16)) & np.uint64(0xFFFF))
+        + float((bits >> np.uint64(32)) & np.uint64(0xFFFF))
+        + float(bits >> np.uint64(48))
+    )
+    return (total * (1.0 / 65536.0) - 1.999969482421875) * 1.7320508075688772
+
+
+@inner_kernel
+def _spread(archive: Archive, place: int, block: int) -> None:
+    """Work out how far, on average, a sequence is from the others, block by block."""
+    n = archive.used[0]
+    mine = archive.sequence[place]
+    for b in range(archive.spread.shape[1]):
+        k = min(b * block + block // 2, len(mine) - 1)
+        da, db = 0.0, 0.0
+        for i in range(n):
+            other = archive.sequence[archive.order[i]]
+            da += abs(other[k, 0] - mine[k, 0])
+            db += abs(other[k, 1] - mine[k, 1])
+        archive.spread[place, b, 0], archive.spread[place, b, 1] = da / max(n - 1, 1), db / max(n - 1, 1)
+
+
+@inner_kernel
+def insert(archive: Archive, cost: float, block: int) -> bool:
+    """Take in the ant if it is better than the worst; returns whether it is the best now."""
+    n, most = archive.used[0], len(archive.cost)
+    if n == most:
+        if cost >= archive.cost[archive.order[n - 1]]:
+            return False
+        n -= 1
+        place = archive.order[n]
+    else:
+        place = n
+    i = n
+    while i > 0 and archive.cost[archive.order[i - 1]] > cost:
+        archive.order[i] = archive.order[i - 1]
+        i -= 1
+    archive.order[i] = place
+    archive.cost[place] = cost
+    for k in range(archive.ant.shape[0]):
+        archive.sequence[place, k, 0], archive.sequence[place, k, 1] = archive.ant[k, 0], archive.ant[k, 1]
+    archive.used[0] = n + 1
+    _spread(archive, place, block)
+    return bool(i == 0)
+
+
+@inner_kernel
+def worst(archive: Archive) -> float:
+    """What an ant must better to be taken in."""
+    n = archive.used[0]
+    most: float = archive.cost[archive.order[n - 1]] if n == len(archive.cost) else math.inf
+    return most
+
+
+@kernel
+def shift(archive: Archive) -> None:
+    """Move all sequences on by one step, the last control held."""
+    for p in range(archive.used[0]):
+        q = archive.sequence[p]
+        for k in range(len(q) - 1):
+            q[k, 0], q[k, 1] = q[k + 1, 0], q[k + 1, 1]
+
+
+@inner_kernel
+def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: State) -> None:
+    """Draw one ant around a guide."""
+    n = archive.used[0]
+    rank = n
+    while rank >= n:
+        rank = int(abs(normal(state)) * colony.choosiness * len(archive.cost))
+    guide = archive.order[rank]
+    curious = uniform(state) < colony.curious
+    low_a = colony.wide_a if curious else colony.least_a
+    low_b = colony.wide_b if curious else colony.least_b
+    holonomic = limits.drive == HOLONOMIC
+    slowest = -limits.v_max if holonomic else -limits.v_reverse
+    turn = limits.v_max if holonomic else limits.turn_rate
+    da, db = 0.0, 0.0
+    for k in range(len(archive.ant)):
+        if k % colony.block == 0:
+            i = k // colony.block
+            da = normal(state) * max(colony.breath * archive.spread[guide, i, 0], low_a)
+            db = normal(state) * max(colony.breath * archive.spread[guide, i, 1], low_b)
+        archive.ant[k, 0] = min(max(archive.sequence[guide, k, 0] + da, slowest), limits.v_max)
+        archive.ant[k, 1] = min(max(archive.sequence[guide, k, 1] + db, -turn), turn)
+
+
+@inner_kernel
+def _take(
+    archive: Archive,
+    block: int,
+    start: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    weights: CostWeights,
+) -> None:
+    """Judge the ant, and take it in if it is good enough."""
+    insert(archive, judge(archive.ant, start, limits, dt, field, outlook, weights, worst(archive), archive.nothing), block)
+
+
+@kernel
+def forage(
+    archive: Archive,
+    colony: ColonySettings,
+    start: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    weights: CostWeights,
+    state: State,
+) -> float:
+    """Improve the archive for a robot in the state `start`, float64[5]; returns the cost of the best sequence, s.
+
+    The sequences of the archive are judged again, seeds are added, then come the rounds of ants.
+    """
+    n = archive.used[0]
+    archive.used[0] = 0
+    kept, before = archive.sequence[:n].copy(), archive.order[:n].copy()
+    block = colony.block
+    for i in range(n):
+        archive.ant[:] = kept[before[i]]
+        _take(archive, block, start, limits, dt, field, outlook, weights)
+    for i in range(28 + 8):
+        if i < 24:
+            speed = limits.v_max if i % 2 == 0 else 0.5 * limits.v_max
+            turn_and_go(archive.ant, start, limits, dt, start[HEADING] + (i // 2) * math.pi / 6.0, speed)
+        elif i < 27:
+            if limits.drive == HOLONOMIC or limits.v_reverse == 0.0:
+                continue
+            turn_and_go(archive.ant, start, limits, dt, start[HEADING] + math.pi + (i - 25) * 0.5, -limits.v_reverse)
+        elif i == 27:
+            archive.ant[:] = 0.0
+        elif i < 30:
+            downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max)
+        elif outlook.plan[0, 2] > -math.inf:
+            along_plan(archive.ant, start, limits, dt, outlook, 3 if i < 33 else 6, 4 * (i % 3))
+        else:
+            continue
+        _take(archive, block, start, limits, dt, field, outlook, weights)
+    for _ in range(colony.rounds):
+        for i in range(archive.used[0]):
+            _spread(archive, i, block)
+        for _ in range(colony.ants):
+            draw(archive, colony, limits, state)
+            _take(archive, block, start, limits, dt, field, outlook, weights)
+    best: float = archive.cost[archive.order[0]]
+    return best

@@ -1,0 +1,378 @@
+"""What a sequence of controls leads to: the robot's own dynamics rolled out, judged on time, obstacles and walls."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+
+SX, SY, HEADING, A, B = range(5)  # of a state: place (m), heading (rad), and speed and turn rate, or the velocity's x and y
+CENTRE_X, CENTRE_Y, CONTACT, WISHED, SPEED, VX, VY, STRAIGHT = range(8)  # of an obstacle at the end of a step
+_NOW = 3.0  # times; what a guard would not allow at once counts so much more
+
+
+class StaticField(NamedTuple):
+    """The map as a robot's centre meets it: distance to walls, and time to the goal."""
+
+    wall: NDArray[np.float32]  # [h, w] m from the robot's edge, exact at the nodes of a lattice; below 0 in contact
+    wall_frame: NDArray[np.float64]  # x, y of its node (0, 0), m, and nodes a metre
+    time: NDArray[np.float32]  # [H, W] s at the cells' centres
+    time_frame: NDArray[np.float64]
+    goal: NDArray[np.float64]  # x, y and tolerance, m
+
+
+class Outlook(NamedTuple):
+    """Where obstacles will be at the end of each step of a rollout, those alone that the robot could reach, and the plan."""
+
+    near: NDArray[np.int64]  # [S] how many
+    disc: NDArray[np.float64]  # [S, N, 8] x, y, distances of the centres at contact and wished (m), speed
+    # bound (m/s), velocity (m/s), and how long it goes on so before a wall throws it back (s)
+    plan: NDArray[np.float64]  # [S, 3] x, y of a plan in space and time, m, and how long it still takes from there, s
+
+
+class CostWeights(NamedTuple):
+    """What a rollout costs, in seconds."""
+
+    progress: float  # s for each s to go at the end of each step
+    contact: float  # s for a contact foreseen
+    depth: float  # s/m
+    decay: float  # 1/s; what is far ahead counts less
+    near: float  # s/m short of the wished distance, at each step
+    wall: float  # s for a wall nearer than
+    wall_margin: float  # m
+    off_plan: float  # s/m away from the plan
+    stop: float  # s/m for a stop that a guard would not allow
+    stopping_time: float  # s before a stop begins
+    swerve: float  # m/s^2; no obstacle's velocity changes by more, but where a wall throws it back
+
+
+@inner_kernel
+def ramp(now: float, target: float, gain: float, loss: float) -> tuple[float, float]:
+    """Speed at the end of a period, and its mean over it, for a linear ramp that may grow by `gain` and fall by `loss`."""
+    if now * target < 0.0:
+        target = 0.0 if abs(now) > loss else target
+    most = gain if abs(target) > abs(now) else loss
+    change = target - now
+    if change > most:
+        return now + most, now + 0.5 * most
+    if change < -most:
+        return now - most, now - 0.5 * most
+    return target, target - 0.5 * change * abs(change) / most if most > 0.0 else target
+
+
+@inner_kernel
+def sample(field: NDArray[np.float32], x: float, y: float, frame: NDArray[np.float64]) -> float:
+    """Bilinear value of a field at (x, y); outside the map the value at its edge."""
+    c = min(max((x - frame[0]) * frame[2], 0.0), field.shape[1] - 1.001)
+    r = min(max((y - frame[1]) * frame[2], 0.0), field.shape[0] - 1.001)
+    i, j = int(r), int(c)
+    u, w = r - i, c - j
+    low = field[i, j] + w * (field[i, j + 1] - field[i, j])
+    high = field[i + 1, j] + w * (field[i + 1, j + 1] - field[i + 1, j])
+    value: float = low + u * (high - low)
+    return value
+
+
+@inner_kernel
+def step(
+    x: float, y: float, c: float, s: float, a: float, b: float, ca: float, cb: float, limits: RobotLimits, dt: float
+) -> tuple[float, float, float, float, float, float]:
+    """State after a period of `dt` s under a command; the heading is its cosine c and sine s.
+
+    As kernels/robot/motion.py has it, but for an arc that is taken at the heading halfway: off by less than a millimetre.
+    """
+    if limits.drive == HOLONOMIC:
+        speed = math.hypot(ca, cb)
+        if speed > limits.v_max:
+            ca, cb = ca * limits.v_max / speed, cb * limits.v_max / speed
+        da, db = ca - a, cb - b
+        change = math.hypot(da, db)
+        most = (limits.brake_max if ca * ca + cb * cb < a * a + b * b else limits.a_max) * dt
+        if change > most:
+            da, db = da * most / change, db * most / change
+            return x + (a + 0.5 * da) * dt, y + (b + 0.5 * db) * dt, c, s, a + da, b + db
+        late = 0.5 * change / most if change > 0.0 else 0.0
+        return x + (a + da * (1.0 - late)) * dt, y + (b + db * (1.0 - late)) * dt, c, s, a + da, b + db
+    a, mean = ramp(a, min(max(ca, -limits.v_reverse), limits.v_max), limits.a_max * dt, limits.brake_max * dt)
+    most = min(limits.turn_rate, abs(a) / limits.turning_radius) if limits.turning_radius > 0.0 else limits.turn_rate
+    b, spin = ramp(b, min(max(cb, -most), most), limits.alpha_max * dt, limits.alpha_max * dt)
+    half = 0.5 * spin * dt
+    q = half * half
+    ch = 1.0 - q * (0.5 - q * (1.0 / 24.0 - q * (1.0 / 720.0)))
+    sh = half * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0))))
+    mc, ms = c * ch - s * sh, s * ch + c * sh
+    return x + mean * dt * mc, y + mean * dt * ms, mc * ch - ms * sh, ms * ch + mc * sh, a, b
+
+
+@inner_kernel
+def _met(
+    x: float,
+    y: float,
+    c: float,
+    s: float,
+    a: float,
+    b: float,
+    brake: float,
+    wheels: bool,
+    k: int,
+    decay: float,
+    outlook: Outlook,
+    w: CostWeights,
+) -> float:
+    """Cost of the obstacles at the end of step k: contacts, close passes, and a stop from here that one could cut off."""
+    cost = 0.0
+    speed = abs(a) if wheels else math.hypot(a, b)
+    sx, sy, late = x, y, 0.0
+    guarded = w.stop > 0.0 and speed > 1e-3
+    if guarded:
+        late = w.stopping_time + speed / brake
+        span = 0.5 * speed * speed / brake
+        if wheels:
+            span = math.copysign(span, a)
+            sx, sy = x + span * c, y + span * s
+        else:
+            sx, sy = x + span * a / speed, y + span * b / speed
+    for i in range(outlook.near[k]):
+        disc = outlook.disc[k, i]
+        dx, dy = x - disc[CENTRE_X], y - disc[CENTRE_Y]
+        square = dx * dx + dy * dy
+        if square < disc[WISHED] * disc[WISHED]:
+            distance = math.sqrt(square)
+            cost += w.near * (disc[WISHED] - distance)
+            if distance < disc[CONTACT]:
+                cost += decay * (w.contact + w.depth * (disc[CONTACT] - distance))
+        if guarded:
+            most = disc[CONTACT] + disc[SPEED] * late
+            dx, dy = sx - disc[CENTRE_X], sy - disc[CENTRE_Y]
+            square = dx * dx + dy * dy
+            if square < most * most:
+                short = most - math.sqrt(square)
+                if w.swerve < math.inf:
+                    drift = min(late, disc[STRAIGHT])
+                    dx, dy = dx - disc[VX] * drift, dy - disc[VY] * drift
+                    most = disc[CONTACT] + 0.5 * w.swerve * drift * drift + disc[SPEED] * (late - drift)
+                    short = min(short, most - math.hypot(dx, dy))
+                if short > 0.0:
+                    cost += (_NOW if k == 0 else decay) * w.stop * short
+    return cost
+
+
+@bare_kernel
+def judge(
+    controls: NDArray[np.float64],
+    state: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    w: CostWeights,
+    limit: float,
+    path: NDArray[np.float64],
+) -> float:
+    """Cost in s of a sequence of controls, or infinity once it is sure to be above `limit`.
+
+    Parameters
+    ----------
+    controls : float64[S, 2]
+        Speed and turn rate, or the velocity's x and y, commanded in each period of `dt` s.
+    state : float64[5]
+    path : float64[P, 2]
+        Filled with x, y after each step, as far as it has rows.
+
+    Notes
+    -----
+    The time to go from (x, y) at a time is the static one, or what the plan still takes from where it is by then, and the path
+    there, if that is more: behind a moving obstacle the map's time promises too much. A rollout that reaches the goal ends.
+    """
+    x, y, a, b = state[SX], state[SY], state[A], state[B]
+    c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
+    steps, rows = len(controls), len(path)
+    wheels = limits.drive != HOLONOMIC
+    cost, decay = 0.0, 1.0
+    slower = math.exp(-w.decay * dt)
+    for k in range(steps):
+        x, y, c, s, a, b = step(x, y, c, s, a, b, controls[k, 0], controls[k, 1], limits, dt)
+        if k < rows:
+            path[k, 0], path[k, 1] = x, y
+        wall = sample(field.wall, x, y, field.wall_frame)
+        if wall < w.wall_margin:
+            cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
+        if outlook.near[k] > 0:
+            cost += _met(x, y, c, s, a, b, limits.brake_max, wheels, k, decay, outlook, w)
+        decay *= slower
+        gx, gy = x - field.goal[0], y - field.goal[1]
+        if gx * gx + gy * gy < field.goal[2] * field.goal[2]:
+            for j in range(k + 1, rows):
+                path[j, 0], path[j, 1] = x, y
+            return cost
+        to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
+        px, py = x - outlook.plan[k, 0], y - outlook.plan[k, 1]
+        value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))
+        cost += w.progress * value
+        if k == steps - 1:
+            return cost + value
+        left = steps - 1 - k
+        end = max(to_go - left * dt, 0.0)
+        if cost + end + w.progress * left * 0.5 * (to_go + end) > limit:
+            return math.inf
+    return cost
+
+
+@kernel
+def look_ahead(
+    segments: NDArray[np.float64],
+    now: float,
+    dt: float,
+    state: NDArray[np.float64],
+    v_max: float,
+    braking: float,
+    margin: float,
+    wished: float,
+    speed_bound: float,
+    growth: float,
+    outlook: Outlook,
+) -> None:
+    """Fill `outlook` from motion segments (kernels/spacetime/segments.py), without those that the robot cannot come near.
+
+    Parameters
+    ----------
+    segments : float64[P, 8]
+    now, dt : float
+        s; step k ends at now + (k + 1) dt.
+    state : float64[5]
+        Of the robot.
+    v_max, braking : float
+        Its top speed, m/s, and the time from the end of a step until it can stand, s.
+    margin, wished : float
+        Added to the contact radius, and wished for beyond, m.
+    speed_bound, growth : float
+        No obstacle is faster, nor faster than now by more than `growth`, m/s.
+    """
+    steps, size = len(outlook.near), outlook.disc.shape[1]
+    outlook.near[:] = 0
+    for p in range(len(segments)):
+        t0, t1 = segments[p, 0], segments[p, 1]
+        speed = min(math.hypot(segments[p, 4], segments[p, 5]) + growth, speed_bound)
+        turns = p + 1 < len(segments) and segments[p + 1, 0] == t1
+        turns = turns and (segments[p + 1, 4] != segments[p, 4] or segments[p + 1, 5] != segments[p, 5])
+        for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps):
+            t = now + (k + 1) * dt
+            if t >= t1:
+                break
+            if t < t0 - 1e-9:
+                continue
+            x, y = segments[p, 2] + segments[p, 4] * (t - t0), segments[p, 3] + segments[p, 5] * (t - t0)
+            contact = segments[p, 6] + margin
+            far = contact + max(wished, speed * braking + 0.5 * v_max * braking) + v_max * (k + 1) * dt + 0.01
+            dx, dy = x - state[SX], y - state[SY]
+            if dx * dx + dy * dy < far * far and outlook.near[k] < size:
+                row = outlook.disc[k, outlook.near[k]]
+                row[CENTRE_X], row[CENTRE_Y], row[CONTACT], row[WISHED], row[SPEED] = x, y, contact, contact + wished, speed
+                row[VX], row[VY] = segments[p, 4], segments[p, 5]
+                row[STRAIGHT] = t1 - t if turns else math.inf
+                outlook.near[k] += 1
+
+
+@kernel
+def spread_plan(
+    knots: NDArray[np.float64], n: int, now: float, dt: float, arrival: float, trust: float, plan: NDArray[np.float64]
+) -> None:
+    """Write where the plan, knots (t, x, y), is at the end of each step, and the time it still needs, less `trust` s."""
+    i = 0
+    for k in range(len(plan)):
+        t = now + (k + 1) * dt
+        while i < n and knots[i, 0] <= t:
+            i += 1
+        if i == 0 or i == n:
+            j = 0 if i == 0 else n - 1
+            plan[k, 0], plan[k, 1] = knots[j, 1], knots[j, 2]
+        else:
+            u = (t - knots[i - 1, 0]) / (knots[i, 0] - knots[i - 1, 0])
+            plan[k, 0] = knots[i - 1, 1] + u * (knots[i, 1] - knots[i - 1, 1])
+            plan[k, 1] = knots[i - 1, 2] + u * (knots[i, 2] - knots[i - 1, 2])
+        plan[k, 2] = arrival - t - trust
+
+
+@kernel
+def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) -> NDArray[np.float32]:
+    """Exact distance in m from each node of a lattice to the nearest blocked cell, a closed square, or edge of the map.
+
+    The lattice has `factor` nodes to a cell's edge, its first at the map's corner. The nearest point of a square to a node is
+    a node itself, so that the distance transform over nodes is exact (Felzenszwalb and Huttenlocher, Theory of Computing 2012).
+    """
+    rows, cols = blocked.shape[0] * factor + 1, blocked.shape[1] * factor + 1
+    far = float(rows + cols) ** 2
+    square = np.full((rows, cols), far)
+    square[0, :] = square[-1, :] = 0.0
+    square[:, 0] = square[:, -1] = 0.0
+    for i in range(blocked.shape[0]):
+        for j in range(blocked.shape[1]):
+            if blocked[i, j]:
+                square[i * factor : (i + 1) * factor + 1, j * factor : (j + 1) * factor + 1] = 0.0
+    n = max(rows, cols)
+    at, value = np.empty(n, np.int64), np.empty(n)
+    edge = np.empty(n + 1)
+    for i in range(rows):
+        _envelope(square[i], at, value, edge)
+    for j in range(cols):
+        _envelope(square[:, j], at, value, edge)
+    return (np.sqrt(square) * (resolution / factor)).astype(np.float32)
+
+
+@kernel
+def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[np.float64], edge: NDArray[np.float64]) -> None:
+    """Replace f(q) by min over p of (p - q)^2 + f(p): the lower envelope of parabolas."""
+    n = len(line)
+    k = 0
+    at[0], edge[0], edge[1] = 0, -np.inf, np.inf
+    for q in range(1, n):
+        value[q] = 0.0
+        while True:
+            p = at[k]
+            cut = ((line[q] + q * q) - (line[p] + p * p)) / (2.0 * (q - p))
+            if cut > edge[k]:
+                break
+            k -= 1
+        k += 1
+        at[k], edge[k], edge[k + 1] = q, cut, np.inf
+    k = 0
+    for q in range(n):
+        value[q] = line[q]
+    for q in range(n):
+        while edge[k + 1] < q:
+            k += 1
+        line[q] = (q - at[k]) ** 2 + value[at[k]]
+
+
+@kernel
+def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArray[np.float32]:
+    """Continue a field of times, infinite in walls, into them, `step` s a cell, so that it can be interpolated near them."""
+    rows, cols = field.shape
+    out = field.copy()
+    top = 0.0
+    for i in range(rows):
+        for j in range(cols):
+            if math.isfinite(field[i, j]):
+                top = max(top, field[i, j])
+    for _ in range(layers):
+        before = out.copy()
+        for i in range(rows):
+            for j in range(cols):
+                if math.isinf(before[i, j]):
+                    best = math.inf
+                    for di in range(-1, 2):
+                        for dj in range(-1, 2):
+                            r, c = i + di, j + dj
+                            if 0 <= r < rows and 0 <= c < cols and math.isfinite(before[r, c]):
+                                best = min(best, before[r, c] + step * math.hypot(di, dj))
+                    out[i, j] = best
+    for i in range(rows):
+        for j in range(cols):
+            if math.isinf(out[i, j]):
+                out[i, j] = top + layers * step
+    return out.astype(np.float32)

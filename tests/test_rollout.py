@@ -1,0 +1,182 @@
+"""Rollouts of controls beside slow twins, and the colony that lives on them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import BadParameter, Grid, RobotSpec, Scenario, World, run
+from antway.kernels.base.records import RobotLimits
+from antway.kernels.controls.colony import forage, shift
+from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, beyond_walls, judge, wall_distance
+from antway.kernels.robot.motion import drive_cycle
+from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.state import make_context
+from antway.world.motions import Line
+from antway.world.policy import Task
+from antway.world.world import Obstacle
+
+WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
+HOLONOMIC = RobotSpec(a_max=1.0)
+
+
+def _task(robot: RobotSpec) -> Task:
+    blocked = np.zeros((40, 50), np.bool_)
+    blocked[12:30, 20:24] = True
+    return Task(Grid(blocked, 0.2), robot, (1.1, 4.1), (8.9, 4.1))
+
+
+def _colony(robot: RobotSpec, seed: int = 3) -> ControlColony:
+    task = _task(robot)
+    context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, guarded=True)
+    colony.state[:] = 1.1, 4.1, 0.3, 0.4, 0.2
+    return colony
+
+
+def _bilinear(field: np.ndarray, x: float, y: float, frame: np.ndarray) -> float:
+    c, r = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
+    c, r = min(max(c, 0.0), field.shape[1] - 1.001), min(max(r, 0.0), field.shape[0] - 1.001)
+    i, j = int(r), int(c)
+    weights = {(i, j): (i + 1 - r) * (j + 1 - c), (i, j + 1): (i + 1 - r) * (c - j)}
+    weights |= {(i + 1, j): (r - i) * (j + 1 - c), (i + 1, j + 1): (r - i) * (c - j)}
+    return sum(share * float(field[cell]) for cell, share in weights.items())
+
+
+def _naive_cost(
+    controls: np.ndarray,
+    state: np.ndarray,
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    w: CostWeights,
+) -> float:
+    """The cost as its definition says it, of a robot that drives exactly."""
+    now, cost = tuple(map(float, state)), 0.0
+    for k, (ca, cb) in enumerate(controls.tolist()):
+        now = drive_cycle(*now, ca, cb, limits, dt)
+        x, y, theta, a, b = now
+        decay = math.exp(-w.decay * k * dt)
+        wall = _bilinear(field.wall, x, y, field.wall_frame)
+        if wall < w.wall_margin:
+            cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
+        speed = abs(a) if limits.drive else math.hypot(a, b)
+        course = (
+            math.copysign(1.0, a) * np.array([math.cos(theta), math.sin(theta)]) if limits.drive else np.array([a, b]) / speed
+        )
+        stands = np.array([x, y]) + course * speed**2 / (2.0 * limits.brake_max)
+        late = w.stopping_time + speed / limits.brake_max
+        for cx, cy, contact, wished, top, vx, vy, straight in outlook.disc[k, : outlook.near[k]].tolist():
+            away = math.hypot(x - cx, y - cy)
+            cost += w.near * max(wished - away, 0.0)
+            if away < contact:
+                cost += decay * (w.contact + w.depth * (contact - away))
+            t = min(late, straight)
+            far = math.hypot(stands[0] - cx, stands[1] - cy)
+            drifted = math.hypot(stands[0] - cx - vx * t, stands[1] - cy - vy * t)
+            reach = contact + 0.5 * w.swerve * t * t + top * (late - t)
+            short = max(min(contact + top * late - far, reach - drifted), 0.0)
+            cost += w.stop * short * (3.0 if k == 0 else decay)
+        if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2]:
+            return cost
+        px, py, left = outlook.plan[k].tolist()
+        value = max(_bilinear(field.time, x, y, field.time_frame), 0.0, left + w.off_plan * math.hypot(x - px, y - py))
+        cost += w.progress * value
+    return cost + value
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
+    colony, rng = _colony(robot), np.random.default_rng(5)
+    steps = len(colony.outlook.near)
+    for trial in range(20):
+        speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
+        controls = np.repeat(speeds, 5, axis=0)[:steps]
+        colony.outlook.near[:] = 2 * (trial % 2)
+        for k in range(steps):
+            for i in range(2):
+                contact = rng.uniform(0.4, 0.8)
+                xy = rng.uniform((0.5, 3.0), (3.0, 5.0))
+                velocity = rng.uniform(-0.6, 0.6, 2)
+                colony.outlook.disc[k, i] = (*xy, contact, contact + 0.1, 0.9, *velocity, rng.choice([0.3, math.inf]))
+        colony.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
+        weights = colony.weights._replace(swerve=0.1)
+        known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, weights
+        path = np.zeros((steps, 2))
+        cost = judge(controls, *known, math.inf, path)
+        assert cost == pytest.approx(_naive_cost(controls, *known), rel=0.02, abs=0.05)
+        assert judge(controls, *known, 0.5 * cost, path) == math.inf  # it is sure to be above the limit, sooner or later
+        now = tuple(map(float, colony.state))
+        for k in range(steps):
+            now = drive_cycle(*now, *controls[k].tolist(), colony.limits, robot.dt)
+        assert path[-1] == pytest.approx(now[:2], abs=2e-3)
+
+
+def test_distances_to_walls_are_exact_at_the_nodes() -> None:
+    blocked = np.random.default_rng(2).random((9, 7)) < 0.2
+    field = wall_distance(blocked, 0.5, 3)
+    for i in range(0, field.shape[0], 2):
+        for j in range(field.shape[1]):
+            x, y = j / 3, i / 3  # in cells
+            least = min(x, y, 7 - x, 9 - y)
+            for r, c in np.argwhere(blocked):
+                least = min(least, math.hypot(max(c - x, x - c - 1, 0.0), max(r - y, y - r - 1, 0.0)))
+            assert field[i, j] == pytest.approx(0.5 * least, abs=1e-6)
+
+
+def test_times_continue_into_walls() -> None:
+    field = np.array([[1.0, np.inf, np.inf, np.inf]])
+    assert beyond_walls(field, 0.5, 2).tolist() == [[1.0, 1.5, 2.0, 2.0]]
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> None:
+    colony = _colony(robot)
+    a = colony.archive
+    settings = colony.settings._replace(rounds=1, ants=20)
+    best = math.inf
+    for _ in range(6):
+        known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights, colony.random
+        cost = forage(a, settings, *known)
+        costs = a.cost[a.order[: a.used[0]]]
+        assert (np.diff(costs) >= 0.0).all()
+        assert sorted(a.order[: a.used[0]].tolist()) == list(range(int(a.used[0])))
+        assert cost == costs[0] <= best
+        judged = judge(a.sequence[a.order[0]], *known[:-1], math.inf, np.empty((0, 2)))
+        assert judged == pytest.approx(cost)
+        best = cost
+    before = a.sequence[a.order[0]].copy()
+    shift(a)
+    assert (a.sequence[a.order[0], :-1] == before[1:]).all()
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+def test_a_robot_with_inertia_gets_there_the_same_each_time(robot: RobotSpec) -> None:
+    task = _task(robot)
+    world = World(task.grid, (Obstacle(0.3, Line((8.0, 1.0), (2.0, 7.0), speed=0.4)),))
+    scenario = Scenario(world, task.start, task.goal, robot=robot, obstacle_speed=0.5, obstacle_swerve=0.1)
+    one, two = (run(scenario, "antway", seed=1) for _ in range(2))
+    assert one.reached
+    assert one.trace is not None
+    assert two.trace is not None
+    assert one.trace.xy.tobytes() == two.trace.xy.tobytes()
+    assert one.trace.command.tobytes() == two.trace.command.tobytes()
+    paths = [decision.path for _, decision in one.trace.decisions if decision.path is not None]
+    assert paths
+    assert all((np.diff(path.t) > 0.0).all() for path in paths)
+
+
+def test_latency_is_driven_with() -> None:
+    robot = replace(WHEELS, latency=0.15)
+    task = _task(robot)
+    assert run(Scenario(World(task.grid), task.start, task.goal, robot=robot), "antway", seed=1).reached
+
+
+def test_options_of_another_kind_are_refused() -> None:
+    with pytest.raises(BadParameter):
+        AntwayPolicy(controls=3)  # type: ignore[arg-type]
