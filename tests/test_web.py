@@ -347,3 +347,35 @@ def test_a_link_holds_the_scenario() -> None:
     other = Session()
     other.apply({"op": "open", "files": [{"name": "link.zip", "data": data + "=" * (-len(data) % 4)}]})
     assert other.scenario.world == session.scenario.world and other.scenario.start == session.scenario.start
+
+
+def test_stops_are_set_and_removed_and_their_order_follows_the_walls() -> None:
+    """A press adds a stop, one on it removes it; the page is told the stops, the path over them, and what is visited."""
+    session = Session()
+    session.apply({"op": "policies", "names": ["follow"]})
+    session.apply({"op": "open", "files": _room()})
+    for xy in ([4.5, 4.5], [1.5, 4.5], [4.5, 1.5]):
+        told = session.apply({"op": "stop", "xy": xy})
+    (scene,) = [one for one in told if one["kind"] == "scene"]
+    assert [list(at) for at in scene["stops"]] == [[4.5, 4.5], [1.5, 4.5], [4.5, 1.5]]
+    before = session.frame()["views"][0]["order"]
+    assert sorted(before) == [0, 1, 2]
+    with pytest.raises(BadInput):
+        session.apply({"op": "stop", "xy": [99.0, 1.5]})
+    assert len(session.scenario.stops) == 3
+    wall = [[2, col] for col in range(1, 6)]
+    (scene,) = session.apply({"op": "paint", "cells": wall, "blocked": True})
+    assert len(scene["stops"]) == 3 and len(scene["shortest"]) > 3
+    session.advance(400)
+    frame = session.frame()["views"][0]
+    assert frame["outcome"] == "reached" and len(frame["visited"]) == 3 and frame["order"] == []
+    session.apply({"op": "stop", "xy": [1.5, 4.5]})
+    assert len(session.scenario.stops) == 2
+
+
+def _room() -> list[dict[str, str]]:
+    """The files of a room of 6 x 6 m without obstacles."""
+    text = "\n".join("." * 6 for _ in range(6)) + "\n"
+    toml = 'map = "room.txt"\nstart = [0.5, 0.5]\ngoal = [5.5, 0.5]\n[robot]\nradius = 0.25\n'
+    parts = {"room.txt": text, "room.toml": toml}
+    return [{"name": name, "data": base64.b64encode(data.encode()).decode()} for name, data in parts.items()]

@@ -29,7 +29,7 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from antway import checks
 from antway.ants.rules import RULES
 from antway.errors import BadParameter
-from antway.scenes import SCENES
+from antway.scenes import ROUNDS, SCENES
 from antway.web import tours
 from antway.web.player import TIMEOUT, Player, Turns
 from antway.web.session import PARAMETERS, POLICIES, Session
@@ -120,7 +120,7 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     """
     crossing = {
         "policies": POLICIES,
-        "scenes": SCENES,
+        "scenes": (*SCENES, *ROUNDS),
         "speeds": Session.SPEEDS,
         "parameters": [{name: getattr(p, name) for name in p.__slots__} for p in PARAMETERS],
         "token": token,

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from antway import checks
 from antway.errors import BadParameter, TooLarge
+from antway.grid import Grid
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
@@ -22,10 +24,12 @@ from antway.world import policy
 from antway.world.episode import Episode
 from antway.world.motions import Bounce, Line, Waypoints
 from antway.world.scenario import Scenario, load_scenario
+from antway.world.stops import Stop
 from antway.world.world import Obstacle, World
 
 POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
 MAX_UNDO = 100
+MAX_STOPS = 40
 MAX_WAYPOINTS = 50
 FIELD = 40_000  # cells of the distance field that is sent to the page, at most
 
@@ -84,6 +88,7 @@ class Session(Tab):
             "paint": self._paint,
             "move": self._move,
             "drop": self._drop,
+            "stop": self._stop,
             "remove": self._remove,
             "undo": lambda message: self._go(-1),
             "redo": lambda message: self._go(1),
@@ -124,7 +129,7 @@ class Session(Tab):
         inflated = grid.inflate(scenario.robot.radius)
         start, goal = inflated.cell_at(scenario.start), inflated.cell_at(scenario.goal)
         found = inflated.is_free(start) and inflated.is_free(goal)
-        path = solve(Problem(inflated, start, goal), "jps").xy(grid).tolist() if found else []
+        path = self._shortest(inflated) if found else []
         far = PathsFrom(inflated, goal).distance() if found else np.full(grid.shape, np.inf)
         most = far.max(initial=0.0, where=np.isfinite(far)) or 1.0
         near = np.where(np.isfinite(far), 0.04 + 0.96 * (1.0 - far / most) ** 2, 0.0)  # shades() takes the root
@@ -144,11 +149,21 @@ class Session(Tab):
             "field": {"row": 0, "col": 0, "farthest": short(most), **shades(near, FIELD)} if found else None,
             "radii": [obstacle.radius for obstacle in scenario.world.obstacles],
             "shortest": [[short(v) for v in point] for point in path],
+            "stops": [stop.at for stop in scenario.stops],
             "policies": self.policies,
             "parameters": {p.field: short(_get(scenario, p.field)) for p in PARAMETERS},
             "undo": self.position > 0,
             "redo": self.position + 1 < len(self.history),
         }
+
+    def _shortest(self, inflated: Grid) -> list[list[float]]:
+        """Return the shortest path from the start to the goal, over the stops in the order decided on first, in m."""
+        scenario, tour = self.scenario, self.views[0].episode.tour
+        order = () if tour is None else tour.turns[0].order
+        places = [scenario.start, *(scenario.stops[stop].at for stop in order), scenario.goal]
+        cells = [inflated.cell_at(place) for place in places]
+        legs = [solve(Problem(inflated, a, b), "jps").xy(inflated).tolist() for a, b in pairwise(cells) if inflated.is_free(b)]
+        return [point for leg in legs for point in leg]
 
     def _set_up(self, scenario: Scenario, policies: tuple[str, ...]) -> None:
         """Start again with these; if that is refused, everything stays as it was."""
@@ -252,6 +267,16 @@ class Session(Tab):
             if world.grid.blocked[world.grid.cell_at(place)]:
                 raise BadParameter("xy", tuple(place), "where the map is free")
         return self._change(world=World(world.grid, (*world.obstacles, Obstacle(radius, motion))))
+
+    def _stop(self, message: Message) -> list[Message]:
+        """Add a stop at a point, or remove the one that is there."""
+        x, y = checks.point("xy", message.get("xy"))
+        near = max(self.scenario.goal_tolerance, self.scenario.world.grid.resolution)
+        kept = tuple(stop for stop in self.scenario.stops if math.dist(stop.at, (x, y)) > near)
+        stops = (*kept, Stop((x, y))) if len(kept) == len(self.scenario.stops) else kept
+        if len(stops) > MAX_STOPS:
+            raise TooLarge("stops.length", len(stops), f"at most {MAX_STOPS} on the page")
+        return self._change(stops=stops)
 
     def _remove(self, message: Message) -> list[Message]:
         world = self.scenario.world

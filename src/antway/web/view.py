@@ -49,7 +49,12 @@ class View:
 
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self.episode = Episode(scenario, policy)
-        self.watched = self.episode.policy = Watched(self.episode.policy)
+        tour = self.episode.tour
+        self.watched = Watched(self.episode.policy if tour is None else tour.policy)
+        if tour is None:
+            self.episode.policy = self.watched
+        else:
+            tour.policy = self.watched
         if isinstance(self.watched.policy, ShowsAnts):  # its own memory would be megabytes for each of hundreds of tabs
             self.watched.policy.use_common_memory()
         self.sent = 0  # rows of the record
@@ -100,6 +105,10 @@ class View:
             "ants": None if look is None else [look.cycles, look.done],
             "idle": self.idle,
         }
+        if episode.tour is not None:
+            rounds = episode.tour.rounds
+            record["visited"] = [[visit.stop, rounds.lateness(visit) > 0] for visit in rounds.visits]
+            record["order"] = list(episode.tour.order)
         latest = look.decision if look is not None else episode.decisions[-1][1] if episode.decisions else None
         if latest is not self.decision:
             self.decision = latest

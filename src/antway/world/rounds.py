@@ -125,7 +125,7 @@ class RoundsPolicy:
         return self._explained[1]
 
     def _name(self, stop: int) -> str:
-        return self.stops[stop].name or f"stop {stop}"
+        return self.stops[stop].name or "the next stop"
 
     def _near(self, stop: int, tolerances: float = 1.0) -> bool:
         return math.dist(self.xy, self.stops[stop].at) <= tolerances * self.task.goal_tolerance
@@ -228,7 +228,9 @@ class RoundsPolicy:
         field = distance_field(free, self._cell(free, task.start))
         for k, stop in enumerate(self.stops):
             if not math.isfinite(float(field[self._cell(free, stop.at)])):
-                raise BadParameter(f"stops[{k}] ({self._name(k)})", stop.at, "where a path leads from the start")
+                raise BadParameter(
+                    f"stops[{k}]" + (f" ({stop.name})" if stop.name else ""), stop.at, "where a path leads from the start"
+                )
 
     @staticmethod
     def _cell(grid: Grid, xy: XY) -> Cell:

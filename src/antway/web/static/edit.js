@@ -104,6 +104,7 @@ class Editor {
       const own = Math.max(within, end === "goal" ? page.scene.tolerance : page.scene.radius);
       return near(page.scene[end]) <= own ? { kind: "end", end, xy } : null;
     }
+    if (page.tool === "stop") return { kind: "stop", xy };
     if (page.tool === "obstacle") return { kind: "obstacle", xy, from: point, velocity: [0, 0] };
     if (page.tool === "erase") {
       const obstacle = page.obstacleAt(view, xy, within / 2);
@@ -131,6 +132,7 @@ class Editor {
     const { gesture, page } = this;
     this.gesture = null;
     const { kind, end, xy, velocity, obstacle, blocked, cells } = gesture;
+    if (kind === "stop") page.request({ op: "stop", xy });
     if (kind === "end") page.request({ op: "move", end, xy });
     if (kind === "obstacle") page.request({ op: "drop", xy, velocity, radius: page.size });
     if (kind === "remove") page.request({ op: "remove", obstacle });

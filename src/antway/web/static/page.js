@@ -216,7 +216,7 @@ function listen() {
   on("parameters", "submit", (event) => event.preventDefault());
   takeFiles((files) => request({ op: "open", files }));
   for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
-  const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "waypoints" };
+  const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "waypoints", s: "stop" };
   listenToKeys((key, event, onButton) => {
     if (byId("link-box").open) return null;
     if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);

@@ -70,10 +70,15 @@ class View {
     }));
     const gesture = this.editor.gesture?.kind === "end" ? this.editor.gesture : null;
     const ends = { start: scene.start, goal: scene.goal, ...(gesture && { [gesture.end]: gesture.xy }) };
+    const visited = now.visited ?? [];
+    const stops = [
+      ...visited.map(([stop, late], k) => ({ at: scene.stops[stop], number: k + 1, done: true, late })),
+      ...(now.order ?? []).map((stop, k) => ({ at: scene.stops[stop], number: visited.length + k + 1, done: false, late: false })),
+    ];
     const trail = fraction < 1 ? [...this.trail.slice(0, -1), [x, y]] : this.trail;
     const [distance, direction, stoppingTime] = now.braking;
     return {
-      ...ends, obstacles, trail, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path, target: decision?.target,
+      ...ends, obstacles, stops, trail, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path, target: decision?.target,
       tubes: now.tubes.map(([radius, growth, knots]) => ({ radius, growth, path: knots })), trails: this.trails, pheromone: this.pheromone,
       field: page.field, braking: { distance, direction, stoppingTime, fastest: scene.fastest, acceleration: scene.acceleration ?? Infinity }, moving: fraction < 1,
       robot: { x, y, heading: now.robot[2], radius: scene.radius, range: scene.range ?? Infinity, occlusion: scene.occlusion },
