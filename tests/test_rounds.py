@@ -159,6 +159,39 @@ def test_a_door_that_closes_turns_the_order() -> None:
     assert all(result.rounds.lateness(visit) == 0.0 for visit in result.rounds.visits)
 
 
+def test_no_window_is_lost_that_an_exact_plan_would_keep_when_a_door_closes() -> None:
+    """The order decided on with someone in the upper door is never late where any order would not be."""
+    rng = np.random.default_rng(6)
+    kept = turned = 0
+    for _ in range(cases(12, 300)):
+        n = int(rng.integers(3, 6))
+        halves = [0.5, 6.7, *rng.choice((0.5, 6.7), n)]  # x of the left edge of the half of the hall
+        sides = [(left + rng.uniform(0.0, 4.8), rng.uniform(0.5, 5.5)) for left in halves]
+        stops = []
+        for x, y in sides:
+            opens = float(rng.uniform(0, 20))
+            stops.append(Stop((float(x), float(y)), window=(opens, opens + float(rng.uniform(10, 40)))))
+        scenario = hall(stops=tuple(stops))
+        policy = RoundsPolicy(antway.make_policy("follow"), scenario.stops)
+        policy.reset(scenario.task, 1)
+        before = tuple(policy.order)
+        policy.standing = {7: (0.0, 4.0, 6.1, 5.4, 0.3)}
+        policy.walls = frozenset({7})
+        policy.around = policy._with(policy.walls)
+        policy._decide("a door is closed")
+        times = policy._times(policy.left)
+        windows = np.array([stop.window for stop in stops])
+        best = naive_best(times, windows, np.zeros(len(stops)), 0.0)
+        place = {stop: k + 1 for k, stop in enumerate(policy.left)}
+        rows = [0, *(place[stop] for stop in policy.order), -1]
+        late, _ = policy._outlook(policy.order, times[np.ix_(rows, rows)])
+        turned += tuple(policy.order) != before
+        if best[0] == 0.0:
+            kept += 1
+            assert late == 0.0
+    assert kept > 2 and turned > 0
+
+
 def test_a_stop_may_be_added_on_the_way() -> None:
     episode = Episode(hall(stops=FOUR[2:]), "follow", seed=1)
     for _ in range(20):

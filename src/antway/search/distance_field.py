@@ -112,17 +112,33 @@ class DijkstraField:
         self.entries[: len(starts), 0] = starts << 4 | START
         self.entries[: len(starts), 1] = [*range(1, len(starts)), -1]
         self.state = np.array([0, len(starts), -1, len(starts), 0])
+        self.base = self.span = 0  # bands, after a restart: where labels start, and more than any path has
         self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
 
     def restart(self, source: int, targets: NDArray[np.int64]) -> None:
-        """Begin anew from the flat cell `source`, towards flat cells; the arrays are used again."""
-        self.label.fill(np.inf)
-        self.label[source] = 0.0
+        """Start anew from the flat cell `source`, towards flat cells, in the same arrays; for a field without `within`.
+
+        Labels are not cleared, for that takes as long as a good part of the search: each time they start so far below those
+        that are there that the old ones are as good as infinite, until float64 would no longer hold them exactly.
+        """
+        if self.span == 0:
+            self.label.fill(np.inf)
+            self.span = math.isqrt(2 * int(np.count_nonzero(self.net.around)) ** 2) + 2 * RING
+        self.base -= self.span
+        if (self.span - self.base) * STRAIGHT > 2.0**53:
+            self.label.fill(np.inf)
+            self.base = 0
+        self.label[source] = self.base * STRAIGHT
         self.first.fill(-1)
-        self.first[0] = 0
+        self.first[self.base & (RING - 1)] = 0
         self.entries[0] = source << 4 | START, -1
-        self.state[:] = 0, 1, -1, 1, 0
+        self.state[:] = self.base, 1, -1, 1, 0
         self.targets = targets
+
+    def distances(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the distances of flat cells from the source after a restart, in the units of `label`."""
+        away: NDArray[np.float64] = self.label[cells] - self.base * STRAIGHT
+        return np.where(away < self.span * STRAIGHT, away, np.inf)
 
     def run(self, clock: Clock | None) -> bool:
         """Spread until done, or until the clock runs out; tell which."""

@@ -54,14 +54,17 @@ def stop_distances(
     checks.instance("grid", grid, Grid)
     checks.instance("moves", moves, Moves)
     cells = free_cells("stops", list(stops), grid)
+    # Stops at the edge come first: those that are left in the end are near to each other.
+    middle = np.mean(cells, axis=0)
+    turn = np.argsort([-math.dist(cell, middle) for cell in cells], kind="stable")
     weights = None if costs is None else checked_costs(costs, grid)
     if weights is not None or moves not in NEIGHBOURS:
-        rows, unit = _by_best_first(grid, cells, moves, weights), grid.resolution
+        rows, unit = _by_best_first(grid, [cells[i] for i in turn], moves, weights), grid.resolution
     else:
-        rows, unit = _by_cells(grid, cells, moves), grid.resolution / STRAIGHT
+        rows, unit = _by_cells(grid, [cells[i] for i in turn], moves), grid.resolution / STRAIGHT
     result = np.zeros((len(cells), len(cells)))
     for i, row in enumerate(rows):
-        result[i, i + 1 :] = result[i + 1 :, i] = row[i + 1 :] * unit
+        result[turn[i], turn[i + 1 :]] = result[turn[i + 1 :], turn[i]] = row[i + 1 :] * unit
     return result
 
 
@@ -84,4 +87,4 @@ def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[n
         # The farthest first: the kernel waits for each in turn.
         field.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
         field.run(None)
-        yield field.label[at]
+        yield field.distances(at)

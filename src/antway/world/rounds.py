@@ -34,9 +34,9 @@ class RoundsPolicy:
 
     The order is by travel time at 0.85 of the top speed, and what matters is in turn: that no window is missed, then when the
     robot is done. It is decided anew at each departure; when the robot is late for the rest of its order; when an obstacle that
-    has stood for 3 s makes the way to the next stop longer or closes it; and when a stop is added. Another order is taken only
-    where it is 0.5 s less late or 3 s earlier done. Up to 13 stops a dynamic program finds it, for more the colony goes on from
-    its last answer.
+    has stood for 3 s makes the path to the next stop longer or closes it; and when a stop is added. Another order is taken only
+    where it is not late and the present one is, or it is 0.5 s less late, or 3 s earlier done. Up to 13 stops a dynamic program
+    finds it, for more the colony goes on from its last answer.
 
     Parameters
     ----------
@@ -180,7 +180,11 @@ class RoundsPolicy:
                 reason = f"obstacle {min(walls)} stands in the way" if walls else "the way is free again"
         late, done = self._outlook(self.order)
         turned = bool(reason)
-        if not reason and self.order and (late > self.promised[0] + LESS_LATE or done > self.promised[1] + EARLIER):
+        if (
+            not reason
+            and self.order
+            and (late > 0.0 == self.promised[0] or late > self.promised[0] + LESS_LATE or done > self.promised[1] + EARLIER)
+        ):
             reason = f"{max(late - self.promised[0], done - self.promised[1]):.0f} s late"
             self.promised = late, done
         if reason:
@@ -304,7 +308,8 @@ class RoundsPolicy:
                 new, old = (
                     self._outlook(order, times[np.ix_(*2 * [[0, *(place[s] for s in order), -1]])]) for order in (found, kept)
                 )
-                better = new[0] < old[0] - LESS_LATE or (new[0] <= old[0] and new[1] < old[1] - EARLIER)
+                better = new[0] == 0.0 < old[0] or new[0] < old[0] - LESS_LATE
+                better |= new[0] <= old[0] and new[1] < old[1] - EARLIER
             order = [*(found if better else kept), *lost]
             if order != self.order or not self.turns:
                 self.turns.append(Turn(self.now, tuple(order), reason))
