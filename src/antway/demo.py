@@ -7,6 +7,8 @@ import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -40,12 +42,14 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None where there is none.
 
     `shortest` is the length of the shortest path at any angle over the static map, `length_ratio` what the robot drove, and the
-    rest to the goal's centre, over it; None unless the goal was reached.
+    rest to the goal's centre, over it; None unless the goal was reached. In rounds it leads over the stops visited.
     """
-    shortest = static_shortest(task)
+    rounds = result.rounds
+    via = () if rounds is None else tuple(rounds.stops[visit.stop].at for visit in rounds.visits)
+    ends = [task.start, *via, task.goal]
+    shortest = math.fsum(static_shortest(replace(task, start=a, goal=b)) for a, b in pairwise(ends))
     rest = 0.0 if result.trace is None else math.dist(result.trace.xy[-1].tolist(), task.goal)
     ratio = (result.length + rest) / shortest if result.reached and shortest > 0 else math.nan
-    rounds = result.rounds
     visited = (
         {}
         if rounds is None
