@@ -200,7 +200,7 @@ def main() -> None:
         own_short = np.array(short[place::3])
         if len(own_short):
             print(
-                f"{kind}: {len(own_short)} cases, {told.seconds:g} s; short of the best of all by {100 * own_short.mean():.3f} %"
+                f"{kind}: {len(own_short)} cases, {told.seconds:g} s; short of the best by {100 * own_short.mean():.3f} %"
                 f" on the mean, {100 * own_short.max():.3f} % at most; within 1 % on {(own_short <= 0.01).sum()}"
             )
 

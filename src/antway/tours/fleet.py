@@ -13,7 +13,7 @@ from antway.planning import Clock
 from antway.tours.stops import Floats, Order, Stops
 
 _TURNS = 100  # between two looks at the clock
-_HOT, _COLD = 1.0, 0.01  # temperatures at first and at last, in usual steps
+_HOT, _COLD = 3.0, 0.1  # temperatures at first and at last, in usual steps
 _PRICE = 3.0  # of a stop of mean priority that is left out, in usual steps
 
 
@@ -53,7 +53,7 @@ def best_routes(
     kernel.copy(fleet, saved, best, True)
     record = np.array([cost, worth, worth, cost])
     done, limit, begun = 0, 2**62 if cycles is None else cycles, time.perf_counter()
-    hot = _COLD * 10 if initial is not None else _HOT
+    hot = _COLD if initial is not None else _HOT
     while done < limit and not (done and clock.spent()):
         # The temperature falls with the share of the budget that is used.
         used = done / limit if cycles is not None else min(1.0, (time.perf_counter() - begun) / max(seconds, 1e-9))

@@ -19,6 +19,7 @@ from antway.planning import Clock
 
 Floats = NDArray[np.float64]
 Order = NDArray[np.int32]
+_WIDER = 128  # partial orders in a wide beam for each cycle before it
 _FEW_ATTEMPTS = 10  # shakes between two looks at the clock where a former order is to be mended at once
 _LONGEST, _ATTEMPTS, _FADE, _HEAT, _HURRY, _WIDTH = 8, 100, 0.1, 0.5, 3.0, 30
 _STATES = 4_000_000  # partial orders times stops that a beam may hold, 12 bytes each
@@ -232,18 +233,17 @@ class _Run:
         if math.isfinite(best) and (not self.history or best < self.history[-1][1]):
             self.history.append((int(self.colony.record[colonies.CYCLE]), best, self.clock.elapsed()))
 
-    def _widen(self, width: int) -> None:
-        """Look among all orders that `width` partial ones at a time allow."""
+    def _widen(self, width: int, backward: bool) -> None:
+        """Look among all orders that `width` partial ones at a time allow, from the start or from the end."""
         path, record = self.path, self.colony.record
         n = len(path.time)
         width = min(width, _STATES // n)
         order = np.zeros(n, dtype=np.int32)
         draw = beams.Draw(1.0, 0.0, 0.0, self.makespan, record[colonies.BEST] - self.moves.least)
-        none = np.zeros((n, n))
-        cost, whole = beams.search(
-            path.windows, path.windows.before, none, draw, width, np.uint64(1), beams.workspace(n, width), order
-        )
+        task, none = path.mirror if backward else path.windows, np.zeros((n, n))
+        cost, whole = beams.search(task, task.before, none, draw, width, np.uint64(1), beams.workspace(n, width), order)
         if cost < math.inf:
+            order = n - 1 - order[::-1] if backward else order
             colonies.adopt(path.windows, self.colony, self.moves, self.trail, order)
         self.proven = bool(whole)
 
@@ -258,12 +258,12 @@ class _Run:
         return late
 
     def go(self, cycles: int | None) -> Found:
-        """Run the cycles; after 4, 16, 64, ... of them a beam takes about as long as they did."""
+        """Run the cycles; after 4, 8, 16, ... of them a wide beam takes about as long as they did."""
         path, record = self.path, self.colony.record
         limit = 2**62 if cycles is None else cycles
         late = self._repair(0, 0) if self.warm else math.inf
         self._note()
-        batch, done, widened, beam_time = 1, 0, 4, 0.0
+        batch, done, widened, beam_time, backward = 1, 0, 4, 0.0, False
         while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
             batch = min(batch, limit - done, widened - done)
             begun = time.perf_counter()
@@ -277,12 +277,13 @@ class _Run:
                 # One by one, so that what happens does not depend on how long it takes.
                 late, batch = self._repair(1, done), 1
             if done == widened:
-                # Each beam takes four times as long as the last; seconds that are not left are not begun.
+                # Each beam takes twice as long as the last; seconds that are not left are not begun.
                 before = time.perf_counter()
-                if before + 4.0 * beam_time < self.clock.end and not path.quick:
-                    self._widen(128 * done)
+                if before + 2.0 * beam_time < self.clock.end and not path.quick:
+                    self._widen(_WIDER * done, backward)
                     beam_time = time.perf_counter() - before
-                widened *= 4
+                widened *= 2
+                backward = not backward and not self.makespan
             self._note()
         if record[colonies.BEST] < math.inf:
             return Found(self.colony.orders[0].copy(), 0.0, self.proven, (), done, self.history, self.colony.tau)
