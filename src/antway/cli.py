@@ -25,6 +25,7 @@ from antway.console import (
     pair,
     print_decisions,
     print_json,
+    print_rounds,
     print_summaries,
     print_table,
     working,
@@ -159,6 +160,8 @@ def run_command(
         if decisions is not None:
             print_decisions(decisions)
         print_table([(place.name, numbers)])
+        if "visits" in numbers:
+            print_rounds(numbers)
         print(f"{numbers['outcome']}: {numbers['reason']}")
         if out is not None:
             print(f"written to {out}")

@@ -200,6 +200,25 @@ def print_summaries(table: Sequence[Summary]) -> None:
     Console(width=None if sys.stdout.isatty() else 140).print(shown)
 
 
+def print_rounds(numbers: dict[str, Any]) -> None:
+    """Print the visits of an episode with stops, from its summary, and what they come to."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="Stops", title_justify="left")
+    for head in ("visit", "stop", "arrives", "waits", "leaves", "late"):
+        table.add_column(head, justify="left" if head == "stop" else "right")
+    for n, visit in enumerate(numbers["visits"], 1):
+        waits = visit["start"] - visit["arrival"]
+        late = f"[red]{visit['late']:.1f} s[/]" if visit["late"] > 0 else "-"
+        name, waited = escape(visit["stop"]), f"{waits:.1f} s" if waits > 0 else "-"
+        table.add_row(str(n), name, f"{visit['arrival']:.1f} s", waited, f"{visit['end']:.1f} s", late)
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    late_in_all = f"{numbers['lateness']:.1f} s late in all" if numbers["lateness"] > 0 else "none late"
+    print(f"{numbers['visited']} of {numbers['stops']} stops visited, {late_in_all}; {numbers['orders']} orders decided on")
+
+
 def print_tour(tour: TourPlan) -> None:
     """Print a tour as a table, one row a stop in the order of the visits, and what it comes to."""
     from rich.console import Console
@@ -228,6 +247,8 @@ def print_tour(tour: TourPlan) -> None:
             )
     Console(width=None if sys.stdout.isatty() else 120).print(table)
     proof = f"; at most {100 * tour.gap:.1f} % over the best" if tour.feasible and tour.gap < 1.0 else ""
+    if tour.feasible and tour.gap < 1e-6:
+        proof = "; proved the best"
     left = f"; left out: {', '.join(task.names[stop] for stop in tour.skipped)}" if tour.skipped else ""
     print(f"{tour.length:.1f} m, done after {tour.duration:.1f} s{proof}{left}")
     if not tour.feasible:

@@ -17,7 +17,7 @@ def add_to(app: typer.Typer) -> None:
 
 
 def tour_command(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt or .npy.")],
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene.")],
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m.")],
     stops: Annotated[
         Path,
