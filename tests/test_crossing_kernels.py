@@ -10,7 +10,8 @@ import pytest
 from antway import Grid, Status, Task
 from antway.kernels import crossing
 from antway.kernels.base.records import Predictions
-from antway.kernels.robot.guard import gap_to_reach, time_to_contact
+from antway.kernels.robot.guard import time_to_contact
+from antway.kernels.robot.reach import least_gap
 from antway.kernels.spacetime.alternatives import passing
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
@@ -97,7 +98,7 @@ def test_gap_to_reach_is_the_least() -> None:
     for _ in range(cases(300, 10**5)):
         a, w = rng.uniform(-2, 2, 2), rng.uniform(-1.5, 1.5, 2) * (rng.random() < 0.9)
         contact_radius, growth, t = rng.uniform(0.1, 1.0), rng.choice([0.0, rng.uniform(0.0, 1.5)]), rng.uniform(0.05, 2.0)
-        assert gap_to_reach(*a, *w, contact_radius, growth, t) == pytest.approx(
+        assert least_gap(*a, *w, contact_radius, growth, t) == pytest.approx(
             naive.gap_to_reach(a, w, contact_radius, growth, t), abs=1e-6
         )
 
@@ -107,7 +108,14 @@ def test_time_to_contact_is_the_first() -> None:
     rng = np.random.default_rng(4)
     s = np.linspace(0.0, 20.0, 20001)
     for _ in range(cases(200, 10**4)):
-        tracks = np.column_stack((rng.uniform(-4, 4, (3, 2)), rng.uniform(-1, 1, (3, 2)), rng.uniform(0.1, 0.4, 3), np.ones(3)))
+        tracks = np.column_stack(
+            (
+                rng.uniform(-4, 4, (3, 2)),
+                rng.uniform(-1, 1, (3, 2)),
+                rng.uniform(0.1, 0.4, 3),
+                np.ones((3, 3)) * (1.0, np.inf, 0.0),
+            )
+        )
         v = rng.uniform(-1, 1, 2)
         found = time_to_contact(0.0, 0.0, v[0], v[1], tracks, 0.3)
         gap = [np.hypot(k[0] + (k[2] - v[0]) * s, k[1] + (k[3] - v[1]) * s) - k[4] - 0.3 for k in tracks]
@@ -317,6 +325,7 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
         )
 
         def cycle(now: float, xy: tuple[float, float], estimates: np.ndarray, s=s, policy=policy):
+            s.crowd.averaged[: len(estimates)] = estimates
             return crossing.cycle(
                 policy.memory(), s.trails, s.context, s.terrain, s.settings, s.plan, s.crowd, estimates, now, 0.0, xy, s.rng
             )  # fmt: skip

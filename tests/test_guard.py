@@ -11,7 +11,7 @@ from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, guarded, within_reach
+from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
 from antway.policies.guard import Guard, Guarded
 from common import cases
 from naive import guard as naive
@@ -28,8 +28,8 @@ ROBOTS = [(math.inf, "holonomic"), (1.0, "holonomic"), (math.inf, "differential"
 class Chasers:
     """Discs within assumption A: a bound on speed and its growth, turns at once, and a stop short of a robot that stands."""
 
-    def __init__(self, rng: np.random.Generator, count: int, surge: float, xy: np.ndarray) -> None:
-        self.rng, self.surge = rng, surge
+    def __init__(self, rng: np.random.Generator, count: int, surge: float, xy: np.ndarray, accel: float = math.inf) -> None:
+        self.rng, self.surge, self.accel = rng, surge, accel
         self.radius = rng.uniform(0.15, 0.4, count)
         angle, far = rng.uniform(-math.pi, math.pi, count), rng.uniform(1.0, 4.0, count)
         self.xy = xy + np.column_stack((far * np.cos(angle), far * np.sin(angle)))
@@ -47,14 +47,22 @@ class Chasers:
             path = goal - self.xy[k]
             far = math.hypot(*path)
             fastest = min(BOUND, math.hypot(*self.velocity[k]) + self.surge * DT)
-            self.velocity[k] = path / far * fastest if far > 1e-9 else 0.0
+            wish = path / far * fastest if far > 1e-9 else np.zeros(2)
+            change = math.hypot(*(wish - self.velocity[k]))
+            # a jump of half of what the bound allows in a period: its place then keeps to the bound at the period's end
+            share = min(1.0, self.accel * DT / 2 / change) if change > 0.0 else 1.0
+            self.velocity[k] += (wish - self.velocity[k]) * share
 
 
-def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: float = 0.0) -> dict[str, int]:
+def play(
+    seed: int, steps: int, a_max: float, kind: str, surge: float, stale: float = 0.0, accel: float = math.inf
+) -> dict[str, int]:
     """Play one robot, policy after policy, against chasers; returns how often what happened."""
     rng = np.random.default_rng(seed)
     robot = RobotSpec(radius=RADIUS, v_max=V_MAX, a_max=a_max, drive=kind, dt=DT, dynamics="steps")
-    task = Task(Grid(HALL, SIZE), robot, (1.0, 1.0), (9.0, 9.0), obstacle_speed=BOUND, obstacle_surge=surge)
+    task = Task(
+        Grid(HALL, SIZE), robot, (1.0, 1.0), (9.0, 9.0), obstacle_speed=BOUND, obstacle_surge=surge, obstacle_swerve=accel
+    )
     limits = np.array([V_MAX, a_max, robot.turn_rate, float(kind == "differential")])
     guard = Guard(timeout=0.35)
     announced = {"free": 0, "slowed": 0, "braked": 0, "stepped-aside": 0, "moving": 0}
@@ -63,7 +71,7 @@ def play(seed: int, steps: int, a_max: float, kind: str, surge: float, stale: fl
         if i % 40 == 0:  # in the end they stand round the robot and none can move: begin anew
             guard.reset(task)
             xy, velocity, heading = np.array(STARTS[i // 40 % len(STARTS)]), np.zeros(2), float(rng.uniform(-3, 3))
-            discs, seen, stamp = Chasers(rng, 5, surge, xy), Tracks.none(), -math.inf
+            discs, seen, stamp = Chasers(rng, 5, surge, xy, accel), Tracks.none(), -math.inf
         policy = POLICIES[(i // 20) % len(POLICIES)]
         discs.choose(t, xy, velocity)
         if rng.random() >= stale:
@@ -111,6 +119,13 @@ def test_the_robot_never_moves_into_a_contact(a_max: float, kind: str, surge: fl
 
 
 @pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
+def test_the_promise_holds_where_velocities_change_no_faster_than_told(a_max: float, kind: str) -> None:
+    """With a bound on changes of velocity the guard lets more pass, and a moving robot still touches nothing."""
+    announced = play(3, cases(400, 12_500), a_max, kind, math.inf, accel=2.0)
+    assert announced["moving"] > 50
+
+
+@pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
 def test_the_promise_holds_with_lost_scans(a_max: float, kind: str) -> None:
     """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
     announced = play(2, cases(400, 12_500), a_max, kind, 0.5, stale=0.5)
@@ -123,16 +138,22 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
     rng = np.random.default_rng(3)
     limits = np.array([V_MAX, a_max, 2.0, float(kind == "differential")])
     did_all = []
-    for _ in range(cases(100, 3000)):
+    for _ in range(cases(200, 3000)):
         tracks = np.column_stack(
-            (rng.uniform(4, 6, (2, 2)), rng.uniform(-0.7, 0.7, (2, 2)), rng.uniform(0.1, 0.3, 2), rng.uniform(0, 1.2, 2))
+            (
+                rng.uniform(4, 6, (2, 2)),
+                rng.uniform(-0.7, 0.7, (2, 2)),
+                rng.uniform(0.1, 0.3, 2),
+                rng.uniform(0, 1.2, 2),
+                rng.choice([math.inf, 1.0], 2),
+                rng.uniform(0.0, 0.1, 2),
+            )
         )
         (px, py), heading, speed = rng.uniform(4, 6, 2), rng.uniform(-3, 3), rng.uniform(0, V_MAX) * (rng.random() < 0.7)
         command = rng.normal(size=2) * rng.choice([0.5, 1.0, 2.0])
         v = (speed * math.cos(heading), speed * math.sin(heading))
-        wx, wy, did = guarded(
-            px, py, *v, heading, *command, tracks, np.append(limits, RADIUS), DT, 1.5, Terrain(HALL, 0.0, 0.0, SIZE)
-        )  # fmt: skip
+        rules, terrain = Rules(DT, 1.5, True), Terrain(HALL, 0.0, 0.0, SIZE)
+        wx, wy, did = guarded(px, py, *v, heading, *command, tracks, np.append(limits, RADIUS), rules, terrain)
         did_all.append(did)
         gaps = naive.gaps_of_fractions(px, py, v, heading, command, tracks, RADIUS, limits, DT, HALL, SIZE)
         near = np.abs(gaps) < 2e-3  # too close to call by sampling
@@ -155,16 +176,17 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
 def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
     """Seen tracks, and lost ones while they are held, come out with the radius that covers what they could have moved."""
     rng = np.random.default_rng(4)
-    table, count, out, slow = np.zeros((64, 8)), 0, np.empty((64, 6)), naive.Book()
+    table, count, out, slow = np.zeros((64, TABLE_COLUMNS)), 0, np.empty((64, 8)), naive.Book()
+    bounds, told = np.array([BOUND, 0.5, 2.0, 0.0, 0.3, 1.0]), [BOUND, 0.5, 2.0, 0.0]
     for i in range(cases(200)):
         now, age = i * 0.1, 0.05 * float(rng.integers(3))
         name = np.flatnonzero(rng.random(8) < 0.6)
         xy, velocity = rng.uniform(-5, 5, (len(name), 2)), rng.uniform(-1, 1, (len(name), 2))
         velocity[rng.random(len(name)) < 0.2] = math.nan
-        radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name))
-        bounds, scan = np.array([BOUND, 0.5, 0.3]), (name, xy, velocity, radius, spread)
+        radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name)) * (rng.random(len(name)) < 0.5)
+        scan = (name, xy, velocity, radius, spread)
         count, n = within_reach(table, count, now, now - age, 0.5, *scan, bounds, out)
-        expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, BOUND, 0.5, 0.3)
+        expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, told, 0.3)
         rows = out[:n][np.lexsort(out[:n].T)]
         np.testing.assert_allclose(rows, expected[np.lexsort(expected.T)], atol=1e-12)
 

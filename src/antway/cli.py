@@ -203,8 +203,9 @@ def demo_command(
 def bench_command(
     suite: Annotated[
         str,
-        typer.Argument(metavar="SUITE", help=f"One of {names(SUITES)}."),
+        typer.Argument(metavar="SUITE", help=f"One of {names(SUITES)}; or predict, which measures forecasts of a recording."),
     ],
+    file: Annotated[Path | None, typer.Argument(metavar="FILE", help="For predict: a recording, as for tracks:FILE.")] = None,
     policies: Annotated[
         str,
         typer.Option(
@@ -226,6 +227,8 @@ def bench_command(
     from dataclasses import asdict
     from importlib.util import find_spec
 
+    if suite == "predict" or file is not None:
+        return _predict(suite, file, json)
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -268,6 +271,22 @@ def bench_command(
     else:
         print_summaries(table)
         print(f"results, tables and report in {out}")
+    return 0
+
+
+def _predict(suite: str, file: Path | None, json: bool) -> int:
+    from dataclasses import asdict
+
+    from antway.arena.predict import forecast, markdown
+
+    if file is None or suite != "predict":
+        raise BadParameter("file", None if file is None else str(file), "a recording, with predict alone")
+    found = forecast(str(file))
+    if json:
+        print_json({"file": str(file), **asdict(found)})
+        return 0
+    print(markdown(found))
+    print(f"{found.cases} forecasts from {file}")
     return 0
 
 

@@ -39,8 +39,13 @@ def _least_gap(px, py, v, heading, command, tracks, radius, limits, dt, blocked,
     while math.hypot(*v) > 1e-9:
         s = np.linspace(0.0, dt, 101)
         path = xy + s[:, None] * v
-        for x, y, _, _, r, bound in tracks:
-            least = min(least, float((np.hypot(path[:, 0] - x, path[:, 1] - y) - r - radius - bound * (t + s)).min()))
+        for x, y, vx, vy, r, bound, accel, age in tracks:
+            later = t + s + age
+            gap = np.hypot(path[:, 0] - x, path[:, 1] - y) - bound * later
+            if np.isfinite(accel):
+                ahead = np.hypot(path[:, 0] - x - vx * later, path[:, 1] - y - vy * later) - accel * later**2 / 2
+                gap = np.maximum(gap, ahead)
+            least = min(least, float(gap.min()) - r - radius)
         least = min(least, _wall_gap(path, blocked, size) - radius)
         xy, t = xy + v * dt, t + dt
         v, heading = driven(v, heading, (0.0, 0.0), limits, dt)
@@ -62,14 +67,31 @@ class Book:
     def __init__(self) -> None:
         self.seen: dict[int, tuple] = {}
 
-    def take(self, now, stamp, hold, name, xy, velocity, radius, spread, fastest, surge, stopping) -> np.ndarray:
+    def take(self, now, stamp, hold, name, xy, velocity, radius, spread, bounds, stopping) -> np.ndarray:
+        """The rows of kernels/robot/reach.py; `bounds` are on speed, its growth and the change of velocity; [3] is learnt."""
         for k, obstacle in enumerate(name.tolist()):
-            known = not np.isnan(velocity[k]).any()
-            v = velocity[k] if known else np.zeros(2)
-            self.seen[obstacle] = (stamp, *xy[k], *v, radius[k] + spread[k], math.hypot(*v) if known else fastest)
+            speed = math.hypot(*velocity[k])
+            most = [0.0, 0.0, 0.0]
+            if obstacle in self.seen:
+                before = self.seen[obstacle]
+                most = list(before[-1])
+                if spread[k] == 0.0 and not math.isnan(speed) and not math.isnan(before[-2]) and stamp > before[0]:
+                    dt = stamp - before[0]
+                    most[1] = max(most[1], (speed - before[-2]) / dt)
+                    most[2] = max(most[2], math.hypot(velocity[k][0] - before[3], velocity[k][1] - before[4]) / dt)
+            v = np.zeros(2) if math.isnan(speed) else velocity[k]
+            if spread[k] == 0.0 and not math.isnan(speed):
+                most[0] = max(most[0], speed)
+            self.seen[obstacle] = (stamp, *xy[k], *v, radius[k] + spread[k], speed, most)
+        top = max([math.hypot(*v) for v, off in zip(velocity, spread) if off == 0.0 and not np.isnan(v).any()], default=0.0)
+        bounds[3] += 0.01 * max(top - bounds[3], 0.0)
         self.seen = {obstacle: row for obstacle, row in self.seen.items() if row[0] >= stamp or now - row[0] <= hold}
         rows = []
-        for at, x, y, vx, vy, r, speed in self.seen.values():
-            bound = min(fastest, speed + surge * (now - at + stopping))
-            rows.append((x, y, vx, vy, r + bound * (now - at), bound))
-        return np.array(rows).reshape(-1, 6)
+        for at, x, y, vx, vy, r, speed, most in self.seen.values():
+            fastest = max(bounds[0], bounds[3], most[0])
+            bound = min(fastest, speed + max(bounds[1], most[1]) * (now - at + stopping))
+            accel = max(bounds[2], most[2])
+            if math.isnan(speed):
+                bound, accel = fastest, math.inf
+            rows.append((x, y, vx, vy, r, bound, accel, now - at))
+        return np.array(rows).reshape(-1, 8)

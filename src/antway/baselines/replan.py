@@ -130,7 +130,7 @@ class Sipp(Follow):
         if self.predictions == "mirrored":
             out = np.empty((16 * n + 1, 8))
             estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
-            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0)
+            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf)
             terrain = terrain_of(self.task.grid)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         body = o.tracks.radius + robot.radius

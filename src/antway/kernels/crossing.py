@@ -18,7 +18,7 @@ from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
 from antway.kernels.tracking.crowd import foresee
-from antway.kernels.tracking.predict import VX, VY, TubeMargins, X, Y, predict
+from antway.kernels.tracking.predict import VX, VY, TubeMargins, X, Y, predict, time_shift
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
 # Entries of `Plan.state`: number of knots, arrival at the goal in s, cycles in which a plan was made, when to look for a better
@@ -28,6 +28,7 @@ _PAUSE = 0.25  # s; while all goes as foreseen the ants look for a better plan o
 _SAME = 1e-3  # m and m/s; an obstacle goes as foreseen if it is no farther from where it was to be, with that velocity
 _GRAZE = 0.05  # m; a plan in conflict stays in use for now if it lacks no more than this of its clearance radius,
 _SOON = 0.5  # s; if it does so no sooner than this from now,
+_LAST = 4  # part of the expansions of a search that the last one, for a plan without margins, may take
 _GRACE = 0.3  # s; and if no other plan arrives before this much later
 
 
@@ -46,6 +47,7 @@ class Settings(NamedTuple):
     goal_x: float  # m
     goal_y: float
     tubes: TubeMargins
+    bare: TubeMargins  # where no path keeps those, one is taken that keeps these; of no robot radius: none is
     colony: ColonySettings
 
 
@@ -55,6 +57,7 @@ class Crowd(NamedTuple):
     rows: NDArray[np.float64]  # [M, COLUMNS]
     known: NDArray[np.int64]  # [1] rows in use
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s
+    averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
 
 
 class Plan(NamedTuple):
@@ -149,14 +152,14 @@ def cycle(
 
     Arrivals are absolute, s; `estimates` are as kernels/tracking/kalman.py leaves them, `age` s old.
     """
-    s, (x, y), stopping_time = settings, xy, settings.tubes.stopping_time
+    s, (x, y), averaged = settings, xy, crowd.averaged[: len(estimates)]
     # Predict where everything will be.
     crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.preferred_speed, crowd.prediction)
-    foreseen = _as_foreseen(estimates, now, age, plan.segments[: int(plan.state[FORESEEN])])
+    foreseen = _as_foreseen(averaged, now, age, plan.segments[: int(plan.state[FORESEEN])])
     trajectories = crowd.prediction[: len(estimates)]
-    count = predict(estimates, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
+    count = predict(averaged, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
     plan.state[FORESEEN] = count
-    predictions = Predictions(plan.segments[:count], stopping_time, np.empty(2))
+    predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
     # Test the plan in use, and look for a better one.
     valid, grazes = _still_good(s, plan, predictions, now, x, y)
     limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
@@ -169,6 +172,13 @@ def cycle(
             memory, trails, context, predictions, s.colony, x, y, now, horizon, limit, budget, state
         )
         plan.state[LOOK] = now + _PAUSE
+        if end < 0 and not (valid or grazes) and s.bare.robot_radius > 0.0:
+            count = predict(averaged, now, age, s.horizon, x, y, s.bare, terrain, trajectories, plan.segments)
+            plan.state[FORESEEN] = count
+            predictions = Predictions(plan.segments[:count], time_shift(s.bare), np.empty(2))
+            end, arrival, plan.state[BOUND] = search(
+                memory, trails, context, predictions, s.colony, x, y, now, horizon, math.inf, s.expansions // _LAST, state
+            )
     what = KEPT if valid or grazes else NONE
     if end >= 0:
         what = IMPROVED if valid else NEW

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +12,31 @@ from antway.kernels.base.geometry import TOUCH, first_wall, segment_hits_cells, 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.harm import least_harm
+from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, reach_gap_along
 
-FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
+FREE, SLOWED, BRAKED, STEPPED_ASIDE, LEAST_HARM = 0, 1, 2, 3, 4  # what the guard did
 _FRACTIONS = 10  # speeds tried along the commanded direction
 _SIDES = 16  # directions tried for a step aside
-X, Y, VX, VY, RADIUS, SPEED_BOUND = range(6)  # columns of the tracks that count: m, m/s, m and m/s
-_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED = range(8)  # columns of the table of tracks seen of late; _SEEN in s
+_LEARNS = 0.01  # share by which the bound on a kind's speed rises, in a scan, to what is seen
+# Columns of the table of tracks seen of late: _SEEN in s; the speed is -1 where unknown; the last three are the most that was
+# seen of it: speed, growth of the speed and change of the velocity.
+_ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE = range(11)
+TABLE_COLUMNS = 11
+
+
+# Entries of the bounds on obstacles: speed in m/s; growth of the speed, and change of the velocity as a vector, both in m/s^2;
+# a speed in m/s that any obstacle may have, learnt of all of them; the time in s after which the robot stands; and whether what
+# is seen of a track raises the bound on changes of its velocity, too (1 or 0).
+BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME, STRICT = range(6)
+
+
+class Rules(NamedTuple):
+    """How the guard decides."""
+
+    dt: float  # s; control period
+    lookahead: float  # s; a robot that stands gets out of the way of what would touch it within so long
+    strict: bool  # what is not certain does not pass
 
 
 @kernel
@@ -61,83 +81,64 @@ def within_reach(
     bounds: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> tuple[int, int]:
-    """Write the rows x, y, vx, vy, radius, bound of all tracks that count: those of this scan, and those not long lost.
+    """Write the rows (kernels/robot/reach.py) of all tracks that count: those of this scan, and those not long lost.
 
     Parameters
     ----------
-    table : float64[M, 8]
-        The tracks of late, rows below `count`: id, when seen, and the row, its speed then last; M is at least `count` + K.
+    table : float64[M, TABLE_COLUMNS]
+        The tracks of late, rows below `count`; M is at least `count` + K.
     now, stamp, hold : float
         Time now and of the scan; how long a lost track counts; s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
         The scan; an unknown velocity is NaN.
     spread : float64[K]
         How far off the places may be, m.
-    bounds : float64[3]
-        No obstacle is faster than bounds[0] m/s, nor does its speed grow by more than bounds[1] m/s^2; the robot stands
-        bounds[2] s after this command.
+    bounds : float64[6]
+        See BOUND_SPEED and the others above. bounds[BOUND_KIND] rises slowly to the fastest speed seen. What is seen of a track
+        raises its own bounds at once.
+    out : float64[M, 8]
 
     Returns
     -------
     count, rows : int
-        What could have been moved since a track was seen is added to its radius.
     """
-    speed_bound, acceleration_bound, stopping_time = bounds[0], bounds[1], bounds[2]
-    n = 0
+    n, top, stopping_time = 0, bounds[BOUND_KIND], bounds[STOPPING_TIME]
     for k in range(len(name)):
         vx, vy = velocity[k, 0], velocity[k, 1]
         speed = math.hypot(vx, vy)
-        if math.isnan(speed):
-            vx, vy, speed = 0.0, 0.0, speed_bound
+        known, exact = not math.isnan(speed), spread[k] == 0.0  # noise makes changes look larger than they are
         i = 0
         while i < count and (table[i, _ID] != name[k] or name[k] < 0):
             i += 1
         if i == count:
             count += 1
+            table[i, _FASTEST], table[i, _GROWTH], table[i, _CHANGE] = 0.0, 0.0, 0.0
+        elif known and exact and stamp > table[i, _SEEN] and table[i, _SPEED] >= 0.0:
+            dt = stamp - table[i, _SEEN]
+            table[i, _GROWTH] = max(table[i, _GROWTH], (speed - table[i, _SPEED]) / dt)
+            table[i, _CHANGE] = max(table[i, _CHANGE], math.hypot(vx - table[i, _VX], vy - table[i, _VY]) / dt)
+        if known:
+            if exact:
+                table[i, _FASTEST], top = max(table[i, _FASTEST], speed), max(top, speed)
+        else:
+            vx, vy, speed = 0.0, 0.0, -1.0
         table[i, _ID], table[i, _SEEN], table[i, _X], table[i, _Y] = name[k], stamp, xy[k, 0], xy[k, 1]
         table[i, _VX], table[i, _VY], table[i, _RADIUS], table[i, _SPEED] = vx, vy, radius[k] + spread[k], speed
+    bounds[BOUND_KIND] += _LEARNS * (top - bounds[BOUND_KIND])
     kept = 0
     for i in range(count):
         age = now - table[i, _SEEN]
         if table[i, _SEEN] < stamp and age > hold:
             continue
         table[kept] = table[i]
-        out[n] = table[i, _X:]
-        out[n, SPEED_BOUND] = min(speed_bound, table[i, _SPEED] + acceleration_bound * (age + stopping_time))
-        out[n, RADIUS] += out[n, SPEED_BOUND] * age
+        out[n, :SPEED] = table[i, _X:_SPEED]
+        fastest, speed = max(bounds[BOUND_SPEED], bounds[BOUND_KIND], table[i, _FASTEST]), table[i, _SPEED]
+        growth = max(bounds[BOUND_GROWTH], table[i, _GROWTH]) * (age + stopping_time)
+        out[n, SPEED] = min(fastest, speed + growth) if speed >= 0.0 else fastest
+        change = max(bounds[BOUND_CHANGE], table[i, _CHANGE]) if bounds[STRICT] > 0.0 else bounds[BOUND_CHANGE]
+        out[n, ACCEL], out[n, AGE] = change if speed >= 0.0 else math.inf, age
         kept, n = kept + 1, n + 1
     return kept, n
-
-
-@kernel
-def gap_to_reach(ax: float, ay: float, wx: float, wy: float, reach: float, growth: float, t: float) -> float:
-    """Least of |a + w s| - (reach + growth s) over s in [0, t]; below 0 the growing disc around an obstacle is entered.
-
-    Parameters
-    ----------
-    ax, ay : float
-        The robot seen from the obstacle, m.
-    wx, wy : float
-        The robot's velocity, m/s.
-    reach : float
-        Sum of the radii and whatever the obstacle may have moved since it was seen, m.
-    growth : float
-        Bound on the obstacle's speed, m/s.
-    t : float
-        Length of the step, s.
-
-    Notes
-    -----
-    The function is convex. With c the lateral distance and k = growth / |w| < 1 it is least where the way made since the
-    closest point is c k / sqrt(1 - k^2); with k >= 1 at the end.
-    """
-    speed = math.hypot(wx, wy)
-    s = t
-    if speed > growth:
-        k = growth / speed
-        lateral = abs(ax * wy - ay * wx) / speed
-        s = min(max((lateral * k / math.sqrt(1.0 - k * k) - (ax * wx + ay * wy) / speed) / speed, 0.0), t)
-    return math.hypot(ax + wx * s, ay + wy * s) - reach - growth * s
 
 
 @kernel
@@ -153,8 +154,8 @@ def brakes_free(
 ) -> bool:
     """Tell whether a robot at (px, py) may drive one period with (wx, wy) and then brake, straight, to a stand.
 
-    `tracks` is float64[K, 6]: x, y, vx, vy, radius, bound on the speed. Free means: until the robot stands, no obstacle can be
-    in contact with it that moves in any way within its bound, and no wall is.
+    `tracks` is float64[K, 8], as in kernels/robot/reach.py. Free means: until the robot stands, no obstacle can be in contact
+    with it that moves in any way within its bounds, and no wall is.
     """
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
@@ -164,8 +165,7 @@ def brakes_free(
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
-            reach, speed_bound = radius + tracks[k, RADIUS] + tracks[k, SPEED_BOUND] * t, tracks[k, SPEED_BOUND]
-            if gap_to_reach(x - tracks[k, X], y - tracks[k, Y], ux * speed, uy * speed, reach, speed_bound, dt) < -TOUCH:
+            if reach_gap_along(tracks[k], x, y, ux * speed, uy * speed, t, t + dt) < radius - TOUCH:
                 return False
         x += ux * speed * dt
         y += uy * speed * dt
@@ -181,7 +181,7 @@ def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np
     """Earliest contact in s of the robot at (x, y) keeping (vx, vy) with any track keeping its velocity; infinite if none."""
     earliest = math.inf
     for k in range(len(tracks)):
-        ax, ay = tracks[k, X] - x, tracks[k, Y] - y
+        ax, ay = tracks[k, X] + tracks[k, VX] * tracks[k, AGE] - x, tracks[k, Y] + tracks[k, VY] * tracks[k, AGE] - y
         ux, uy = tracks[k, VX] - vx, tracks[k, VY] - vy
         reach = radius + tracks[k, RADIUS]
         closing = ax * ux + ay * uy
@@ -202,7 +202,8 @@ def _aside(
     """Time of the first contact, at most `horizon` s, of a robot that drives with (vx, vy) until `until` s and then stands."""
     earliest = horizon
     for k in range(len(tracks)):
-        ax, ay, ux, uy = tracks[k, X] - x, tracks[k, Y] - y, tracks[k, VX], tracks[k, VY]
+        ux, uy, age = tracks[k, VX], tracks[k, VY], tracks[k, AGE]
+        ax, ay = tracks[k, X] + ux * age - x, tracks[k, Y] + uy * age - y
         first, _, _ = swept_discs(ax, ay, ux - vx, uy - vy, radius + tracks[k, RADIUS], until)
         earliest = min(earliest, first)
         ax, ay = ax + (ux - vx) * until, ay + (uy - vy) * until
@@ -222,18 +223,18 @@ def guarded(
     cy: float,
     tracks: NDArray[np.float64],
     limits: NDArray[np.float64],
-    dt: float,
-    lookahead: float,
+    rules: Rules,
     terrain: Terrain,
 ) -> tuple[float, float, int]:
     """Return the command (vx, vy) that the guard lets pass, and what it did.
 
     The commanded velocity (cx, cy) where the braking path of what the robot does with it is free; else the fastest along it of
     which that holds; else a stand. A robot that would stand in the way of a track within `lookahead` s steps aside where a side
-    is free that puts the contact off. Wheels at rest turn towards the command.
+    is free that puts the contact off. Wheels at rest turn towards the command. Where `rules.strict` is false, a robot that
+    would stand in such a way does what `least_harm` says, whether that is certain or not.
     `limits` is float64[5]: those of `drive`, and the robot's radius.
     """
-    v_max, radius, resolution = limits[0], limits[4], terrain.resolution
+    v_max, radius, resolution, (dt, lookahead, strict) = limits[0], limits[4], terrain.resolution, rules
     speed = math.hypot(cx, cy)
     if speed > v_max:
         cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
@@ -245,6 +246,9 @@ def guarded(
         if brakes_free(px, py, wx, wy, tracks, limits, dt, terrain):
             return tx, ty, FREE if k == _FRACTIONS else SLOWED
     best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
+    if not strict and best <= lookahead:
+        sx, sy = least_harm(px, py, vx, vy, heading, cx, cy, tracks, limits, dt, terrain)
+        return sx, sy, LEAST_HARM if sx != 0.0 or sy != 0.0 else BRAKED if speed > TOUCH else FREE
     sx, sy = 0.0, 0.0
     for k in range(_SIDES if best <= lookahead else 0):
         tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)

@@ -17,7 +17,7 @@ X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track es
 MIRRORS = 4  # a track is mirrored at walls at most so often
 STEP_TIME = 0.25  # s; a predicted trajectory has one velocity for each step of this length
 NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
-_TIERS = (0.25, 0.5, 0.75, 1.0)  # s; a tube widens in steps, at these times from now
+_TIERS = (0.5, 1.0)  # s; a tube widens in steps, at these times from now
 LATER = 2.5  # s; from then on a robot spares tracks that turn less than their whole clearance radius
 _SPARED = 0.1  # m; namely so much less
 _KNOWN = 1.0  # s; tubes widen no further than here: by then there is a newer plan, and a wider tube would close every path
@@ -32,6 +32,14 @@ class TubeMargins(NamedTuple):
     speed_bound: float  # m/s; no obstacle is faster
     acceleration_bound: float  # m/s^2; no obstacle's speed grows faster
     stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from where it was so long before
+    vector_bound: float = math.inf  # m/s^2; no obstacle's velocity changes faster, as a vector; where finite, a moving robot
+    # keeps clear of what an obstacle could reach in that time of where it is predicted
+
+
+@kernel
+def time_shift(margins: TubeMargins) -> float:
+    """Return how much earlier than it happens a segment begins, s: clearance is from where an obstacle was so long before."""
+    return margins.stopping_time if margins.vector_bound == math.inf else 0.0
 
 
 @kernel
@@ -58,7 +66,7 @@ def predict(
     robot_x, robot_y : float
         Where the robot is, m.
     margins : TubeMargins
-        Segments begin `stopping_time` s before the estimates.
+        Segments begin `time_shift` s before the estimates.
     terrain : Terrain
     prediction : float64[N, S, 2]
         Velocities of the first N tracks in steps of STEP_TIME s, m/s; NaN for those that keep their velocity, as the rest do.
@@ -74,16 +82,22 @@ def predict(
     """
     n = 0
     size = terrain.resolution
-    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time = margins
+    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time, vector_bound = margins
+    before = time_shift(margins)
     for k in range(len(estimates)):
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
         body = robot_radius + estimates[k, RADIUS]
         slack = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
-        runs = min(speed_bound, math.hypot(vx, vy) + acceleration_bound * stopping_time) * stopping_time
-        held = min(slack + body, math.hypot(x + vx * (age - stopping_time) - robot_x, y + vy * (age - stopping_time) - robot_y))
+        speed, runs = math.hypot(vx, vy), 0.0
+        if speed_bound > 0.0:
+            fastest = min(max(speed_bound, speed), speed + acceleration_bound * stopping_time)
+            runs = fastest * stopping_time
+            if vector_bound < math.inf:
+                runs = min(0.5 * vector_bound * stopping_time * stopping_time, runs + speed * stopping_time)
+        held = min(slack + body, math.hypot(x + vx * (age - before) - robot_x, y + vy * (age - before) - robot_y))
         spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
         within = held < body + margin + quantile * spread + runs
-        x, y, t, mirrors = x - vx * stopping_time, y - vy * stopping_time, -age - stopping_time, 0
+        x, y, t, mirrors = x - vx * before, y - vy * before, -age - before, 0
         turns = k < len(prediction) and not math.isnan(prediction[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon
@@ -104,9 +118,9 @@ def predict(
                             break
                         i += 1
                     end = min(end, (i + 1) * STEP_TIME - age)
-            past = within and t < -1e-9
+            past = within and t < stopping_time - before - 1e-9
             if past:
-                end = min(end, 0.0)
+                end = min(end, stopping_time - before)
             col, row = (x - terrain.x0) / size - 0.5, (y - terrain.y0) / size - 0.5
             share, n_row, n_col = first_wall(
                 terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, estimates[k, RADIUS] / size

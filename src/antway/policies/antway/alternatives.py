@@ -18,7 +18,7 @@ from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
-from antway.kernels.tracking.predict import predict
+from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
 from antway.policies.antway.state import make_memory, make_trails
 from antway.world.policy import XY
@@ -46,7 +46,7 @@ class Situation:
     segments: NDArray[np.float64]  # [P, 8]
 
     def _predictions(self, segments: NDArray[np.float64]) -> Predictions:
-        return Predictions(segments, self.settings.tubes.stopping_time, np.empty(2))
+        return Predictions(segments, time_shift(self.settings.tubes), np.empty(2))
 
     def free(self) -> float:
         """Return the time to the goal if nothing moved, s."""

@@ -23,13 +23,15 @@ from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, TubeMargins
+from antway.kernels.tracking.averages import averaged
+from antway.kernels.tracking.noise import place_noise
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, TubeMargins
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, acting, has_inertia
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import Paces, State, make_context, make_memory, make_trails, shared_memory
-from antway.policies.guard import Guard, check_observation
+from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
 from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, RobotSpec, Task, Tracks
 from antway.world.terrain import terrain_of
 
@@ -41,6 +43,10 @@ _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well
 _NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
 _STANDS = 1.0  # s; an explanation stands no longer, even while the plan does
 _NEAR = 0.8  # m; a track without a name is found if it is no farther from where it was predicted
+_DISCOUNT = 0.3  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
+_PEOPLE_SPREAD = 0.1  # m/s; standard deviation, along one axis, of how people's velocities change in 0.8 s, at least
+_WALKS = 0.3  # m/s; once a track was so fast, the fastest seen is what all who avoid others are taken to prefer
+_NOISY = 1e-4  # m^2; median of the squared innovations from which on the guard is given estimates in place of measurements
 _EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle of theirs
 
 
@@ -55,8 +61,8 @@ class AntwayPolicy:
     ----------
     horizon : float
         How far ahead obstacles are predicted, s, > 0.
-    margin : float
-        Least distance to predicted obstacles, m, >= 0.
+    margin : float or None
+        Least distance to predicted obstacles, m, >= 0; None: 0.03, or 0.005 where the guard is strict.
     chance : float
         Probability in (0, 1) with which an uncertain track may leave its tube at any one time.
     hysteresis : float
@@ -73,6 +79,9 @@ class AntwayPolicy:
         Whether commands pass the guard.
     controls : ControlOptions or None
         Numbers of the colony in the space of controls, which drives robots with inertia; None: the usual ones.
+    mode : str
+        Of the guard, "strict" or "least-harm". Where it is "least-harm" and no path keeps all margins, one is taken that keeps
+        none.
 
     Raises
     ------
@@ -84,7 +93,7 @@ class AntwayPolicy:
         self,
         *,
         horizon: float = 9.0,
-        margin: float = 0.005,
+        margin: float | None = None,
         chance: float = 0.05,
         hysteresis: float = 0.05,
         minimum_improvement: float = 0.02,
@@ -94,9 +103,10 @@ class AntwayPolicy:
         deposit: float = 20.0,
         guard: bool = True,
         controls: ControlOptions | None = None,
+        mode: str = "least-harm",
     ) -> None:
         self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
-        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        self.margin = None if margin is None else checks.number("margin", margin, low=0.0, unit="m")
         chance = checks.number("chance", chance, low=1e-9, high=1.0 - 1e-9)
         self.quantile = max(NormalDist().inv_cdf(1.0 - chance), 0.0)  # of the error towards the robot
         self.hysteresis = checks.number("hysteresis", hysteresis, low=0.0, unit="s")
@@ -108,7 +118,8 @@ class AntwayPolicy:
         self.moves = moves
         self.deposit = checks.number("deposit", deposit, low=0.0, unit="s")
         self.controls = ControlOptions() if controls is None else checks.instance("controls", controls, ControlOptions)
-        self.guard = Guard() if checks.instance("guard", guard, bool) else None
+        self.mode = checks.choice("mode", mode, MODES)
+        self.guard = Guard(mode=mode) if checks.instance("guard", guard, bool) else None
 
         self.state: State | None = None
         self._in_common = False
@@ -163,7 +174,9 @@ class AntwayPolicy:
                 np.empty((SEGMENTS, 8)),
                 np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0]),
             ),
-            crowd=Crowd(np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2))),
+            crowd=Crowd(
+                np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)), np.zeros((256, 8))
+            ),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
         )
@@ -193,6 +206,7 @@ class AntwayPolicy:
         robot = task.robot
         guarded = self.guard is not None and not has_inertia(robot)  # else the colony in the space of controls looks to that
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
+        strict = self._strict(task)
         return Settings(
             dt=robot.dt,
             horizon=self.horizon,
@@ -207,12 +221,14 @@ class AntwayPolicy:
             goal_y=task.goal[1],
             tubes=TubeMargins(
                 robot_radius=robot.radius,
-                margin=self.margin,
-                quantile=self.quantile,
+                margin=(0.005 if strict else 0.03) if self.margin is None else self.margin,
+                quantile=self.quantile * (1.0 if strict else _DISCOUNT),
                 speed_bound=float(task.obstacle_speed) if guarded else 0.0,
                 acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
                 stopping_time=stopping if guarded else 0.0,
+                vector_bound=assumed_accel(task, self.mode),
             ),
+            bare=TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
             colony=ColonySettings(
                 leg_cells=2,
                 betas=np.array([100.0, 30.0, 10.0, 100.0]),
@@ -221,6 +237,10 @@ class AntwayPolicy:
                 amount=self.deposit,
             ),
         )
+
+    def _strict(self, task: Task) -> bool:
+        """Tell whether nothing but what is certain passes: also for robots with inertia, whose manoeuvres are certified."""
+        return self.mode == "strict" or not task.robot.stepwise
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -269,9 +289,17 @@ class AntwayPolicy:
             estimated = np.where(t.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
             variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0] * estimated, t.covariance[:, 2, 2] * estimated
         else:
-            variance[:] = 0.0
+            variance[:, 0] = place_noise(s.measured, s.noise, stamp, t.id, t.xy, t.velocity)
+            variance[:, 1] = 0.0
         scan = t.id, t.xy, t.velocity, t.radius, variance
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
+        if known:
+            s.fastest = max(s.fastest, float(np.hypot(s.estimates[:known, VX], s.estimates[:known, VY]).max()))
+        if self._strict(s.task):
+            s.crowd.averaged[:known] = s.estimates[:known]
+        else:
+            estimates = s.estimates[:known]
+            s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, _PEOPLE_SPREAD, s.crowd.averaged)
         return known, o.t - stamp
 
     def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
@@ -279,6 +307,9 @@ class AntwayPolicy:
         s.context, stopping_time = s.paces[known > 0]
         if math.isnan(s.started):
             s.started = o.t
+        preferred = s.fastest if s.fastest > _WALKS else float(s.task.obstacle_speed)
+        if preferred != s.settings.preferred_speed:
+            s.settings = s.settings._replace(preferred_speed=preferred)
         horizon = min(self.horizon, _NEARBY) if o.t < s.started + _OUTSET - 1e-6 else self.horizon
         if stopping_time != s.settings.tubes.stopping_time or horizon != s.settings.horizon:
             s.settings = s.settings._replace(horizon=horizon, tubes=s.settings.tubes._replace(stopping_time=stopping_time))
@@ -302,7 +333,7 @@ class AntwayPolicy:
         """Return the command that may pass, and what the guard did."""
         if self.guard is None:
             return command, ""
-        if o.tracks.covariance is not None:
+        if o.tracks.covariance is not None or s.noise[1] > _NOISY:
             o = self._estimated(s, o, known)
         others = None if s.controls is None else s.controls.others()
         return self.guard.passed(o, command, others), self.guard.did
@@ -334,7 +365,7 @@ class AntwayPolicy:
                 t,
                 float(age),
                 (float(x), float(y)),
-                s.estimates[:known].copy(),
+                s.crowd.averaged[:known].copy(),
                 s.crowd.prediction[:known].copy(),
                 s.plan.segments[: int(s.plan.state[FORESEEN])].copy(),
             )

@@ -15,6 +15,7 @@ from antway.kernels.crossing import Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
+from antway.kernels.tracking import averages, noise
 from antway.kernels.tracking.kalman import COLUMNS
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
@@ -38,10 +39,16 @@ class State:
         To search in; None: that of the thread (`shared_memory`).
     table, count, variance, estimates
         The track table with the number of its rows in use, room for the variances of a scan, the track estimates.
+    measured, noise
+        What kernels/tracking/noise.py knows of the noise of places.
+    averages, averaging, pool
+        What kernels/tracking/averages.py knows, with the number of its rows in use.
     rng : uint64[1]
         State of the random generator.
     controls : ControlColony or None
         What drives a robot with inertia or wheels.
+    fastest : float
+        Speed of the fastest track seen, m/s.
     started : float
         Time of the first observation, s; NaN before.
     path : TimedPath or None
@@ -72,6 +79,12 @@ class State:
     count: int = 0
     variance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((64, 2)))
     estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, 8)))
+    measured: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, noise.COLUMNS)))
+    noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, averages.COLUMNS)))
+    averaging: int = 0
+    pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(averages.MODELS))
+    fastest: float = 0.0
     started: float = math.nan
     path: TimedPath | None = None
     cycle: tuple[Observation, int, float, float, float] | None = None

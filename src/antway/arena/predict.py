@@ -1,0 +1,143 @@
+"""How well recorded tracks are foretold: errors of the predicted places beside constant velocity, and what the tubes hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.arena.environments import read_tracks
+from antway.errors import BadScenario
+from antway.kernels.tracking.averages import COLUMNS, MODELS, averaged
+from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.spread import PEOPLE_DOF, people_variance, tube_radius
+
+HORIZONS = (1.0, 2.0, 4.8)  # s; 4.8 s is what the literature foretells, from 0.4 s steps
+TIMES = (0.5, 1.0, 2.0, 4.0)  # s at which tubes are tested
+CHANCES = (0.05, 0.2)
+PAST = 0.8  # s of its record that is known of a track before it is foretold
+STEP = 0.4  # s between the instants that count in the mean error
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """How well one recording was foretold.
+
+    Attributes
+    ----------
+    cases : int
+        Predictions made: every track at every instant of its record after its first PAST s.
+    ade, fde : sequence of (horizon in s, error in m, error of constant velocity in m)
+        Mean over all instants up to the horizon, every STEP s, and mean at the horizon.
+    outside : sequence of (chance, time in s, share)
+        Share of the tracks that were outside of the tube for that chance at that time.
+    """
+
+    cases: int
+    ade: Sequence[tuple[float, float, float]]
+    fde: Sequence[tuple[float, float, float]]
+    outside: Sequence[tuple[float, float, float]]
+
+
+def forecast(file: str) -> Forecast:
+    """Foretell every track of a recording at every instant from what was recorded up to then.
+
+    Parameters
+    ----------
+    file : str
+        As for the suite `tracks:FILE`.
+
+    Raises
+    ------
+    BadScenario
+        For a file that cannot be read, or in which no track lasts for PAST + 1 s.
+    """
+    now, rows, last = _estimates(file)
+    walkers = _walkers(file)
+    instants = np.union1d(np.arange(1, round(HORIZONS[-1] / STEP) + 1) * STEP, (*HORIZONS, *TIMES))
+    truth = np.full((len(now), len(instants), 2), np.nan)
+    for name, walk in walkers.items():
+        mine = rows[:, NAME] == name
+        for i, later in enumerate(instants):
+            t = now[mine] + later
+            inside = t <= walk[-1, 0] + 1e-9
+            place = np.column_stack([np.interp(t, walk[:, 0], walk[:, k]) for k in (1, 2)])
+            truth[mine, i] = np.where(inside[:, None], place, np.nan)
+    if not np.isfinite(truth[:, 0]).any():
+        raise BadScenario("tracks", len(now), f"at least one track of {PAST + 1.0:g} s", where=file)
+    own, constant = (
+        np.hypot(*np.moveaxis(rows[:, None, (X, Y)] + v[:, None] * instants[None, :, None] - truth, -1, 0))
+        for v in (rows[:, (VX, VY)], last)
+    )
+    ade, fde, outside = [], [], []
+    for horizon in HORIZONS:
+        i = int(np.argmin(np.abs(instants - horizon)))
+        whole = np.isfinite(own[:, i])
+        upto = (instants <= horizon + 1e-9) & (np.abs(instants / STEP - np.round(instants / STEP)) < 1e-9)
+        ade.append((horizon, float(own[whole][:, upto].mean()), float(constant[whole][:, upto].mean())))
+        fde.append((horizon, float(own[whole, i].mean()), float(constant[whole, i].mean())))
+    for chance in CHANCES:
+        for time in TIMES:
+            i = int(np.argmin(np.abs(instants - time)))
+            whole = np.isfinite(own[:, i])
+            radius = np.array([tube_radius(people_variance(s, time), chance, PEOPLE_DOF) for s in rows[whole, SIGMA_V]])
+            outside.append((chance, time, float((own[whole, i] > radius).mean())))
+    return Forecast(len(now), ade, fde, outside)
+
+
+def markdown(found: Forecast) -> str:
+    """Return a forecast's numbers as tables."""
+    lines = ["| horizon | ADE, m | of constant velocity | FDE, m | of constant velocity |", "|---|---|---|---|---|"]
+    for (horizon, *ade), (_, *fde) in zip(found.ade, found.fde, strict=True):
+        lines.append(f"| {horizon:g} s | " + " | ".join(f"{value:.3f}" for value in (*ade, *fde)) + " |")
+    lines += [
+        "",
+        "| tube for | " + " | ".join(f"outside at {time:g} s" for time in TIMES) + " |",
+        "|---|" + "---|" * len(TIMES),
+    ]
+    for chance in CHANCES:
+        shares = (f"{100 * share:.1f} %" for c, _, share in found.outside if c == chance)
+        lines.append(f"| chance {chance:g} | " + " | ".join(shares) + " |")
+    return "\n".join(lines)
+
+
+def _walkers(file: str) -> dict[float, NDArray[np.float64]]:
+    """Return the rows t, x, y of every track by its id."""
+    table = read_tracks(file)
+    return {float(name): table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])}
+
+
+def _estimates(file: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Go through a recording and return, for each prediction, its time, the estimate that it goes by, and the last velocity."""
+    walkers = _walkers(file)
+    table = np.vstack(
+        [
+            np.column_stack(
+                (
+                    w[1:, 0],
+                    np.full(len(w) - 1, name),
+                    w[1:, 1:],
+                    np.diff(w[:, 1:], axis=0) / np.diff(w[:, :1], axis=0),
+                    w[1:, 0] - w[0, 0],
+                )
+            )
+            for name, w in walkers.items()
+            if len(w) > 1
+        ]
+    )
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(MODELS)
+    times, rows, last = [], [], []
+    for t in np.unique(table[:, 0]):
+        scan = table[table[:, 0] == t]
+        estimates = np.zeros((len(scan), 8))
+        estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
+        out = np.empty_like(estimates)
+        count = averaged(memory, count, pool, estimates, float(t), 0.0, out)
+        known = scan[:, 6] >= PAST - 1e-9
+        times.append(np.full(int(known.sum()), t))
+        rows.append(out[known])
+        last.append(scan[known, 4:6])
+    return np.concatenate(times), np.vstack(rows), np.vstack(last)

@@ -1,0 +1,141 @@
+"""Least harm: where no command is certain, the one whose predicted contact is least likely, latest and slowest."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import TOUCH, first_wall
+from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Terrain
+from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
+
+_SIDES = 16  # directions tried
+_SPEEDS = 2  # and speeds in each
+_LASTS = (0.3, 0.8, 2.0)  # s; how long before the robot stands
+_AHEAD, _STEPS = 2.5, 64  # s looked ahead, in so many steps at most
+_WEIGHT = 1.5  # s; a contact so much later counts 1 / e
+_SIGMA, _GROWTH = 0.04, 0.15  # m, m/s; standard deviation of a predicted place, and its growth
+_SPEED_COST, _PROGRESS = 0.02, 0.02  # of a contact at full speed; of going where the command leads: small against any contact
+
+
+@kernel
+def harm(
+    xy: tuple[float, float],
+    velocity: tuple[float, float],
+    heading: float,
+    tx: float,
+    ty: float,
+    until: float,
+    tracks: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    dt: float,
+    enough: float,
+    path: NDArray[np.float64],
+) -> float:
+    """Expected contacts, later ones counting less, of a robot that is commanded (tx, ty) for `until` s and then to stand.
+
+    Parameters
+    ----------
+    tracks : float64[K, 8]
+        Rows of kernels/robot/reach.py; each goes straight on, its place known ever less.
+    enough : float
+        A value from which on the answer need not be exact.
+    path : float64[S, 5]
+        Room to work in.
+    """
+    (px, py), (vx, vy) = xy, velocity
+    steps = min(round(_AHEAD / dt + 0.5), len(path))
+    x, y, wx, wy, angle = px, py, vx, vy, heading
+    for i in range(steps):
+        goes = i * dt < until - TOUCH
+        wx, wy, angle = drive(wx, wy, angle, tx if goes else 0.0, ty if goes else 0.0, limits, dt)
+        path[i, 0], path[i, 1], path[i, 2], path[i, 3], path[i, 4] = x, y, wx, wy, math.hypot(wx, wy) / limits[0]
+        x, y = x + wx * dt, y + wy * dt
+    total = 0.0
+    for k in range(len(tracks)):
+        ux, uy = tracks[k, VX], tracks[k, VY]
+        ax, ay = tracks[k, X] + ux * tracks[k, AGE], tracks[k, Y] + uy * tracks[k, AGE]
+        body = limits[4] + tracks[k, RADIUS]
+        if math.hypot(ax - px, ay - py) - body > (limits[0] + math.hypot(ux, uy)) * _AHEAD:
+            continue
+        low, ratio, when, fast = math.inf, 0.0, 0.0, 0.0
+        for i in range(steps):
+            t = i * dt
+            if t / _WEIGHT >= low:
+                break
+            qx, qy, rx, ry = ax + ux * t - path[i, 0], ay + uy * t - path[i, 1], ux - path[i, 2], uy - path[i, 3]
+            sigma = _SIGMA + _GROWTH * (t + 0.5 * dt)
+            near = body + 3.0 * sigma + (abs(rx) + abs(ry)) * dt
+            if qx * qx + qy * qy > near * near:
+                continue
+            rr = rx * rx + ry * ry
+            s = min(max(-(qx * rx + qy * ry) / rr, 0.0), dt) if rr > 0.0 else 0.0
+            slope = 1.7 * (math.hypot(qx + rx * s, qy + ry * s) - body) / sigma
+            if max(slope, 0.0) + (t + s) / _WEIGHT < low:
+                low, ratio, when, fast = max(slope, 0.0) + (t + s) / _WEIGHT, slope, t + s, path[i, 4]
+        if low < math.inf:
+            total += math.exp(-when / _WEIGHT) / (1.0 + math.exp(ratio)) * (1.0 + _SPEED_COST * fast)
+        if total >= enough:
+            break
+    return total
+
+
+@kernel
+def least_harm(
+    px: float,
+    py: float,
+    vx: float,
+    vy: float,
+    heading: float,
+    cx: float,
+    cy: float,
+    tracks: NDArray[np.float64],
+    limits: NDArray[np.float64],
+    dt: float,
+    terrain: Terrain,
+) -> tuple[float, float]:
+    """Return the command (vx, vy) of least `harm` among a stand, (cx, cy), and motions in many directions, clear of walls."""
+    v_max, a_max, radius, resolution, blocked = limits[0], limits[1], limits[4], terrain.resolution, terrain.blocked
+    path = np.empty((_STEPS, 5))
+    best, bx, by = harm((px, py), (vx, vy), heading, 0.0, 0.0, 0.0, tracks, limits, dt, math.inf, path), 0.0, 0.0
+    asked = max(math.hypot(cx, cy), TOUCH)
+    row, col = (py - terrain.y0) / resolution - 0.5, (px - terrain.x0) / resolution - 0.5
+    for k in range(_SIDES * _SPEEDS + 1):
+        speed, angle = v_max * (1 + k % _SPEEDS) / _SPEEDS, 2 * math.pi * (k // _SPEEDS) / _SIDES
+        tx, ty = speed * math.cos(angle), speed * math.sin(angle)
+        if k == _SIDES * _SPEEDS:
+            tx, ty, speed = cx, cy, math.hypot(cx, cy)
+        if speed <= TOUCH:
+            continue
+        braking = 0.5 * speed * speed / a_max
+        ahead = speed * _LASTS[-1] + braking
+        share, _, _ = first_wall(
+            blocked, row, col, ty / speed * ahead / resolution, tx / speed * ahead / resolution, radius / resolution
+        )
+        clear_time = (min(share, 1.0) * ahead - braking) / speed  # s
+        if clear_time < dt:
+            continue
+        wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
+        reaches = math.hypot(wx, wy)
+        far = reaches * dt + 0.5 * reaches * reaches / a_max
+        if reaches > TOUCH:  # wheels drive where they point, not where they are told
+            share, _, _ = first_wall(
+                blocked, row, col, wy / reaches * far / resolution, wx / reaches * far / resolution, radius / resolution
+            )
+            if share <= 1.0:
+                continue
+        progress = _PROGRESS * (tx * cx + ty * cy) / (asked * v_max)
+        for lasts in _LASTS:
+            value = (
+                harm((px, py), (vx, vy), heading, tx, ty, min(lasts, clear_time), tracks, limits, dt, best + progress, path)
+                - progress
+            )
+            if value < best - TOUCH:
+                best, bx, by = value, tx, ty
+            if lasts >= clear_time:
+                break
+    return bx, by

@@ -1,0 +1,65 @@
+"""How wrong measured places are, where no sensor tells: from how far they are off where the last ones and velocities lead."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import kernel
+
+COLUMNS = 6  # of a row: name, time, x, y, vx, vy as last measured
+_LEAST, _STEP = 1e-8, 0.1  # m^2; share by which the median moves with each measurement
+_FAR = 0.5  # s; what is older tells nothing
+
+
+@kernel
+def place_noise(
+    rows: NDArray[np.float64],
+    state: NDArray[np.float64],
+    t: float,
+    name: NDArray[np.int64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+) -> float:
+    """Return the variance of measured places along one axis, m^2, after one more scan; 0 while it is below (0.1 mm)^2.
+
+    Parameters
+    ----------
+    rows : float64[M, COLUMNS]
+        What was last measured of each track.
+    state : float64[2]
+        Rows in use, and the median of the squared innovations, m^2.
+    t, name, xy, velocity
+        The scan, as in kernels/tracking/kalman.py; tracks without name or velocity tell nothing.
+
+    Notes
+    -----
+    The difference of two places with noise of variance R less the way made between them has a squared length of mean 4 R and
+    median 4 R ln 2. The median is followed by small steps up and down, so that what turns or jumps now and then counts little.
+    """
+    count = int(state[0])
+    for k in range(len(name)):
+        if name[k] < 0 or math.isnan(velocity[k, 0]):
+            continue
+        i = 0
+        while i < count and rows[i, 0] != name[k]:
+            i += 1
+        if i == count:
+            if count == len(rows):
+                i = int(np.argmin(rows[:, 1]))
+            else:
+                count += 1
+        else:
+            dt = t - rows[i, 1]
+            if 0.0 < dt <= _FAR:
+                ex = xy[k, 0] - rows[i, 2] - 0.5 * (rows[i, 4] + velocity[k, 0]) * dt
+                ey = xy[k, 1] - rows[i, 3] - 0.5 * (rows[i, 5] + velocity[k, 1]) * dt
+                up = ex * ex + ey * ey > state[1]
+                state[1] = max(state[1] * math.exp(_STEP if up else -_STEP), _LEAST)
+        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3] = name[k], t, xy[k, 0], xy[k, 1]
+        rows[i, 4], rows[i, 5] = velocity[k, 0], velocity[k, 1]
+    state[0] = count
+    variance: float = state[1] / (4.0 * math.log(2.0))
+    return variance if variance > _LEAST else 0.0

@@ -1,0 +1,46 @@
+"""Slow, obvious twins of the kernels about people: harm by dense sampling, averages and noise by the textbook."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from naive.guard import driven
+
+
+def harm(p, v, heading, command, until, tracks, limits, dt, ahead=2.5, parts=50) -> float:
+    """Expected contacts of a robot that drives so, by looking at many instants of each step."""
+    radius, x, total = limits[4], np.array(p, float), 0.0
+    path, t = [], 0.0
+    for i in range(round(ahead / dt + 0.5)):
+        v, heading = driven(v, heading, command if i * dt < until - 1e-9 else (0.0, 0.0), limits[:4], dt)
+        path.append((i * dt, x.copy(), np.array(v)))
+        x, t = x + np.array(v) * dt, t + dt
+    for row in tracks:
+        best, value = math.inf, 0.0
+        for begin, at, w in path:
+            sigma = 0.04 + 0.15 * (begin + dt / 2)
+            s = np.linspace(0.0, dt, parts + 1)
+            where = row[:2] + row[2:4] * (row[7] + begin + s)[:, None]
+            gaps = np.hypot(*(where - at - w * s[:, None]).T) - radius - row[4]
+            i = int(np.argmin(gaps))
+            z = 1.7 * gaps[i] / sigma
+            score = max(z, 0.0) + (begin + s[i]) / 1.5
+            if gaps[i] < 3.0 * sigma and score < best:
+                slow = 1.0 + 0.02 * math.hypot(*w) / limits[0]
+                best, value = score, math.exp(-(begin + s[i]) / 1.5) / (1.0 + math.exp(z)) * slow
+        total += value
+    return total
+
+
+def place_noise(scans) -> float:
+    """Variance of places from scans (t, ids, xy, velocity): the true median of all squared innovations."""
+    last, squares = {}, []
+    for t, ids, xy, velocity in scans:
+        for name, place, speed in zip(ids, xy, velocity):
+            if name in last:
+                before, there, then = last[name]
+                squares.append(float(((place - there - (then + speed) / 2 * (t - before)) ** 2).sum()))
+            last[name] = t, place, speed
+    return float(np.median(squares)) / (4.0 * math.log(2.0))
