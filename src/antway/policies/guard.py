@@ -74,10 +74,10 @@ class Guard:
     -----
     The promise of "strict" is passive safety: while the robot moves there is no contact, if obstacles keep to the declared
     bounds on their speed, its growth and the change of their velocity (`Task.obstacle_speed`, `obstacle_surge`,
-    `obstacle_swerve`; the last is infinite unless declared: they may turn in no time), but where a wall may throw them back, they
-    are not seen now, or not exactly; are seen early enough; and do not drive into a robot that has stopped. Bounds are where a
-    guard begins: what it sees of a track raises that track's own at once, and slowly the bound on the speed of all. "least-harm"
-    promises nothing, and has fewer contacts in all among people (docs/people.md).
+    `obstacle_swerve`; the last is infinite unless declared: they may turn in no time), but where a wall may throw them back,
+    they are not seen now, or not exactly; are seen early enough; and do not drive into a robot that has stopped. Bounds are
+    where a guard begins: what it sees of a track raises that track's own at once, and slowly the bound on the speed of all.
+    "least-harm" promises nothing, and has fewer contacts in all among people (docs/people.md).
     """
 
     def __init__(self, *, timeout: float = 0.5, hold: float = 0.5, lookahead: float = 1.5, mode: str = "strict") -> None:
