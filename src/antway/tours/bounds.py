@@ -32,14 +32,15 @@ def lower_bound(stops: Stops) -> float:
     inner = stops.inner
     # Somebody goes to each stop and on to the end; and what all do together, they share.
     ends = {stops.start} | (set() if stops.end is None else {stops.end})
-    begin = float(stops.windows[stops.start, 0])
+    leaves = float(stops.windows[stops.start, 0])
     each = (
-        np.maximum(begin + stops.service[stops.start] + far[stops.start, inner], stops.windows[inner, 0]) + stops.service[inner]
+        np.maximum(leaves + stops.service[stops.start] + far[stops.start, inner], stops.windows[inner, 0])
+        + stops.service[inner]
     )
     if stops.end is not None:
         home = 0.0 if stops.closed else float(stops.service[stops.end])
         each = each + far[inner, stops.end] + home
-    shared = begin + (travel + float(stops.service[[i for i in range(len(far)) if i not in ends]].sum())) / stops.robots
+    shared = leaves + (travel + float(stops.service[[i for i in range(len(far)) if i not in ends]].sum())) / stops.robots
     own = float(sum(stops.service[i] for i in ends)) if stops.robots == 1 else 0.0
     return max(float(each.max(initial=0.0)) * _SAFE, shared + own * _SAFE)
 
@@ -91,11 +92,11 @@ def _closure(matrix: Floats) -> Floats:
 
 def _tree(matrix: Floats) -> float:
     """Return the length of the least spanning tree."""
-    reach, used, total = matrix[0].copy(), np.zeros(len(matrix), dtype=bool), 0.0
+    nearest, used, total = matrix[0].copy(), np.zeros(len(matrix), dtype=bool), 0.0
     used[0] = True
     for _ in range(len(matrix) - 1):
-        then = int(np.argmin(np.where(used, np.inf, reach)))
+        then = int(np.argmin(np.where(used, np.inf, nearest)))
         used[then] = True
-        total += float(reach[then])
-        reach = np.minimum(reach, matrix[then])
+        total += float(nearest[then])
+        nearest = np.minimum(nearest, matrix[then])
     return total

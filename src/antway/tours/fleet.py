@@ -52,14 +52,14 @@ def best_routes(
     cost, worth = kernel.start(fleet, saved, np.uint64(stream(np.uint64(seed), np.uint64(0))))
     kernel.copy(fleet, saved, best, True)
     record = np.array([cost, worth, worth, cost])
-    done, limit, begun = 0, 2**62 if cycles is None else cycles, time.perf_counter()
+    done, limit, started = 0, 2**62 if cycles is None else cycles, time.perf_counter()
     hot = _COLD if initial is not None else _HOT
     while done < limit and not (done and clock.spent()):
         # The temperature falls with the share of the budget that is used.
-        used = done / limit if cycles is not None else min(1.0, (time.perf_counter() - begun) / max(seconds, 1e-9))
-        heat = step * hot * (_COLD / hot) ** used
+        used = done / limit if cycles is not None else min(1.0, (time.perf_counter() - started) / max(seconds, 1e-9))
+        temperature = step * hot * (_COLD / hot) ** used
         kernel.anneal(
-            fleet, now, saved, best, record, np.uint64(stream(np.uint64(seed), np.uint64(done + 1))), _TURNS, heat, 1.0
+            fleet, now, saved, best, record, np.uint64(stream(np.uint64(seed), np.uint64(done + 1))), _TURNS, temperature, 1.0
         )
         done += 1
     orders = [rows[best.stops[k, : best.sizes[k]]] for k in range(stops.robots)]

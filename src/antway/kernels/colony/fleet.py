@@ -147,11 +147,11 @@ def take_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state: 
             spared += 1
     span = min(length + spared, size)
     low, high = max(1, place - span + 1), min(place, size - span + 1)
-    begin = low + rng.below(state, high - low + 1)
-    keep_from = begin + (rng.below(state, span - spared + 1) if spared > 0 else span)
-    at = begin
-    for p in range(begin, r.sizes[k]):
-        out = p < begin + span and not keep_from <= p < keep_from + spared
+    from_place = low + rng.below(state, high - low + 1)
+    keep_from = from_place + (rng.below(state, span - spared + 1) if spared > 0 else span)
+    at = from_place
+    for p in range(from_place, r.sizes[k]):
+        out = p < from_place + span and not keep_from <= p < keep_from + spared
         if out:
             r.route[r.stops[k, p]] = OUT
         else:
@@ -199,20 +199,20 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
 def recreate(fleet: Fleet, r: Routes, absent: Ids, keys: Floats, state: rng.State) -> None:
     """Put the absent stops back, sorted at random, by time to the start, by their windows, or by what they are worth."""
     count = 0
-    way = rng.below(state, 8)
+    kind = rng.below(state, 8)
     for stop in range(1, len(r.route) - 1):
         if r.route[stop] != OUT:
             continue
         key = rng.uniform(state)
-        if way == 0:
+        if kind == 0:
             key = fleet.time[0, stop]
-        elif way == 1:
+        elif kind == 1:
             key = -fleet.time[0, stop]
-        elif way == 2:
+        elif kind == 2:
             key = fleet.closes[stop]
-        elif way == 3:
+        elif kind == 3:
             key = fleet.closes[stop] - fleet.opens[stop]
-        elif way == 4:
+        elif kind == 4:
             key = -fleet.price[stop] * (0.5 + key)
         at = count
         while at > 0 and keys[at - 1] > key:
@@ -246,10 +246,10 @@ def anneal(
     record: Floats,
     seed: np.uint64,
     turns: int,
-    heat: float,
+    temperature: float,
     cooling: float,
 ) -> None:
-    """Ruin and recreate `turns` times, at temperatures from `heat` on, each `cooling` times the last.
+    """Ruin and recreate `turns` times, at temperatures from `temperature` on, each `cooling` times the last.
 
     record : [4] objective of `saved`, priorities of `best` (BEST), priorities of `saved`, objective of `best`.
     """
@@ -261,7 +261,7 @@ def anneal(
         ruin(fleet, r, touched, state)
         recreate(fleet, r, absent, keys, state)
         cost, worth = objective(fleet, r)
-        if cost < record[HERE] - heat * math.log(1.0 - rng.uniform(state)):
+        if cost < record[HERE] - temperature * math.log(1.0 - rng.uniform(state)):
             record[HERE], record[WORTH] = cost, worth
             copy(fleet, r, saved, False)
             if worth > record[BEST] or (worth == record[BEST] and cost < record[BEST_COST]):
@@ -269,7 +269,7 @@ def anneal(
                 copy(fleet, r, best, False)
         else:
             copy(fleet, saved, r, True)
-        heat *= cooling
+        temperature *= cooling
 
 
 @bare_kernel
