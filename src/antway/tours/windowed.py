@@ -190,7 +190,9 @@ def search(
 ) -> Found:
     """Look for the best order until the clock is spent, `cycles` are done, one costs `target`, or none can be better."""
     n = len(path.time)
-    start = np.arange(n, dtype=np.int32) if initial is None else initial.astype(np.int32)
+    # What is due first stands first, to begin with.
+    due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
+    start = np.concatenate(([0], due, [n - 1])).astype(np.int32) if initial is None else initial.astype(np.int32)
     if not path.feasible or n <= 3:
         late = float(repair(path.finite, path.opens, path.closes, start, 0 if n <= 3 else 20, np.uint64(seed)))
         conflict = () if path.feasible else path.conflict()

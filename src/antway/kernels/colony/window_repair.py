@@ -8,6 +8,8 @@ from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.colony.windows import Floats, Ids
 
+WORK = 600_000_000  # stops driven to in one descent at most, about a second
+
 
 @bare_kernel
 def lateness(time: Floats, opens: Floats, closes: Floats, order: Ids, most: float) -> float:
@@ -36,10 +38,11 @@ def move(order: Ids, p: int, q: int) -> None:
 
 @bare_kernel
 def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float, state: rng.State) -> float:
-    """Move single stops as long as that makes the order less late; return its lateness."""
+    """Move single stops as long as that makes the order less late, or WORK is done; return its lateness."""
     n = len(order)
-    quiet, p = 0, 1 + rng.below(state, n - 2)
-    while quiet < n - 2 and late > 0.0:
+    quiet, p, left = 0, 1 + rng.below(state, n - 2), WORK // (n * n)
+    while quiet < n - 2 and late > 0.0 and left > 0:
+        left -= 1
         best, to = late, p
         # The stop travels through all places one by one, so that each is tried with one exchange.
         at = p
