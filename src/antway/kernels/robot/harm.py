@@ -41,7 +41,7 @@ def harm(
     Parameters
     ----------
     tracks : float64[K, 8]
-        Rows of kernels/robot/reach.py; each goes straight on, its place known ever less.
+        Rows of kernels/robot/reach.py; each keeps its velocity, and its place is known less and less.
     enough : float
         A value from which on the answer need not be exact.
     path : float64[S, 5]
