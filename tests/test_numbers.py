@@ -25,7 +25,8 @@ NASTY: list[Any] = [math.nan, math.inf, -math.inf, -0.0, 1e308, 10**400, -(10**3
 
 # Answers and observations: antway makes them, and nobody hands them in but policies, whose commands the world reads with care.
 RECORDS = "Plan TimedPath EpisodeResult Command Decision Observation Tracks"
-NO_NUMBERS = "Policy check_plan check_episode run make_policy"  # a protocol; what takes whole objects alone is tested with them
+# A protocol, what takes whole objects alone, and tours, whose wrong input is tested in test_tours_plan and test_time_windows.
+NO_NUMBERS = "Policy check_plan check_episode run make_policy plan_tour check_tour solve_tsptw check_tsptw"
 PARTS = {
     "antway.ants.front": "pareto alternatives",
     "antway.ants.gridpath": "ants explore",

@@ -164,6 +164,7 @@ def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Episo
     ['open/low/0000', 'open/medium/0000']
     """
     suite = load_suite(spec)
+    checks.instance("robot", robot, str)
     count = suite.default if count is None else checks.integer("episodes", count, low=1, high=1_000_000)
     name = suite.name + (f"{_ON}{robot_name(robot)}" if robot else "")
     return [Episode(spec, name, group, number, robot) for number in range(count) for group in suite.groups]

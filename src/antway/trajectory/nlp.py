@@ -117,7 +117,7 @@ def smooth(
     weights = checks.point("weights", weights, size=3)  # type: ignore[assignment]
     checks.instance("grid", grid, Grid)
     if segments is not None:
-        checks.array("pieces", segments, (None, 8), finite=False)
+        checks.array("segments", segments, (None, 8), finite=False)
     guess = speed_profile(xy, v_max, a_max)
     solved, reason = None, ""
     turning = (turn_rate, turn_acceleration) if differential else None

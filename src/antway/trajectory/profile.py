@@ -119,7 +119,7 @@ def is_clear(path: TimedPath, grid: Grid, radius: float, segments: NDArray[np.fl
     checks.instance("grid", grid, Grid)
     radius = checks.number("radius", radius, low=0.0, unit="m")
     if segments is not None:
-        checks.array("pieces", segments, (None, 8), finite=False)
+        checks.array("segments", segments, (None, 8), finite=False)
     points = grid.to_points(path.xy).tolist()
     for (ar, ac), (br, bc) in pairwise(points):
         if segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True):
