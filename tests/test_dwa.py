@@ -65,10 +65,15 @@ def test_rollouts_obey_the_robots_own_limits() -> None:
 
 @pytest.mark.parametrize(
     "robot",
-    [RobotSpec(), RobotSpec(a_max=1.5), RobotSpec(drive="differential", a_max=2.0, turn_rate=1.5), RobotSpec(v_max=0.7)],
+    [
+        RobotSpec(),
+        RobotSpec(a_max=1.5),
+        RobotSpec(drive="differential", a_max=2.0, turn_rate=1.5, dynamics="steps"),
+        RobotSpec(v_max=0.7),
+    ],
 )
 def test_commands_keep_within_limits(robot: RobotSpec) -> None:
-    """No command is above full speed, no change of speed above a_max, and no robot drives into a wall, in a crowd neither."""
+    """In the step model that dwa plans by, commands and changes of speed keep within limits, and no robot drives into a wall."""
     for seed in range(cases(2, 30)):
         result = run(crowd(seed, robot=robot), "dwa", horizon=30.0)
         check_episode(result)
@@ -78,7 +83,9 @@ def test_commands_keep_within_limits(robot: RobotSpec) -> None:
         assert result.outcome.value != "hit-wall"
 
 
-@pytest.mark.parametrize("robot", [RobotSpec(), RobotSpec(a_max=1.5), RobotSpec(drive="differential", a_max=2.0)])
+@pytest.mark.parametrize(
+    "robot", [RobotSpec(), RobotSpec(a_max=1.5), RobotSpec(drive="differential", a_max=2.0, dynamics="steps")]
+)
 def test_it_arrives_past_what_crosses(robot: RobotSpec) -> None:
     """Seeds of a disc that goes up and down across the way; same seed, same bytes."""
     disc = Obstacle(0.3, BackAndForth((5.0, 0.4), (5.0, 5.6), (0.3, 0.5), (0.0, 1.0)))

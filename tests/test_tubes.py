@@ -82,7 +82,12 @@ def test_ways_are_shortest_and_none_leads_where_none_can() -> None:
 
 
 @pytest.mark.parametrize(
-    "robot", [RobotSpec(a_max=1.0), RobotSpec(drive="differential"), RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0)]
+    "robot",
+    [
+        RobotSpec(a_max=1.0, dynamics="steps"),
+        RobotSpec(drive="differential"),
+        RobotSpec(drive="differential", a_max=0.8, turn_rate=1.0, dynamics="steps"),
+    ],
 )
 def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
     """A robot with inertia or wheels is where its timed path says, within a few control periods' way."""
