@@ -73,7 +73,7 @@ def test_rollouts_obey_the_robots_own_limits() -> None:
     ],
 )
 def test_commands_keep_within_limits(robot: RobotSpec) -> None:
-    """In the step model that dwa plans by, commands and changes of speed keep within limits, and no robot drives into a wall."""
+    """In the step model that dwa plans by commands and changes of speed keep within limits, and no robot drives into a wall."""
     for seed in range(cases(2, 30)):
         result = run(crowd(seed, robot=robot), "dwa", horizon=30.0)
         check_episode(result)
