@@ -228,6 +228,8 @@ def parameters() -> dict[str, Parameter]:
     found["robot.drive"] = ("", "Field drive of RobotSpec; needed, unless robot.name is given.")
     found |= {f"task.{f.name}": (f.default, f"Field {f.name} of Task.") for f in fields(Task) if isinstance(f.default, float)}
     for name, option in inspect.signature(AntwayPolicy).parameters.items():
+        if option.default is None:
+            continue  # ROS has no type for what the policy works out itself where it is not given
         default = option.default.value if isinstance(option.default, Moves) else option.default
         found[f"policy.{name}"] = (default, f"Option {name} of AntwayPolicy.")
     found |= _OWN
