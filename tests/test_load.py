@@ -213,8 +213,8 @@ def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPa
     """Requests that do not end or grow too long, a page that confirms nothing, and a flood are ended within their time."""
     from antway.web import server
 
-    monkeypatch.setattr(player, "PATIENCE", 1.5)
-    monkeypatch.setattr(server, "PATIENCE", 0.5)
+    monkeypatch.setattr(player, "TIMEOUT", 1.5)
+    monkeypatch.setattr(server, "TIMEOUT", 0.5)
     with served() as port:
         with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
             wire.sendall(b"GET / HTTP/1.1\r\nHost:")
@@ -245,8 +245,8 @@ def test_who_does_not_read_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> Non
             super().__init__()
             sessions.append(self)
 
-    monkeypatch.setattr(player, "PATIENCE", 600.0)  # so that it is not cut for what it leaves unconfirmed
-    monkeypatch.setattr(server, "PATIENCE", 0.2)
+    monkeypatch.setattr(player, "TIMEOUT", 600.0)  # so that it is not cut for what it leaves unconfirmed
+    monkeypatch.setattr(server, "TIMEOUT", 0.2)
     monkeypatch.setattr(server, "Session", Known)
     with served() as port, socket.socket() as wire:
         wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
@@ -287,7 +287,7 @@ def test_requests_go_first_and_hold_up_play_for_a_moment_alone(monkeypatch: pyte
         clock = asyncio.get_running_loop().time
         turns.request()
         async with turns.lull():
-            assert clock() - turns.asked >= LULL
+            assert clock() - turns.latest_request >= LULL
 
         async def play() -> None:
             async with turns.lull():
