@@ -20,12 +20,7 @@ PAPER = {
     "robot.sensor_range": 5.0,
     "task.obstacle_speed": 1.0,
 }  # as scene "paper" has it
-# The node refuses to start without a drive since robots have names; these tests and their scripts are not yet seen to pass with
-# that, so they run only where they are asked for.
-pytestmark = pytest.mark.skipif(
-    not (BIN / ".ready").exists() or "ANTWAY_TEST_ROS" not in os.environ,
-    reason="no ROS 2 environment at .venv-ros (make ros), or ANTWAY_TEST_ROS not set: not yet adapted to robots by name",
-)
+pytestmark = pytest.mark.skipif(not (BIN / ".ready").exists(), reason="no ROS 2 environment at .venv-ros (make ros)")
 
 
 def environment(*paths: Path) -> dict[str, str]:
@@ -184,7 +179,7 @@ def test_up_and_down():
     assert result["ranges"] == {
         "robot.radius": [5e-324, 1.7976931348623157e308],
         "policy.chance": [1e-9, 0.999999999],
-        "policy.tests": [1, 2**63 - 1],
+        "policy.expansions": [1, 2**63 - 1],
         "task.obstacle_surge": [0.0, float("inf")],
     }
     assert "one of dijkstra" in result["planner"]

@@ -21,6 +21,13 @@ from antway.ros2.messages import load, make
 from antway.ros2.node import AntwayNode
 
 
+def a_node() -> AntwayNode:
+    """Return a node that knows its drive, without which it refuses to be configured."""
+    node = AntwayNode(kinds())
+    node.set_parameters([rclpy.parameter.Parameter("robot.drive", value="holonomic")])
+    return node
+
+
 def resources() -> tuple[int, int]:
     """Resident memory in kB, and open files."""
     line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmRSS"))
@@ -55,7 +62,7 @@ def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> i
 
 def main(cycles: int) -> None:
     rclpy.init()
-    executor, node, found = SingleThreadedExecutor(), AntwayNode(kinds()), []
+    executor, node, found = SingleThreadedExecutor(), a_node(), []
     executor.add_node(node)
     poses = asked_while_closing(node, executor)
     for i in range(cycles):
@@ -67,14 +74,14 @@ def main(cycles: int) -> None:
             found.append(resources())
     wrong = node.set_parameters([rclpy.parameter.Parameter("policy.chance", value=1.5)])[0]
     ranges = {}
-    for name in ("robot.radius", "policy.chance", "policy.tests", "task.obstacle_surge"):
+    for name in ("robot.radius", "policy.chance", "policy.expansions", "task.obstacle_surge"):
         about = node.describe_parameter(name)
         (one,) = about.floating_point_range or about.integer_range
         ranges[name] = one.from_value, one.to_value
     planner = node.describe_parameter("planner").additional_constraints
     node.destroy_node()
     for _ in range(max(cycles // 10, 1)):  # whole nodes as well
-        node = AntwayNode(kinds())
+        node = a_node()
         node.trigger_configure()
         node.destroy_node()
     executor.shutdown()

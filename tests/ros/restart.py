@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 
-from harness import Remote, end, onwards, since
+from harness import Remote, end, onwards, start
 
 from antway import check_episode, load_scenario, run
 from antway.ros2 import convert
@@ -31,7 +31,7 @@ def main(command: list[str]) -> None:
 
 
 def drive(command: list[str], nodes: list[subprocess.Popen]) -> None:
-    robot = since(kind="poses")
+    robot = start(kind="poses")
     clock = robot.create_publisher(load("rosgraph_msgs/msg/Clock"), "/clock", 10)
     base, killed = 5000.0, []
 

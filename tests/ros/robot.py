@@ -10,7 +10,7 @@ import sys
 import time
 
 import numpy as np
-from harness import Remote, end, onwards, since
+from harness import Remote, end, onwards, start
 
 from antway import Grid, check_episode, load_scenario, plan, run
 from antway.ros2 import convert
@@ -20,7 +20,7 @@ from antway.world.policy import Observation, Tracks
 
 
 def main(episodes: int) -> None:
-    robot = since()
+    robot = start()
     service = robot.create_client(load("nav_msgs/srv/GetPlan"), "get_plan")
     robot.until("get_plan", service.service_is_ready)
     place = load_scenario(scene("paper"))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from harness import Remote, end, onwards, since
+from harness import Remote, end, onwards, start
 
 from antway import check_episode, load_scenario, run
 from antway.ros2 import frames
@@ -16,7 +16,7 @@ from antway.world.policy import Observation, Tracks
 
 
 def main() -> None:
-    robot = since(kind="scan", world=(3.0, -2.0, 0.7), odom=(-4.0, 5.0, -2.0), mount=(0.15, 0.05, 0.4))
+    robot = start(kind="scan", world=(3.0, -2.0, 0.7), odom=(-4.0, 5.0, -2.0), mount=(0.15, 0.05, 0.4))
     place = load_scenario(scene("paper"))
     robot.charts(place.task.grid)
     base = 1000.0
