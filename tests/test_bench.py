@@ -16,12 +16,13 @@ from pathlib import Path
 
 import pytest
 
-from antway.arena.engines import Job, bench, load_policy, table_jobs
+from antway.arena.engines import Job, bench, table_jobs
 from antway.arena.store import TIMING, Results
 from antway.arena.suites import episodes
 from antway.baselines.replan import Follow
 from antway.cli import main
 from antway.errors import BadParameter, BadResults
+from antway.world.policy import make_policy
 from common import SCALE, cases
 
 POLICIES = ["follow", "sipp/predictions=mirrored"]
@@ -220,11 +221,11 @@ def test_a_file_of_others_is_refused(tmp_path):
 
 def test_policies_by_name_module_and_option():
     """A policy is found by name or as MODULE:CLASS, with options in their own types."""
-    assert type(load_policy("test_bench:Raises")) is Raises
-    assert load_policy("sipp/margin=0.1/predictions=mirrored").margin == 0.1
+    assert type(make_policy("test_bench:Raises")) is Raises
+    assert make_policy("sipp/margin=0.1/predictions=mirrored").margin == 0.1
     for spec in ("", "nobody", "sipp/", "test_bench:Nothing"):
         with pytest.raises(BadParameter, match="policy"):
-            load_policy(spec)
+            make_policy(spec)
 
 
 def test_ray_gives_the_same_rows(tmp_path):

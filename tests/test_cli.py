@@ -17,6 +17,7 @@ import pytest
 
 from antway import Grid, save_map
 from antway.cli import app, main
+from antway.console import status_of
 from antway.errors import BadInput, BadMap, BadParameter, BadResults, BadScenario, CellBlocked, OutOfBounds, TooLarge
 from antway.world.trace import Trace
 from common import SHARED, needs_data
@@ -274,3 +275,71 @@ def test_a_contact_is_status_five(antway: Any, tmp_path: Path) -> None:
     (tmp_path / "hall.toml").write_text("map = 'hall.yaml'\nstart = [3.0, 0.5]\ngoal = [15.0, 0.5]\n" + obstacle)
     status, out, _ = antway("run", tmp_path / "hall.toml", "--policy", "paper", "--json")
     assert status == 5 and json.loads(out)["outcome"].startswith("hit-")
+
+
+RAISING = """
+class Lost:
+    def reset(self, task, seed): pass
+    def act(self, observation): return self.turn(observation)
+    def turn(self, observation): raise KeyError("no such door")
+    def explain(self): ...
+"""
+
+
+def test_a_policy_that_raises_is_status_one_and_named(antway: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a policy raises ends its run with status 1, with the line of its own that raised; time that ran out is status 4."""
+    (tmp_path / "lost.py").write_text(RAISING)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    status, out, _ = antway("run", "office", "--policy", "lost:Lost")
+    assert status == 1 and "lost:Lost at 0 s: KeyError: 'no such door' (lost.py, line 5, in turn)" in " ".join(out.split())
+    save_map(Grid(np.zeros((10, 10), dtype=bool)), tmp_path / "hall.yaml")
+    (tmp_path / "hall.toml").write_text("map = 'hall.yaml'\nstart = [1.0, 5.0]\ngoal = [9.0, 5.0]\nhorizon = 1.0\n")
+    status, out, _ = antway("run", "hall.toml", "--policy", "follow")
+    assert status == 4 and "timeout" in out
+    assert antway("run", "hall.toml", "--policy", "follow/margin=-1")[0] == 2
+
+
+def test_the_gravest_end_is_the_status() -> None:
+    """Of several episodes a policy's fault counts before a contact, and a contact before time that ran out."""
+    ends = [["reached"], ["reached", "timeout"], ["timeout", "hit-moving"], ["hit-wall", "error"]]
+    assert [status_of(end) for end in ends] == [0, 4, 5, 1]
+
+
+def test_the_shortest_says_among_which_paths(antway: Any) -> None:
+    """The answer names the moves that it is the shortest for: at any angle the same question has a shorter one."""
+    question = ("plan", "office", "--start", "1.5,3", "--goal", "22,12.5", "--radius", "0.25")
+    eight, any_angle = (antway(*question, "--planner", planner)[1] for planner in ("jps", "anyangle"))
+    assert "the shortest with eight directions" in eight and "the shortest at any angle" in any_angle
+    assert float(any_angle.split()[0]) < float(eight.split()[0])
+
+
+@pytest.mark.parametrize("arguments", [("run", "ofice"), ("plan", "ofice", "--start", "1,1", "--goal", "2,2")])
+def test_a_misspelt_scene_names_the_scenes(antway: Any, arguments: tuple[str, ...]) -> None:
+    """`run ofice` says which scenes there are."""
+    status, _, err = antway(*arguments)
+    assert status == 2 and "ofice" in err and "paper, office, warehouse, rounds" in err
+
+
+def test_options_of_policies(antway: Any) -> None:
+    """Options follow a policy's name in `run` as in `bench`; one that it does not have is named, and so are those it has."""
+    status, out, _ = antway("run", "paper", "--policy", "sipp/margin=0.1", "--json")
+    assert status == 0 and json.loads(out)["policy"] == "sipp/margin=0.1"
+    status, _, err = antway("run", "paper", "--policy", "sipp/patience=3")
+    assert status == 2 and "patience = 3: must be left out: the options of policy sipp are" in err and "__init__" not in err
+
+
+def test_the_list_of_commands_is_not_cut_off(antway: Any) -> None:
+    """Every command's line is whole at 80 columns."""
+    listed = antway("--help")[1].split("Commands:")[1]
+    assert "..." not in listed and "exit status 4 if a window or the deadline is missed" in " ".join(listed.split())
+
+
+def test_the_shell_completes_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Completion offers scenes, policies and planners that begin as typed."""
+    asked = {"run of": "office", "run office --policy antw": "antway", "plan office --planner sub": "subgoals"}
+    for line, name in asked.items():
+        given = {"_ANTWAY_COMPLETE": "complete_bash", "COMP_WORDS": f"antway {line}", "COMP_CWORD": str(len(line.split()))}
+        command = [sys.executable, "-c", "import sys; sys.argv[0] = 'antway'; from antway.cli import main; main()"]
+        done = subprocess.run(command, env={**os.environ, **given}, capture_output=True, text=True, check=False)
+        assert name in done.stdout.split(), (line, done.stdout, done.stderr)

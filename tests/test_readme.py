@@ -15,7 +15,7 @@ import pytest
 from antway.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("README.md", "docs/guide.md", "docs/architecture.md")
+PAGES = ("README.md", "docs/guide.md", "docs/architecture.md", "docs/colonies.md")
 BLOCKS = [
     (page, kind, text)
     for page in PAGES

@@ -116,3 +116,10 @@ def test_a_thumbnail_opens_the_replay(file, tmp_path):
         opened.value.wait_for_selector("#outcome")
         assert "synthetic" in opened.value.locator("#title").inner_text()
         assert not printed and all(url.startswith(("file:", "blob:", "data:")) for url in asked)
+
+
+def test_a_ratio_below_one_is_explained(rows):
+    """Where a policy is faster than the optimum the tables say how that can be, and only there."""
+    row = next(row for row in rows if row.reached and row.policy == "oracle")
+    for time, told in ((0.9 * row.bound, True), (1.1 * row.bound, False)):
+        assert ("A ratio below 1" in markdown([replace(row, time=time)])) is told

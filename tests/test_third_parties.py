@@ -9,7 +9,6 @@ import sys
 import pytest
 
 from antway import BadParameter, Grid, Problem, load_scenario, make_policy, run, solve
-from antway.arena.engines import load_policy
 from antway.conformance import check_planner, check_policy
 from antway.planning import PLANNERS, find
 from antway.scenes import scene
@@ -46,7 +45,7 @@ def test_policies_of_others(installed, name):
     """By both names a policy plays, takes options, and keeps the contract."""
     result = run(load_scenario(scene("paper")), name, seed=3)
     assert result.outcome.value != "error" and result.trace.policy == name
-    assert load_policy(f"{name}/patience=3.0").lookahead == 3.0
+    assert make_policy(f"{name}/patience=3.0").lookahead == 3.0
     check_policy(lambda: make_policy(name), seconds=30.0)
 
 
@@ -66,7 +65,7 @@ def test_what_is_not_there_is_named(installed):
     for wrong in ("their_package:Nothing", "no_such_package:Patient", ":", "their_package:"):
         with pytest.raises(BadParameter, match="MODULE:NAME"):
             make_policy(wrong)
-    with pytest.raises(BadParameter, match="options that it has"):
+    with pytest.raises(BadParameter, match="colour = 'red': must be left out: the options of policy patient are"):
         make_policy("patient", colour="red")
 
 

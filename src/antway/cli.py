@@ -1,7 +1,8 @@
 """The command line. A command imports what it needs when it runs, so that `--help` stays quick.
 
-Exit status: 0 done, 1 interrupted output or a fault of antway's own, 2 wrong input, 3 no path, 4 out of budget, 5 contact in a
-run, 130 interrupted. Answers go to stdout (with --json nothing else does), progress and messages to stderr.
+Exit status: 0 done, 1 interrupted output, a policy that raised, or a fault of antway's own, 2 wrong input, 3 no path, 4 out
+of budget or time, 5 contact in a run, 130 interrupted. Answers go to stdout (with --json nothing else does), progress and
+messages to stderr.
 """
 
 from __future__ import annotations
@@ -9,17 +10,21 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from antway import tour_commands
 from antway.console import (
-    CONTACT,
+    MOVES,
     NO_PATH,
     OUT_OF_BUDGET,
     Json,
+    MapFile,
+    MovesName,
+    Resolution,
     Seed,
+    completed,
     exit_with,
     number_option,
     pair,
@@ -28,17 +33,13 @@ from antway.console import (
     print_rounds,
     print_summaries,
     print_table,
+    status_of,
     working,
 )
 from antway.errors import BadParameter
-from antway.tables import PLANNERS, POLICIES, ROBOTS, SUITES, names
-
-if TYPE_CHECKING:
-    pass
-
+from antway.tables import PLANNERS, POLICIES, ROBOTS, SHIPPED_SCENES, SUITES, names
 
 app = typer.Typer(
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
@@ -47,9 +48,33 @@ app = typer.Typer(
 
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
 RobotName = Annotated[
-    str | None, typer.Option(metavar="NAME", help=f"Which robot drives: {names(ROBOTS)}, or a .toml file; else the usual one.")
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help=f"Which robot drives: {names(ROBOTS)}, or a .toml file; else the usual one.",
+        autocompletion=completed(ROBOTS),
+    ),
 ]
-PolicyName = Annotated[str, typer.Option(metavar="NAME", help=f"What steers the robot: {names(POLICIES)}, or MODULE:CLASS.")]
+ScenarioName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help=f"A .toml file, or a scene: {names(SHIPPED_SCENES)}.",
+        autocompletion=completed(SHIPPED_SCENES),
+    ),
+]
+PlannerName = Annotated[
+    str,
+    typer.Option(metavar="NAME", help=f"{names(PLANNERS)}, or MODULE:NAME.", autocompletion=completed(PLANNERS)),
+]
+PolicyName = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        help=f"What steers the robot: {names(POLICIES)}, or MODULE:CLASS; /OPTION=VALUE after it sets an option.",
+        autocompletion=completed(POLICIES),
+    ),
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -65,18 +90,16 @@ def top(context: typer.Context, version: Annotated[bool, typer.Option("--version
 
 @app.command("plan")
 def plan_command(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene.")],
+    map_file: MapFile,
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m (with --cells: ROW,COL).")],
     goal: Annotated[str, typer.Option(metavar="X,Y", help="Where to, in m (with --cells: ROW,COL).")],
     cells: Annotated[bool, typer.Option("--cells", help="Start and goal are cells, ROW,COL.")] = False,
-    planner: Annotated[str, typer.Option(metavar="NAME", help=f"{names(PLANNERS)}, or MODULE:NAME.")] = "jps",
-    moves: Annotated[
-        str, typer.Option(metavar="NAME", help="four, eight, eight-nosqueeze, eight-cut, sixteen or thirty-two.")
-    ] = "eight",
+    planner: Annotated[
+        str, typer.Option(metavar="NAME", help=f"{names(PLANNERS)}, or MODULE:NAME.", autocompletion=completed(PLANNERS))
+    ] = "jps",
+    moves: MovesName = "eight",
     radius: Annotated[float, number_option("radius", float, "M", "The robot's radius in m.")] = 0.0,
-    resolution: Annotated[
-        float | None, number_option("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")
-    ] = None,
+    resolution: Resolution = None,
     seed: Seed = 0,
     time_limit: Annotated[float | None, number_option("time_limit", float, "S", "Stop after this many seconds.")] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
@@ -118,7 +141,8 @@ def plan_command(
         }
         print_json(record)
     elif len(path.cells):
-        proof = "the shortest" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest"
+        kind = "at any angle" if path.points is not None else MOVES[moves]
+        proof = f"the shortest {kind}" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest {kind}"
         print(f"{path.length:.3f} m, {proof}; {len(path.cells)} cells, {path.expanded} nodes expanded")
     else:
         print("no path" if path.status is Status.NO_PATH else "no path found within the time limit")
@@ -129,7 +153,12 @@ def plan_command(
 
 @app.command("run")
 def run_command(
-    scenario: Annotated[str, typer.Argument(metavar="SCENARIO", help="A .toml file, or paper, office, warehouse.")],
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO", help=f"A .toml file, or {names(SHIPPED_SCENES)}.", autocompletion=completed(SHIPPED_SCENES)
+        ),
+    ],
     policy: PolicyName = "antway",
     seed: RunSeed = None,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, replay page, trace and more.")] = None,
@@ -137,7 +166,7 @@ def run_command(
     robot: RobotName = None,
     json: Json = False,
 ) -> int:
-    """Take a robot through a scenario; exit status 5 on a contact."""
+    """Take a robot through a scenario; exit status 5 on a contact, 4 if time ran out, 1 if the policy raised."""
     from antway import check_episode, run
     from antway.demo import explained, scene, summary, write_episode
 
@@ -165,7 +194,7 @@ def run_command(
         print(f"{numbers['outcome']}: {numbers['reason']}")
         if out is not None:
             print(f"written to {out}")
-    return CONTACT if numbers["outcome"].startswith("hit-") else 0
+    return status_of([numbers["outcome"]])
 
 
 @app.command("demo")
@@ -181,7 +210,6 @@ def demo_command(
     from rich.console import Console
 
     from antway.demo import run_demo
-    from antway.scenes import ROUNDS, SCENES
 
     console = Console(stderr=True)
     with console.status("starting") as status, working("playing the scenes"):
@@ -190,13 +218,13 @@ def demo_command(
                 out, policies=policies.split(","), seed=seed, on_progress=lambda name, what: status.update(f"{name}: {what}")
             )
         )
-    rows.sort(key=lambda row: (*SCENES, *ROUNDS).index(row[0]))
+    rows.sort(key=lambda row: SHIPPED_SCENES.index(row[0]))
     if json:
         print_json({"episodes": [numbers for _, numbers in rows], "out": str(out)})
     else:
         print_table(rows)
         print(f"pictures in {out}; open {out / 'replay.html'} in a browser to play the episodes")
-    return CONTACT if any(numbers["outcome"].startswith("hit-") for _, numbers in rows) else 0
+    return status_of(numbers["outcome"] for _, numbers in rows)
 
 
 @app.command("bench")
@@ -307,79 +335,6 @@ def view_command(
     return 0
 
 
-@app.command("tsp")
-def tsp_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A TSPLIB .tsp file.")],
-    rule: Annotated[str, typer.Option(metavar="NAME", help="as, eas, rank, mmas or acs.")] = "mmas",
-    local_search: Annotated[str | None, typer.Option(metavar="NAME", help="2opt, oropt or 3opt; none without it.")] = None,
-    seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
-    seed: Seed = 0,
-    threads: Annotated[int, number_option("threads", int, "N", "Threads; the answer does not depend on them.")] = 1,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw tour and convergence: .png, .svg or .pdf.")] = None,
-    json: Json = False,
-) -> int:
-    """Solve a travelling salesman problem by ants; Ctrl-C ends the search and keeps the best tour."""
-    import signal
-    import threading
-    from functools import partial
-
-    import numpy as np
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from antway import checks, load_tsp, solve_tsp
-    from antway.ants.tsp import Tsp
-
-    seconds = checks.number("seconds", seconds, low=0.0, unit="s")
-    instance = load_tsp(file)
-    stop = threading.Event()
-    before = signal.signal(signal.SIGINT, lambda *_: stop.set())
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), console=Console(stderr=True), transient=True
-    )
-    search = bar.add_task("searching", total=seconds)
-
-    def show(tours: int, best: float, elapsed: float) -> None:
-        if elapsed > 1.0:
-            bar.start()
-            gap = f", {100 * (best / instance.optimum - 1):.2f} % over the optimum" if instance.optimum else ""
-            bar.update(search, completed=elapsed, description=f"best {best:,.6g}{gap}, {tours:,} tours")
-
-    search_with = partial(solve_tsp, rule=rule, local_search=local_search, threads=threads, cancel=stop)
-    try:
-        with working("searching"):
-            # Kernels are loaded, and compiled once on a machine, before the clock starts: `seconds` are seconds of search.
-            search_with(Tsp(np.array([(k % 4, k * k % 7) for k in range(12)], float)), cycles=1)
-            tour = search_with(instance, seconds=seconds, seed=seed, progress=show)
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-        signal.signal(signal.SIGINT, before)
-    if out is not None:
-        from antway.view import figures
-
-        with working("drawing"):
-            figures.save(figures.tour_figure(instance, tour, title=f"{instance.name}: {tour.length:,.6g}"), out)
-    record = {
-        "instance": instance.name,
-        "cities": instance.size,
-        "length": tour.length,
-        "optimum": tour.optimum,
-        "gap": tour.gap,
-        "tours": tour.tours,
-        "elapsed": tour.elapsed,
-        "order": tour.order.tolist(),
-    }
-    if json:
-        print_json(record)
-        return 0
-    gap = "" if tour.gap is None else f", {100 * tour.gap:.2f} % over the optimum"
-    print(f"{instance.name}: {tour.length:,.6g}{gap}; {tour.tours:,} tours in {tour.elapsed:.1f} s")
-    if out is not None:
-        print(f"drawn in {out}")
-    return 0
-
-
 @app.command("serve")
 def serve_command(
     port: Annotated[int, number_option("port", int, "N", "Port; 0 takes any that is free.")] = 8765,
@@ -419,6 +374,8 @@ def ros2_command(context: typer.Context) -> int:
 
 
 tour_commands.add_to(app)
+for _command in app.registered_commands:  # one line each in the list of commands, wrapped rather than cut off
+    _command.short_help = (_command.callback.__doc__ or "").partition("\n")[0] if _command.callback else ""
 
 
 def main() -> None:

@@ -73,6 +73,11 @@ def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
 def check_planner(planner: Planner) -> None:
     """Check that a planner keeps the contract: legal answers, no answer where there is none, seeds, budgets, global state.
 
+    Parameters
+    ----------
+    planner : function (problem, *, seed, budget) -> Plan
+        It need have no defaults: `seed` and `budget` are always given.
+
     Raises
     ------
     InvalidPlan
@@ -83,16 +88,16 @@ def check_planner(planner: Planner) -> None:
     open_[4:, 8], open_[:20, 16], closed[:, 12] = True, True, True
     problem = Problem(Grid(open_), (2, 2), (20, 21))
     before = _global_state()
-    plans = [planner(problem, seed=seed) for seed in (5, 6, 5)]
+    plans = [planner(problem, seed=seed, budget=Budget()) for seed in (5, 6, 5)]
     if _global_state() != before:
         faults.append("global state: it changes the random state of NumPy or of Python")
     faults += _plan_faults("", problem, plans[0], Status.FOUND)
     if not np.array_equal(plans[0].cells, plans[2].cells):
         faults.append("seeding: the same problem and seed have two answers")
     walled = Problem(Grid(closed), (2, 2), (2, 21))
-    faults += _plan_faults("unreachable: ", walled, planner(walled, seed=5), Status.NO_PATH)
+    faults += _plan_faults("unreachable: ", walled, planner(walled, seed=5, budget=Budget()), Status.NO_PATH)
     here = Problem(problem.grid, (2, 2), (2, 2))
-    faults += _plan_faults("start at the goal: ", here, planner(here, seed=5), Status.FOUND)
+    faults += _plan_faults("start at the goal: ", here, planner(here, seed=5, budget=Budget()), Status.FOUND)
     started = time.perf_counter()
     late = planner(problem, seed=5, budget=Budget(seconds=0.0))
     if time.perf_counter() - started > OVERRUN:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from antway.errors import BadInput, BadParameter
+from antway.tables import SHIPPED_SCENES, names
 
 if TYPE_CHECKING:
     from antway.arena.summary import Summary
@@ -19,6 +21,17 @@ if TYPE_CHECKING:
 
 
 NO_PATH, OUT_OF_BUDGET, CONTACT = 3, 4, 5  # exit statuses
+FAULT = 1
+
+
+def status_of(outcomes: Iterable[str]) -> int:
+    """Return the exit status for episodes that ended so: the gravest of a policy's fault, a contact, and time that ran out."""
+    ends = set(outcomes)
+    if "error" in ends:
+        return FAULT
+    if any(end.startswith("hit-") for end in ends):
+        return CONTACT
+    return OUT_OF_BUDGET if "timeout" in ends else 0
 
 
 class Refused(Exception):
@@ -39,6 +52,37 @@ def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
+
+
+def completed(table: Iterable[str]) -> Callable[[str], list[str]]:
+    """Return what the shell offers in place of a name that is begun: the names of `table`."""
+
+    def offered(incomplete: str) -> list[str]:
+        return [name for name in table if name.startswith(incomplete)]
+
+    return offered
+
+
+MapFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MAP",
+        help=f"ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene: {names(SHIPPED_SCENES)}.",
+        autocompletion=completed(SHIPPED_SCENES),
+    ),
+]
+MOVES = {
+    "four": "with four directions",
+    "eight": "with eight directions",
+    "eight-nosqueeze": "with eight directions that may cut one corner",
+    "eight-cut": "with eight directions that cut corners",
+    "sixteen": "with sixteen directions",
+    "thirty-two": "with thirty-two directions",
+}
+MovesName = Annotated[
+    str, typer.Option(metavar="NAME", help=f"Moves between cells: {names(MOVES)}.", autocompletion=completed(MOVES))
+]
+Resolution = Annotated[float | None, number_option("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")]
 
 
 def pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
@@ -169,6 +213,8 @@ def print_summaries(table: Sequence[Summary]) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from antway.arena.summary import remarks
+
     shown = Table(title="Policies against the clairvoyant optimum", title_justify="left")
     heads = [
         "level",
@@ -198,6 +244,8 @@ def print_summaries(table: Sequence[Summary]) -> None:
             f"{one.cycle[0]:.2f} / {one.cycle[1]:.2f}",
         )
     Console(width=None if sys.stdout.isatty() else 140).print(shown)
+    for remark in remarks(table):
+        print(remark)
 
 
 def print_rounds(numbers: dict[str, Any]) -> None:

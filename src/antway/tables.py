@@ -44,6 +44,8 @@ ROBOTS: tuple[str, ...] = (  # specifications and sources in antway.world.robots
     "amr",
 )
 
+SHIPPED_SCENES: tuple[str, ...] = ("paper", "office", "warehouse", "rounds")
+
 SUITES: dict[str, str] = {
     "paper": "antway.arena.environments:paper",
     "synthetic": "antway.arena.synthetic:synthetic",

@@ -7,17 +7,31 @@ from typing import Annotated
 
 import typer
 
-from antway.console import NO_PATH, OUT_OF_BUDGET, Json, Seed, number_option, pair, print_json, print_tour, working
+from antway.console import (
+    NO_PATH,
+    OUT_OF_BUDGET,
+    Json,
+    MapFile,
+    MovesName,
+    Resolution,
+    Seed,
+    number_option,
+    pair,
+    print_json,
+    print_tour,
+    working,
+)
 
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands to `app`."""
     app.command("tour")(tour_command)
+    app.command("tsp")(tsp_command)
     app.command("tsptw")(tsptw_command)
 
 
 def tour_command(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene.")],
+    map_file: MapFile,
     start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m.")],
     stops: Annotated[
         Path,
@@ -31,12 +45,8 @@ def tour_command(
     deadline: Annotated[float, number_option("deadline", float, "S", "By when every robot must be done, in s.")] = float("inf"),
     speed: Annotated[float, number_option("speed", float, "M/S", "How fast a robot drives, in m/s.")] = 1.0,
     radius: Annotated[float, number_option("radius", float, "M", "The robot's radius in m.")] = 0.0,
-    moves: Annotated[
-        str, typer.Option(metavar="NAME", help="four, eight, eight-nosqueeze, eight-cut, sixteen or thirty-two.")
-    ] = "eight",
-    resolution: Annotated[
-        float | None, number_option("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")
-    ] = None,
+    moves: MovesName = "eight",
+    resolution: Resolution = None,
     seconds: Annotated[float, number_option("seconds", float, "S", "How long to look for the order.")] = 1.0,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the tour: .png, .svg or .pdf.")] = None,
@@ -124,3 +134,75 @@ def tsptw_command(
         if result.conflict:
             print(f"cannot all be visited in time: {', '.join(map(str, result.conflict))}")
     return 0 if result.feasible else NO_PATH if result.proven else OUT_OF_BUDGET
+
+
+def tsp_command(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A TSPLIB .tsp file.")],
+    rule: Annotated[str, typer.Option(metavar="NAME", help="as, eas, rank, mmas or acs.")] = "mmas",
+    local_search: Annotated[str | None, typer.Option(metavar="NAME", help="2opt, oropt or 3opt; none without it.")] = None,
+    seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
+    seed: Seed = 0,
+    threads: Annotated[int, number_option("threads", int, "N", "Threads; the answer does not depend on them.")] = 1,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw tour and convergence: .png, .svg or .pdf.")] = None,
+    json: Json = False,
+) -> int:
+    """Solve a travelling salesman problem by ants; Ctrl-C ends the search and keeps the best tour."""
+    import signal
+    import threading
+    from functools import partial
+
+    import numpy as np
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from antway import checks, load_tsp, solve_tsp
+    from antway.ants.tsp import Tsp
+
+    seconds = checks.number("seconds", seconds, low=0.0, unit="s")
+    instance = load_tsp(file)
+    stop = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stop.set())
+    bar = Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), console=Console(stderr=True), transient=True
+    )
+    search = bar.add_task("searching", total=seconds)
+
+    def show(tours: int, best: float, elapsed: float) -> None:
+        if elapsed > 1.0:
+            bar.start()
+            gap = f", {100 * (best / instance.optimum - 1):.2f} % over the optimum" if instance.optimum else ""
+            bar.update(search, completed=elapsed, description=f"best {best:,.6g}{gap}, {tours:,} tours")
+
+    search_with = partial(solve_tsp, rule=rule, local_search=local_search, threads=threads, cancel=stop)
+    try:
+        with working("searching"):
+            # Kernels are loaded, and compiled once on a machine, before the clock starts: `seconds` are seconds of search.
+            search_with(Tsp(np.array([(k % 4, k * k % 7) for k in range(12)], float)), cycles=1)
+            tour = search_with(instance, seconds=seconds, seed=seed, progress=show)
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+        signal.signal(signal.SIGINT, before)
+    if out is not None:
+        from antway.view import figures
+
+        with working("drawing"):
+            figures.save(figures.tour_figure(instance, tour, title=f"{instance.name}: {tour.length:,.6g}"), out)
+    record = {
+        "instance": instance.name,
+        "cities": instance.size,
+        "length": tour.length,
+        "optimum": tour.optimum,
+        "gap": tour.gap,
+        "tours": tour.tours,
+        "elapsed": tour.elapsed,
+        "order": tour.order.tolist(),
+    }
+    if json:
+        print_json(record)
+        return 0
+    gap = "" if tour.gap is None else f", {100 * tour.gap:.2f} % over the optimum"
+    print(f"{instance.name}: {tour.length:,.6g}{gap}; {tour.tours:,} tours in {tour.elapsed:.1f} s")
+    if out is not None:
+        print(f"drawn in {out}")
+    return 0

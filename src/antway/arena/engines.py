@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import importlib
 import multiprocessing
 import os
@@ -24,7 +23,7 @@ from antway.arena.suites import Episode, stage
 from antway.errors import BadParameter
 from antway.version import __version__
 from antway.world.episode import run
-from antway.world.policy import Policy, make_policy
+from antway.world.policy import make_policy
 from antway.world.trace import Outcome
 
 TIMEOUT = 120.0  # s of wall time after which an episode is abandoned
@@ -49,37 +48,11 @@ class Job:
         return Row(*self.key, self.episode.group, outcome.value, reason), ""
 
 
-def load_policy(spec: str) -> Policy:
-    """Return a new policy: a name for `make_policy`, followed by /OPTION=VALUE as often as needed.
-
-    Raises
-    ------
-    BadParameter
-        For what is none of these.
-
-    Examples
-    --------
-    >>> type(load_policy("sipp/predictions=mirrored/margin=0.1")).__name__
-    'Sipp'
-    """
-    name, *parts = checks.instance("policy", spec, str).split("/")
-    options: dict[str, Any] = {}
-    for part in parts:
-        key, equals, text = part.partition("=")
-        if not key.isidentifier() or not equals:
-            raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE for each option")
-        try:
-            options[key] = ast.literal_eval(text)
-        except (ValueError, SyntaxError):
-            options[key] = text
-    return make_policy(name, **options)
-
-
 def play(job: Job) -> Answer:
     """Play an episode and measure it; never raises for what a policy does."""
     episode = job.episode
     scenario, facts = stage(episode)
-    result = run(scenario, load_policy(job.policy), seed=episode.seed)
+    result = run(scenario, make_policy(job.policy), seed=episode.seed)
     trace = result.trace
     assert trace is not None
     row = Row(
@@ -308,5 +281,5 @@ def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job
     """
     names = list(dict.fromkeys(policies))
     for name in names:
-        load_policy(name)
+        make_policy(name)
     return [Job(episode, name) for episode in episodes for name in names]

@@ -17,7 +17,7 @@ import numpy as np
 
 from antway.arena import metrics
 from antway.arena.store import Results, Row
-from antway.arena.summary import Summary, levels, paired, summarise
+from antway.arena.summary import Summary, levels, paired, remarks, summarise
 from antway.world.trace import Trace
 
 GALLERY = 8  # failures shown for each policy
@@ -94,8 +94,9 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
     tint = {policy: f"c{i % COLOURS}" + " dashed" * (i // COLOURS % 2) for i, policy in enumerate(policies)}
     table = summarise(rows, policies)
     legend = "".join(f'<li><i class="{tint[p]}"></i>{_text(p)}</li>' for p in policies)
+    remarked = "".join(f"<p class='note'>{_text(remark)}</p>" for remark in remarks(table))
     return (
-        f"<section><h2>Suite {_text(suite)}</h2>{_table(table)}<ul class='legend'>{legend}</ul>"
+        f"<section><h2>Suite {_text(suite)}</h2>{_table(table)}{remarked}<ul class='legend'>{legend}</ul>"
         f"<div class='plots'>{_success_plot(rows, policies, tint)}{_time_ratio_plot(rows, table, tint)}</div>"
         f"{_rank_table(rows, policies)}<h3>Failures</h3>{_gallery(rows, policies, replays)}</section>"
     )

@@ -127,6 +127,12 @@ def paired(
     return wins, times
 
 
+def remarks(table: Sequence[Summary]) -> list[str]:
+    """Return what a reader of the table would ask: how a time can be below the optimum's, where one is."""
+    below = any(one.time_ratio < 1.0 for one in table)
+    return ["A ratio below 1: the optimum moves between cells in 32 directions, a policy at any angle."] if below else []
+
+
 def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     """Return the summaries of the rows of one suite, and the ranks of its policies, as tables in Markdown.
 
@@ -136,7 +142,8 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     heads = ["level", "policy", "episodes", "success, % (95 %)", "hit moving / standing / wall", "timeout / error"]
     heads += ["time / optimum (95 %)", "time, s", "length / shortest", "clearance, m", "under 0.2 m, s", "side changes"]
     lines = [_line(heads), _line(["---"] * 2 + ["--:"] * 10)]
-    for one in summarise(rows, names):
+    table = summarise(rows, names)
+    for one in table:
         low, high = (100 * end for end in one.success_interval)
         cells = (
             one.level or "all",
@@ -160,7 +167,7 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     for name, mean, rank in metrics.ranks(wins):
         place, ratio = by_time[name]
         lines.append(_line((name, str(rank), f"{100 * mean:.1f}", _shown(ratio, str(place)), _shown(ratio, f"{ratio:.4f}"))))
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(part for remark in remarks(table) for part in ("", remark))]) + "\n"
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -17,6 +17,7 @@ from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.movingai import ScenRow, load_scen
 from antway.maps.ros import GreyTrapWarning, load_costs
 from antway.scenes import shipped
+from antway.tables import SHIPPED_SCENES, names
 
 __all__ = ["GreyTrapWarning", "Limits", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
 
@@ -82,6 +83,8 @@ def load_map(
         If unknown cells of a ROS map load as free.
     """
     file = shipped(path, map_file=True) or as_path(path)
+    if not file.suffix and not file.exists():
+        raise BadMap("map", str(file), f"a map's file ({', '.join(_READ)}), or a shipped scene: {names(SHIPPED_SCENES)}")
     kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
     checks.instance("limits", limits, Limits)
     if kind in (".yaml", ".yml"):

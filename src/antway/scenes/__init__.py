@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from antway import checks
+from antway.tables import SHIPPED_SCENES
 
-SCENES = ("paper", "office", "warehouse")
-ROUNDS = ("rounds",)  # scenes with stops
+SCENES, ROUNDS = SHIPPED_SCENES[:3], SHIPPED_SCENES[3:]  # the last ones have stops
 
 
 def scene(name: str) -> Path:
@@ -18,7 +18,7 @@ def scene(name: str) -> Path:
     >>> scene("office").name
     'office.toml'
     """
-    return Path(__file__).parent / f"{checks.choice('scene', name, (*SCENES, *ROUNDS))}.toml"
+    return Path(__file__).parent / f"{checks.choice('scene', name, SHIPPED_SCENES)}.toml"
 
 
 def shipped(name: object, *, map_file: bool = False) -> Path | None:
@@ -29,7 +29,7 @@ def shipped(name: object, *, map_file: bool = False) -> Path | None:
     >>> shipped("office", map_file=True).name
     'office.yaml'
     """
-    if not isinstance(name, str | Path) or str(name) not in (*SCENES, *ROUNDS) or Path(name).is_file():
+    if not isinstance(name, str | Path) or str(name) not in SHIPPED_SCENES or Path(name).is_file():
         return None
     file = scene(str(name))
     return next(map_ for map_ in map(file.with_suffix, (".yaml", ".txt")) if map_.exists()) if map_file else file

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -214,7 +216,7 @@ class Episode:
             if guard is not None:
                 guard.reset(stage.task)
         except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
-            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {type(error).__name__}: {error}"
+            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_said(error)}"
 
     @property
     def steps(self) -> int:
@@ -234,7 +236,7 @@ class Episode:
                 if path is not None and not (self.plans and path is self.plans[-1]):
                     self.plans.append(path)
             except Exception as error:
-                self._fault = f"{name} at {observation.t:g} s: {type(error).__name__}: {error}"
+                self._fault = f"{name} at {observation.t:g} s: {_said(error)}"
         if self.tour is not None:
             stage.aim[2] = stage.task.goal_tolerance if self.tour.homeward else -1.0
         self.outcome, self.reason = stage.drive(one, two)
@@ -292,6 +294,13 @@ class Episode:
             rounds=rounds,
             order_ms=np.array([] if self.tour is None else self.tour.order_ms),
         )
+
+
+def _said(error: Exception) -> str:
+    """Return what an exception says and where it was raised: the last frame of its traceback that is written in Python."""
+    frames = traceback.extract_tb(error.__traceback__)
+    where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
+    return f"{type(error).__name__}: {error}{where}"
 
 
 class Stage:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -288,13 +290,42 @@ class ShowsAnts(Protocol):
 def make_policy(name: str, **options: Any) -> Policy:
     """Return a new policy of that name: of `POLICIES`, of the entry points in the group `antway.policies`, or MODULE:CLASS.
 
+    A name may be followed by /OPTION=VALUE as often as needed, in place of keyword options.
+
     Raises
     ------
     BadParameter
-        For an unknown name or option.
+        For an unknown name or option, and an option that is given twice.
+
+    Examples
+    --------
+    >>> type(make_policy("sipp/predictions=mirrored/margin=0.1")).__name__
+    'Sipp'
     """
+    if isinstance(name, str) and "/" in name:
+        spec, (name, *parts) = name, name.split("/")
+        for part in parts:
+            key, equals, text = part.partition("=")
+            if not key.isidentifier() or not equals or key in options:
+                raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE once for each option")
+            try:
+                options[key] = ast.literal_eval(text)
+            except (ValueError, SyntaxError):
+                options[key] = text
     kind = find("policy", name, POLICIES, "antway.policies")
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):
+        raise BadParameter("policy", name, "a class, or a function that returns a policy") from None
+    known = [p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not any(p.kind is p.VAR_KEYWORD for p in parameters):
+        for key, value in options.items():
+            if key not in known:
+                raise BadParameter(key, value, f"left out: the options of policy {name} are {', '.join(known) or 'none'}")
+    for p in parameters:
+        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty and p.name not in options:
+            raise BadParameter(p.name, None, f"given: policy {name} needs this option")
     try:
         return cast(Policy, kind(**options))
     except TypeError as error:
-        raise BadParameter("policy", name, f"a policy, with options that it has; {error}") from None
+        raise BadParameter("policy", name, f"a policy, with options that it can take; {error}") from None

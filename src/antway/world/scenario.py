@@ -17,7 +17,8 @@ from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.limits import MAX_DEPTH, MAX_TIME
-from antway.scenes import SCENES, shipped
+from antway.scenes import shipped
+from antway.tables import SHIPPED_SCENES, names
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
@@ -155,7 +156,7 @@ def load_scenario(path: str | Path) -> Scenario:
     where = str(path)
     try:
         if not path.is_file():
-            raise BadScenario("scenario", where, f"an existing regular file, or a shipped scene: {', '.join(SCENES)}")
+            raise BadScenario("scenario", where, f"an existing regular file, or a shipped scene: {names(SHIPPED_SCENES)}")
         if path.stat().st_size > MAX_BYTES:
             raise TooLarge("size", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
         record = read_toml(path.read_text(encoding="utf-8-sig"), where)
