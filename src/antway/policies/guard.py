@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadParameter
+from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
 from antway.kernels.robot.brake import Robot, fallback, first_certified, passed_command, when_it_acts
 from antway.kernels.robot.cycle import Body
 from antway.kernels.robot.guard import BRAKED, STOPPING_TIME, TABLE_COLUMNS, Rules, fault, guarded, within_reach
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, split_at_walls
+from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of
 from antway.world.walls import walls_of
@@ -25,22 +26,46 @@ MODES = ("strict", "least-harm")
 PEOPLE_ACCEL = 2.2  # m/s^2; 99.9 % of the changes of velocity in the recordings zara01 and students01 are smaller
 _STOP = Command((0.0, 0.0))
 _FAULTS = ("observation.xy, velocity, heading", "tracks.xy", "tracks.velocity", "tracks.radius")
-_ALLOWED = ("finite", "finite", "finite, or NaN where unknown", "finite and >= 0 (m)")
+_ALLOWED = (
+    f"finite; places up to {MAX_PLACE:g} m, speeds up to {MAX_SPEED:g} m/s",
+    f"finite, up to {MAX_PLACE:g} (m)",
+    f"finite, up to {MAX_SPEED:g} m/s, or NaN where unknown",
+    f"in [0, {MAX_PLACE:g}] (m)",
+)
+_TWICE = 5  # what `fault` says of tracks of which two have one number
 
 
-def check_observation(o: Observation) -> None:
-    """Raise `BadParameter` if the robot's state or a track is not finite, or if a track's arrays differ in length."""
-    t = o.tracks
-    if t.xy.shape != (len(t), 2) or t.velocity.shape != (len(t), 2) or t.radius.shape != (len(t),):
-        raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {len(t)} tracks each, as id is")
-    what = fault(*o.xy, *o.velocity, o.heading, t.xy, t.velocity, t.radius)
-    if what:
+def check_observation(o: Observation) -> Observation:
+    """Return `o` as policies and guards may use it; tracks of which several have one number have none then.
+
+    Raises
+    ------
+    BadParameter
+        If the robot's state or a track is not finite or beyond the limits of `antway.limits`, or if a track's arrays differ in
+        length.
+    TooLarge
+        For more tracks than these allow.
+    """
+    t, n = o.tracks, len(o.tracks)
+    if t.id.shape != (n,) or t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
+        raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
+    if n > MAX_TRACKS:
+        raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
+    what = fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
+    if what and what != _TWICE:
         value = ((o.xy, o.velocity, o.heading), t.xy, t.velocity, t.radius)[what - 1]
         raise BadParameter(_FAULTS[what - 1], value, _ALLOWED[what - 1])
+    stamped = abs(o.stamp) <= MAX_CLOCK or math.isnan(o.stamp) or o.stamp == -math.inf
+    if not (abs(o.t) <= MAX_CLOCK and stamped and abs(o.turn_rate) <= MAX_ANGLE):
+        allowed = f"within {MAX_CLOCK:g} s and {MAX_ANGLE:g} rad/s; a stamp may be NaN (now) or -inf (nothing sensed yet)"
+        raise BadParameter("observation.t, stamp, turn_rate", (o.t, o.stamp, o.turn_rate), allowed)
+    if o.pending is not None and (o.pending.ndim != 2 or o.pending.shape[1] != 2 or not np.isfinite(o.pending).all()):
+        raise BadParameter("observation.pending", o.pending, "float64[M, 2], finite")
     if t.covariance is not None:
-        shape, spread = t.covariance.shape, t.covariance.diagonal(axis1=-2, axis2=-1)
-        if shape != (len(t), 4, 4) or not ((spread >= 0.0) & (spread < math.inf)).all():
-            raise BadParameter("tracks.covariance", t.covariance, f"float64[{len(t)}, 4, 4] of finite variances >= 0")
+        spread = t.covariance.diagonal(axis1=1, axis2=2) if t.covariance.shape == (n, 4, 4) else np.array([-1.0])
+        if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all():
+            raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite variances >= 0")
+    return o if what != _TWICE else replace(o, tracks=t.distinct())
 
 
 def assumed_accel(task: Task, mode: str) -> float:
@@ -110,8 +135,7 @@ class Guard:
         BadParameter
             For an observation that is not finite.
         """
-        check_observation(observation)
-        return self.passed(observation, command)
+        return self.passed(check_observation(observation), command)
 
     def passed(self, observation: Observation, command: Command | None, others: NDArray[np.float64] | None = None) -> Command:
         """Do as `limit` does, for an observation that was checked already.
@@ -269,7 +293,7 @@ class Guarded:
         BadParameter
             For an observation that is not finite, before the policy sees it.
         """
-        check_observation(observation)
+        observation = check_observation(observation)
         return self.guard.passed(observation, self.policy.act(observation))
 
     def explain(self) -> Decision:

@@ -19,6 +19,7 @@ from antway.errors import BadInput, BadMap, BadParameter, TooLarge
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
+from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 from antway.maps.limits import DEFAULT, Limits
 from antway.planning import Plan, Status
 from antway.world.policy import XY, Command, RobotSpec, Tracks, towards
@@ -62,11 +63,19 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
     """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuses one that is not finite or is tilted."""
-    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
+    x, y = _place(pose.position, where)
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
     return x, y, wrap(2.0 * math.atan2(q[2], q[3]))
+
+
+def _place(point: Any, where: str) -> XY:
+    """Return x and y of a geometry_msgs/msg/Point, m."""
+    x, y = (
+        checks.number(f"position.{n}", getattr(point, n), low=-MAX_PLACE, high=MAX_PLACE, unit="m", where=where) for n in "xy"
+    )
+    return x, y
 
 
 def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
@@ -216,7 +225,10 @@ def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSp
 
 def read_twist(message: Any, heading: float) -> Command:
     """Return the velocity of a geometry_msgs/msg/Twist, given in the frame of a robot with that heading, as a command."""
-    x, y = (checks.number(f"linear.{n}", getattr(message.linear, n), where="Twist") for n in "xy")
+    x, y = (
+        checks.number(f"linear.{n}", getattr(message.linear, n), low=-MAX_SPEED, high=MAX_SPEED, unit="m/s", where="Twist")
+        for n in "xy"
+    )
     cos, sin = math.cos(heading), math.sin(heading)
     return Command((cos * x - sin * y, sin * x + cos * y))
 
@@ -229,7 +241,8 @@ def read_odometry(message: Any) -> tuple[float, XY, XY, float]:
 
 def read_turn_rate(message: Any) -> float:
     """Return the turn rate of a nav_msgs/msg/Odometry, rad/s."""
-    return checks.number("angular.z", message.twist.twist.angular.z, where="Odometry.twist")
+    rate = message.twist.twist.angular.z
+    return checks.number("angular.z", rate, low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad/s", where="Odometry.twist")
 
 
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
@@ -265,12 +278,17 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
             if name in discs:
                 raise BadParameter("id", name, "of one disc alone", where=where)
             place = marker.pose.position
-            wide = [checks.number(f"scale.{n}", getattr(marker.scale, n), low=0.0, where=where) for n in "xy"]
-            x, y = (checks.number(f"position.{n}", getattr(place, n), where=where) for n in "xy")
+            scales = ((f"scale.{n}", getattr(marker.scale, n)) for n in "xy")
+            wide = [checks.number(field, value, low=0.0, high=MAX_PLACE, where=where) for field, value in scales]
+            x, y = _place(place, where)
             discs[name] = (x, y, checks.number("scale", max(wide), low=0.0, open_low=True, unit="m", where=where) / 2)
         elif marker.type == ARROW and len(marker.points) == 2:
             tail, tip = marker.points
-            vx, vy = (checks.number(f"points.{n}", getattr(tip, n) - getattr(tail, n), where=where) for n in "xy")
+            (x0, y0), (x1, y1) = (
+                [checks.number(f"points.{n}", getattr(end, n), where=where) for n in "xy"] for end in (tail, tip)
+            )
+            vx, vy = x1 - x0, y1 - y0
+            checks.number("points", math.hypot(vx, vy), high=MAX_SPEED, unit="m apart, which says m/s", where=where)
             arrows[name] = (vx, vy)
     rows = np.array(list(discs.values()), np.float64).reshape(-1, 3)
     velocity = np.array([arrows.get(name, (math.nan, math.nan)) for name in discs], np.float64).reshape(-1, 2)

@@ -134,8 +134,9 @@ class Tracker:
         Raises
         ------
         BadParameter
-            For tracks of which some have names and some (of id -1) have none.
+            For tracks of which some have names and some (of id -1, or of an id that occurs twice) have none.
         """
+        seen = seen.distinct()
         nameless = seen.id < 0
         if nameless.any() and not nameless.all():
             raise BadParameter("tracks.id", seen.id.tolist(), "names >= 0 throughout, or -1 throughout")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import ast
 import inspect
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+import numbers
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -78,18 +79,29 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Moving obstacles as sensed: K discs.
+    """Moving obstacles as sensed: K discs. Arrays of another type or layout, and lists, are copied into the types below.
 
     Attributes
     ----------
     id : int64[K]
-        The same obstacle keeps its number from one observation to the next.
+        The same obstacle keeps its number from one observation to the next; a negative one is none. Where a number occurs
+        twice, policies and guards take these tracks as tracks without a number.
     xy, velocity : float64[K, 2]
         m, m/s.
     radius : float64[K]
         m, > 0.
     covariance : float64[K, 4, 4] or None
         Of (x, y, vx, vy), where the sensor is noisy.
+
+    Raises
+    ------
+    BadParameter
+        For what holds no numbers. What the numbers may be is checked where they are used.
+
+    Examples
+    --------
+    >>> Tracks([7], [[1, 2]], [[0.5, 0]], [0.3]).xy.dtype
+    dtype('float64')
     """
 
     id: NDArray[np.int64]
@@ -98,8 +110,30 @@ class Tracks:
     radius: NDArray[np.float64]
     covariance: NDArray[np.float64] | None = None
 
+    def __post_init__(self) -> None:
+        # Kernels are compiled for each type and layout of their arrays, which takes seconds: they meet these alone.
+        for name, kind in _TRACKS:
+            array = getattr(self, name)
+            if array is None and name == "covariance":
+                continue
+            if type(array) is not np.ndarray or array.dtype is not kind or not array.flags.carray:
+                object.__setattr__(self, name, _plain_array(f"tracks.{name}", array, kind))
+
     def __len__(self) -> int:
         return len(self.id)
+
+    def distinct(self) -> Tracks:
+        """Return these tracks; those whose number another one has too, as floats tell numbers apart, have none then (-1).
+
+        Examples
+        --------
+        >>> Tracks([7, 8, 7], np.zeros((3, 2)), np.zeros((3, 2)), np.ones(3)).distinct().id.tolist()
+        [-1, 8, -1]
+        """
+        _, place, times = np.unique(self.id.astype(np.float64), return_inverse=True, return_counts=True)
+        if (times == 1).all():
+            return self
+        return replace(self, id=np.where((times[place] > 1) | (self.id < 0), -1, self.id))
 
     @staticmethod
     def none() -> Tracks:
@@ -107,9 +141,34 @@ class Tracks:
         return Tracks(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
 
 
+_REAL, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
+_TRACKS = (("id", _WHOLE), ("xy", _REAL), ("velocity", _REAL), ("radius", _REAL), ("covariance", _REAL))
+
+
+def _plain_array(field: str, value: object, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return `value` as a writeable array of `kind` in C order; whole numbers stay whole."""
+    try:
+        array = np.array(value)
+        if array.dtype.kind not in "iuf" and array.size:
+            raise TypeError
+        with np.errstate(invalid="ignore"):
+            result = np.array(array, dtype=kind, order="C")
+        if kind is _WHOLE and not (array == result).all():
+            raise TypeError
+    except (TypeError, ValueError, OverflowError):
+        raise BadParameter(field, value, f"an array of numbers, {kind.name}") from None
+    return result
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """What the robot knows at time `t`: its own state, and the tracks sensed at `stamp` (`t` unless the sensor lags)."""
+    """What the robot knows at time `t`: its own state, and the tracks sensed at `stamp` (`t` unless the sensor lags).
+
+    Raises
+    ------
+    BadParameter
+        For what is no number, or no pair of numbers; what the numbers may be is checked where they are used.
+    """
 
     t: float  # s
     xy: XY  # m
@@ -120,10 +179,43 @@ class Observation:
     turn_rate: float = 0.0  # rad/s
     pending: NDArray[np.float64] | None = None  # float64[M, 2]: the commands on their way to a robot with latency, oldest first
 
+    def __post_init__(self) -> None:
+        for name in ("t", "heading", "stamp", "turn_rate"):
+            if type(getattr(self, name)) is not float:
+                object.__setattr__(self, name, _real(f"observation.{name}", getattr(self, name)))
+        for name in ("xy", "velocity"):
+            pair = getattr(self, name)
+            if type(pair) is not tuple or len(pair) != 2 or type(pair[0]) is not float or type(pair[1]) is not float:
+                object.__setattr__(self, name, _pair(f"observation.{name}", pair))
+        if self.pending is not None:
+            array = self.pending
+            if type(array) is not np.ndarray or array.dtype is not _REAL or not array.flags.carray:
+                object.__setattr__(self, "pending", _plain_array("observation.pending", array, _REAL))
+        checks.instance("observation.tracks", self.tracks, Tracks)
+
     @property
     def speed(self) -> float:
         """Speed along the heading, m/s; negative in reverse."""
         return self.velocity[0] * math.cos(self.heading) + self.velocity[1] * math.sin(self.heading)
+
+
+def _real(field: str, value: object) -> float:
+    """Return `value` as a float, which need not be finite."""
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (numbers.Real, np.number)):
+        raise BadParameter(field, value, "a number")
+    try:
+        return float(value)
+    except (OverflowError, TypeError):
+        raise BadParameter(field, value, "a number") from None
+
+
+def _pair(field: str, value: object) -> XY:
+    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)):
+        raise BadParameter(field, value, "two numbers")
+    parts = list(value)
+    if len(parts) != 2:
+        raise BadParameter(field, value, "two numbers")
+    return _real(field, parts[0]), _real(field, parts[1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.harm import least_harm
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, reach_gap_along
+from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE, LEAST_HARM = 0, 1, 2, 3, 4  # what the guard did
 _FRACTIONS = 10  # speeds tried along the commanded direction
@@ -46,23 +47,34 @@ def fault(
     vx: float,
     vy: float,
     heading: float,
+    name: NDArray[np.int64],
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     radius: NDArray[np.float64],
 ) -> int:
-    """Return what is wrong with the robot's state or a scan of K tracks: 0 nothing, 1 the state, 2 xy, 3 velocity, 4 radius.
+    """Return what is wrong with the robot's state or a scan of K tracks.
 
-    All must be finite and radii not negative; a velocity may be NaN (unknown).
+    0 nothing, 1 the state, 2 xy, 3 velocity, 4 radius: all must lie within the limits of `antway.limits`, and radii not be
+    negative; a velocity may be NaN (unknown). 5: else all is sound, but two tracks have one name; names are told apart as
+    floats, which is what tables of tracks hold.
     """
-    if not math.isfinite(x + y + vx + vy + heading):
+    placed = abs(x) <= MAX_PLACE and abs(y) <= MAX_PLACE and abs(heading) <= MAX_ANGLE
+    if not (placed and math.hypot(vx, vy) <= MAX_SPEED):
         return 1
+    sorted_names = True
     for k in range(len(radius)):
-        if not math.isfinite(xy[k, 0] + xy[k, 1]):
+        if not (abs(xy[k, 0]) <= MAX_PLACE and abs(xy[k, 1]) <= MAX_PLACE):
             return 2
-        if math.isinf(velocity[k, 0]) or math.isinf(velocity[k, 1]):
+        if math.hypot(velocity[k, 0], velocity[k, 1]) > MAX_SPEED:
             return 3
-        if not (math.isfinite(radius[k]) and radius[k] >= 0.0):
+        if not 0.0 <= radius[k] <= MAX_PLACE:
             return 4
+        if k > 0 and float(name[k]) <= float(name[k - 1]):
+            sorted_names = False
+    for k in range(0 if sorted_names else len(name)):
+        for i in range(k if name[k] >= 0 else 0):
+            if float(name[i]) == float(name[k]):
+                return 5
     return 0
 
 

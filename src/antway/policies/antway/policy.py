@@ -250,7 +250,7 @@ class AntwayPolicy:
         BadParameter
             For an observation that is not finite.
         """
-        check_observation(observation)
+        observation = check_observation(observation)
         s = self._state
         known, age = self._update_tracks(s, observation)
         if s.controls is None:

@@ -109,7 +109,7 @@ class PaperPolicy:
         BadParameter
             If the observation is not finite.
         """
-        check_observation(observation)
+        observation = check_observation(observation)
         self.here = observation.xy
         command = self._steer(observation)
         if self.guard is not None:
