@@ -182,11 +182,27 @@ def test_tracks(tmp_path, csv):
     spec = f"tracks:{walkers(tmp_path / ('t.csv' if csv else 'obsmat.txt'), csv=csv)}"
     episode = episodes(spec, 1)[0]
     scenario = build(episode)
-    assert len(scenario.world.obstacles) == 2 and scenario.obstacle_speed == pytest.approx(1.0)
+    assert len(scenario.world.obstacles) == 2 and scenario.obstacle_speed == 1.5
     timeline = scenario.world.timeline(0, 5.0)
     since = (timeline.at(0.0)[0][0, 0] - 0.0) / 1.0  # the first walks along x at 1 m/s from x = 0 at time 0
     for t in (0.0, 0.7, 3.0):
         assert timeline.at(t)[0] == pytest.approx(np.array([(since + t, 2.0), (6.0, 8.0 - 0.9 * (since + t))]), abs=1e-6)
+
+
+def test_tracks_start_from_every_side(tmp_path):
+    """Over the episodes of a file the robot starts near each of the four sides, and its goal is near the opposite one."""
+    spec = f"tracks:{walkers(tmp_path / 't.csv', csv=True)}"
+    sides = set()
+    for episode in episodes(spec, 30):
+        scenario = build(episode)
+        rows, cols = scenario.world.grid.shape
+        (x0, y0, _), size = scenario.world.grid.origin, np.array([cols, rows]) * 0.2
+        ends = [(np.array(end) - (x0, y0)) / size for end in (scenario.start, scenario.goal)]
+        axis = int(np.argmax(np.abs(ends[1] - ends[0])))
+        assert sorted((ends[0][axis] < 0.11, ends[1][axis] < 0.11)) == [False, True]
+        assert max(ends[0][axis], ends[1][axis]) > 0.89
+        sides.add((axis, ends[0][axis] < 0.5))
+    assert len(sides) == 4
 
 
 @pytest.mark.parametrize("text", ["", "1,2\n", "0,1,a,0\n1,1,0,0\n", "0,1,0,nan\n1,1,0,0\n", "0,1,0,0\n0,1,1,1\n", "\0\0"])

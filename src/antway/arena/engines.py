@@ -18,6 +18,7 @@ from numba.core import event
 
 from antway import checks
 from antway.arena import metrics
+from antway.arena.causes import with_cause
 from antway.arena.store import Results, Row
 from antway.arena.suites import Episode, stage
 from antway.errors import BadParameter
@@ -59,7 +60,7 @@ def play(job: Job) -> Answer:
         *job.key,
         group=episode.group,
         outcome=result.outcome.value,
-        reason=result.reason,
+        reason=with_cause(trace),
         time=result.time,
         length=result.length,
         clearance=result.min_clearance,

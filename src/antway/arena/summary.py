@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.arena import metrics
+from antway.arena.causes import by_cause
 from antway.arena.store import Row
 from antway.world.trace import Outcome
 
@@ -134,7 +135,7 @@ def remarks(table: Sequence[Summary]) -> list[str]:
 
 
 def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
-    """Return the summaries of the rows of one suite, and the ranks of its policies, as tables in Markdown.
+    """Return the summaries of the rows of one suite, the ranks of its policies and their failures by cause, in Markdown.
 
     Ranks are by success and by time over the optimum on the episodes that all policies played.
     """
@@ -167,6 +168,10 @@ def markdown(rows: Sequence[Row], policies: Sequence[str] | None = None) -> str:
     for name, mean, rank in metrics.ranks(wins):
         place, ratio = by_time[name]
         lines.append(_line((name, str(rank), f"{100 * mean:.1f}", _shown(ratio, str(place)), _shown(ratio, f"{ratio:.4f}"))))
+    failed = [(name, why, count) for name in names for why, count in by_cause(r for r in rows if r.policy == name).items()]
+    if failed:
+        lines += ["", _line(["policy", "failures by cause", "episodes"]), _line(["---", "---", "--:"])]
+        lines += [_line((name, why, str(count))) for name, why, count in failed]
     return "\n".join([*lines, *(part for remark in remarks(table) for part in ("", remark))]) + "\n"
 
 

@@ -21,6 +21,7 @@ from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.dynamics import REST
 from antway.planning import TimedPath
 from antway.version import __version__
+from antway.world.entries import Entries
 from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, Task, make_policy
 from antway.world.pursuit import Pursuit
 from antway.world.rounds import RoundsPolicy
@@ -312,7 +313,7 @@ class Stage:
         self.horizon = horizon
         self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
         self.pursuit = Pursuit(scenario.world, task, seed, horizon, self.steps)
-        self.timeline = self.pursuit.timeline
+        self.timeline, self.entries = self.pursuit.timeline, Entries(scenario.world, task)
         self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
         self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
         self.stepwise = spec.stepwise
@@ -396,6 +397,9 @@ class Stage:
         if what == GOES_ON:
             x, y = self.xy[self.n].tolist()
             self.pursuit.go(self.n, (x, y))
+            line = self.entries.go(self.n, (x, y), self.timeline)
+            if line is not self.timeline:
+                self.timeline = self.scanner.timeline = self.pursuit.use(line)
             late = self.n == self.steps
             return (Outcome.TIMEOUT, f"the horizon of {self.horizon:g} s came first") if late else (None, "")
         if what == REACHED:

@@ -167,10 +167,16 @@ class RandomWalk:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A recorded track: at `points[i]` (m) at time `t[i]` (s, increasing); it stands before and after."""
+    """A recorded track: at `points[i]` (m) at time `t[i]` (s, increasing); it stands before and after.
+
+    The record itself may begin later than its first point, at the time `record_start` (s) > 0 of the episode: before that it
+    only says where the disc comes from. One whose centre is then within 1 m of the robot's is not there until it is farther off
+    (`antway.world.entries`).
+    """
 
     t: tuple[float, ...]
     points: tuple[XY, ...]
+    record_start: float = 0.0
     _arrays: Trajectory = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -182,6 +188,8 @@ class Replay:
         with np.errstate(divide="ignore", over="ignore"):
             speeds = np.hypot(*np.diff(np.array(self.points), axis=0).T) / np.diff(t)
         checks.number("points", float(speeds.max(initial=0.0)), high=MAX_SPEED, infinite=True, unit="m/s between two of them")
+        starts = checks.number("record_start", self.record_start, low=-MAX_TIME, high=MAX_TIME, unit="s")
+        object.__setattr__(self, "record_start", starts)
         object.__setattr__(self, "t", tuple(t.tolist()))
         object.__setattr__(self, "_arrays", (t, np.array(self.points)))
 

@@ -34,10 +34,16 @@ class Pursuit:
         t = np.arange(steps + 1, dtype=np.float64) * task.robot.dt
         for k, _, motion in chosen:
             trajectories[k] = t, np.full((steps + 1, 2), motion.start)
-        whole = Timeline.of(line.id.tolist(), line.radius.tolist(), trajectories)
-        self.xy = whole.knot_xy.copy()
-        live = self.xy.view()  # the timeline makes its own array read-only, and not what it is a view of
-        self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
+        self.use(Timeline.of(line.id.tolist(), line.radius.tolist(), trajectories))
+
+    def use(self, whole: Timeline) -> Timeline:
+        """Go on with another timeline, in which the pursuers have the knots that they have in this one; return it."""
+        self.timeline = whole
+        if self.pursuers:
+            self.xy = whole.knot_xy.copy()
+            live = self.xy.view()  # the timeline makes its own array read-only, and not what it is a view of
+            self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
+        return self.timeline
 
     def go(self, i: int, robot: tuple[float, float]) -> None:
         """Add the trajectories in control period i, at the start of which the robot is at `robot` (m)."""

@@ -1,0 +1,55 @@
+"""Why an episode failed: who touched the robot, alone or with others, and from where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from antway.arena.store import Row
+from antway.world.trace import Outcome, Trace
+
+TOGETHER, ALIKE = 2.0, 0.6  # m, m/s; those walk together who are nearer than that and whose velocities differ by less
+_SPLIT = "; "  # between what happened and its cause, in the reason of a row
+
+
+def cause(trace: Trace) -> str:
+    """Return what touched the robot, as "one of 3 together, from behind"; empty for an episode that ended otherwise.
+
+    From behind: its velocity is within 60 degrees of the direction from the robot to its goal; from ahead: within 60 degrees
+    of the opposite; else from the side; standing: slower than 0.1 m/s.
+    """
+    if trace.outcome not in (Outcome.HIT_MOVING, Outcome.HIT_STANDING):
+        return ""
+    xy, velocity = trace.timeline.at(float(trace.t[-1]))
+    away = np.hypot(*(xy - trace.xy[-1]).T) - trace.timeline.radius
+    k = int(np.argmin(away))
+    speed = math.hypot(*velocity[k].tolist())
+    alike = np.hypot(*(velocity - velocity[k]).T) < ALIKE
+    together = int((alike & (np.hypot(*(xy - xy[k]).T) < TOGETHER)).sum())
+    ahead = np.array(trace.task.goal) - trace.xy[-1]
+    share = float(velocity[k] @ ahead) / max(speed * math.hypot(*ahead.tolist()), 1e-12)
+    side = "standing" if speed < 0.1 else "from behind" if share > 0.5 else "from ahead" if share < -0.5 else "from the side"
+    fast = ", faster than declared" if speed > trace.task.obstacle_speed + 1e-6 else ""
+    return f"{'one alone' if together == 1 else f'one of {together} together'}, {side}{fast}"
+
+
+def with_cause(trace: Trace) -> str:
+    """Return the reason of a trace with its cause."""
+    why = cause(trace)
+    return f"{trace.reason}{_SPLIT}{why}" if why else trace.reason
+
+
+def by_cause(rows: Iterable[Row]) -> dict[str, int]:
+    """Return how many of the episodes failed for which cause, the most frequent first.
+
+    An episode in which the clairvoyant optimum does not reach the goal either has the cause "no path at all".
+    """
+    counts: dict[str, int] = {}
+    for row in rows:
+        if not row.reached:
+            _, _, why = row.reason.partition(_SPLIT)
+            name = "no path at all" if row.bound == math.inf else f"{row.outcome}: {why}" if why else row.outcome
+            counts[name] = counts.get(name, 0) + 1
+    return dict(sorted(counts.items(), key=lambda one: (-one[1], one[0])))

@@ -1,0 +1,122 @@
+"""People of a recording who appear beside the robot are not there until they are farther off; why episodes failed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import BadParameter, Command, Grid, RobotSpec, Scenario, World, check_episode, load_scenario, run
+from antway.arena.causes import by_cause, cause, with_cause
+from antway.arena.store import Row
+from antway.baselines.replan import Follow
+from antway.world.entries import NEAR
+from antway.world.motions import Pursue, Replay
+from antway.world.scenario import save_scenario
+from antway.world.world import Obstacle
+from common import cases
+
+ROOM = Grid(np.zeros((60, 60), np.bool_), 0.2)
+
+
+class Drives(Follow):
+    """Drives east at a given speed, whatever comes."""
+
+    def __init__(self, speed=1.0):
+        self.speed, self.seen = speed, []
+
+    def act(self, observation):
+        self.seen.append((observation.t, observation.tracks))
+        return Command((self.speed, 0.0))
+
+
+def walk(begins, *, passes, v=(-1.0, 0.0), until=20.0):
+    """One who is at `passes` at the time `begins`, when its record begins, with the velocity v all the time."""
+    t = np.array([begins - 20.0, begins, begins + until])
+    return Obstacle(0.3, Replay(tuple(t), tuple((np.array(passes) + np.outer(t - begins, v)).tolist()), begins))
+
+
+def play(*people, speed=1.0, horizon=8.0):
+    scenario = Scenario(World(ROOM, people), (2.0, 6.0), (11.0, 6.0), RobotSpec(), horizon=horizon)
+    policy = Drives(speed)
+    return run(scenario, policy), policy.seen
+
+
+def test_who_appears_beside_the_robot_is_not_there_until_it_is_farther_off():
+    """Its record begins 0.8 m ahead: it is gone the cycle after, passes through nobody, and is back behind."""
+    result, seen = play(walk(3.0, passes=(5.8, 6.0)))
+    check_episode(result)
+    assert result.outcome.value == "timeout" or result.reached
+    here = {round(t, 6): len(tracks) for t, tracks in seen}
+    assert here[2.0] == 1 and here[3.0] == 1 and here[3.1] == 0 and here[5.0] == 1
+    back = min(t for t, n in here.items() if t > 3.05 and n)
+    at = {round(t, 6): tracks for t, tracks in seen}[back]
+    assert NEAR < math.dist(at.xy[0], (2.0 + back, 6.0)) < NEAR + 0.5
+    assert at.velocity[0] == pytest.approx((-1.0, 0.0)) and all(np.hypot(*t.velocity.T).max(initial=0.0) < 2.0 for _, t in seen)
+
+
+def test_who_appears_farther_off_counts_at_once():
+    """A record that begins 1.2 m ahead ends the episode in contact, as does one that went on all the time."""
+    for begins in (3.0, 0.0):
+        person = walk(3.0, passes=(6.2, 6.0))
+        result, _ = play(Obstacle(0.3, replace(person.motion, record_start=begins)))
+        check_episode(result)
+        assert result.outcome.value == "hit-moving" and result.time == pytest.approx(3.3)
+
+
+def test_entries_among_others_keep_every_rule():
+    """Whatever appears where, no disc comes within 1 m out of nowhere, and episodes are sound, pursuers among them."""
+    rng, gone = np.random.default_rng(3), 0
+    for _ in range(cases(15, 300)):
+        people = [
+            walk(float(b), passes=(2.0 + b + dx, 6.0 + dy), v=tuple(rng.uniform(-1.2, 1.2, 2)))
+            for b, dx, dy in zip(rng.uniform(1, 6, 4), rng.uniform(-1.2, 1.2, 4), rng.uniform(-1.2, 1.2, 4))
+        ]
+        people += [Obstacle(0.3, Pursue((11.5, 0.5), 0.2))]
+        try:
+            result, _ = play(*people, speed=float(rng.uniform(0.0, 1.0)))
+        except Exception as error:  # one that walks in over the start
+            assert "clear of the robot" in str(error)
+            continue
+        check_episode(result)
+        line = result.trace.timeline
+        steps = [np.hypot(*np.diff(line.trajectory(k)[1], axis=0).T) for k in range(4)]
+        gone += sum(bool((step > 100.0).any()) for step in steps)
+    assert gone > 2
+
+
+def test_when_a_record_begins_is_kept_in_a_file_and_checked(tmp_path):
+    """Scenario files hold it; what is no time is refused."""
+    for begins in (2.5, 0.0, -3.0):
+        person = Obstacle(0.3, Replay((0.0, 4.0), ((1.0, 1.0), (5.0, 1.0)), begins))
+        scenario = Scenario(World(ROOM, (person,)), (2.0, 6.0), (11.0, 6.0))
+        save_scenario(scenario, tmp_path / "s.toml")
+        assert load_scenario(tmp_path / "s.toml").world.obstacles == (person,)
+    for wrong in (math.nan, "soon", math.inf, -math.inf, True):
+        with pytest.raises(BadParameter, match="record_start"):
+            Replay((0.0,), ((1.0, 1.0),), wrong)
+
+
+def test_causes_tell_who_touched_the_robot():
+    """Alone or together, from which side, and how fast; the table counts them, and what nobody could have reached."""
+    one, _ = play(walk(3.0, passes=(6.2, 6.0)))
+    assert cause(one.trace) == "one alone, from ahead" and with_cause(one.trace).endswith("moving; one alone, from ahead")
+    three, _ = play(*(walk(3.0, passes=(3.9, y), v=(2.0, 0.0)) for y in (5.3, 6.0, 6.7)))
+    assert cause(three.trace) == "one of 3 together, from behind, faster than declared"
+    aside, _ = play(walk(3.0, passes=(5.0, 7.5), v=(0.0, -1.0)), speed=0.0)
+    assert cause(aside.trace) == "" and with_cause(aside.trace) == aside.trace.reason
+    rows = [
+        Row("s", f"e{i}", "p", i, "v", "g", outcome, reason, bound=bound)
+        for i, (outcome, reason, bound) in enumerate(
+            [
+                ("reached", "", 9.0),
+                ("hit-moving", with_cause(one.trace), 9.0),
+                ("hit-moving", with_cause(one.trace), 9.0),
+                ("timeout", "the horizon came first", 9.0),
+                ("hit-standing", with_cause(three.trace), math.inf),
+            ]
+        )
+    ]
+    assert by_cause(rows) == {"hit-moving: one alone, from ahead": 2, "no path at all": 1, "timeout": 1}
