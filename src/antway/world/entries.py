@@ -69,7 +69,7 @@ def _place(t: NDArray[np.float64], xy: NDArray[np.float64], when: float) -> NDAr
 
 
 def _round(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return two far places on a way round the origin from the far place `start` to `end`, float64[2, 2]."""
+    """Return two far places on a path round the origin from the far place `start` to `end`, float64[2, 2]."""
     ahead = end / math.hypot(*end)
     side = np.array([-ahead[1], ahead[0]])
     if float(side @ start) < 0.0:
