@@ -15,7 +15,7 @@ from antway.world.world import World
 
 NEAR = 1.0  # m between the centres; whoever appears so near to the robot is not there yet
 _FAR = 1000.0  # m from the robot; where whoever is not there is put, straight away from the robot
-_INSTANT = 1e-6  # s after a scan at which somebody leaves, so that the scan does not see it
+_INSTANT = 1e-6  # s; somebody leaves so long after a scan and is back so long before one, so that none sees it on its way
 
 
 class Entries:
@@ -39,14 +39,15 @@ class Entries:
         t, here = i * dt, np.array(robot)
         for k, (motion, far) in list(self.away.items()):
             knot_t, xy = (np.array(part) for part in (motion.t, motion.points))
-            there = _place(knot_t, xy, t + dt) - here
+            soon = t + dt - _INSTANT  # before the next scan
+            there = _place(knot_t, xy, soon) - here
             farthest = max(NEAR, self.task.robot.radius + float(line.radius[k])) + self.task.robot.v_max * dt
             if math.hypot(*there) > farthest:
                 del self.away[k]
                 old_t, old_xy = line.trajectory(k)
-                late = knot_t > t + dt
+                late = knot_t > soon
                 back = _round(far - here, there) + here
-                times = t + dt * np.array([0.0, 0.25, 0.5, 1.0])
+                times = np.array([t, t + dt / 4, t + dt / 2, soon])
                 places = np.vstack((far, back, there + here))
                 changed[k] = np.concatenate((old_t, times, knot_t[late])), np.vstack((old_xy, places, xy[late]))
         while self.due and self.due[0][0] <= t + 1e-9:
