@@ -9,6 +9,13 @@ from antway.world.timeline import Timeline
 from antway.world.trace import Outcome, Trace
 
 
+def predicted(timeline: Timeline, now: float) -> np.ndarray:
+    """Every disc as it moves now, for 6 s: what a decision tells of a prediction."""
+    xy, velocity = timeline.at(now)
+    times = np.tile([now, now + 6.0], (len(xy), 1))
+    return np.column_stack((times, xy, velocity, timeline.radius)).astype(np.float32)
+
+
 def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample", reason: str = "") -> Trace:
     """A robot that drives along a 20 x 20 grid's diagonal, waits for a crossing disc and goes on; `steps` of 0.1 s."""
     blocked = np.zeros((20, 20), dtype=bool)
@@ -46,6 +53,7 @@ def sample_trace(steps: int = 150, obstacles: int = 2, scenario: str = "sample",
                     path=path,
                     alternatives=(("pass behind", 0.4), ("wait", 1.1)),
                     pheromone=(row, col, temperature * (1 + step % 3)),
+                    predicted=predicted(timeline, t[step]),
                 ),
             )
         )

@@ -11,11 +11,11 @@ import pytest
 from PIL import Image
 
 from antway import BadParameter, BadScenario, check_episode, run
-from antway.demo import FLOW_CHARTS, run_demo, scene, static_shortest, summary
+from antway.demo import FLOW_CHARTS, figure_names, run_demo, scene, static_shortest, summary, write_episode
 from antway.scenes import SCENES
 from antway.world.trace import Trace
 
-PICTURES = ("figure4_global_path.png", "figure5_encounter.png", "figure6_avoidance.png", "figure7_final_path.png")
+PICTURES = (*figure_names("paper"), *figure_names("antway"))
 FILES = (*PICTURES, "demo.gif", "replay.html", "trace.json", "summary.json")
 
 
@@ -39,8 +39,10 @@ def test_the_demo_writes_what_it_promises(tmp_path: Path) -> None:
         assert gif.size[0] > 1.7 * gif.size[1] and gif.n_frames == 100, "two square maps side by side"
     for name, numbers in rows:
         folder = tmp_path / name / ("paper" if numbers["policy"] == "paper" else "")
-        assert json.loads((folder / "summary.json").read_text()) == numbers
+        timings = json.loads((folder / "timings.json").read_text())
         trace = Trace.load(folder / "trace.json")
+        assert len(timings.pop("cycle_ms")) == len(trace) and isinstance(timings.pop("order_ms"), list)
+        assert json.loads((folder / "summary.json").read_text()) | timings == numbers
         check_episode(trace)
         assert trace.policy == numbers["policy"] and numbers["length"] == pytest.approx(trace.length)
         near = trace.task.grid.resolution + 2 * trace.task.goal_tolerance * numbers.get("stops", 0)
@@ -71,3 +73,14 @@ def test_a_scene_is_a_shipped_name_or_a_file() -> None:
     assert [scene(name).name for name in SCENES] == list(SCENES)
     with pytest.raises(BadScenario, match=r"nowhere\.toml"):
         scene("nowhere.toml")
+
+
+def test_two_runs_of_a_seed_write_the_same_bytes(tmp_path: Path) -> None:
+    """C31: of the files of an episode, figures, animation and page included, only the timings differ."""
+    for name in ("one", "two"):
+        result = run(scene("warehouse"), "paper", seed=3)
+        write_episode(result, tmp_path / name)
+    files = sorted(path.name for path in (tmp_path / "one").iterdir())
+    assert "timings.json" in files and len(files) >= 9 and files == sorted(path.name for path in (tmp_path / "two").iterdir())
+    differ = [name for name in files if (tmp_path / "one" / name).read_bytes() != (tmp_path / "two" / name).read_bytes()]
+    assert differ == ["timings.json"]

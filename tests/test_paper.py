@@ -4,13 +4,29 @@ from __future__ import annotations
 
 import json
 import math
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, make_policy, run
+from antway import (
+    BadParameter,
+    Grid,
+    Outcome,
+    Problem,
+    RobotSpec,
+    Scenario,
+    World,
+    check_episode,
+    load_scenario,
+    make_policy,
+    run,
+)
+from antway.ants.grid_walk import Trail
+from antway.ants.gridpath import Exploration
 from antway.policies.encounter import closest_approach, encounter
+from antway.policies.paper import policy as policy_module
 from antway.policies.paper.local_target import local_target
 from antway.scenes import SCENES, scene
 from antway.world.motions import BackAndForth, Line
@@ -100,7 +116,7 @@ def crowded(seed: int, robot: RobotSpec) -> Scenario:
     ends = zip(x.tolist(), (x + rng.uniform(-0.8, 0.8, 5)).tolist())
     discs = [Obstacle(0.3, BackAndForth((a, 0.4), (b, 7.6), (0.15, 0.4), (0.0, 1.0))) for a, b in ends]
     world = World(Grid(np.kron(boxes, np.ones((2, 2), dtype=bool)), 0.25), discs)
-    return Scenario(world, (1.0, 4.0), (13.0, 4.0), robot, horizon=90.0, obstacle_speed=0.5)
+    return Scenario(world, (1.0, 4.0), (13.0, 4.0), robot, horizon=90.0, obstacle_speed=0.5, through_walls=True)
 
 
 @pytest.mark.parametrize(
@@ -141,7 +157,15 @@ def test_no_way_and_blind_robots_stand() -> None:
 
 def test_parameters_are_checked() -> None:
     """Wrong options raise the typed error that names them."""
-    for wrong in ({"ants": 0}, {"cycles": 1.5}, {"margin": -1.0}, {"growth": math.nan}, {"lookahead": 0.0}):
+    for wrong in (
+        {"ants": 0},
+        {"cycles": 1.5},
+        {"margin": -1.0},
+        {"growth": math.nan},
+        {"lookahead": 0.0},
+        {"heuristic": "x"},
+        {"distance_weight": -1.0},
+    ):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("paper", **wrong)
 
@@ -161,10 +185,74 @@ def test_the_local_target_is_the_first_free_node_past_the_conflict() -> None:
     """First free node beyond; else the farthest in sight and range; else the last."""
     route = np.column_stack((np.arange(1.0, 9.0), np.zeros(8)))
     taken = np.array([False, False, True, True, False, False, True, False])
-    assert local_target(route, taken, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4
     every = np.ones(8, dtype=bool)
-    assert local_target(route, every, 2.5, (0.0, 0.0), 5.0, lambda p: p[0] < 4.5)[0] == 3
-    assert local_target(route, every, 2.5, (0.0, 0.0), 5.0, lambda p: False)[0] == 7
+    assert local_target(route, taken, every, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 4
+    assert local_target(route, taken, route[:, 0] > 5.5, 2.5, (0.0, 0.0), 5.0, lambda p: True)[0] == 5
+    assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: p[0] < 4.5)[0] == 3
+    assert local_target(route, every, every, 2.5, (0.0, 0.0), 5.0, lambda p: False)[0] == 7
+    assert local_target(route, every, route[:, 0] < 6.5, 2.5, (0.0, 0.0), 5.0, lambda p: False)[0] == 5
+
+
+def test_local_targets_lie_on_the_global_path_and_ways_do_not_turn_back() -> None:
+    """Step 8: every detour ends at a node of the path of Step 2 and goes on along it, without a step straight back."""
+    detours = 0
+    for name, seed in product(SCENES, range(cases(3, 20))):
+        trace = run(load_scenario(scene(name)), "paper", seed=seed).trace
+        onward = trace.decisions[0][1].path.xy.tolist()
+        for avoid in (one for _, one in trace.decisions if one.action == "avoid"):
+            detours += 1
+            nodes = avoid.path.xy[:1].tolist() + [b for a, b in pairwise(avoid.path.xy.tolist()) if math.dist(a, b) > 1e-9]
+            i, j = onward.index(list(avoid.local_target)), nodes.index(list(avoid.local_target))
+            rest = [one for n, one in enumerate(onward) if n >= i and (n == 0 or one != onward[n - 1])]
+            assert nodes[j:] == rest, (name, seed)
+            legs = np.diff(nodes, axis=0)
+            legs /= np.hypot(*legs.T)[:, None]
+            assert ((legs[1:] * legs[:-1]).sum(axis=1) > -0.99).all(), (name, seed)
+    assert detours >= 10
+
+
+def test_pheromone_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps 4 to 7: with the pheromone shuffled over the moves, ants stop learning, and other paths come out, longer ones."""
+    search, weights, found = policy_module.explore, Trail.weights, []
+
+    def shuffled(trail: Trail) -> np.ndarray:
+        kept, mixed = trail.tau, trail.tau.copy()
+        legal = kept > 0.0
+        mixed[legal] = np.random.default_rng(len(found)).permutation(kept[legal])
+        trail.tau = mixed
+        try:
+            return weights(trail)
+        finally:
+            trail.tau = kept
+
+    def both(problem: Problem, **options: object) -> Exploration:
+        as_it_is = search(problem, **options)
+        if len(as_it_is.plan.cells):
+            with monkeypatch.context() as patch:
+                patch.setattr(Trail, "weights", shuffled)
+                found.append((as_it_is, search(problem, **options)))
+        return as_it_is
+
+    monkeypatch.setattr(policy_module, "explore", both)
+    for name, seed in product(("office", "warehouse"), range(cases(3, 20))):
+        assert run(load_scenario(scene(name)), "paper", seed=seed).reached
+    differ = [not np.array_equal(one.plan.cells, other.plan.cells) for one, other in found]
+    assert len(found) >= 8 and np.mean(differ) >= 0.5
+    over = np.array([[o.plan.length / o.plan.lower_bound, o.history[-1, 1] / o.plan.lower_bound] for p in found for o in p]) - 1
+    (best, last), (best_shuffled, last_shuffled) = over[::2].mean(axis=0), over[1::2].mean(axis=0)
+    assert best < 0.5 * best_shuffled and last < 0.5 * last_shuffled
+    assert all(len(one.history) == 20 for one, _ in found), "Step 7: the cycles run to their number"
+
+
+def test_a_weight_on_distance_makes_the_robot_wait() -> None:
+    """Least time goes round a disc that waits; where each metre costs 20 s more, the robot waits for it and drives less."""
+    blocked = np.zeros((24, 40), dtype=bool)
+    disc = Obstacle(0.4, Line((5.1, 0.6), (5.1, 5.5), 0.45, delay=0.0))
+    scenario = Scenario(World(Grid(blocked, 0.25), [disc]), (1.125, 3.125), (9.125, 3.125))
+    results = [run(scenario, make_policy("paper", distance_weight=weight)) for weight in (0.0, 20.0)]
+    for result in results:
+        check_episode(result)
+    assert results[1].length <= results[0].length and all(result.reached for result in results)
 
 
 def test_golden_traces() -> None:

@@ -52,7 +52,7 @@ def sample(seed: int = 0) -> Trace:
 def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
     """Saved and loaded, every array, decision and number is the same, and the digest with it."""
     trace = sample()
-    trace.save(tmp_path / "trace.json")
+    trace.save(tmp_path / "trace.json", timing=True)
     back = Trace.load(tmp_path / "trace.json")
     for name in (
         "t",
@@ -79,8 +79,10 @@ def test_a_file_gives_back_every_bit(tmp_path: Path) -> None:
     assert step == 3 and decision.alternatives[0] == ("wait", math.inf) and decision.pheromone[2].dtype == np.float32
     assert decision.pheromone[2].tobytes() == trace.decisions[1][1].pheromone[2].tobytes()
     assert back.decision_at(2).action == "follow" and back.decision_at(5).action == "avoid"
-    back.save(tmp_path / "again.json")
+    back.save(tmp_path / "again.json", timing=True)
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "trace.json").read_bytes()
+    back.save(tmp_path / "untimed.json")
+    assert not Trace.load(tmp_path / "untimed.json").cycle_ms.any() and trace.cycle_ms.any()
 
 
 def test_traces_of_version_1_are_read(tmp_path: Path) -> None:

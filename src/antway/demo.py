@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -15,7 +16,7 @@ from typing import Any
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.planning import Problem, solve
+from antway.planning import Plan, Problem, solve
 from antway.policies.paper.routes import Routes
 from antway.scenes import ROUNDS, SCENES
 from antway.verify import check_episode
@@ -24,6 +25,7 @@ from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Trace
 
+TIMINGS = ("cycle_ms_p50", "cycle_ms_p99", "order_ms_max")  # parts of a summary that differ between equal runs
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
 
 
@@ -129,9 +131,9 @@ def write_episode(
     *,
     beside: Sequence[EpisodeResult] = (),
 ) -> dict[str, Any]:
-    """Write figures 4 to 7, the animation, the replay page, the trace and the summary of an episode; return the summary.
+    """Write figures, animation, replay page, trace, summary and timings of an episode; return the summary.
 
-    Episodes of the same place `beside` it are shown at its left in the animation and on the page.
+    Episodes of the same place `beside` it have figures of their own and are shown at its left in the animation and the page.
     """
     from antway.view import figures
     from antway.view.animation import write_animation
@@ -140,27 +142,48 @@ def write_episode(
     folder.mkdir(parents=True, exist_ok=True)
     numbers = write_record(result, folder)
     trace, others = _trace(result), [_trace(other) for other in beside]
-    path = figures.shortest(trace.task)
     on_progress("figures")
-    meet, avoid = figures.moments(trace)
-    ends = (trace.task.start, trace.task.goal)
-    figures.save(figures.plan_figure(trace.task.grid, path, ends=ends), folder / "figure4_global_path.png")
-    about = figures.moment_figure(trace, meet, title="About to meet a moving obstacle", path=path)
-    figures.save(about, folder / "figure5_encounter.png")
-    title = figures.title_of(trace.decision_at(avoid))
-    avoiding = figures.moment_figure(trace, avoid, title=title, path=path, pheromone=True)
-    figures.save(avoiding, folder / "figure6_avoidance.png")
-    figures.save(figures.final_figure(trace, path=path), folder / "figure7_final_path.png")
+    for one in (*others, trace):
+        write_figures(one, folder)
     if trace.rounds is not None:
         from antway.view.rounds import rounds_figure
 
         figures.save(rounds_figure(trace), folder / "rounds.png")
     first, *rest = (*others, trace)
     on_progress("animation")
+    path = figures.shortest(trace.task)
     write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
     on_progress("replay page")
     write_replay(first, folder / "replay.html", beside=rest, shortest=path)
     return numbers
+
+
+def figure_names(policy: str) -> tuple[str, ...]:
+    """Return the files of a policy's four figures: the paper's Figs. 4 to 7 for policy `paper`, else names of its own."""
+    parts = ("global_path", "encounter", "avoidance", "final_path")
+    if policy == "paper":
+        return tuple(f"figure{n}_{part}.png" for n, part in enumerate(parts, 4))
+    return tuple(f"{re.sub(r'[^A-Za-z0-9-]+', '_', policy)}_{part}.png" for part in parts)
+
+
+def write_figures(trace: Trace, folder: Path) -> None:
+    """Write the path set out on, an encounter before and in the midst of it, and the path driven, as pictures."""
+    from antway.view import figures
+
+    path, (meet, avoid) = figures.followed(trace), figures.moments(trace)
+    ends, before = (trace.task.start, trace.task.goal), trace.decision_at(meet)
+    if isinstance(path, Plan):
+        first = figures.plan_figure(trace.task.grid, path, ends=ends, title="Global shortest path, by Dijkstra's algorithm")
+    else:
+        first = figures.moment_figure(trace, 0, title=f"First plan of policy {trace.policy}", path=path)
+    drawn = (
+        first,
+        figures.moment_figure(trace, meet, title="About to encounter an obstacle", caption=figures.meeting(before), path=path),
+        figures.moment_figure(trace, avoid, title=figures.title_of(trace.decision_at(avoid)), path=path, pheromone=True),
+        figures.final_figure(trace, path=path),
+    )
+    for picture, name in zip(drawn, figure_names(trace.policy)):
+        figures.save(picture, folder / name)
 
 
 def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict[str, Any]:
@@ -178,14 +201,24 @@ def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict
 
 
 def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
-    """Check an episode, write its trace and its summary into `folder`, and return the summary."""
+    """Check an episode, write its trace, its summary and its timings into `folder`, and return the summary, timings included.
+
+    What took how long stands in `timings.json` alone, so that the same seed gives the other files the same bytes.
+    """
     trace = _trace(result)
     check_episode(result)
     folder.mkdir(parents=True, exist_ok=True)
     numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, trace.task)}
     trace.save(folder / "trace.json")
-    (folder / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
+    _write_json(folder / "summary.json", {name: value for name, value in numbers.items() if name not in TIMINGS})
+    timings: dict[str, Any] = {name: numbers[name] for name in TIMINGS if name in numbers}
+    timings |= {"cycle_ms": result.cycle_ms.tolist(), "order_ms": result.order_ms.tolist()}
+    _write_json(folder / "timings.json", timings)
     return numbers
+
+
+def _write_json(path: Path, record: dict[str, Any]) -> None:
+    path.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
 
 
 def run_demo(
@@ -199,10 +232,11 @@ def run_demo(
 
     The scene with stops, `rounds`, is played with the last policy alone.
 
-    A scene's folder holds the figures, trace and summary of the last policy, an animation and a page with all of them side by
-    side, and a folder for each other policy with its trace and summary. The pictures of the paper's scene, and those of no
-    scene, lie in `out` itself. `on_progress(scene, what)` is called before each part. Other processes play the other policies
-    and draw; they start anew, so a script that calls this guards its own work by `if __name__ == "__main__"`.
+    A scene's folder holds the figures of all policies, trace and summary of the last, an animation and a page with all of them
+    side by side, and a folder for each other policy with its trace and summary. Figures 4 to 7 are of policy `paper`. The
+    pictures of the paper's scene, and those of no scene, lie in `out` itself. `on_progress(scene, what)` is called before each
+    part. Other processes play the other policies and draw; they start anew, so a script that calls this guards its own work by
+    `if __name__ == "__main__"`.
 
     Raises
     ------

@@ -24,6 +24,16 @@ def first_wall(blocked: np.ndarray, row: float, col: float, dr: float, dc: float
     return math.inf
 
 
+def first_inside(blocked: np.ndarray, knot_t: np.ndarray, knot_rc: np.ndarray, radius: float, samples: int) -> float:
+    """Time of the first sample of a piecewise linear motion closer to a blocked square than the radius; infinite if none is."""
+    for t in np.linspace(knot_t[0], knot_t[-1], samples):
+        row, col = (np.interp(t, knot_t, knot_rc[:, axis]) for axis in (0, 1))
+        for r, c in np.argwhere(blocked):
+            if math.hypot(max(abs(row - r) - 0.5, 0.0), max(abs(col - c) - 0.5, 0.0)) < radius:
+                return float(t)
+    return math.inf
+
+
 def drive(v: np.ndarray, heading: float, command: np.ndarray, v_max: float, a_max: float, dt: float) -> np.ndarray:
     """Holonomic robot: the velocity nearest to the command on the straight line to it that the limits allow."""
     if not np.isfinite(command).all():

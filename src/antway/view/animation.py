@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from antway.errors import BadParameter
 from antway.planning import Plan
 from antway.view import style
-from antway.view.figures import HORIZON, obstacle_velocity
+from antway.view.figures import HORIZON, predicted
 from antway.world.trace import Trace
 
 SUPER = 2  # frames are drawn this many times larger and reduced, which smooths every edge
@@ -198,17 +198,13 @@ def _paste_pheromone(
 
 
 def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _Painter) -> None:
-    """Paste the bands that the sensed obstacles sweep at their present velocities."""
-    sensed = np.flatnonzero(trace.sensed[step])
-    if not len(sensed):
+    """Paste the bands that the policy takes the obstacles to sweep."""
+    if not predicted(trace, step, HORIZON):
         return
-    velocity = obstacle_velocity(trace, step)
     veil = Image.new("L", picture.size, 0)
     for share, strength in ((1.0, 60), (2 / 3, 95), (1 / 3, 130)):
         draw = ImageDraw.Draw(veil)
-        for k in sensed:
-            here, radius = trace.obstacle_xy[step, k], float(trace.obstacle_radius[k])
-            there = here + velocity[k] * HORIZON * share
+        for here, there, radius in predicted(trace, step, HORIZON * share):
             (x, y), r = painter.at(there), radius * painter.scale
             draw.ellipse((x - r, y - r, x + r, y + r), fill=strength)
             draw.line([painter.at(here), (x, y)], fill=strength, width=round(2 * r))

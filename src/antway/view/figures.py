@@ -17,7 +17,7 @@ from antway import checks
 from antway.ants.tsp import Tour, Tsp
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.planning import Plan, Problem, Status, solve
+from antway.planning import Plan, Status, TimedPath
 from antway.policies.paper.routes import Routes
 from antway.view import style
 from antway.view.style import save
@@ -25,18 +25,29 @@ from antway.world.policy import Decision, Task
 from antway.world.trace import Trace
 
 __all__ = ["convergence_figure", "final_figure", "moment_figure", "moments", "plan_figure", "save", "shortest"]
-__all__ += ["strip_figure", "title_of", "tour_figure"]
+__all__ += ["followed", "meeting", "strip_figure", "title_of", "tour_figure"]
 
 HORIZON = 3.0  # s that a prediction is drawn for
 
 
 def shortest(task: Task) -> Plan:
-    """Return the shortest path over the cells of the static map on which the robot fits, moving by 8: Step 2 of the paper."""
+    """Return the shortest path over the cells of the static map on which the robot fits, moving by 8: Step 2 of the paper.
+
+    Of the paths that are as short it is the one that policy `paper` follows.
+    """
     routes = Routes(task)
-    ends = routes.cell(task.start), routes.cell(task.goal)
-    if ends[0] is None or ends[1] is None:
+    start = routes.cell(task.start)
+    cells = np.empty((0, 2)) if start is None or routes.home is None else routes.home.cells(start)
+    if not len(cells):
         return Plan(Status.NO_PATH)
-    return solve(Problem(routes.inflated, ends[0], ends[1]), "dijkstra")
+    length = float(np.hypot(*np.diff(cells, axis=0).T).sum()) * routes.inflated.resolution
+    return Plan(Status.FOUND, cells.astype(np.int32), length, True, lower_bound=length)
+
+
+def followed(trace: Trace) -> Plan | TimedPath:
+    """Return the path that the policy set out on: the shortest on the grid for policy `paper`, else its own first plan."""
+    first = trace.decisions[0][1].path if trace.decisions else None
+    return shortest(trace.task) if trace.policy == "paper" or first is None else first
 
 
 @style.styled
@@ -80,11 +91,12 @@ def moment_figure(
     step: int,
     *,
     title: str,
-    path: Plan | None = None,
+    caption: str | None = None,
+    path: Plan | TimedPath | None = None,
     prediction: bool = True,
     pheromone: bool = False,
 ) -> Figure:
-    """Draw an episode as it stood at one step (Figs. 5 and 6 of the paper); what moves is red.
+    """Draw an episode as it stood at one step (Figs. 5 and 6 of the paper); what moves is red and has its number.
 
     Parameters
     ----------
@@ -92,10 +104,12 @@ def moment_figure(
     step : int
         In [0, len(trace)].
     title : str
-    path : Plan or None
-        The global path, drawn dashed.
+    caption : str or None
+        What stands under the picture; None: the decision in words.
+    path : Plan, TimedPath or None
+        The global path, or a policy's first plan (`followed`), drawn dashed.
     prediction : bool
-        Draw where each sensed obstacle may be within the next 3 s at its present velocity.
+        Draw where the policy took the obstacles to go within the next 3 s, if the decision of that step tells it.
     pheromone : bool
         Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
     """
@@ -105,14 +119,14 @@ def moment_figure(
     _draw_moment(axes, trace, step, path, prediction, pheromone)
     decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
-    if decision is not None:
-        axes.set_xlabel(f"x (m)\n{_wrapped(decision)}")
-    style.legend_below(axes)
+    if caption is not None or decision is not None:
+        axes.set_xlabel(f"x (m)\n{_wrapped(in_words(decision) if caption is None else caption)}")
+    style.legend_below(axes, columns=3)
     return fig
 
 
 @style.styled
-def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final path of the robot") -> Figure:
+def final_figure(trace: Trace, *, path: Plan | TimedPath | None = None, title: str = "Final path of the robot") -> Figure:
     """Draw the path that a robot drove, the global path, and the tracks of the obstacles in red (Fig. 7 of the paper)."""
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
     axes = fig.subplots()
@@ -123,6 +137,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
         label = "moving obstacle: its track, and where it ended" if k == 0 else None
         axes.plot(*trace.obstacle_xy[:, k].T, color=style.RED, linewidth=0.9, alpha=0.7, label=label, zorder=2)
         _disc(axes, trace.obstacle_xy[-1, k], trace.obstacle_radius[k], style.RED, zorder=5)
+    _draw_numbers(axes, trace, len(trace))
     label = f"driven, {trace.length:.2f} m in {trace.t[-1]:.1f} s"
     axes.plot(*trace.xy.T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label=label, zorder=4)
     every = max(1, round(5.0 / trace.task.robot.dt))
@@ -135,7 +150,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
 
 
 @style.styled
-def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None) -> Figure:
+def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | TimedPath | None = None) -> Figure:
     """Draw an episode at several steps side by side."""
     steps = [checks.integer("steps", step, low=0, high=len(trace)) for step in steps]
     if not steps:
@@ -225,21 +240,49 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
 
 
 def moments(trace: Trace) -> tuple[int, int]:
-    """Return two steps worth a picture: (about to meet an obstacle, in the midst of the encounter).
+    """Return two steps worth a picture: (about to meet an obstacle, in the midst of avoiding it).
 
-    The second is the decision to do other than follow the path in which most cells hold pheromone; without pheromone, the first
-    such decision; without such, the closest approach. The first lies half a second before, if an obstacle is sensed then.
+    The first is that of the decision for the detour that leads farthest from the path set out on; without detours, of the first
+    decision to do other than follow it; without such, the closest approach. The second is that step or one at most 1.5 s later
+    at which the robot still does the same about the same obstacle.
     """
-    busy = [(step, decision) for step, decision in trace.decisions if decision.action not in ("follow", "arrived")]
+    busy = [(n, step, decision) for n, (step, decision) in enumerate(trace.decisions) if decision.obstacle is not None]
+    detours = [one for one in busy if one[2].action == "avoid" and one[2].path is not None]
     if busy:
-        midst = min(max(busy, key=lambda one: _laid(one[1]))[0], len(trace))
-    elif len(trace.obstacle_id):
+        path = followed(trace)
+        onward = path.xy if isinstance(path, TimedPath) else path.xy(trace.task.grid)
+        n, meet, one = max(detours, key=lambda one: _strays(one[2], onward)) if detours else busy[0]
+        same = (one.action, one.obstacle)
+        later = (step for step, other in trace.decisions[n + 1 :] if (other.action, other.obstacle) != same)
+        meet, end = min(meet, len(trace)), next(later, len(trace) + 1) - 1
+        return meet, max(meet, min(end, meet + round(1.5 / trace.task.robot.dt), len(trace)))
+    if len(trace.obstacle_id):
         gaps = np.hypot(*(trace.obstacle_xy - trace.xy[:, None]).transpose(2, 0, 1)) - trace.obstacle_radius
         midst = int(gaps.min(axis=1).argmin())
     else:
         midst = len(trace) // 2
     before = max(0, midst - round(0.5 / trace.task.robot.dt))
     return before if trace.sensed[before].any() else midst, midst
+
+
+def _strays(decision: Decision, onward: NDArray[np.float64]) -> float:
+    """How far the path of a decision leads from the nodes `onward`, m."""
+    if decision.path is None or not len(onward):
+        return 0.0
+    away = np.hypot(*(decision.path.xy[:, None] - onward[None]).transpose(2, 0, 1))
+    return float(away.min(axis=1).max())
+
+
+def meeting(decision: Decision | None) -> str:
+    """Return the caption of a picture before an encounter: what would be met, when, if the robot drove on as it does."""
+    if decision is None or decision.obstacle is None:
+        return "no obstacle is in the robot's way"
+    kind = f" ({decision.encounter})" if decision.encounter else ""
+    when, near = decision.time_to_closest, max(decision.distance_at_closest, 0.0)
+    if not np.isfinite(when):
+        return f"obstacle {decision.obstacle}{kind} will be in the robot's way"
+    how = "would meet" if near == 0.0 else f"would come within {near:.1f} m of"
+    return f"obstacle {decision.obstacle}{kind} {how} the robot in {when:.1f} s"
 
 
 def _laid(decision: Decision) -> int:
@@ -254,7 +297,7 @@ def title_of(decision: Decision | None) -> str:
     return doing.get("" if decision is None else decision.action, "Passing it")
 
 
-def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
+def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | TimedPath | None, prediction: bool, pheromone: bool) -> None:
     task = trace.task
     style.draw_map(axes, task.grid)
     decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
@@ -273,6 +316,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
             axes, trace.obstacle_xy[step, k], trace.obstacle_radius[k], style.RED, zorder=5, filled=bool(trace.sensed[step, k])
         )
     _draw_obstacle_labels(axes, trace, step)
+    _draw_numbers(axes, trace, step)
     axes.plot(
         *trace.xy[: step + 1].T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label="driven", zorder=4
     )
@@ -290,8 +334,9 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
         extent = (x + col * d, x + (col + w) * d, y + row * d, y + (row + h) * d)
         image = axes.imshow(_scaled(amount), origin="lower", extent=extent, cmap=style.PHEROMONE, vmin=0, vmax=1, zorder=1.5)
         image.set_interpolation("nearest")
-        frame = Rectangle(extent[::2], w * d, h * d, fill=False, edgecolor="#5E3C99", linewidth=0.9, zorder=1.6)
-        axes.add_patch(frame)
+        look: dict[str, Any] = {"edgecolor": "#5E3C99", "linewidth": 0.9}
+        axes.add_patch(Rectangle(extent[::2], w * d, h * d, fill=False, zorder=1.6, **look))
+        axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=style.PHEROMONE(0.7), label="pheromone", **look))
         bar = axes.figure.colorbar(image, ax=axes, shrink=0.5, pad=0.02, ticks=[0, 1])
         bar.ax.set_yticklabels(["least", "most"])
         bar.set_label("pheromone", labelpad=-8)
@@ -312,16 +357,28 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
 
 
 def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:
-    """Draw the band that each sensed obstacle sweeps at its present velocity in the next 1, 2 and 3 s, paler with time."""
-    velocity = obstacle_velocity(trace, step)
-    for k in np.flatnonzero(trace.sensed[step]):
-        here, radius = trace.obstacle_xy[step, k], float(trace.obstacle_radius[k])
-        for ahead in (HORIZON, HORIZON * 2 / 3, HORIZON / 3):
-            band = _band(here, here + velocity[k] * ahead, radius)
-            axes.add_patch(Polygon(band, facecolor=style.ORANGE, alpha=0.25, linewidth=0, zorder=3))
-    if trace.sensed[step].any():
-        patch = Polygon([(0, 0)], facecolor=style.ORANGE, alpha=0.5, linewidth=0, label=f"predicted, next {HORIZON:.0f} s")
-        axes.add_patch(patch)
+    """Draw the bands that the policy takes the obstacles to sweep in the next 1, 2 and 3 s, paler with time."""
+    for ahead in (HORIZON, HORIZON * 2 / 3, HORIZON / 3):
+        for a, b, radius in predicted(trace, step, ahead):
+            axes.add_patch(Polygon(_band(a, b, radius), facecolor=style.ORANGE, alpha=0.25, linewidth=0, zorder=3))
+    if predicted(trace, step, HORIZON):
+        label = f"predicted, next {HORIZON:.0f} s"
+        axes.add_patch(Polygon([(0, 0)], facecolor=style.ORANGE, alpha=0.5, linewidth=0, label=label))
+
+
+def predicted(trace: Trace, step: int, ahead: float) -> list[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
+    """Return what the policy, by the decision of that step, took obstacles to sweep in the next `ahead` s.
+
+    Each part is a disc's straight motion: from where to where, (x, y) in m, and its radius in m.
+    """
+    decision, now = trace.decision_at(min(step, max(len(trace) - 1, 0))), float(trace.t[step])
+    found = []
+    for t0, t1, x, y, vx, vy, radius in [] if decision is None or decision.predicted is None else decision.predicted.tolist():
+        start, end = max(t0, now), min(t1, now + ahead)
+        if start < end:
+            place, velocity = np.array([x, y]), np.array([vx, vy])
+            found.append((place + velocity * (start - t0), place + velocity * (end - t0), radius))
+    return found
 
 
 def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
@@ -332,13 +389,15 @@ def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDAr
     return np.vstack((b + ahead, a - ahead))
 
 
-def obstacle_velocity(trace: Trace, step: int) -> NDArray[np.float64]:
-    """Return the obstacles' velocities about step `step`, float64[K, 2], m/s, from their places a step apart."""
-    a, b = (step, step + 1) if step < len(trace) else (max(step - 1, 0), step)
-    if a == b:
-        return np.zeros_like(trace.obstacle_xy[0])
-    velocity: NDArray[np.float64] = (trace.obstacle_xy[b] - trace.obstacle_xy[a]) / (trace.t[b] - trace.t[a])
-    return velocity
+def _draw_numbers(axes: Axes, trace: Trace, step: int) -> None:
+    """Write each obstacle's number beside it; where obstacles crowd, those of the first alone."""
+    apart, kept = 0.05 * float(np.ptp(axes.get_xlim())), np.empty((0, 2))
+    for k, place in enumerate(trace.obstacle_xy[step]):
+        at = place + np.array([0.0, trace.obstacle_radius[k]])
+        if (np.abs(kept - at) > apart).any(axis=1).all():
+            kept = np.vstack((kept, at))
+            look: dict[str, Any] = {"color": style.RED, "fontsize": 7.5, "fontweight": "bold", "zorder": 7, "clip_on": True}
+            axes.text(at[0], at[1], str(trace.obstacle_id[k]), ha="center", va="bottom", path_effects=style.casing(0.0), **look)
 
 
 def _draw_obstacle_labels(axes: Axes, trace: Trace, step: int) -> None:
@@ -350,10 +409,12 @@ def _draw_obstacle_labels(axes: Axes, trace: Trace, step: int) -> None:
         axes.plot([], [], "o", markerfacecolor="none", **look, label="moving obstacle, not sensed")
 
 
-def _draw_global(axes: Axes, grid: Grid, path: Plan) -> None:
-    if len(path.cells):
-        label = f"shortest path on the grid, {path.length:.2f} m"
-        axes.plot(*path.xy(grid).T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
+def _draw_global(axes: Axes, grid: Grid, path: Plan | TimedPath) -> None:
+    xy = path.xy if isinstance(path, TimedPath) else path.xy(grid)
+    if len(xy):
+        length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
+        label = f"{'first plan' if isinstance(path, TimedPath) else 'shortest path on the grid'}, {length:.2f} m"
+        axes.plot(*xy.T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
 
 
 def _draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
@@ -390,7 +451,11 @@ def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _wrapped(decision: Decision, width: int = 90) -> str:
-    """The decision in words, on at most two lines, with no character that Matplotlib would take for a formula."""
-    text = f"{decision.action.replace('-', ' ')}: {decision.reason}"
+def in_words(decision: Decision | None) -> str:
+    """Return a decision as one line."""
+    return "" if decision is None else f"{decision.action.replace('-', ' ')}: {decision.reason}"
+
+
+def _wrapped(text: str, width: int = 90) -> str:
+    """A text on at most two lines, with no character that Matplotlib would take for a formula."""
     return "\n".join(textwrap.wrap(text, width, max_lines=2, placeholder=" ...")).replace("$", r"\$")

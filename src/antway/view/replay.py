@@ -101,7 +101,6 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "global": box.pack(path) if len(path) else None,
         "decisions": decisions,
         "pheromone": heaps,
-        "cycle_ms": _pack(trace.cycle_ms, "<f4"),
     }
 
 

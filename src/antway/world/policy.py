@@ -289,6 +289,9 @@ class Decision:
         The ants' pheromone by cell in the window with that corner, for pictures.
     history : float64[C, 4] or None
         By ant cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats).
+    predicted : float32[P, 7] or None
+        Where the policy takes the tracks to go, for pictures: rows (t0, t1, x, y, vx, vy, radius), each a disc of `radius` m
+        that moves uniformly from (x, y) m with (vx, vy) m/s from t0 to t1 s.
     """
 
     action: str
@@ -304,6 +307,7 @@ class Decision:
     guard: str = ""
     pheromone: tuple[int, int, NDArray[np.float32]] | None = None
     history: NDArray[np.float64] | None = field(default=None)
+    predicted: NDArray[np.float32] | None = field(default=None)
 
     def weighed(self) -> list[tuple[str, str]]:
         """Return the alternatives in words, as every table and page shows them: what, and what it costs."""

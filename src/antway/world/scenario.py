@@ -20,6 +20,7 @@ from antway.limits import MAX_DEPTH, MAX_TIME
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
+from antway.world.obstructed import refuse_through_walls
 from antway.world.policy import RobotSpec, Task
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
@@ -58,10 +59,13 @@ class Scenario:
         The map's file as the scenario file gives it; empty for a world made in Python.
     stops : tuple of Stop
         What the robot visits, in the best order, before it goes to its goal; see `antway.world.rounds`.
+    through_walls : bool
+        Whether obstacles may move through walls; without it one that does, or begins in one, is refused. They may leave the map
+        in any case.
 
     Raises
     ------
-    BadParameter, OutOfBounds, CellBlocked, TooLarge
+    BadParameter, BadScenario, OutOfBounds, CellBlocked, TooLarge
     """
 
     world: World
@@ -78,6 +82,7 @@ class Scenario:
     name: str = "scenario"
     map: str = ""
     stops: tuple[Stop, ...] = ()
+    through_walls: bool = False
     task: Task = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -101,6 +106,8 @@ class Scenario:
                 allowed = f"at least the robot's radius, {self.robot.radius:g} m, from walls and the map's edges"
                 raise CellBlocked(end, getattr(task, end), allowed)
         set_(self, "stops", checked_stops(self.stops, task))
+        if not checks.instance("through_walls", self.through_walls, bool):
+            refuse_through_walls(self.world, self.seed, self.horizon)
 
     def driven_by(self, robot: RobotSpec) -> Scenario:
         """Return the same scenario for another robot; one that is slower has more time.
@@ -124,6 +131,7 @@ _PLAIN = (
     "obstacle_swerve",
     "horizon",
     "seed",
+    "through_walls",
 )
 _TOP = (*_PLAIN, "robot", "sensor", "obstacles", "stops")
 

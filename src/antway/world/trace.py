@@ -133,11 +133,11 @@ class Trace:
 
     def digest(self) -> str:
         """Return the SHA-256 of everything but `cycle_ms`: two runs are the same exactly if these agree."""
-        return hashlib.sha256(to_json(self, timing=False).encode()).hexdigest()
+        return hashlib.sha256(to_json(self).encode()).hexdigest()
 
-    def save(self, path: str | Path) -> None:
-        """Write the trace as JSON; every number is kept exactly."""
-        Path(path).write_text(to_json(self) + "\n", encoding="utf-8")
+    def save(self, path: str | Path, *, timing: bool = False) -> None:
+        """Write the trace as JSON, every number exactly; `cycle_ms`, which no two runs have the same, only with `timing`."""
+        Path(path).write_text(to_json(self, timing=timing) + "\n", encoding="utf-8")
 
     @staticmethod
     def load(path: str | Path) -> Trace:

@@ -46,8 +46,8 @@ _TEXTS = ("action", "reason", "encounter", "guard")
 _NUMBERS = ("time_to_closest", "distance_at_closest", "gap")
 
 
-def to_json(trace: Trace, *, timing: bool = True) -> str:
-    """Return `trace` as JSON text, without `cycle_ms` unless `timing`."""
+def to_json(trace: Trace, *, timing: bool = False) -> str:
+    """Return `trace` as JSON text, without `cycle_ms`, the one part that differs between equal runs, unless `timing`."""
     task, grid = trace.task, trace.task.grid
     record = {
         "format": FORMAT,
@@ -101,6 +101,7 @@ def _decision_record(decision: Decision) -> dict[str, Any]:
         "alternatives": [[name, cost] for name, cost in decision.alternatives],
         "pheromone": None if pheromone is None else [int(pheromone[0]), int(pheromone[1]), _pack(pheromone[2])],
         "history": None if decision.history is None else decision.history.tolist(),
+        **({} if decision.predicted is None else {"predicted": _pack(decision.predicted)}),
     }
 
 
@@ -272,7 +273,17 @@ class _Reader:
             alternatives=tuple(alternatives),
             pheromone=pheromone,
             history=None if history is None else self.floats(f"{name}.history", history, (None, 4)),
+            predicted=self.predicted(f"{name}.predicted", parts.get("predicted")),
         )
+
+    def predicted(self, name: str, value: object) -> NDArray[np.float32] | None:
+        """Read the motions predicted, which traces of before they were written lack."""
+        if value is None:
+            return None
+        rows: NDArray[np.float32] = self.unpack(name, value, "<f4", 2)
+        if rows.shape[1] != 7 or not np.isfinite(rows).all():
+            raise self.bad(f"{name}.shape", rows.shape, "N x 7, finite throughout")
+        return rows
 
     def table(self, name: str, value: object, keys: str) -> Mapping[str, Any]:
         if not isinstance(value, dict):

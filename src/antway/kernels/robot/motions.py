@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import first_wall
+from antway.kernels.base.geometry import first_wall, segment_hits_cells
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, uniform
 
@@ -76,3 +76,35 @@ def bounce(
             turn += turn_every
             standing = 0
     return n
+
+
+@kernel
+def first_inside(blocked: NDArray[np.bool_], knot_t: NDArray[np.float64], knot_rc: NDArray[np.float64], radius: float) -> float:
+    """Return when a disc first comes into contact with a blocked cell; infinite if it never does.
+
+    Parameters
+    ----------
+    blocked : bool[H, W]
+        Beyond the map nothing is blocked.
+    knot_t, knot_rc : float64[M], float64[M, 2]
+        At knot_rc[i], (row, col) with integers at cell centres, at time knot_t[i] s, straight in between.
+    radius : float
+        In cells.
+    """
+    for i in range(len(knot_t)):
+        row, col = knot_rc[i, 0], knot_rc[i, 1]
+        if segment_hits_cells(blocked, row, col, row, col, radius, False):
+            return float(knot_t[i])
+        if i + 1 == len(knot_t):
+            break
+        dr, dc = knot_rc[i + 1, 0] - row, knot_rc[i + 1, 1] - col
+        if segment_hits_cells(blocked, row, col, row + dr, col + dc, radius, False):
+            free, taken = 0.0, 1.0  # of the leg: clear up to the one, not up to the other
+            for _ in range(50):
+                middle = 0.5 * (free + taken)
+                if segment_hits_cells(blocked, row, col, row + dr * middle, col + dc * middle, radius, False):
+                    taken = middle
+                else:
+                    free = middle
+            return float(knot_t[i] + taken * (knot_t[i + 1] - knot_t[i]))
+    return math.inf

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.records import CONTACT_RADIUS, T0
+from antway.kernels.base.records import VY as VY_OF
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
@@ -16,6 +18,7 @@ from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
 _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
+_SHOWN = 6.0  # s; so far ahead a decision tells what was predicted
 _LATE = 0.05  # s; who loses less is not held up
 
 
@@ -88,7 +91,17 @@ def explain(
         gap=cost / bound - 1.0 if bound > 0.0 else 0.0,
         guard=guard,
         pheromone=pheromone,
+        predicted=_predicted(now),
     )
+
+
+def _predicted(now: Situation) -> NDArray[np.float32] | None:
+    """Return the prediction as a `Decision` holds it; obstacles are as wide as their tubes."""
+    rows = now.segments[now.segments[:, T0] < now.now + _SHOWN]
+    if not len(rows):
+        return None
+    radius = rows[:, CONTACT_RADIUS] - now.settings.tubes.robot_radius
+    return np.column_stack((rows[:, : VY_OF + 1], np.maximum(radius, 0.0))).astype(np.float32)
 
 
 def _velocity(path: TimedPath, now: float) -> XY:

@@ -14,12 +14,13 @@ from antway.world.policy import XY
 def local_target(
     route: NDArray[np.float64],
     taken: NDArray[np.bool_],
+    on_path: NDArray[np.bool_],
     beyond: float,
     xy: XY,
     reach: float,
     sight: Callable[[XY], bool],
 ) -> tuple[int, str]:
-    """Return the index of the local target among the nodes of the global path that lie ahead, and the reason for it.
+    """Return the index of the local target among the nodes ahead, one on the global path, and the reason for it.
 
     It is the first node past the conflict that the robot can reach after the obstacle has cleared it, outside every tube;
     else the farthest node in sensing range with free line of sight; else the last one ("a suitable node in the shortest path").
@@ -27,9 +28,11 @@ def local_target(
     Parameters
     ----------
     route : float64[N, 2]
-        Nodes of the global path from the robot on, m.
+        Nodes that the robot has yet to drive to, m.
     taken : bool[N]
         Whether a predicted tube holds the node when the robot can be there.
+    on_path : bool[N]
+        Which of them lie on the global path, one at least: the others, of an earlier detour, are no targets.
     beyond : float
         Distance along them to the conflict, m.
     xy : (x, y)
@@ -40,11 +43,12 @@ def local_target(
         Whether the robot has a free line of sight to the point.
     """
     along = np.cumsum(np.hypot(*np.diff(np.vstack((xy, route)), axis=0).T))
-    past = np.flatnonzero((along > beyond) & ~taken)
+    past = np.flatnonzero((along > beyond) & ~taken & on_path)
     if len(past):
         return int(past[0]), "first node of the path past the obstacle that is free when the robot gets there"
-    for i in range(len(route) - 1, -1, -1):
+    ahead = np.flatnonzero(on_path).tolist()
+    for i in reversed(ahead):
         x, y = route[i].tolist()
         if math.dist(xy, (x, y)) <= reach and sight((x, y)):
             return i, "farthest node of the path in sensing range and sight"
-    return len(route) - 1, "last node of the path in the window"
+    return ahead[-1], "last node of the path in the window"

@@ -7,7 +7,7 @@ velocity that delays contact longest.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.ants.gridpath import Exploration, explore
+from antway.ants.gridpath import BETA, Exploration, explore
 from antway.ants.persistence import Adaptive
 from antway.grid import Moves
 from antway.planning import Problem, Status, TimedPath
@@ -71,15 +71,30 @@ class PaperPolicy:
         How fast that distance grows with the time predicted, m/s, >= 0.
     lookahead : float
         How far ahead motion is predicted, s, > 0.
+    heuristic : str
+        What ants see of a cell: "goal", the paper's eta = 1 / d with the straight distance to the local target; "distance",
+        1 / exact distance; "field", the path lost by the move, with which they find the shortest path in their first cycle.
+    distance_weight : float
+        What a metre more costs beside the time that it takes, s/m, >= 0: the paper's least distance against its least time.
     """
 
     def __init__(
-        self, *, ants: int = 30, cycles: int = 20, margin: float = 0.15, growth: float = 0.03, lookahead: float = 5.0
+        self,
+        *,
+        ants: int = 30,
+        cycles: int = 20,
+        margin: float = 0.15,
+        growth: float = 0.03,
+        lookahead: float = 5.0,
+        heuristic: str = "goal",
+        distance_weight: float = 0.0,
     ) -> None:
         self.ants, self.cycles = checks.integer("ants", ants, low=1), checks.integer("cycles", cycles, low=1)
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
         self.growth = checks.number("growth", growth, low=0.0, unit="m/s")
         self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
+        self.heuristic = checks.choice("heuristic", heuristic, BETA)
+        self.distance_weight = checks.number("distance_weight", distance_weight, low=0.0, unit="s/m")
 
     def reset(self, task: Task, seed: int) -> None:
         """Steps 1 and 2: find the shortest path over the known map with Dijkstra's algorithm."""
@@ -87,7 +102,8 @@ class PaperPolicy:
         self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
             self.guard.reset(task)
-        self.nodes = self.routes.to_goal(task.start)
+        self.path = self.nodes = self.routes.to_goal(task.start)
+        self.path_cells = set(map(tuple, self.routes.cells(self.path).tolist()))
         self.held = -math.inf  # s; the robot stands until then
         self.retreating = False  # whether the nodes lead to a refuge, not to the goal
         self.asked = -math.inf  # s; time of the latest comparison of detours and waits
@@ -125,12 +141,12 @@ class PaperPolicy:
         now = observation.t
         ahead = self._look(observation)
         if self.retreating:
-            home = self.routes.to_goal(observation.xy)
+            home = self._home(observation.xy)
             if len(home) and self._free(ahead, home, longer=self.lookahead / 2):
                 self._resume(observation, home)
         self.nodes = self.routes.ahead(observation.xy, self.nodes)
         if self.routes.astray(observation, self.nodes):
-            self._resume(observation, self.routes.to_goal(observation.xy))
+            self._resume(observation, self._home(observation.xy))
             if not len(self.nodes):
                 return STOP
         when, obstacle = self._conflict(ahead, self.nodes)
@@ -196,6 +212,10 @@ class PaperPolicy:
             inflated = max(min(margin, float(gaps.min()) - 0.01), 0.0)
         return Ahead(seen, tubes, self.spec.radius + inflated, velocity, seen.t + self.lookahead, self.growth)
 
+    def _home(self, xy: XY) -> Nodes:
+        """Return the path from `xy`, off the global path, that rejoins it and goes on along it."""
+        return self.routes.rejoining(xy, self.path, self.lookahead * self.spec.v_max)
+
     def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> tuple[float, int]:
         return ahead.conflict(self.routes.timed(ahead.seen, nodes, hold), ahead.until + hold + longer)
 
@@ -208,10 +228,11 @@ class PaperPolicy:
         self.asked = seen.t
         waits = np.arange(WAITS, self.lookahead, WAITS).tolist()
         wait = next((w for w in waits if not self.retreating and self._free(ahead, self.nodes, w)), math.inf)
-        detour, extra = self._detour(ahead, when), math.inf
+        path = self._home(seen.xy) if self.retreating else self.nodes
+        detour, extra = self._detour(ahead, when, path), math.inf
         if detour is not None:
-            home = self.routes.to_goal(seen.xy) if self.retreating else self.nodes
-            extra = (length(seen.xy, detour.nodes) - length(seen.xy, home)) / self.spec.v_max
+            more = length(seen.xy, detour.nodes) - length(seen.xy, path)
+            extra = more * (1.0 / self.spec.v_max + self.distance_weight)
         costs = ((f"wait {wait:g} s" if wait < math.inf else "wait", wait), ("go round", max(extra, 0.0)))
         if detour is not None and extra <= wait:
             self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
@@ -228,11 +249,13 @@ class PaperPolicy:
             return self._last_resort(ahead, obstacle, costs)
         return self._drive(seen)
 
-    def _detour(self, ahead: Ahead, when: float) -> Detour | None:
-        """Steps 4-7: ants search the sensed window for a path to a local target; only those that arrive deposit pheromone."""
+    def _detour(self, ahead: Ahead, when: float, route: Nodes) -> Detour | None:
+        """Steps 4-7: ants search the sensed window for a path to a local target; only those that arrive deposit pheromone.
+
+        `route` is the path on which the conflict was found; of its nodes those on the global path can be local targets.
+        """
         seen, spec, routes, inflated = ahead.seen, self.spec, self.routes, self.routes.inflated
         here = routes.cell(seen.xy)
-        route = routes.to_goal(seen.xy) if self.retreating else self.nodes
         if here is None or not len(route):
             return None
         reach = min(spec.sensor_range, self.lookahead * spec.v_max)
@@ -240,19 +263,22 @@ class PaperPolicy:
         low = [max(here[k] - half, 0) for k in (0, 1)]
         high = [min(here[k] + half + 1, inflated.shape[k]) for k in (0, 1)]
         window = (low[0], low[1], high[0] - low[0], high[1] - low[1])
-        cells = np.floor(inflated.to_points(route) + 0.5).astype(np.int64)
+        cells = routes.cells(route)
         inside = ((cells >= low) & (cells < high)).all(axis=1)
         count = len(route) if inside.all() else int(np.argmin(inside))
         if count == 0:
             return None
         route, cells, rest = route[:count], cells[:count], route[count:]
+        on_path = np.array([tuple(cell) in self.path_cells for cell in cells.tolist()])
+        if not on_path.any():
+            return None
         beyond = 0.0 if self.retreating else (when - seen.t) * spec.v_max
         for whole in (False, True):
             closed = ahead.tubes.close(
                 inflated, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
             )
             taken = closed[cells[:, 0], cells[:, 1]]
-            i, reason = local_target(route, taken, beyond, seen.xy, reach, lambda p: routes.clear(seen.xy, p))
+            i, reason = local_target(route, taken, on_path, beyond, seen.xy, reach, lambda p: routes.clear(seen.xy, p))
             target = (int(cells[i, 0]), int(cells[i, 1]))
             if target == here or closed[target] or not inflated.is_free(target):
                 continue
@@ -263,18 +289,34 @@ class PaperPolicy:
                 persistence=Adaptive(),
                 ants=self.ants,
                 cycles=self.cycles,
-                stop_at_bound=True,
+                heuristic=self.heuristic,
+                stop_at_bound=self.heuristic == "field",
                 window=window,
                 forbidden=closed,
             )
             if found.plan.status is Status.NO_PATH or not len(found.plan.cells):
                 continue
-            nodes = routes.joined(seen.xy, np.vstack((found.plan.xy(inflated), route[i + 1 :], rest)))
-            x, y = route[i].tolist()
-            for candidate in (routes.pulled(seen.xy, nodes), nodes) if routes.stops else (nodes,):
-                if self._free(ahead, candidate):
-                    return Detour(candidate, (x, y), reason, found)
+            for joins, nodes in self._joined(found.plan.xy(inflated), np.vstack((route[i:], rest))):
+                nodes = routes.joined(seen.xy, nodes)
+                for candidate in (routes.pulled(seen.xy, nodes), nodes) if routes.stops else (nodes,):
+                    if self._free(ahead, candidate):
+                        return Detour(candidate, joins, reason, found)
         return None
+
+    def _joined(self, found: Nodes, onward: Nodes) -> Iterator[tuple[XY, Nodes]]:
+        """Yield the ants' path to the first of the nodes `onward`, joined to these, with the node where they join.
+
+        Where it meets the global path beyond its target on its way there, it first comes joined there: it would be driven back.
+        """
+        later = {cell: k for k, cell in enumerate(map(tuple, self.routes.cells(onward).tolist())) if cell in self.path_cells}
+        for n, cell in enumerate(map(tuple, self.routes.cells(found).tolist())):
+            k = later.get(cell, 0)
+            if k > 0:
+                x, y = onward[k].tolist()
+                yield (x, y), np.vstack((found[:n], onward[k:]))
+                break
+        x, y = onward[0].tolist()
+        yield (x, y), np.vstack((found[:-1], onward))
 
     def _refuge(self, ahead: Ahead) -> Nodes | None:
         """Return the path to the nearest cell where the robot can stand, for long if there is one, else for now."""
@@ -346,6 +388,7 @@ class PaperPolicy:
             time_to_closest=time,
             distance_at_closest=distance - spec.radius - float(tracks.radius[obstacle]),
             alternatives=costs,
+            predicted=ahead.tubes.rows(),
             **more,
         )
 

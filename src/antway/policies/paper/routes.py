@@ -36,11 +36,15 @@ class PathsFrom:
 
     def nodes(self, cell: Cell) -> Nodes:
         """Return the centres of the cells on the path from `cell` to the one cell; empty if there is none."""
+        return self.inflated.to_xy(self.cells(cell))
+
+    def cells(self, cell: Cell) -> NDArray[np.int64]:
+        """Return the cells on that path, int64[N, 2]."""
         at, net = self.net.at(cell), self.net
         if not (math.isfinite(self.field.label[at]) and self.field.label[at] <= self.field.known):
-            return np.empty((0, 2))
+            return np.empty((0, 2), np.int64)
         flat = descend(net.around, net.table, net.offsets, self.field.label, at)
-        return self.inflated.to_xy(np.column_stack(np.divmod(flat, net.width)))
+        return np.column_stack(np.divmod(flat, net.width)).astype(np.int64)
 
 
 class Routes:
@@ -77,6 +81,34 @@ class Routes:
             return nodes
         nodes = np.vstack((self.joined(xy, nodes), self.task.goal))
         return self.pulled(xy, nodes) if self.stops else nodes
+
+    def cells(self, nodes: Nodes) -> NDArray[np.int64]:
+        """Return the (row, col) of the cells that hold `nodes`, int64[N, 2]."""
+        cells: NDArray[np.int64] = np.floor(self.inflated.to_points(nodes) + 0.5).astype(np.int64)
+        return cells
+
+    def rejoining(self, xy: XY, path: Nodes, within: float) -> Nodes:
+        """Return the path from `xy`, off `path`, to one of its nodes and on along it; empty if there is none.
+
+        It is the shortest over all nodes, or joins sooner if that costs less than the edge of a cell more. Nodes within so many
+        m are looked at first.
+        """
+        here = self.cell(xy)
+        if here is None or not len(path):
+            return np.empty((0, 2))
+        cells = self.cells(path)
+        steps = np.hypot(*np.diff(path, axis=0).T)
+        onward = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))
+        for farthest in (within, math.inf):
+            found = PathsFrom(self.inflated, here, farthest)
+            away = found.distance()[cells[:, 0], cells[:, 1]]
+            whole = away + onward
+            if np.isfinite(whole).any():
+                k = int(np.argmin(np.where(whole < whole.min() + self.inflated.resolution, away, np.inf)))
+                nodes = np.vstack((found.nodes((int(cells[k, 0]), int(cells[k, 1])))[:0:-1], path[k:]))
+                nodes = self.joined(xy, nodes)
+                return self.pulled(xy, nodes) if self.stops else nodes
+        return np.empty((0, 2))
 
     def joined(self, xy: XY, nodes: Nodes) -> Nodes:
         """Return `nodes`, which start at the centre of a cell near `xy`, without that centre if `xy` sees the next."""

@@ -73,6 +73,18 @@ class Tubes:
             return Tubes(seen.t, np.empty(0), np.empty((0, 2)), first, np.empty(0))
         return Tubes(seen.t, np.concatenate(times), np.concatenate(places), first, seen.tracks.radius)
 
+    def rows(self) -> NDArray[np.float32]:
+        """Return the prediction as a `Decision` holds it, float32[P, 7]."""
+        rows = []
+        for k, radius in enumerate(self.radius.tolist()):
+            knots = slice(int(self.first[k]), int(self.first[k + 1]))
+            t, xy = self.knot_t[knots], self.knot_xy[knots]
+            keep = np.concatenate(([True], np.diff(t) > 0.0))
+            t, xy = t[keep], xy[keep]
+            span = np.diff(t)[:, None]
+            rows.append(np.hstack((t[:-1, None], t[1:, None], xy[:-1], np.diff(xy, axis=0) / span, np.full_like(span, radius))))
+        return np.vstack((np.empty((0, 7)), *rows)).astype(np.float32)
+
     def conflict(
         self, t: NDArray[np.float64], xy: NDArray[np.float64], until: float, body: float, growth: float = 0.0
     ) -> tuple[float, int]:

@@ -15,7 +15,6 @@ class View {
     this.last = this.t.length - 1;
     this.robotXY = this.points(data.robot.xy);
     this.heading = new Float32Array(bytes(data.robot.heading));
-    this.cycleMs = new Float32Array(bytes(data.cycle_ms));
     this.count = data.obstacles.id.length;
     this.obstacleXY = this.points(data.obstacles.xy); // [step * count + k]
     this.sensed = new Uint8Array(bytes(data.obstacles.sensed)); // one bit each, in the same order
@@ -183,7 +182,6 @@ function render() {
   put("speed-now", fixed(speed, 2, "m/s"));
   put("driven", fixed(chosen.driven[step], 2, "m"));
   put("clearance", fixed(clearance, 2, "m"));
-  put("cycle", fixed(chosen.cycleMs[Math.min(step, chosen.last - 1)], 2, "ms"));
   const scrub = byId("scrub");
   if (Number(scrub.value) !== longest.stepAt(state.time)) scrub.value = String(longest.stepAt(state.time));
   scrub.setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds, ${moment.decision?.action ?? ""}`);
