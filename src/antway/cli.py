@@ -208,6 +208,7 @@ def demo_command(
 ) -> int:
     """Play the paper's experiment on three scenes, and rounds in a ward: figures, animations, replay pages and a table."""
     from rich.console import Console
+    from rich.markup import escape
 
     from antway.demo import run_demo
 
@@ -215,7 +216,10 @@ def demo_command(
     with console.status("starting") as status, working("playing the scenes"):
         rows = list(
             run_demo(
-                out, policies=policies.split(","), seed=seed, on_progress=lambda name, what: status.update(f"{name}: {what}")
+                out,
+                policies=policies.split(","),
+                seed=seed,
+                on_progress=lambda name, what: status.update(escape(f"{name}: {what}")),
             )
         )
     rows.sort(key=lambda row: SHIPPED_SCENES.index(row[0]))
@@ -258,6 +262,7 @@ def bench_command(
     if suite == "predict" or file is not None:
         return _predict(suite, file, json)
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from antway import checks
@@ -277,7 +282,7 @@ def bench_command(
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Results(out / "results.db") as results:
         with Progress(*columns, console=Console(stderr=True)) as bar:
-            task = bar.add_task(jobs[0].episode.suite, total=len(jobs))
+            task = bar.add_task(escape(jobs[0].episode.suite), total=len(jobs))
             engines.bench(
                 jobs,
                 results,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import warnings
@@ -147,6 +148,7 @@ def say(line: str) -> None:
 def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
     """Print the summaries of episodes as a table."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(title="Robot among moving obstacles", title_justify="left")
@@ -166,8 +168,8 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
     for name, n in rows:
         over = _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %")
         table.add_row(
-            name,
-            n["policy"],
+            escape(name),
+            escape(n["policy"]),
             f"[{'green' if n['reached'] else 'red'}]{n['outcome']}[/]",
             _shown(n["time"], ".1f", " s"),
             _shown(n["length"], ".2f", " m"),
@@ -196,11 +198,11 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
             closest = f"{_shown(one['distance_at_closest'], '.2f', ' m')} in {one['time_to_closest']:.1f} s"
         table.add_row(
             f"{one['t']:.1f} s",
-            one["action"],
+            escape(one["action"]),
             "-" if one["obstacle"] is None else str(one["obstacle"]),
-            one["encounter"] or "-",
+            escape(one["encounter"] or "-"),
             closest,
-            ", ".join(f"{name}: {cost}" for name, cost in one["weighed"]) or "-",
+            escape(", ".join(f"{name}: {cost}" for name, cost in one["weighed"]) or "-"),
             _shown(one["gap"] and 100 * one["gap"], ".1f", " %"),
             one["guard"] or "-",
             escape(one["reason"]),
@@ -211,6 +213,7 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
 def print_summaries(table: Sequence[Summary]) -> None:
     """Print what policies did on a suite as a table."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     from antway.arena.summary import remarks
@@ -231,8 +234,8 @@ def print_summaries(table: Sequence[Summary]) -> None:
     for one in table:
         hits, ends = (("hit-moving", "hit-standing", "hit-wall"), ("timeout", "error"))
         shown.add_row(
-            one.level or "all",
-            one.policy,
+            escape(one.level or "all"),
+            escape(one.policy),
             str(one.episodes),
             f"{100 * one.success:.1f} %",
             "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
@@ -311,6 +314,9 @@ def exit_with(app: Callable[..., Any]) -> None:
     """Run the command line `app` and exit with its status; wrong input is one line on stderr and status 2."""
     warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
     usage_error: Any = typer.BadParameter.__base__
+    for stream in (sys.stdout, sys.stderr):  # a locale that lacks a letter of some name shows a substitute
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         status = app(standalone_mode=False)
         sys.stdout.flush()

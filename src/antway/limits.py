@@ -9,3 +9,4 @@ MAX_CLOCK = 1e12  # s; times of observations lie within this, counted from where
 MAX_ANGLE = 1e6  # rad, rad/s; headings and turn rates
 MAX_TRACKS = 10_000  # obstacles that an observation may hold
 MAX_DEPTH = 32  # brackets within brackets, and parts of a dotted key, of a TOML file
+MAX_LISTS = 1_000_000  # lists and tables of a TOML or JSON file

@@ -13,9 +13,11 @@ from scipy.spatial import cKDTree
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
 from antway.kernels.colony import tour as kernel
+from antway.reading import check_lines, decoded, numbers_in, read_bytes
 
 MAX_BYTES = 64_000_000
 MAX_CITIES = 200_000
+MAX_LINES = 1_000_000
 MAX_MATRIX = 5_000  # cities; a matrix of them takes 200 MB
 
 OPTIMA = {
@@ -162,28 +164,16 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
         If the file is no such file.
     TooLarge
         If it is beyond the limits.
-    OSError
-        If it cannot be opened.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise BadMap("path", path, "a path")
-    where = os.fspath(path)
-    if not Path(path).is_file():
-        raise BadMap("path", where, "an existing regular file")
-    with open(path, "rb") as file:
-        data = file.read(MAX_BYTES + 1)
-    if len(data) > MAX_BYTES:
-        raise TooLarge("size", len(data), f"at most {MAX_BYTES} bytes", where=where)
-    return parse(data, where)
+    return parse(read_bytes(Path(path), MAX_BYTES, field="path"), os.fspath(path))
 
 
 def parse(data: bytes, where: str = "") -> Tsp:
     """Return the instance in `data`; `where` stands in messages."""
-    try:
-        lines = data.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise BadMap("file", data[:40], "text in UTF-8", where=where) from None
-    header, sections = _split(lines, where)
+    check_lines(data, MAX_LINES, where)
+    header, sections = _split(decoded(data, where).splitlines(), where)
     checks.choice("TYPE", header.get("TYPE", "TSP").split(" ")[0], ["TSP"], error=BadMap, where=where)
     text = header.get("DIMENSION", "")
     if not (text.isascii() and text.isdigit() and len(text) < 10) or int(text) < 1:
@@ -245,10 +235,7 @@ def _split(lines: list[str], where: str) -> tuple[dict[str, str], dict[str, list
 def _numbers(section: str, sections: dict[str, list[str]], where: str) -> NDArray[np.float64]:
     if section not in sections:
         raise BadMap(section, None, "in the file", where=where)
-    try:
-        result = np.array(" ".join(sections[section]).split(), dtype=np.float64)
-    except ValueError as error:
-        raise BadMap(section, str(error), "numbers alone", where=where) from None
+    result = numbers_in("\n".join(sections[section]).encode(), MAX_MATRIX**2, where, field=section)
     if not (np.abs(result) <= 1e9).all():
         raise BadMap(section, float(result[~(np.abs(result) <= 1e9)][0]), "numbers in [-1e9, 1e9]", where=where)
     return result

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
+import itertools
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +14,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from antway.arena.suites import Chance, Suite
-from antway.errors import BadMap, BadScenario, TooLarge
+from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.kernels.base.geometry import segment_hits_cells
+from antway.limits import MAX_PLACE
 from antway.maps import load_map
+from antway.reading import is_file, opened
 from antway.scenes import SCENES, scene
 from antway.search.distance_field import distance_field
 from antway.world.motions import Bounce, Replay, Waypoints
@@ -26,7 +31,8 @@ from antway.world.world import Obstacle, World
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # discs a square metre of free space
 MOST = 300  # discs in an episode, at most
-MAX_BYTES = 256 * 2**20  # of a track file, at most
+MAX_BYTES = 64 * 2**20  # of a track file, at most
+MAX_ROWS = 2_000_000  # of it that are read
 
 
 def paper() -> Suite:
@@ -126,20 +132,24 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     BadScenario, TooLarge
     """
     path = Path(file)
-    if not path.is_file():
+    if not is_file(path):
         raise BadScenario("tracks", file, "an existing regular file")
-    if path.stat().st_size > MAX_BYTES:
-        raise TooLarge("tracks", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=file)
     comma = path.suffix.lower() == ".csv"
     allowed = "CSV lines t,id,x,y" if comma else "the columns of an obsmat.txt: frame, id, x, z, y, vx, vz, vy"
     try:
-        text = path.read_text(encoding="utf-8-sig").splitlines() or ["nothing"]
-        skip = int(comma and len(text) > 1 and any(c.isalpha() for c in text[0].replace("e", "")))
-        table = np.loadtxt(text[skip:], delimiter="," if comma else None, ndmin=2)
-    except (OSError, ValueError) as error:
+        with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+            text = io.TextIOWrapper(data, encoding="utf-8-sig")
+            heading = text.readline(1000)
+            skip = comma and any(c.isalpha() for c in heading.replace("e", ""))
+            lines = text if skip else itertools.chain([heading], text)
+            table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS)
+    except ValueError as error:
+        if isinstance(error, BadInput):
+            raise
         raise BadScenario("tracks", str(error), allowed, where=file) from None
-    if table.ndim != 2 or len(table) < 2 or table.shape[1] != (4 if comma else 8) or not np.isfinite(table).all():
-        raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers", where=file)
+    if table.ndim != 2 or len(table) < 2 or table.shape[1] != (4 if comma else 8) or not (np.abs(table) <= MAX_PLACE).all():
+        raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
     if not comma:
         frames = np.unique(table[:, 0])
         step = float(np.diff(frames).min()) if len(frames) > 1 else 1.0

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from antway.errors import BadMap
 from antway.grid import Grid
-from antway.maps.limits import HEAD, Limits, opened
+from antway.maps.limits import HEAD, Limits
+from antway.reading import opened
 
 _SPACE = rb"(?:\s|#[^\r\n]*[\r\n])++"  # white space and comments between the numbers of a PGM header
 _PGM = re.compile(rb"P([25])" + (_SPACE + rb"(\d{1,18})") * 3 + rb"(?=[\s#])")

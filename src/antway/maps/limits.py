@@ -1,18 +1,13 @@
-"""Every limit on the size of a map file, and the one way in which such a file is opened."""
+"""Every limit on the size of a map file."""
 
 from __future__ import annotations
 
-import os
-import stat
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from os import PathLike
 from pathlib import Path
-from typing import BinaryIO
 
 from antway import checks
-from antway.errors import BadInput, BadMap, TooLarge
+from antway.errors import BadMap, TooLarge
 
 HEAD = 2**16  # bytes in which the header of a map file must end
 
@@ -67,35 +62,3 @@ def as_path(value: str | PathLike[str]) -> Path:
     if not isinstance(value, (str, PathLike)):
         raise BadMap("path", value, "a path")
     return Path(value)
-
-
-@contextmanager
-def opened(path: Path, most: int, *, error: type[BadInput] = BadMap) -> Iterator[tuple[BinaryIO, int]]:
-    """Open the regular file `path` of at most `most` bytes; yields the file and its size in bytes.
-
-    Raises
-    ------
-    error
-        If there is no such file, it cannot be read, or it is a folder, pipe or device (none of which blocks).
-    TooLarge
-        If it is larger.
-    """
-    where = str(path)
-    try:
-        number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY)
-        try:
-            info = os.fstat(number)
-            if not stat.S_ISREG(info.st_mode):
-                raise error("file", path.name, "a regular file, not a folder, pipe or device", where=where)
-            if info.st_size > most:
-                raise TooLarge("size of the file", info.st_size, f"at most {most} bytes", where=where)
-            with os.fdopen(number, "rb", closefd=False) as file:
-                yield file, info.st_size
-        finally:
-            os.close(number)
-    except OSError as fault:
-        raise error("file", path.name, f"a readable file ({fault.strerror or fault})", where=where) from None
-    except ValueError as fault:
-        if isinstance(fault, BadInput):
-            raise
-        raise error("file", path.name, f"a readable file ({fault})", where=where) from None

@@ -11,7 +11,8 @@ from antway import checks
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.maps import text
-from antway.maps.limits import DEFAULT, HEAD, Limits, as_path, opened
+from antway.maps.limits import DEFAULT, HEAD, Limits, as_path
+from antway.reading import opened
 
 _HEADER = re.compile(rb"\s*type[ \t]+(\S{1,40})\s+height[ \t]+(\d{1,18})\s+width[ \t]+(\d{1,18})\s+map[ \t]*\n")
 

@@ -22,7 +22,8 @@ from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter, TooLarge
 from antway.grid import Grid
 from antway.maps.image import pgm, read_grey
-from antway.maps.limits import DEFAULT, Limits, as_path, opened
+from antway.maps.limits import DEFAULT, Limits, as_path
+from antway.reading import opened
 
 UNKNOWN_GREY, FREE_GREY = 205, 254  # what map_saver writes
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", re.ASCII)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from antway.errors import BadMap, BadParameter
 from antway.grid import Grid
-from antway.maps.limits import Limits, opened
+from antway.maps.limits import Limits
+from antway.reading import opened
 
 FREE, BLOCKED = ".GS0_", "@OTW#X1"
 _BAD = 2

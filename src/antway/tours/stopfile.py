@@ -11,7 +11,8 @@ from typing import Any
 
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
-from antway.maps.limits import as_path, opened
+from antway.maps.limits import as_path
+from antway.reading import decoded, read_bytes
 from antway.tours.stops import MAX_STOPS
 
 MAX_BYTES = 2_000_000
@@ -66,16 +67,14 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
     ((0.0, 60.0),)
     """
     file = as_path(path)
-    with opened(file, MAX_BYTES) as (source, _):
-        data = source.read()
+    text = decoded(read_bytes(file, MAX_BYTES), str(file))
     try:
-        text = data.decode("utf-8-sig")
         rows = [
             (number, [entry.strip() for entry in row])
             for number, row in enumerate(csv.reader(io.StringIO(text), strict=True), 1)
             if any(entry.strip() for entry in row) and not row[0].lstrip().startswith("#")
         ]
-    except (UnicodeDecodeError, csv.Error) as fault:
+    except csv.Error as fault:
         raise BadMap("file", file.name, f"comma-separated values in UTF-8 ({fault})", where=str(file)) from None
     columns = _columns(rows[0][1], f"{file}:{rows[0][0]}") if rows else []
     if columns:

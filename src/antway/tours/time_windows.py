@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import threading
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
 from antway.planning import Budget
+from antway.reading import decoded, numbers_in, read_bytes
 from antway.tours.stops import OBJECTIVES, checked_windows
 from antway.tours.windowed import Path, search
 
@@ -227,39 +229,25 @@ def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
         If the file is no such file; the message names the node.
     TooLarge
         If it is beyond the limits.
-    OSError
-        If it cannot be opened.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise BadMap("path", path, "a path")
-    where = os.fspath(path)
-    if not File(path).is_file():
-        raise BadMap("path", where, "an existing regular file")
-    with open(path, "rb") as file:
-        data = file.read(MAX_BYTES + 1)
-    if len(data) > MAX_BYTES:
-        raise TooLarge("size", len(data), f"at most {MAX_BYTES} bytes", where=where)
-    return parse(data, where)
+    return parse(read_bytes(File(path), MAX_BYTES, field="path"), os.fspath(path))
 
 
 def parse(data: bytes, where: str = "") -> Tsptw:
     """Return the instance in `data`; `where` stands in messages."""
-    try:
-        lines = data.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise BadMap("file", data[:40], "text in UTF-8", where=where) from None
-    words = " ".join(line.split("#", 1)[0] for line in lines).split()
-    if not words or not (words[0].isascii() and words[0].isdigit() and len(words[0]) < 10) or int(words[0]) < 1:
-        raise BadMap("n", words[0] if words else "", "a whole number of nodes >= 1", where=where)
-    n = int(words[0])
+    text = re.sub(rb"#[^\r\n]*", b"", decoded(data, where).encode())
+    first = re.search(rb"\S+", text)
+    word = first[0][:80].decode(errors="replace") if first else ""
+    if not (word.isascii() and word.isdigit() and len(word) < 10) or int(word) < 1:
+        raise BadMap("n", word, "a whole number of nodes >= 1", where=where)
+    n = int(word)
     if n > MAX_NODES:
         raise TooLarge("n", n, f"at most {MAX_NODES} nodes", where=where)
-    if len(words) != 1 + n * n + 2 * n:
-        raise BadMap("numbers", len(words) - 1, f"{n * n + 2 * n}: {n} x {n} times and {n} windows", where=where)
-    try:
-        values = np.array(words[1:], dtype=np.float64)
-    except ValueError as error:
-        raise BadMap("numbers", str(error), "numbers alone", where=where) from None
+    values = numbers_in(text, 2 + n * n + 2 * n, where)[1:]
+    if len(values) != n * n + 2 * n:
+        raise BadMap("numbers", len(values), f"{n * n + 2 * n}: {n} x {n} times and {n} windows", where=where)
     if not (np.abs(values) <= 1e9).all():
         raise BadMap("numbers", float(values[~(np.abs(values) <= 1e9)][0]), "in [-1e9, 1e9]", where=where)
     try:

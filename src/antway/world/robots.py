@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.kernels.base.records import RobotLimits
+from antway.reading import is_file, read_text, read_toml
 
 DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
 DYNAMICS = ("ramps", "steps")
@@ -293,14 +293,12 @@ def load_robot(name: str | Path) -> RobotSpec:
     if isinstance(name, str) and name in ROBOTS:
         return ROBOTS[name][0]
     path = Path(name) if isinstance(name, (str, Path)) else None
-    if path is None or path.suffix != ".toml" or not path.is_file():
+    if path is None or path.suffix != ".toml" or not is_file(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or an existing file .toml")
     where = str(path)
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise BadScenario("size", path.stat().st_size, f"at most {_MAX_BYTES} bytes", where=where)
-        record = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        record = read_toml(read_text(path, _MAX_BYTES, error=BadScenario, field="robot"), where)
+    except (ValueError, RecursionError) as error:
         if isinstance(error, BadInput):
             raise
         raise BadScenario("robot", str(error), "a TOML file in UTF-8", where=where) from None

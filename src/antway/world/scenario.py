@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
-import re
-import tomllib
+import warnings
 from dataclasses import MISSING, dataclass, field, fields, replace
 from os import PathLike
 from pathlib import Path, PurePosixPath
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.limits import MAX_DEPTH, MAX_TIME
+from antway.limits import MAX_TIME
+from antway.reading import is_file, opened, read_text, read_toml
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
@@ -29,8 +30,6 @@ from antway.world.world import MAX_OBSTACLES, Obstacle, World
 
 MAX_STEPS = 1_000_000
 MAX_BYTES = 16 * 2**20
-_DOTTED = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH},}}")
-_BRACKET = re.compile(r"[\[\]{}]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,36 +161,15 @@ def load_scenario(path: str | Path) -> Scenario:
         raise BadScenario("path", path, "a path")
     path = shipped(path) or Path(path)
     where = str(path)
+    if not is_file(path):
+        raise BadScenario("scenario", where, f"an existing regular file, or a shipped scene: {names(SHIPPED_SCENES)}")
     try:
-        if not path.is_file():
-            raise BadScenario("scenario", where, f"an existing regular file, or a shipped scene: {names(SHIPPED_SCENES)}")
-        if path.stat().st_size > MAX_BYTES:
-            raise TooLarge("size", path.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
-        record = read_toml(path.read_text(encoding="utf-8-sig"), where)
-    except (OSError, ValueError, RecursionError) as error:
+        record = read_toml(read_text(path, MAX_BYTES, error=BadScenario, field="scenario"), where)
+    except (ValueError, RecursionError) as error:
         if isinstance(error, BadInput):
             raise
         raise BadScenario("scenario", str(error), "a TOML file in UTF-8", where=where) from None
     return _scenario(record, path.parent, where)
-
-
-def read_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML that is not deep, for the time of the parser grows with the square of the parts of a key, and it recurses.
-
-    Raises
-    ------
-    TooLarge, ValueError
-    """
-    deep = _DOTTED.search(text)
-    if deep:
-        raise TooLarge("key", deep[0], f"of at most {MAX_DEPTH} dotted parts", where=where)
-    depth = deepest = 0
-    for bracket in _BRACKET.findall(text):
-        depth = depth + 1 if bracket in "[{" else max(depth - 1, 0)
-        deepest = max(deepest, depth)
-    if deepest > MAX_DEPTH:
-        raise TooLarge("depth", deepest, f"at most {MAX_DEPTH} brackets within brackets", where=where)
-    return tomllib.loads(text)
 
 
 def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
@@ -252,12 +230,14 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
 
 def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
     """Read CSV lines of numbers from a plain text file; what `np.loadtxt` would unpack by its ending is not unpacked."""
-    if file.stat().st_size > MAX_BYTES:
-        raise TooLarge(name, file.stat().st_size, f"at most {MAX_BYTES} bytes", where=where)
     try:
-        with file.open(encoding="utf-8-sig") as lines:
-            return np.loadtxt(lines, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
-    except (OSError, ValueError) as error:
+        with opened(file, MAX_BYTES, error=BadScenario) as (lines, _), warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+            text = io.TextIOWrapper(lines, encoding="utf-8-sig")
+            return np.loadtxt(text, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
+    except ValueError as error:
+        if isinstance(error, BadInput):
+            raise
         raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
 
 
@@ -290,8 +270,8 @@ def _inside(value: object, name: str, folder: Path, where: str) -> Path:
         raise BadScenario(name, value, allowed, where=where)
     file = folder / value
     try:
-        found = file.resolve().is_relative_to(folder.resolve()) and file.is_file()
-    except OSError:  # such as a name longer than a file's may be
+        found = file.resolve().is_relative_to(folder.resolve()) and is_file(file)
+    except (OSError, ValueError):  # such as a name longer than a file's may be
         found = False
     if not found:
         raise BadScenario(name, value, allowed, where=where)

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadInput, BadScenario, TooLarge
+from antway.errors import BadInput, BadScenario
 from antway.grid import Grid
+from antway.limits import MAX_DEPTH, MAX_LISTS, MAX_PLACE
 from antway.planning import TimedPath
+from antway.reading import Unpacked, check_nesting, is_file, read_text
 from antway.world.policy import Decision, RobotSpec, Task
 from antway.world.stops import rounds_of
 from antway.world.timeline import Timeline
@@ -27,8 +29,8 @@ if TYPE_CHECKING:
 FORMAT = "antway-trace"
 VERSION = 2
 READS = (1, VERSION)  # of version 1 the policy `antway` wrote whole times to the goal as costs
-MAX_BYTES = 512 * 2**20
-MAX_NUMBERS = 50_000_000  # in one array
+MAX_BYTES = 32 * 2**20
+MAX_UNPACKED = 128 * 2**20  # bytes of all packed arrays of a trace together
 
 _ARRAYS = {"t": 1, "xy": 2, "velocity": 2, "heading": 1, "command": 2}
 _TIMELINE = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
@@ -128,14 +130,13 @@ def read_fields(path: Path) -> dict[str, Any]:
     Every fault is a `BadInput` that names the file and the key: `BadScenario` unless a value is wrong.
     """
     where = str(path)
+    if not is_file(path):
+        raise BadScenario("trace", where, "an existing regular file", where=where)
     try:
-        size = path.stat().st_size if path.is_file() else -1
-        if size > MAX_BYTES:
-            raise TooLarge("size", size, f"at most {MAX_BYTES} bytes", where=where)
-        if size < 0:
-            raise BadScenario("trace", where, "an existing regular file", where=where)
-        record = json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_no_constant)
-    except (OSError, ValueError, RecursionError) as error:
+        text = read_text(path, MAX_BYTES, error=BadScenario, field="trace")
+        check_nesting(text, MAX_DEPTH, MAX_LISTS, where)
+        record = json.loads(text, parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
         if isinstance(error, BadInput):
             raise
         raise BadScenario("trace", str(error), "JSON text in UTF-8", where=where) from None
@@ -150,7 +151,7 @@ class _Reader:
     """Turns a parsed record into the fields of a trace; `where` is the file that errors name."""
 
     def __init__(self, where: str) -> None:
-        self.where = where
+        self.where, self.unpacked = where, Unpacked(MAX_UNPACKED, where)
 
     def fields(self, record: object) -> dict[str, Any]:
         top = self.table(
@@ -165,8 +166,8 @@ class _Reader:
         for name, array in arrays.items():
             if len(array) != rows - (name == "command"):
                 raise self.bad(f"{name}.length", len(array), str(rows - (name == "command")))
-            if name != "command" and not np.isfinite(array).all():
-                raise self.bad(name, "a number that is not finite", "finite throughout")
+            if name != "command" and not (np.abs(array) <= MAX_PLACE).all():
+                raise self.bad(name, "a number that is not finite, or too large", f"finite throughout, up to {MAX_PLACE:g}")
         timeline = self.timeline(top["timeline"])
         sensed = self.unpack("sensed", top["sensed"], "|b1", 2)
         if sensed.shape != (rows, len(timeline)):
@@ -185,10 +186,19 @@ class _Reader:
             cycle_ms=cycle_ms,
             outcome=self.text("outcome", top["outcome"]),
             reason=self.text("reason", top["reason"]),
-            config=self.table("config", top["config"], ""),
+            config=self.config(top["config"]),
             rounds=None if top.get("rounds") is None else rounds_of(top["rounds"], self.where),
             **arrays,
         )
+
+    def config(self, record: object) -> Mapping[str, Any]:
+        """Read how the episode was set up; what others read of it has the type that they expect."""
+        parts = self.table("config", record, "")
+        sensor = self.table("config.sensor", parts.get("sensor", {}), "")
+        if not isinstance(sensor.get("occlusion", True), bool):
+            raise self.bad("config.sensor.occlusion", sensor["occlusion"], "true or false")
+        checks.number("config.horizon", parts.get("horizon", 0.0), low=0.0, where=self.where)
+        return parts
 
     def task(self, record: object, ramps: bool) -> Task:
         """Read the task; before speeds ramped, and turn rates were written, robots drove in steps."""
@@ -245,6 +255,8 @@ class _Reader:
         if path is not None:
             path = self.table(f"{name}.path", path, "t xy")
             t, xy = self.floats(f"{name}.path.t", path["t"], (None,)), self.floats(f"{name}.path.xy", path["xy"], (None, 2))
+            if not (np.isfinite(t).all() and (np.abs(xy) <= MAX_PLACE).all()):
+                raise self.bad(f"{name}.path", "a number that is not finite, or too large", f"of places up to {MAX_PLACE:g} m")
             if len(t) != len(xy):
                 raise self.bad(f"{name}.path.xy.length", len(xy), str(len(t)))
             path = TimedPath(t, xy)
@@ -321,9 +333,8 @@ class _Reader:
         if parts["dtype"] != dtype or len(shape) != ndim:
             raise self.bad(f"{name}.dtype", (parts["dtype"], shape), f"{dtype} with {ndim} dimensions")
         size = math.prod(shape)
-        if size > MAX_NUMBERS:
-            raise TooLarge(f"{name}.shape", shape, f"at most {MAX_NUMBERS} elements", where=self.where)
         kind = np.dtype(dtype)
+        self.unpacked.take(f"{name}.shape", size * kind.itemsize)
         try:
             packed = base64.b64decode(self.text(name, parts["zlib"]), validate=True)
             data = zlib.decompressobj().decompress(packed, size * kind.itemsize + 1)

@@ -1,0 +1,160 @@
+"""Files of others cost no more than their budget says, and whatever is in them ends in a value or in a `BadInput`."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import subprocess
+import sys
+import zlib
+
+import numpy as np
+import pytest
+
+from antway import BadInput, BadScenario, TooLarge, load_scenario, load_tsp, load_tsptw
+from antway.ants.tsplib import MAX_CITIES, MAX_LINES
+from antway.ants.tsplib import parse as parse_tsp
+from antway.arena.environments import read_tracks, tracks
+from antway.reading import Unpacked, check_nesting, decoded, numbers_in
+from antway.tours.time_windows import parse as parse_tsptw
+from antway.view import write_view
+from antway.world.robots import load_robot
+from antway.world.trace import Trace
+from antway.world.tracefile import MAX_UNPACKED, to_json
+from sample import sample_trace
+
+
+def test_traces_unpack_no_more_than_one_budget(tmp_path):
+    """D6: many small parts of a trace, each within its limit, are refused once they are too much together."""
+    record = json.loads(to_json(sample_trace(steps=6)))
+    side = 2000
+    packed = {"dtype": "<f4", "shape": [side, side], "zlib": base64.b64encode(zlib.compress(bytes(4 * side * side))).decode()}
+    one = next(d for d in record["decisions"] if d["pheromone"])
+    record["decisions"] = [one | {"pheromone": [0, 0, packed]} for _ in range(MAX_UNPACKED // (4 * side * side) + 1)]
+    path = tmp_path / "bomb.json"
+    path.write_text(json.dumps(record))
+    assert path.stat().st_size < 2**20
+    with pytest.raises(TooLarge, match="unpacked"):
+        Trace.load(path)
+
+
+@pytest.mark.parametrize("text", ["[" * 1500 + "]" * 1500, "[" + "[]," * 1_000_001 + "0]", '{"a":' * 100 + "1" + "}" * 100])
+def test_deep_and_swarming_json_is_refused_before_it_is_parsed(tmp_path, text):
+    """D6: an empty list costs twenty times its text in memory."""
+    (tmp_path / "t.json").write_text(text)
+    with pytest.raises(TooLarge):
+        Trace.load(tmp_path / "t.json")
+
+
+def test_tsplib_files_of_endless_short_lines_are_refused():
+    """D6: so do short lines."""
+    head = b"NAME : a\nTYPE : TSP\nDIMENSION : 5\nEDGE_WEIGHT_TYPE : EUC_2D\nNODE_COORD_SECTION\n"
+    with pytest.raises(TooLarge, match="lines"):
+        parse_tsp(head + b"1\n" * (MAX_LINES + 1))
+    assert MAX_LINES >= 4 * MAX_CITIES, "an instance of the size allowed has room"
+
+
+@pytest.mark.parametrize("text", [b"3 1 2 x", b"2 1_0 2 3 4 5 6 7 8", b"1 2 3", b"", b"#\n", b"1e3 4", b"2 " + b"1 " * 9])
+def test_malformed_instances_with_time_windows_are_refused(text):
+    """Words that are no numbers, underscores that Python would take, too few and too many."""
+    with pytest.raises(BadInput):
+        parse_tsptw(text)
+
+
+def test_numbers_are_read_a_block_at_a_time():
+    """Blocks end between numbers, and what comes out is what Python reads of the whole text."""
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=200_000) * 10.0 ** rng.integers(-5, 5, 200_000)
+    text = " ".join(map(repr, values.tolist())).encode()
+    assert len(text) > 3 * 2**20
+    np.testing.assert_array_equal(numbers_in(text, 200_000, ""), values)
+    with pytest.raises(BadInput, match="at most 10"):
+        numbers_in(text, 10, "")
+
+
+@pytest.mark.parametrize("loader", [load_tsp, load_tsptw, load_scenario, Trace.load, read_tracks, None])
+@pytest.mark.parametrize("name", ["absent.toml", "folder.toml", "pipe.toml", "x" * 300 + ".toml", "nul\0.toml"])
+def test_what_is_no_file_is_a_typed_error_at_once(loader, name, tmp_path):
+    """A folder, a pipe that would block, a name that no file can have."""
+    (tmp_path / "folder.toml").mkdir()
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(BadInput):
+        (loader or load_robot)(str(tmp_path / name))
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe", b"t,id,x,y\n\xff", b"\x00\x01"])
+@pytest.mark.parametrize("loader", [load_tsp, load_tsptw, load_scenario, Trace.load, read_tracks])
+def test_what_is_no_text_is_a_typed_error(loader, data, tmp_path):
+    """Bytes that are no UTF-8 are refused by every reader of text."""
+    path = tmp_path / "file.csv"
+    path.write_bytes(data)
+    with pytest.raises(BadInput):
+        loader(str(path))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda r: r["config"].update(sensor=None),
+        lambda r: r["config"].update(sensor={"occlusion": "yes"}),
+        lambda r: r["config"].update(horizon="inf"),
+        lambda r: next(d for d in r["decisions"] if d["path"])["path"]["xy"].__setitem__(0, ["inf", 0.0]),
+        lambda r: next(d for d in r["decisions"] if d["path"])["path"]["t"].__setitem__(0, "nan"),
+        lambda r: r["xy"].__setitem__(0, [1e300, 0.0]),
+    ],
+    ids=["no sensor", "sensor of words", "horizon", "infinite path", "NaN in a path", "far away"],
+)
+def test_traces_with_absurd_parts_are_refused_before_they_are_drawn(change, tmp_path):
+    """D9: `antway view` shows no traceback for them."""
+    record = json.loads(to_json(sample_trace(steps=30)))
+    change(record)
+    (tmp_path / "t.json").write_text(json.dumps(record))
+    with pytest.raises(BadInput):
+        write_view(tmp_path / "t.json", tmp_path / "t.html")
+
+
+def test_tracks_far_away_are_refused(tmp_path):
+    """D9: a place of 1e30 m is none."""
+    (tmp_path / "t.csv").write_text("t,id,x,y\n0,1,0,0\n1,1,1e30,0\n")
+    with pytest.raises(BadScenario):
+        tracks(str(tmp_path / "t.csv"))
+    (tmp_path / "t.csv").write_text("t,id,x,y\n0,1,0,0\n1,1,1e9,0\n")
+    with pytest.raises(TooLarge):
+        tracks(str(tmp_path / "t.csv"))
+
+
+def test_a_heading_may_be_left_out(tmp_path):
+    """The first line of a recording is a heading or the first row."""
+    for heading in ("t,id,x,y\n", ""):
+        (tmp_path / "t.csv").write_text(f"{heading}0,1,0,0\n1e0,1,1,0\n")
+        assert len(read_tracks(str(tmp_path / "t.csv"))) == 2
+
+
+def test_budgets_add_up():
+    """Parts count together, and what is refused takes nothing."""
+    budget = Unpacked(10)
+    budget.take("a", 6)
+    with pytest.raises(TooLarge):
+        budget.take("b", 5)
+    budget.take("c", 4)
+    with pytest.raises(TooLarge):
+        check_nesting("[[[", 2, 10, "")
+    with pytest.raises(BadInput):
+        decoded(b"\xff", "")
+
+
+RUN = "import sys; from antway.cli import main; sys.argv = ['antway', 'run', sys.argv[1], '--policy', 'stop']; main()"
+
+
+@pytest.mark.parametrize("name", ["[/x]", "[bold]", "café", "\U0001f916 [link=x]"])
+def test_names_are_printed_as_they_are(name, tmp_path):
+    """D9: neither markup in a scenario's name nor a locale that lacks its letters ends in a traceback."""
+    (tmp_path / "m.txt").write_text("\n".join(["." * 10] * 10) + "\n")
+    text = f'name = {json.dumps(name)}\nmap = "m.txt"\nstart = [1.5, 1.5]\ngoal = [8.5, 8.5]\nhorizon = 1.0\n'
+    (tmp_path / "s.toml").write_text(text.replace("\\ud83e\\udd16", "\U0001f916"), encoding="utf-8")
+    plain = {**os.environ, "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-c", RUN, str(tmp_path / "s.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="ascii", env=plain)
+    assert done.returncode == 4, done.stderr  # the horizon came first
+    assert name.encode("ascii", "backslashreplace").decode()[:6] in done.stdout
