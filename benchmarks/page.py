@@ -23,7 +23,7 @@ from antway.world.motions import Bounce
 from antway.world.scenario import save_scenario
 from antway.world.world import Obstacle
 from browser import DESKTOP, chromium
-from serving import served
+from serving import TOKEN, served
 
 # Counts pictures: each begins by clearing its stage; from the first one's beginning until the script yields is their time.
 COUNT = """
@@ -105,7 +105,9 @@ def main() -> None:
     seconds = parser.parse_args().seconds
     with tempfile.TemporaryDirectory() as name, served() as port, chromium() as browser:
         save_scenario(place(), Path(name) / "large.toml")
-        rows = [measure(browser, f"http://127.0.0.1:{port}/", Path(name), seconds, views, "2") for views in (1, 2)]
+        rows = [
+            measure(browser, f"http://127.0.0.1:{port}/?token={TOKEN}", Path(name), seconds, views, "2") for views in (1, 2)
+        ]
     table = Table(*rows[0])
     for row in rows:
         table.add_row(*map(str, row.values()))

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from serving import TOKEN
+
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine (apt-get install chromium)")
 FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-dev-shm-usage"]
@@ -71,7 +73,10 @@ def chromium() -> Iterator[Any]:
 
 def opened(browser: Any, address: str, own: tuple[str, ...], **context: Any) -> tuple[Any, list[str]]:
     """A page that is ready, and all it says in the console or asks of other addresses than those that begin as `own`."""
-    page = browser.new_context(**context).new_page()
+    made = browser.new_context(**context)
+    if address.startswith("http://127.0.0.1:"):  # the server's page: its cookie holds the token from here on
+        made.request.get(f"{'/'.join(address.split('/')[:3])}/?token={TOKEN}")
+    page = made.new_page()
     complaints: list[str] = []
     page.on("console", lambda message: complaints.append(message.text))
     page.on("pageerror", lambda error: complaints.append(str(error)))

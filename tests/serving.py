@@ -10,6 +10,7 @@ from functools import cache
 
 import uvicorn
 
+from antway.web.apart import Apart
 from antway.web.server import config_of, make_app, names_of
 from antway.web.session import Session
 from antway.web.tours import Tours
@@ -28,12 +29,12 @@ def compile_all() -> None:
 
 
 @contextmanager
-def served(host: str = "127.0.0.1", port: int | None = None, *, open_page: bool = True) -> Iterator[int]:
+def served(host: str = "127.0.0.1", port: int | None = None, *, apart: Apart | None = None) -> Iterator[int]:
     """Serve on 127.0.0.1 under the names of `host` and `port` (None: the port that is taken); the port taken is given."""
     compile_all()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         taken = listener.getsockname()[1]
-        server = uvicorn.Server(config_of(make_app(names_of(host, port or taken), TOKEN, open_page=open_page)))
+        server = uvicorn.Server(config_of(make_app(names_of(host, port or taken), TOKEN, apart=apart)))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

@@ -26,7 +26,7 @@ from antway.web import player
 from antway.web.player import LULL, Turns
 from antway.web.session import Session
 from common import cases
-from serving import TOKEN, asked, compile_all, served
+from serving import TOKEN, compile_all, served
 
 PAGES, REQUESTS, SLOW, LORIS, JUNK = cases(12, 200), cases(60, 1000), cases(2, 20), cases(10, 200), cases(100, 10_000)
 STEPS = 20
@@ -34,15 +34,15 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[tuple[int, int]]:
-    """Port and process of `antway serve`."""
+def server() -> Iterator[tuple[int, int, str]]:
+    """Port, process and token of `antway serve`."""
     compile_all()
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        printed = re.search(r":(\d+)/", process.stdout.readline())
+        printed = re.search(r":(\d+)/\?token=(\S+)", process.stdout.readline())
         assert printed is not None
-        yield int(printed[1]), process.pid
+        yield int(printed[1]), process.pid, printed[2]
         process.terminate()
 
 
@@ -151,16 +151,12 @@ def requests(rng: np.random.Generator, n: int) -> list[str | bytes]:
     return [texts[int(k)] for k in rng.integers(len(texts), size=n)]
 
 
-def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
+def test_the_server_bears_a_crowd(server: tuple[int, int, str]) -> None:
     """Pages and requests are answered without error while others dawdle, drip, flood and upload; memory stays bounded."""
-    port, pid = server
+    port, pid, token = server
 
     async def crowd() -> None:
         times: list[float] = []
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
-        token = re.search(rb'"token": "([^"]+)"', await reader.read())[1].decode()  # type: ignore[index]
-        await close(writer)
         async with live(port, token) as wire:
             await frame(wire)
             alone = await steps(wire)
@@ -205,7 +201,7 @@ def test_the_server_bears_a_crowd(server: tuple[int, int]) -> None:
 
     asyncio.run(crowd())
     with socket.create_connection(("127.0.0.1", port)) as wire:  # and it still answers
-        wire.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
+        wire.sendall(f"GET /page.js HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode())
         assert wire.recv(12)[9:] == b"200"
 
 
@@ -232,6 +228,69 @@ def test_who_says_nothing_or_too_much_is_hung_up_on(monkeypatch: pytest.MonkeyPa
 
         asyncio.run(dawdle())
         assert asyncio.run(junk(port, TOKEN, ['{"op":"seen"}'] * 1000, 20.0)) == 1008
+
+
+def cut_after(wire: socket.socket, drip: bytes) -> float:
+    """Send a byte of `drip` four times a second; returns after how many seconds the server has hung up."""
+    started = time.perf_counter()
+    wire.setblocking(False)
+    while time.perf_counter() - started < 20.0:
+        for byte in drip:
+            try:
+                wire.sendall(bytes([byte]))
+                if wire.recv(4096) == b"":
+                    return time.perf_counter() - started
+            except BlockingIOError:
+                pass
+            except ConnectionError:
+                return time.perf_counter() - started
+            time.sleep(0.1)
+    raise AssertionError("never cut")
+
+
+def test_a_request_that_drips_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """D12: after a complete request, in the body of one, between two, and at the begin: a byte now and then keeps nobody in."""
+    from antway.web import server
+
+    monkeypatch.setattr(server, "TIMEOUT", 1.0)
+    with served() as port:
+        head = f"Host: 127.0.0.1:{port}\r\n"
+        whole = f"GET /page.js HTTP/1.1\r\n{head}\r\n".encode()
+        for first, drip in (
+            (b"", b"GET / HTTP/1.1\r\nX: " + b"y" * 200),
+            (whole, b"GET / HTTP/1.1\r\nX: " + b"y" * 200),
+            (whole, b"\r\n" * 100),
+            (f"POST / HTTP/1.1\r\n{head}Content-Length: 100000\r\n\r\n".encode(), b"z" * 200),
+            (whole + b"GET / HTTP/1.1\r\n", b"X: " + b"y" * 200),
+        ):
+            with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
+                wire.sendall(first)
+                if first.startswith(b"GET"):
+                    assert wire.recv(12)[9:] == b"200"
+                assert cut_after(wire, drip) < 1.0 + 3.0, (first, drip[:10])
+        with socket.create_connection(("127.0.0.1", port), timeout=10) as wire:  # and who is quick is served again and again
+            for _ in range(300):
+                wire.sendall(whole)
+                answer = wire.recv(65536)
+                size = int(re.search(rb"content-length: (\d+)", answer)[1])  # type: ignore[index]
+                body = len(answer) - answer.index(b"\r\n\r\n") - 4
+                while body < size:
+                    body += len(wire.recv(65536))
+
+
+def test_a_page_that_never_answers_close_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """D12: a websocket that was closed for what it sent is cut soon after, whatever it does not answer."""
+    from antway.web import server
+
+    monkeypatch.setattr(server, "CLOSING", 0.5)
+    with served() as port, socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
+        own, key = f"127.0.0.1:{port}", base64.b64encode(bytes(16)).decode()
+        head = f"GET /live HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+        head += f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Protocol: antway, {TOKEN}\r\n\r\n"
+        wire.sendall(head.encode())
+        assert wire.recv(12) == b"HTTP/1.1 101"
+        wire.sendall(bytes([0x82, 0x81, 0, 0, 0, 0, 7]))  # bytes, where text is spoken: the server closes
+        assert cut_after(wire, bytes([0x8A, 0x80, 0, 0, 0, 0])) < 8.0  # it sends pongs for ever
 
 
 def test_who_does_not_read_is_hung_up_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -412,15 +471,11 @@ def test_an_interrupt_ends_the_server_quietly() -> None:
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--no-browser", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        printed = re.search(r":(\d+)/", process.stdout.readline())
+        printed = re.search(r":(\d+)/\?token=(\S+)", process.stdout.readline())
         assert printed is not None
-        port = int(printed[1])
+        port, token = int(printed[1]), printed[2]
 
         async def leave() -> None:
-            page = await asyncio.to_thread(
-                asked, port, f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n"
-            )
-            token = re.search(rb'"token": "([^"]+)"', page)[1].decode()  # type: ignore[index]
             async with live(port, token) as wire:
                 await frame(wire)
                 await wire.send('{"op":"play","on":true}')

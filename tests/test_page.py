@@ -242,6 +242,14 @@ def test_two_policies_are_compared_and_everything_is_saved(page: Any, tmp_path: 
     page.click("#close-link")
     page.goto("about:blank")
     page.goto(link)
+    expect(page, "#ask-box").to_be_visible()
+    expect(page, ".view").to_have_count(1)
+    page.click("#ask-drop")
+    assert page.url.endswith("/"), "a link that is left is forgotten"
+    expect(page, "#seed").not_to_have_value("7")
+    page.goto("about:blank")
+    page.goto(link)
+    page.click("#ask-open")
     expect(page, ".view").to_have_count(2)
     expect(page, "#seed").to_have_value("7")
     assert page.url.endswith("/") and scenario(page, tmp_path).seed == 7

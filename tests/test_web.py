@@ -5,9 +5,13 @@ from __future__ import annotations
 import base64
 import io
 import json
+import re
 import socket
+import time
 import zipfile
 from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +21,9 @@ from websockets.sync.client import connect
 from antway import Grid, RobotSpec, Scenario, World
 from antway.errors import BadInput
 from antway.web.files import MAX_OBSTACLES, read_upload
-from antway.web.session import Session
+from antway.web.player import SLICE, Player
+from antway.web.server import serve
+from antway.web.session import MAX_UNDO_BYTES, Session
 from antway.world.episode import Episode
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
@@ -57,7 +63,7 @@ def fixed() -> Iterator[int]:
         yield number
 
 
-def status(port: int, host: str, origin: str | None = None, path: str = "/", method: str = "GET") -> int:
+def status(port: int, host: str, origin: str | None = None, path: str = f"/?token={TOKEN}", method: str = "GET") -> int:
     """The status that a request with these headers is answered with."""
     lines = [f"{method} {path} HTTP/1.1", f"Host: {host}", "Connection: close"]
     lines += [] if origin is None else [f"Origin: {origin}"]
@@ -96,12 +102,60 @@ def test_a_websocket_takes_the_token(fixed: int, protocols: list[str]) -> None:
     assert status(fixed, OWN, method="POST") == status(fixed, OWN, method="PUT") == 405
 
 
-def test_another_host_needs_the_token_for_the_page() -> None:
-    """C38: a server for others gives its page to who has the token alone."""
-    with served("10.0.0.7", 80, open_page=False) as port:
-        assert status(port, "10.0.0.7") == status(port, "10.0.0.7", path="/?token=x") == 403
-        page = asked(port, f"GET /?token={TOKEN} HTTP/1.1\r\nHost: 10.0.0.7\r\nConnection: close\r\n\r\n")
-    assert page.split()[1] == b"200" and b"content-security-policy: default-src 'none'" in page
+@pytest.mark.parametrize("host", ["10.0.0.7", "127.0.0.1"])
+def test_a_page_needs_the_token(host: str) -> None:
+    """C38: a page goes to who has the token alone, on this machine too, and to his cookie from then on."""
+    with served(host, 80) as port:
+        for path in ("/", "/tsp", "/?token=x", "/tsp?token="):
+            assert status(port, host, path=path) == 403
+        head = f"Host: {host}\r\nConnection: close\r\n"
+        page = asked(port, f"GET /?token={TOKEN} HTTP/1.1\r\n{head}\r\n")
+        assert page.split()[1] == b"200" and b"content-security-policy: default-src 'none'" in page
+        (cookie,) = re.findall(rb"set-cookie: ([^;]+); HttpOnly; Path=/; SameSite=strict", page)
+        for path in ("/", "/tsp"):
+            again = asked(port, f"GET {path} HTTP/1.1\r\n{head}Cookie: {cookie.decode()}\r\n\r\n")
+            assert again.split()[1] == b"200" and b"set-cookie" not in again
+            wrong = asked(port, f"GET {path} HTTP/1.1\r\n{head}Cookie: {cookie.decode()[:-1]}\r\n\r\n")
+            assert wrong.split()[1] == b"403"
+
+
+def test_every_answer_has_the_security_headers(port: int) -> None:
+    """D14: what is not found and what may not be asked has them, too."""
+    for method, path, expected in (("GET", "/nowhere", 404), ("POST", "/", 405), ("GET", "/", 403), ("GET", "/page.js", 200)):
+        answer = asked(port, f"{method} {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n")
+        assert int(answer.split()[1]) == expected
+        for header in (b"content-security-policy: default-src 'none'", b"x-content-type-options: nosniff", b"no-referrer"):
+            assert answer.lower().count(header) == 1, (path, header)
+
+
+@pytest.mark.parametrize("host", ["0", "0x0", "0.0", "0.0.0.0", "::", "[::]", "::0", "0:0:0:0:0:0:0:0", "", "*"])
+def test_no_wildcard_is_served(host: str) -> None:
+    """D14: however it is written, an address that means all of them is refused."""
+    with pytest.raises(BadInput, match="host"):
+        serve(host, 0, ready=lambda url: pytest.fail("it listens"))
+
+
+def test_undo_keeps_no_more_than_its_budget_of_maps() -> None:
+    """D14: strokes on a large map drop the oldest ones."""
+    session = Session()
+    session._open(Scenario(World(Grid(np.zeros((1000, 1000), bool))), (1.5, 1.5), (998.5, 998.5), name="large"))
+    for k in range(MAX_UNDO_BYTES // 1_000_000 + 5):
+        session.apply({"op": "paint", "blocked": True, "cells": [[500, 10 + k]]})
+    assert sum(one.world.grid.blocked.nbytes for one in session.history) <= MAX_UNDO_BYTES
+    assert len(session.history) > 2 and session.scenario.world.grid.blocked[500, 10 + k]
+    session.apply({"op": "undo"})
+    assert not session.scenario.world.grid.blocked[500, 10 + k]
+
+
+def test_a_tab_plays_a_slice_at_a_time() -> None:
+    """D11: however short its control period, a tab's turn ends soon, for others wait."""
+    session = Session()
+    session._open(replace(session.scenario, robot=replace(session.scenario.robot, dt=1e-4), horizon=60.0))
+    session.apply({"op": "play", "on": True})
+    for steps in (2, 25_000):
+        started = time.perf_counter()
+        Player.moment(SimpleNamespace(session=session), steps, False)  # type: ignore[arg-type]
+    assert 2 < session.views[0].episode.steps < 25_000 and time.perf_counter() - started < 20 * SLICE
 
 
 def test_no_path_leads_outside_the_list_of_files(port: int) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from antway.arena.suites import Chance, Suite
-from antway.errors import BadInput, BadMap, BadScenario, TooLarge
+from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.limits import MAX_PLACE
@@ -136,18 +136,16 @@ def read_tracks(file: str) -> NDArray[np.float64]:
         raise BadScenario("tracks", file, "an existing regular file")
     comma = path.suffix.lower() == ".csv"
     allowed = "CSV lines t,id,x,y" if comma else "the columns of an obsmat.txt: frame, id, x, z, y, vx, vz, vy"
-    try:
-        with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+    with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+        try:
             text = io.TextIOWrapper(data, encoding="utf-8-sig")
             heading = text.readline(1000)
             skip = comma and any(c.isalpha() for c in heading.replace("e", ""))
             lines = text if skip else itertools.chain([heading], text)
             table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS)
-    except ValueError as error:
-        if isinstance(error, BadInput):
-            raise
-        raise BadScenario("tracks", str(error), allowed, where=file) from None
+        except ValueError as error:
+            raise BadScenario("tracks", str(error), allowed, where=file) from None
     if table.ndim != 2 or len(table) < 2 or table.shape[1] != (4 if comma else 8) or not (np.abs(table) <= MAX_PLACE).all():
         raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
     if not comma:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import time
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -19,12 +20,14 @@ from antway.web.view import Message
 T = TypeVar("T")
 
 MAX_SMALL = 2**19  # bytes of a message, unless it opens a file
+MAX_LISTS = 50_000  # lists and objects of a message: an empty one takes twenty times its text in memory
 RATE = 60.0  # messages a second that a page may send
 BURST = 240.0  # messages that a page may send at once
 IN_FLIGHT = 2  # frames that may be unconfirmed at a time
 TIMEOUT = 7.0  # s that a page may leave a frame unconfirmed; it is disconnected within 10 s, however busy the server is
 TICK = 1 / 40  # s between frames, at least
 THREADS = 2  # threads that play; more would take time from the event loop, which shares the interpreter
+SLICE = 0.05  # s that a tab may play before others have their turn
 LULL = 0.01  # s without a request after which play continues
 HOLD = 0.5  # s that requests may delay play, at most
 
@@ -68,7 +71,7 @@ class Player:
 
     def __init__(self, websocket: WebSocket, session: Tab, turns: Turns, exports: Turns) -> None:
         self.websocket, self.session = websocket, session
-        self.turns, self.exports = turns, exports  # an export may take seconds and must not delay the play of others
+        self.turns, self.exports = turns, exports  # files and exports may take seconds and must not delay the play of others
         self.turn, self.wake = asyncio.Lock(), asyncio.Event()
         self.owed, self.in_flight = True, 0
         self.answering, self.heard = False, 0.0
@@ -126,7 +129,8 @@ class Player:
                     self.in_flight, self.heard = max(0, self.in_flight - 1), self.clock()
                     replies: list[Message] = []
                 else:
-                    turns = self.exports if isinstance(request, dict) and request.get("op") == "export" else self.turns
+                    apart = isinstance(request, dict) and request.get("op") in ("export", "open")
+                    turns = self.exports if apart else self.turns
                     replies = await turns.take(self.session.apply, request)
                     self.owed = True
             except BadInput as error:
@@ -172,9 +176,14 @@ class Player:
                     self.owed, self.in_flight = False, self.in_flight + 1
 
     def moment(self, steps: int, send_frame: bool) -> str:
-        """Play this many steps; return the frame of the moment reached, or nothing if none is to be sent."""
-        if steps:
-            self.session.advance(steps)
+        """Play this many steps; return the frame of the moment reached, or nothing if none is to be sent.
+
+        Steps that do not begin within `SLICE` are left out: whatever a tab plays, others wait no longer for their turn.
+        """
+        until = time.perf_counter() + SLICE
+        while steps and time.perf_counter() < until:
+            self.session.advance(1)
+            steps = steps - 1 if self.session.playing else 0
         return _text(self.session.frame()) if send_frame else ""
 
     async def hang_up(self) -> None:
@@ -199,6 +208,8 @@ def _text(message: Message) -> str:
 
 
 def _parse(text: str) -> object:
+    if text.count("[") + text.count("{") > MAX_LISTS:
+        raise BadParameter("message", f"{text.count('[') + text.count('{')} lists", f"at most {MAX_LISTS} lists and objects")
     try:
         request = json.loads(text)
     except (ValueError, RecursionError):

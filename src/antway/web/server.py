@@ -1,8 +1,8 @@
 """The live page's server: a fixed list of files over HTTP and one session per websocket, by default for this machine alone.
 
 Every request must name this server (its Host header, which stops DNS rebinding) and come from its own pages (its Origin header,
-which stops other sites). There is nothing to post: a page sends its requests over its websocket, which opens only with the
-token that the page was served with. A session lives as long as its socket.
+which stops other sites). The page is served to who has the token that `antway serve` prints. There is nothing to post: a page
+sends its requests over its websocket, which opens only with that token. A session lives as long as its socket.
 """
 
 from __future__ import annotations
@@ -11,10 +11,13 @@ import asyncio
 import hmac
 import ipaddress
 import json
+import os
 import secrets
 import socket
+import zlib
 from collections.abc import Awaitable, Callable, Mapping
 from importlib.resources import files
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -31,6 +34,7 @@ from antway.ants.rules import RULES
 from antway.errors import BadParameter
 from antway.scenes import ROUNDS, SCENES
 from antway.web import tours
+from antway.web.apart import Apart
 from antway.web.player import TIMEOUT, Player, Turns
 from antway.web.session import PARAMETERS, POLICIES, Session
 from antway.web.tab import Tab
@@ -39,6 +43,8 @@ PORT = 8765
 MAX_MESSAGE = 6 * 2**20  # bytes of a message; the largest is an upload in base64
 MAX_SESSIONS = 256
 MAX_HEAD = 2**16  # bytes of an HTTP request
+CLOSING = 2.0  # s that a page has to answer that its websocket is closed
+EXPORTS = 8  # threads that wait for files and exports, which other processes work on
 MAX_FILES = 8192  # sockets and files open at once, where the system allows as many
 
 _FILES = {  # path: package, file, type
@@ -75,6 +81,18 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
+def is_wildcard(host: str) -> bool:
+    """Tell whether `host`, however it is written ("0", "0x0", "::0"), stands for all addresses of this machine."""
+    name = host.strip("[]")
+    if name in ("", "*"):
+        return True
+    try:
+        found = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False  # no name at all, which is refused where it is used
+    return any(ipaddress.ip_address(str(address[0]).partition("%")[0]).is_unspecified for *_, address in found)
+
+
 def names_of(host: str, port: int) -> frozenset[str]:
     """Return what a Host header may say to a server at `host` and `port`."""
     hosts = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {f"[{host}]" if ":" in host else host.lower()}
@@ -100,13 +118,26 @@ class Gate:
         own = own or (len(origins) == 1 and origins[0] in self.origins)
         ours = own and len(hosts) == 1 and hosts[0] in self.names
         if ours:
-            return await self.app(scope, receive, send)
+            return await self.app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send))
         if scope["type"] == "websocket":
             return await send({"type": "websocket.close", "code": 1008})
         return await PlainTextResponse("this server answers its own page alone\n", 403, _HEADERS)(scope, receive, send)
 
 
-def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> ASGIApp:
+def _with_headers(send: Send) -> Send:
+    """Return what sends an answer with the security headers that it lacks, as those of the framework's own do."""
+
+    async def sending(message: Any) -> None:
+        if message["type"] == "http.response.start":
+            given = {name.lower() for name, _ in message.get("headers", [])}
+            more = [(name.lower().encode(), text.encode()) for name, text in _HEADERS.items()]
+            message = {**message, "headers": [*message.get("headers", []), *(one for one in more if one[0] not in given)]}
+        await send(message)
+
+    return sending
+
+
+def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -> ASGIApp:
     """Return the server as an ASGI application.
 
     Parameters
@@ -114,10 +145,12 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
     names : frozenset of str
         What a Host header may say (`names_of`).
     token : str
-        What a websocket must present as its second subprotocol.
-    open_page : bool
-        Whether the page, which holds the token, is served to anyone who asks for it; otherwise ?token=... is needed.
+        What a websocket must present as its second subprotocol, and who asks for a page as ?token=... or, once that is done, in
+        a cookie: on this machine there may be others, too.
+    apart : Apart or None
+        Processes that read files and make exports for the tabs; None: the server does.
     """
+    cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # its own name for each server: cookies do not tell ports apart
     crossing = {
         "policies": POLICIES,
         "scenes": (*SCENES, *ROUNDS),
@@ -141,13 +174,17 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
         whole = Response(text, 200, _HEADERS, kind)  # made once, because it is the same for all
 
         async def with_token(request: Request) -> Response:
-            if not _same(request.query_params.get("token", ""), token):
-                return PlainTextResponse("open the address that antway serve printed, with its token\n", 403, _HEADERS)
-            return whole
+            if _same(request.query_params.get("token", ""), token):
+                granted = Response(text, 200, _HEADERS, kind)
+                granted.set_cookie(cookie, token, httponly=True, samesite="strict")
+                return granted
+            if _same(request.cookies.get(cookie, ""), token):
+                return whole
+            return PlainTextResponse("open the address that antway serve printed, with its token\n", 403, _HEADERS)
 
-        return whole if path not in pages or open_page else with_token
+        return whole if path not in pages else with_token
 
-    turns, exports, open_tabs = Turns(), Turns(1), set[WebSocket]()
+    turns, exports, open_tabs = Turns(), Turns(EXPORTS), set[WebSocket]()
 
     def live(make: Callable[[], Tab]) -> Callable[[WebSocket], Awaitable[None]]:
         async def play(websocket: WebSocket) -> None:
@@ -157,7 +194,9 @@ def make_app(names: frozenset[str], token: str, *, open_page: bool = True) -> AS
             open_tabs.add(websocket)
             try:
                 await websocket.accept("antway")
-                await Player(websocket, await turns.take(make), turns, exports).run()
+                tab = await turns.take(make)
+                tab.apart = apart
+                await Player(websocket, tab, turns, exports).run()
             except (asyncio.CancelledError, WebSocketDisconnect):
                 pass  # the server ends, or the page left at once
             finally:
@@ -196,28 +235,60 @@ class Unstuck:
 
 
 class Wire(Unstuck, WebSocketsSansIOProtocol):
-    """A websocket to a page."""
+    """A websocket to a page, which is cut if the page does not answer that it is closed."""
+
+    def __init__(self, *given: Any, **named: Any) -> None:
+        super().__init__(*given, **named)
+        self.close_timeout = CLOSING
 
 
 class Prompt(Unstuck, HttpToolsProtocol):
-    """HTTP that closes a connection without a whole request within `TIMEOUT` s, or with one of more than `MAX_HEAD` bytes."""
+    """HTTP that cuts a connection without a whole request, body and all, in `TIMEOUT` s, or with one of over `MAX_HEAD` bytes.
+
+    The time runs from the connection's begin and from the first byte of each request; uvicorn ends the pauses between them.
+    """
+
+    waiting: asyncio.TimerHandle | None = None
+    head = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self.head = 0
-        self.loop.call_later(TIMEOUT, self.give_up)
+        self.expect()
+
+    def expect(self) -> None:
+        """Give the other side `TIMEOUT` s from now, unless its time is running already."""
+        if self.waiting is None:
+            self.waiting = self.loop.call_later(TIMEOUT, self.give_up)
+
+    def on_message_begin(self) -> None:
+        super().on_message_begin()
+        self.expect()
+
+    def on_message_complete(self) -> None:
+        super().on_message_complete()
+        self.settle()
+
+    def settle(self) -> None:
+        """Note that a request is whole, or that the connection is gone."""
+        if self.waiting is not None:
+            self.waiting.cancel()
+        self.waiting, self.head = None, 0
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.settle()
+        super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        asking = self.cycle is None or self.cycle.response_complete
-        self.head = self.head + len(data) if asking else 0
+        self.expect()
+        self.head += len(data)
         if self.head > MAX_HEAD:
             self.transport.close()
         else:
             super().data_received(data)
 
     def give_up(self) -> None:
-        if self.cycle is None and self.transport.get_protocol() is self:
-            self.transport.close()
+        if self.transport.get_protocol() is self:
+            self.transport.abort()
 
 
 def config_of(app: ASGIApp) -> uvicorn.Config:
@@ -255,12 +326,12 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
     Parameters
     ----------
     host : str
-        An address or a name of this machine. Any but a loopback address opens the page to other machines, which need the
-        token.
+        An address or a name of this machine. Any but a loopback address opens the page to other machines. Whoever opens it
+        needs the token, here too.
     port : int
         0 means any free port.
     ready : callable
-        Called with the address of the page once the port is open.
+        Called with the address of the page, and its token in it, once the port is open.
 
     Raises
     ------
@@ -268,8 +339,7 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         If the host or port cannot be used.
     """
     port = checks.integer("port", port, low=0, high=65535)
-    wild = host.strip("[]") in ("", "0.0.0.0", "::", "*")
-    if wild:
+    if is_wildcard(host):
         raise BadParameter("host", host, "one address or name of this machine, by which others call it")
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -278,10 +348,14 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         raise BadParameter("host:port", f"{host}:{port}", f"free, and of this machine ({error.strerror or error})") from None
     with listener:
         port = listener.getsockname()[1]
-        token, alone = secrets.token_urlsafe(24), is_loopback(host)
-        app = make_app(names_of(host, port), token, open_page=alone)
+        token, apart = secrets.token_urlsafe(24), Apart() if os.name == "posix" else None
+        app = make_app(names_of(host, port), token, apart=apart)
         _allow_files()
         url = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
         server = uvicorn.Server(config_of(app))
-        ready(url if alone else f"{url}?token={token}")
-        server.run(sockets=[listener])
+        ready(f"{url}?token={token}")
+        try:
+            server.run(sockets=[listener])
+        finally:
+            if apart is not None:
+                apart.close()

@@ -17,11 +17,11 @@ from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
 from antway.view.replay import map_record
-from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, read_upload, scenario_file
+from antway.web.apart import EXPORT_SECONDS
+from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, scenario_file
 from antway.web.tab import Tab
 from antway.web.view import Message, View, shades, short
 from antway.world import policy
-from antway.world.episode import Episode
 from antway.world.motions import Bounce, Line, Waypoints
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.stops import Stop
@@ -29,6 +29,7 @@ from antway.world.world import Obstacle, World
 
 POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
 MAX_UNDO = 100
+MAX_UNDO_BYTES = 16 * 2**20  # of the maps that undo keeps
 MAX_STOPS = 40
 MAX_WAYPOINTS = 50
 FIELD = 40_000  # cells of the distance field that is sent to the page, at most
@@ -175,6 +176,8 @@ class Session(Tab):
         """Make `scenario` the present one, as a step that can be undone."""
         self._set_up(scenario, self.policies)
         self.history = [*self.history[: self.position + 1], scenario][-MAX_UNDO:]
+        while len(self.history) > 1 and sum(_masks(self.history)) > MAX_UNDO_BYTES:
+            del self.history[0]
         self.position = len(self.history) - 1
         return [self.describe()]
 
@@ -216,7 +219,7 @@ class Session(Tab):
         return self._open(load_scenario(scene(message.get("name"))))  # type: ignore[arg-type]
 
     def _files(self, message: Message) -> list[Message]:
-        scenario = read_upload(message.get("files"))
+        scenario: Scenario = self.work("upload", message.get("files"))
         self.playing = False
         return self._open(scenario)
 
@@ -294,14 +297,13 @@ class Session(Tab):
         if what == "link":
             return [link(self.scenario, self.policies)]
         view = checks.integer("view", message.get("view", 0), low=0, high=len(self.views) - 1)
-        episode = Episode(self.scenario, self.policies[view])
-        while episode.outcome is None:
-            if self.closed.is_set():
-                return []
-            episode.step()
-        trace = episode.result().trace
-        assert trace is not None
-        return [EXPORTS[what](trace)]
+        return [self.work("export", what, self.scenario, self.policies[view], seconds=EXPORT_SECONDS)]
+
+
+def _masks(history: list[Scenario]) -> list[int]:
+    """Return the sizes of the different maps in `history`, bytes."""
+    grids = {id(one.world.grid): one.world.grid for one in history}.values()
+    return [grid.blocked.nbytes * (1 if grid.unknown is None else 2) for grid in grids]
 
 
 def _get(scenario: Scenario, name: str) -> float:

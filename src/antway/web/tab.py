@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from antway import checks
 from antway.errors import BadParameter
+from antway.web.apart import SECONDS, WORK, Apart
 from antway.web.view import Message
 
 
@@ -24,6 +25,8 @@ class Tab(ABC):
         How fast the run plays.
     closed : threading.Event
         Set when the tab is closed, so that long work ends.
+    apart : Apart or None
+        Processes that read files and make exports; None: this one does.
     operations : dict of str to callable
         The requests of the page: each takes a message and returns the messages to send back.
     """
@@ -32,6 +35,7 @@ class Tab(ABC):
 
     def __init__(self, speed: float) -> None:
         self.closed = threading.Event()
+        self.apart: Apart | None = None  # where the server gives it processes for what must not hurt others
         self.playing, self.speed = False, speed
         self.operations: dict[str, Callable[[Message], list[Message]]] = {
             "play": self._play,
@@ -60,6 +64,12 @@ class Tab(ABC):
     @abstractmethod
     def describe(self) -> Message:
         """Return everything that does not change while the run plays."""
+
+    def work(self, name: str, *given: object, seconds: float = SECONDS) -> Any:
+        """Return what a piece of work gives, done in a process of its own if there are any."""
+        if self.apart is None:
+            return WORK[name](*given)
+        return self.apart.run(name, *given, seconds=seconds, closed=self.closed)
 
     def apply(self, message: object) -> list[Message]:
         """Carry out the request in `message` and return the messages to send; a frame follows in any case.

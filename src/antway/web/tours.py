@@ -15,7 +15,7 @@ from antway.ants.colony import Colony
 from antway.ants.persistence import Adaptive
 from antway.ants.rules import RULES
 from antway.ants.tsp import local_search_options
-from antway.ants.tsplib import Tsp, parse
+from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
 from antway.web.files import decoded, stem
 from antway.web.tab import Tab
@@ -174,7 +174,7 @@ class Tours(Tab):
         contents = decoded(message.get("files"))
         for name, data in contents.items():
             if name.lower().endswith((".tsp", ".txt")):
-                return self._restart(parse(data, name), self.settings)
+                return self._restart(self.work("instance", data, name), self.settings)
         raise BadParameter("files", list(contents), "a TSPLIB file .tsp")
 
     def _set(self, message: Message) -> list[Message]:

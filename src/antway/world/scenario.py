@@ -230,15 +230,13 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
 
 def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
     """Read CSV lines of numbers from a plain text file; what `np.loadtxt` would unpack by its ending is not unpacked."""
-    try:
-        with opened(file, MAX_BYTES, error=BadScenario) as (lines, _), warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+    with opened(file, MAX_BYTES, error=BadScenario, field=name) as (lines, _), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+        try:
             text = io.TextIOWrapper(lines, encoding="utf-8-sig")
             return np.loadtxt(text, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)
-    except ValueError as error:
-        if isinstance(error, BadInput):
-            raise
-        raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
+        except ValueError as error:
+            raise BadScenario(name, str(error), "CSV lines t,x,y in s and m", where=where) from None
 
 
 def _build(name: str, kind: type, record: object, where: str) -> Any:

@@ -136,14 +136,22 @@ function showLink(hash) {
   byId("link").select();
 }
 
-// Open what the address holds after its #: the names of policies, and a scenario's file.
+// Ask whether to open what the address holds after its #: the names of policies, and a scenario's file. Any site can offer such a link.
 function openAddress() {
   const named = new URLSearchParams(location.hash.slice(1));
   if (!named.has("open")) return;
+  history.replaceState(null, "", location.pathname + location.search);
   const data = named.get("open").replaceAll("-", "+").replaceAll("_", "/");
-  request({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
-  if (named.has("policies")) request({ op: "policies", names: named.get("policies").split(",") });
-  history.replaceState(null, "", location.pathname);
+  const box = byId("ask-box");
+  byId("ask-size").textContent = fixed((data.length * 3) / 4096, 1, "kB");
+  byId("ask-open").onclick = () => {
+    box.close();
+    busy("opening …");
+    request({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
+    if (named.has("policies")) request({ op: "policies", names: named.get("policies").split(",") });
+  };
+  byId("ask-drop").onclick = () => box.close();
+  box.showModal();
 }
 
 function picture() {
@@ -218,7 +226,7 @@ function listen() {
   for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
   const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "waypoints", s: "stop" };
   listenToKeys((key, event, onButton) => {
-    if (byId("link-box").open) return null;
+    if (byId("link-box").open || byId("ask-box").open) return null;
     if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);
     const keys = {
       " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),

@@ -1,0 +1,178 @@
+"""Work on what comes over the network, in processes of its own: one that crashes, hangs or asks for too much costs one request.
+
+The server sends a process the name of a piece of work and what it takes; the process is kept for the next request, and is ended
+where it takes too long or the tab that asked is closed. Its memory is limited beyond what it needs to begin with.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import select
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, BinaryIO
+
+from antway.errors import BadInput, BadParameter
+
+MEMORY = 512 * 2**20  # bytes of address space that work may take beyond what the process has when it begins
+SECONDS = 20.0  # s that reading a file may take
+EXPORT_SECONDS = 120.0  # s that an export may take
+IDLE = 2  # processes that are kept for the next request
+MOST = 3  # processes at a time; further requests wait
+_LENGTH = struct.Struct("<Q")
+
+
+def _upload(files: object) -> object:
+    """Read a scenario, and play its first step, so that what would crash does so here."""
+    from antway.web.files import read_upload
+    from antway.world.episode import Episode
+
+    scenario = read_upload(files)
+    episode = Episode(scenario, "follow")
+    if episode.outcome is None:
+        episode.step()
+    return scenario
+
+
+def _export(what: str, scenario: Any, policy: str) -> object:
+    from antway.web.files import EXPORTS
+    from antway.world.episode import Episode
+
+    episode = Episode(scenario, policy)
+    while episode.outcome is None:
+        episode.step()
+    trace = episode.result().trace
+    assert trace is not None
+    return EXPORTS[what](trace)
+
+
+def _instance(data: bytes, name: str) -> object:
+    from antway.ants.tsplib import parse
+
+    return parse(data, name)
+
+
+WORK: dict[str, Callable[..., object]] = {"upload": _upload, "export": _export, "instance": _instance}
+
+
+class Apart:
+    """A few processes that work for all tabs."""
+
+    def __init__(self, most: int = MOST) -> None:
+        self.turns, self.lock = threading.Semaphore(most), threading.Lock()
+        self.idle: list[subprocess.Popen[bytes]] = []
+
+    def run(self, work: str, *given: object, seconds: float = SECONDS, closed: threading.Event | None = None) -> Any:
+        """Return what WORK[work](*given) returns in another process.
+
+        Raises
+        ------
+        BadInput
+            What the work raises; and where its process ends, or has to be ended.
+        """
+        with self.turns:
+            with self.lock:
+                process = self.idle.pop() if self.idle else None
+            if process is None or process.poll() is not None:
+                process = _started()
+            try:
+                answer = _asked(process, pickle.dumps((work, given)), time.monotonic() + seconds, closed)
+            except BaseException:
+                _end(process)
+                raise
+            with self.lock:
+                kept = len(self.idle) < IDLE
+                if kept:
+                    self.idle.append(process)
+            if not kept:
+                _end(process)
+        if isinstance(answer, BadInput):
+            raise answer
+        return answer
+
+    def close(self) -> None:
+        """End the processes that wait for work."""
+        with self.lock:
+            while self.idle:
+                _end(self.idle.pop())
+
+
+def _started() -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", "from antway.web.apart import serve; serve()"]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            pipe.close()
+    process.wait()
+
+
+def _asked(process: subprocess.Popen[bytes], request: bytes, until: float, closed: threading.Event | None) -> object:
+    """Send a request and return the answer, or raise a `BadParameter` if none comes in time."""
+    assert process.stdin is not None and process.stdout is not None
+    incoming, outgoing = process.stdout.fileno(), process.stdin.fileno()
+    left, data, wanted = memoryview(_LENGTH.pack(len(request)) + request), bytearray(), _LENGTH.size
+    os.set_blocking(outgoing, False)
+    while len(data) < wanted:
+        if closed is not None and closed.is_set():
+            raise BadParameter("request", "of a tab that is closed", "one of an open tab")
+        if time.monotonic() > until:
+            raise BadParameter("request", "took too long", "done in time; its process was ended")
+        reads, writes, _ = select.select([incoming], [outgoing] if left else [], [], 0.1)
+        try:
+            if writes:
+                left = left[os.write(outgoing, left[:65536]) :]
+            part = os.read(incoming, 2**20) if reads else None
+        except BrokenPipeError:
+            part = b""
+        if part == b"":
+            status = process.wait()
+            raise BadParameter("request", f"its process ended with status {status}", "of files that can be worked on")
+        data += part or b""
+        if wanted == _LENGTH.size and len(data) >= wanted:
+            wanted += _LENGTH.unpack_from(data)[0]
+    return pickle.loads(data[_LENGTH.size :])
+
+
+def _limit_memory() -> None:
+    """Limit this process to what it has, and `MEMORY` more; no dump where it crashes."""
+    import resource
+
+    with open("/proc/self/statm", encoding="ascii") as file:
+        pages = int(file.read().split()[0])
+    most = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def serve() -> None:
+    """Work for the process that started this one, until it closes the pipe."""
+    out: BinaryIO = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)  # what anything prints is no answer
+    import antway.view.animation
+    import antway.web.files
+    import antway.world.episode  # noqa: F401 - so that their memory is not counted
+
+    if os.path.exists("/proc/self/statm"):
+        _limit_memory()
+    incoming = sys.stdin.buffer
+    while len(head := incoming.read(_LENGTH.size)) == _LENGTH.size:
+        work, given = pickle.loads(incoming.read(_LENGTH.unpack(head)[0]))
+        try:
+            answer: object = WORK[work](*given)
+        except BadInput as error:
+            answer = error
+        except MemoryError:
+            answer = BadParameter("files", "too much memory", f"of a kind that takes at most {MEMORY} bytes to work on")
+        data = pickle.dumps(answer)
+        left = memoryview(_LENGTH.pack(len(data)) + data)
+        while left:
+            left = left[out.write(left) :]
