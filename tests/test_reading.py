@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import base64
+import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -158,3 +161,14 @@ def test_names_are_printed_as_they_are(name, tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, encoding="ascii", env=plain)
     assert done.returncode == 4, done.stderr  # the horizon came first
     assert name.encode("ascii", "backslashreplace").decode()[:6] in done.stdout
+
+
+def test_the_table_of_limits_is_that_of_the_code():
+    """Each row of docs/limits.md names a number in the code, and says what it is."""
+    text = (Path(__file__).parents[1] / "docs" / "limits.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| [^|]+ \| ([^|]+) \| `([\w.]+)\.(\w+)` \|$", text, re.MULTILINE)
+    assert len(rows) >= 30
+    for value, module, name in rows:
+        if module.startswith("web."):
+            pytest.importorskip("starlette", reason="the extra web is not installed")
+        assert float(value) == getattr(importlib.import_module(f"antway.{module}"), name), name

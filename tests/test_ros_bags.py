@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy as np
 import pytest
 
-from antway.errors import BadMap, BadParameter, BadScenario
+from antway.errors import BadInput, BadMap, BadParameter, BadScenario
 from antway.ros2.convert import read_odometry, seconds
+from common import cases
 from sample import sample_trace
 
 AnyReader = pytest.importorskip("rosbags.highlevel", reason="rosbags is not installed (extra: bags)").AnyReader
@@ -103,3 +105,31 @@ def test_a_bag_that_promises_more_than_it_holds_is_refused(tmp_path):
         save_bag(sample_trace(steps=10), tmp_path / "bag")
     with pytest.raises(BadParameter, match="mcap, sqlite3"):
         save_bag(sample_trace(steps=10), tmp_path / "other", storage="db4")
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_spoilt_bags_are_refused_or_read(tmp_path, storage):
+    """D9: whatever bytes are changed, cut or swapped, it ends in a value or in a `BadInput`, lengths beyond all memory too."""
+    save_bag(sample_trace(steps=4), tmp_path / "bag", storage=storage)
+    file = next(one for one in (tmp_path / "bag").iterdir() if one.suffix in (".mcap", ".db3"))
+    sound, rng, refused = file.read_bytes(), np.random.default_rng(1), 0
+    for _ in range(cases(60, 6000)):
+        data = bytearray(sound)
+        for place in rng.integers(len(data), size=rng.integers(1, 30)):
+            data[place] = rng.choice([0, 255, rng.integers(256)])
+        file.write_bytes(data[: rng.integers(len(data))] if rng.random() < 0.2 else data)
+        for load in (load_bag_map, load_bag_tracks):
+            try:
+                load(tmp_path / "bag")
+            except BadInput:
+                refused += 1
+    assert refused > 10
+    about = (tmp_path / "bag" / "metadata.yaml").read_bytes()
+    file.write_bytes(sound)
+    for _ in range(cases(30, 3000)):
+        data = bytearray(about)
+        for place in rng.integers(len(data), size=rng.integers(1, 10)):
+            data[place] = rng.integers(256)
+        (tmp_path / "bag" / "metadata.yaml").write_bytes(data)
+        with contextlib.suppress(BadInput):
+            load_bag_map(tmp_path / "bag")

@@ -117,6 +117,24 @@ def test_malformed_scans_are_refused():
         read_points(SimpleNamespace(angle_min=0.0, angle_increment=0.1, range_min=0.0, range_max=1.0, ranges=[]))
 
 
+def test_a_scan_with_too_few_valid_beams_is_none():
+    """D14: a laser that is covered, or whose numbers make no sense, does not say that the place is empty."""
+    nan, inf = math.nan, math.inf
+    for ranges, sound in (
+        ([nan] * 8, 0.0),
+        ([0.0] * 8, 0.0),
+        ([nan] * 6 + [1.0, inf], 0.25),
+        ([inf] * 8, 1.0),
+        ([-inf, 9.0, 1.0, nan], 0.75),
+    ):
+        read_points(scan_of(ranges), sound)
+        with pytest.raises(BadParameter, match="valid"):
+            read_points(scan_of(ranges), sound + 0.01)
+    for near, far in ((2.0, 1.0), (-1.0, 1.0)):
+        with pytest.raises(BadParameter, match="range_min"):
+            read_points(scan_of([1.5], range_min=near, range_max=far))
+
+
 def test_the_tracker_names_and_measures():
     """Nameless discs that move keep one name each, and their velocities are found; what is lost is kept for a second."""
     rng = np.random.default_rng(5)

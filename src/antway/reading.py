@@ -65,6 +65,14 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def is_folder(path: Path) -> bool:
+    """Tell whether there is a folder `path`; False also for names that no folder can have."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def read_bytes(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> bytes:
     """Return what the regular file `path` holds, at most `most` bytes, also of one that grows meanwhile."""
     with opened(path, most, error=error, field=field) as (file, _):

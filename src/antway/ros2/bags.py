@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Nodetype,
     Qos,
@@ -18,17 +18,20 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import ReaderError, StoragePlugin, Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from antway import checks
-from antway.errors import BadMap, BadScenario
+from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.grid import Grid
+from antway.reading import is_folder
 from antway.ros2 import convert
 from antway.world.policy import Command, RobotSpec, Tracks
 from antway.world.trace import Trace
 
 T = TypeVar("T")
+MAX_BYTES = 2**30  # of a bag
+MAX_MESSAGES = 1_000_000  # that are read of one topic
 STORES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
 _KINDS = {
@@ -172,6 +175,9 @@ def _read(
 ) -> list[T]:
     """Read every message on `topic`; as many as the bag's metadata says, or it is an error."""
     where = str(path)
+    size = sum(file.stat().st_size for file in Path(path).iterdir() if file.is_file()) if is_folder(Path(path)) else 0
+    if size > MAX_BYTES:
+        raise TooLarge("bag", f"{size} bytes", f"at most {MAX_BYTES} bytes", where=where)
     found = []
     try:
         with AnyReader([Path(path)], default_typestore=_TYPES) as reader:
@@ -180,10 +186,14 @@ def _read(
             if promised == 0:
                 there = ", ".join(sorted(f"{line.topic} ({line.msgtype})" for line in reader.connections)) or "nothing"
                 raise error("topic", topic, f"one with messages of {' or '.join(readers)}; the bag has {there}", where=where)
+            if promised > MAX_MESSAGES:
+                raise TooLarge(f"messages on {topic}", promised, f"at most {MAX_MESSAGES}", where=where)
             for line, _, data in reader.messages(connections=lines):
                 found.append(readers[line.msgtype](reader.deserialize(data, line.msgtype)))
-    except (AnyReaderError, ReaderError, OSError) as fault:
-        raise error("bag", str(fault), "a readable bag of ROS 2", where=where) from None
+    except BadInput:
+        raise
+    except Exception as fault:  # what the library raises for spoilt bytes is of any type, MemoryError among them
+        raise error("bag", f"{type(fault).__name__}: {fault}"[:200], "a readable bag of ROS 2", where=where) from None
     if len(found) != promised:
         raise error(f"messages on {topic}", len(found), f"the {promised} of the bag's metadata", where=where)
     return found

@@ -231,7 +231,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
                 return None
             mount = self.transforms.pose(message.header.frame_id, settings.base_frame, stamp, settings.timeout)
             pose = frames.chain(frames.between(self.trail, stamp), mount)
-            points = off_the_map(read_points(message), pose, grid, settings.scan_clear)
+            points = off_the_map(read_points(message, settings.scan_valid), pose, grid, settings.scan_clear)
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return stamp, self.tracker.update(stamp, nameless(places))
 

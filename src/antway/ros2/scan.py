@@ -20,15 +20,22 @@ _ROUND = 0.03  # m; how far from a circle points may be that lie on it
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
 
 
-def read_points(message: Any) -> NDArray[np.float64]:
+def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
     """Return the points that a sensor_msgs/msg/LaserScan hit, float64[N, 2] in m in the laser's frame, in the beams' order.
 
     A range of -inf (too near to measure, REP 117) counts as range_min; NaN and what is out of range is no hit.
 
+    Parameters
+    ----------
+    message : sensor_msgs/msg/LaserScan
+    valid : float
+        Share of the beams that must have measured something, [0, 1], if only that nothing is in range: NaN and what is below
+        range_min are no measurements. A laser that is covered or broken does not say that the place is empty.
+
     Raises
     ------
     BadParameter
-        For numbers that are not finite, a step of 0 and an empty scan.
+        For numbers that are not finite, a step of 0, range_min above range_max, an empty scan and too few valid beams.
     """
     where = "LaserScan"
     start, step, near, far = (
@@ -39,6 +46,11 @@ def read_points(message: Any) -> NDArray[np.float64]:
         raise BadParameter("angle_increment", step, "not 0", where=where)
     if r.ndim != 1 or len(r) == 0:
         raise BadParameter("ranges.shape", r.shape, "(N,) with N > 0", where=where)
+    if not 0.0 <= near <= far:
+        raise BadParameter("range_min, range_max", (near, far), "0 <= range_min <= range_max (m)", where=where)
+    sound = float(((r >= near) | (r == -math.inf)).mean())
+    if sound < valid:
+        raise BadParameter("ranges", f"{100 * sound:.0f} % valid", f"valid in at least {100 * valid:g} % of beams", where=where)
     r = np.where(r == -math.inf, near, r)
     hit = (r >= near) & (r <= far)  # not where NaN
     r, angle = r[hit], (start + step * np.arange(len(r)))[hit]

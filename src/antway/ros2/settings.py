@@ -48,6 +48,7 @@ _OWN: dict[str, tuple[Any, str]] = {
     "obstacle_radius": (0.3, "m; of obstacles that come as a PoseArray."),
     "scan_gap": (0.3, "m; points of a laser scan that are further apart belong to two obstacles."),
     "scan_clear": (0.15, "m; points of a laser scan that are so near to the map's blocked cells belong to the map."),
+    "scan_valid": (0.2, "1; share of a laser scan's beams that must measure something, or that nothing is in range."),
     "scan_radius": (0.8, "m; an obstacle of a laser scan that does not fit into such a disc is cut."),
 }
 
@@ -88,6 +89,7 @@ class Settings:
     reader: Callable[[Any], Any] | None  # None for laser scans
     scan_gap: float
     scan_clear: float
+    scan_valid: float
     scan_radius: float
 
     @staticmethod
@@ -110,7 +112,14 @@ class Settings:
         place = Grid(np.zeros((1, 1), bool))
         named(lambda **options: Task(place, robot, (0.5, 0.5), (0.5, 0.5), **options), "task.", part("task."))
         own: dict[str, Any] = {
-            name: checks.number(name, values[name], low=0.0, open_low=True, unit=text.partition(";")[0])
+            name: checks.number(
+                name,
+                values[name],
+                low=0.0,
+                high=1.0 if name == "scan_valid" else math.inf,
+                open_low=True,
+                unit=text.partition(";")[0],
+            )
             for name, (default, text) in _OWN.items()
             if isinstance(default, float)
         }
