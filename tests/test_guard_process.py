@@ -134,7 +134,7 @@ def test_the_guard_ends_with_the_process_that_made_it() -> None:
     assert not os.path.exists(f"/proc/{pid}")
 
 
-@pytest.mark.parametrize("wrong", [{"patience": 0.0}, {"patience": 2.0}, {"emit": 3}, {"mode": "x"}, {"task": None}])
+@pytest.mark.parametrize("wrong", [{"deadline": 0.0}, {"deadline": 2.0}, {"emit": 3}, {"mode": "x"}, {"task": None}])
 def test_wrong_settings_raise(wrong: dict) -> None:
     """They are refused before a process starts, or end it."""
     with pytest.raises(BadInput):

@@ -37,6 +37,7 @@ ALLOWED = {
     "kernels/robot/reach.py reach": "the places that a robot can come to",
     "kernels/robot/reach.py reach_gap": "as reach",
     "kernels/robot/reach.py reach_gap_along": "as reach",
+    "web/server.py on_message_begin": "a name of httptools",
     "kernels/robot/guard.py reach": "as in kernels/robot/reach.py",
     "kernels/robot/guard.py within_reach": "as reach",
     "kernels/robot/guard.py gap_to_reach": "as reach",

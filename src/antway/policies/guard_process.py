@@ -116,7 +116,7 @@ class Link:
                 while True:
                     self.bell.recv(1)
 
-    def _begin(self, name: str) -> Any:
+    def _cleared(self, name: str) -> Any:
         view = self.views[name]
         view[-1] = -1.0
         view[0] = -1.0
@@ -130,7 +130,7 @@ class Link:
             raise TooLarge("tracks, pending", (n, pending), f"at most {MAX_TRACKS} and {_PENDING}")
         if t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
             raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
-        view, views = self._begin("observation"), self.views
+        view, views = self._cleared("observation"), self.views
         views["names"][:n] = t.id
         rows = views["tracks"]
         rows[:n, :2], rows[:n, 2:4], rows[:n, 4] = t.xy, t.velocity, t.radius
@@ -173,7 +173,7 @@ class Link:
 
     def ask(self, number: int, command: Command | None) -> None:
         """Write the command that the planner asks for in answer to that observation."""
-        view = self._begin("asked")
+        view = self._cleared("asked")
         pair = (0.0, 0.0) if command is None else command.velocity if command.twist is None else command.twist
         view[1:-1] = 0.0 if command is None else 1.0 if command.twist is None else 2.0, *pair
         view[-1] = view[0] = number
@@ -187,7 +187,7 @@ class Link:
 
     def reply(self, number: int, command: Command, did: str) -> None:
         """Write the guard's answer."""
-        view = self._begin("answer")
+        view = self._cleared("answer")
         v, omega = (math.nan, math.nan) if command.twist is None else command.twist
         view[1:-1] = *command.velocity, v, omega, DID.index(did), time.monotonic()
         view[-1] = view[0] = number
@@ -206,7 +206,7 @@ class GuardProcess:
     Parameters
     ----------
     task : Task
-    patience : float
+    deadline : float
         Share in (0, 1) of the control period after which a planner that has not answered an observation counts as gone.
     emit : str
         module:function that the guard's process calls with each command that passes, as a driver of motors would; it is called
@@ -223,9 +223,9 @@ class GuardProcess:
     The process asks for a higher priority where it may. It ends with this object, or with the process that made it.
     """
 
-    def __init__(self, task: Task, *, patience: float = 0.7, emit: str = "", **guard: Any) -> None:
+    def __init__(self, task: Task, *, deadline: float = 0.7, emit: str = "", **guard: Any) -> None:
         checks.instance("task", task, Task)
-        self.patience = checks.number("patience", patience, low=0.0, high=1.0, open_low=True)
+        self.deadline = checks.number("deadline", deadline, low=0.0, high=1.0, open_low=True)
         checks.instance("emit", emit, str)
         Guard(**guard)  # what it refuses is refused here
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
@@ -235,7 +235,7 @@ class GuardProcess:
         command = [sys.executable, "-c", "from antway.policies.guard_process import main; main()"]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         try:
-            self._tell((self.folder, self.patience, emit, guard, os.getpid()))
+            self._tell((self.folder, self.deadline, emit, guard, os.getpid()))
             self.reset(task)
         except BaseException:
             self.close()
@@ -308,8 +308,8 @@ def plan_for(folder: str, policy: Policy) -> None:
 class _Server:
     """The guard's process."""
 
-    def __init__(self, folder: str, patience: float, emit: str, options: dict[str, Any], parent: int) -> None:
-        self.link, self.guard, self.patience, self.parent = Link(folder, "guard"), Guard(**options), patience, parent
+    def __init__(self, folder: str, deadline: float, emit: str, options: dict[str, Any], parent: int) -> None:
+        self.link, self.guard, self.deadline, self.parent = Link(folder, "guard"), Guard(**options), deadline, parent
         self.emit = _function(emit)() if emit else None
         self.number, self.last = 0, 0.0  # of the last observation, and when it came
         self.seen: Observation | None = None
@@ -318,7 +318,7 @@ class _Server:
     def reset(self, task: Task) -> None:
         """Take up a task, with everything compiled that an answer needs."""
         self.guard.reset(task)
-        one = Tracks([0], [task.start], [(0.0, 0.0)], [0.1])
+        one = Tracks(np.zeros(1, np.int64), np.array([task.start]), np.zeros((1, 2)), np.full(1, 0.1))
         heading = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
         self.guard.limit(Observation(0.0, task.start, (0.0, 0.0), heading, one), Command((0.1, 0.0)))
         self.guard.reset(task)
@@ -342,7 +342,7 @@ class _Server:
             return
         self.last = time.monotonic()
         self.number, self.seen = found
-        until = self.last + self.patience * dt
+        until = self.last + self.deadline * dt
         done, command = self.link.asked(self.number)
         while not done and time.monotonic() < until:
             self.link.wait(until)
@@ -374,7 +374,7 @@ def main() -> None:
     """Be the guard's process: settings and tasks come on stdin, and "ready" goes out for each task."""
     with contextlib.suppress(OSError):
         os.nice(-10)
-    incoming, out = sys.stdin.buffer, os.dup(1)
+    incoming, out = open(0, "rb", closefd=False), os.dup(1)  # noqa: SIM115 - for as long as the process lives
     os.dup2(2, 1)  # what anything prints is no answer
     server = _Server(*pickle.load(incoming))
     while os.getppid() == server.parent:

@@ -63,7 +63,7 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
     """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuses one that is not finite or is tilted."""
-    x, y = _place(pose.position, where)
+    x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
         raise BadParameter("orientation", tuple(q), "a unit quaternion of a turn about z", where=where)
@@ -235,6 +235,7 @@ def read_twist(message: Any, heading: float) -> Command:
 
 def read_odometry(message: Any) -> tuple[float, XY, XY, float]:
     """Return (t, xy, velocity, heading) of a nav_msgs/msg/Odometry: s, m and rad in its frame, m/s turned into it."""
+    _place(message.pose.pose.position, "Odometry.pose")
     x, y, heading = read_pose(message.pose.pose, where="Odometry.pose")
     return seconds(message.header.stamp), (x, y), read_twist(message.twist.twist, heading).velocity, heading
 
@@ -248,6 +249,8 @@ def read_turn_rate(message: Any) -> float:
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
     """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m, nameless and of unknown velocity."""
     places = [read_pose(pose, where=f"PoseArray.poses[{i}]")[:2] for i, pose in enumerate(message.poses)]
+    for i, pose in enumerate(message.poses):
+        _place(pose.position, f"PoseArray.poses[{i}]")
     n = len(places)
     xy = np.array(places, np.float64).reshape(n, 2)
     return seconds(message.header.stamp), Tracks(np.full(n, -1, np.int64), xy, np.full((n, 2), math.nan), np.full(n, radius))
