@@ -1,9 +1,9 @@
 """Choose the options of the baselines by grid search, on episodes that no table counts.
 
-Run as `python benchmarks/tune.py [BASELINE ...]`. Every combination of a baseline's options plays the suite `synthetic`, one
-episode of each of its 18 groups, numbered from 10,000 on; the best quarter plays three more of each. The winner reached the
-goal most often and, among equals, in the least time over the clairvoyant optimum. Prints the best five and writes them to
-benchmarks/out/tune.json.
+Run as `python benchmarks/tune.py [--robot NAME] [BASELINE ...]`. Every combination of a baseline's options plays the suite
+`synthetic`, one episode of each of its 18 groups, numbered from 10,000 on; the best quarter plays three more. The winner
+reached the goal most often and, among equals, in the least time over the clairvoyant optimum. Prints the best five and writes
+them to benchmarks/out/tune.json.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from antway.arena.engines import Job, play
 from antway.arena.store import Row
-from antway.arena.suites import Episode, load_suite
+from antway.arena.suites import Episode, load_suite, robot_name
 from antway.arena.summary import Summary, summarise
 
 FIRST = 10_000  # number of the first episode; tables count from 0
@@ -31,18 +31,24 @@ GRIDS: dict[str, dict[str, tuple[object, ...]]] = {
     "dwa": {"dist": (0.5, 1.0, 2.0), "horizon": (2.0, 3.0), "margin": (0.1, 0.2)},
     "orca": {"horizon": (1.0, 2.0, 3.0, 5.0), "margin": (0.01, 0.05, 0.1, 0.2)},
 }
+ON_WHEELS: dict[str, dict[str, tuple[object, ...]]] = {
+    "mppi": {"temperature": (0.1, 0.3), "turn_noise": (0.25, 0.4), "margin": (0.08, 0.12)},
+    "dwa": {"dist": (1.0, 2.0), "aim": (0.7, 1.2), "margin": (0.1, 0.2)},
+    "nh-orca": {"horizon": (1.0, 2.0), "error": (0.1, 0.2), "turn_time": (0.35, 0.7)},
+}
 
 
-def tune(baseline: str) -> list[tuple[str, Summary]]:
+def tune(baseline: str, robot: str) -> list[tuple[str, Summary]]:
     """Return the candidates of the second round, best first."""
-    options = GRIDS[baseline]
+    options = (ON_WHEELS if robot else GRIDS)[baseline]
+    suite = f"synthetic on {robot_name(robot)}" if robot else "synthetic"
     specs = [f"{baseline}/" + "/".join(map("{}={}".format, options, values)) for values in product(*options.values())]
     rows: dict[str, list[Row]] = {spec: [] for spec in specs}
     for low, high, kept in ((0, 1, len(specs)), (1, 4, max(3, len(specs) // 4))):
         specs = sorted(specs, key=lambda spec: _score(rows[spec]))[:kept]
         for number in range(FIRST + low, FIRST + high):
             for group in load_suite("synthetic").groups:
-                episode = Episode("synthetic", "synthetic", group, number)
+                episode = Episode("synthetic", suite, group, number, robot)
                 for spec in specs:
                     rows[spec].append(play(Job(episode, spec))[0])
     return [(spec, summarise(rows[spec])[-1]) for spec in sorted(specs, key=lambda spec: _score(rows[spec]))]
@@ -56,14 +62,20 @@ def _score(rows: list[Row]) -> tuple[int, float]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("baselines", nargs="*", metavar="BASELINE", help=f"{', '.join(GRIDS)}; all of them without any")
-    wanted = parser.parse_args().baselines or list(GRIDS)
+    parser.add_argument("--robot", default="", help=f"a robot on wheels, for {', '.join(ON_WHEELS)}")
+    arguments = parser.parse_args()
+    wanted = arguments.baselines or list(ON_WHEELS if arguments.robot else GRIDS)
     out = Path(__file__).parent / "out" / "tune.json"
     found = json.loads(out.read_text()) if out.exists() else {}
     for baseline in wanted:
-        best = tune(baseline)[:5]
+        best = tune(baseline, arguments.robot)[:5]
         for spec, one in best:
             print(f"{spec}: {100 * one.success:.1f} % of {one.episodes}, {one.time_ratio:.3f} of the optimum", flush=True)
-        found[baseline] = {"best": best[0][0], "success": best[0][1].success, "time_ratio": best[0][1].time_ratio}
+        found[f"{baseline} {arguments.robot}".strip()] = {
+            "best": best[0][0],
+            "success": best[0][1].success,
+            "time_ratio": best[0][1].time_ratio,
+        }
         out.parent.mkdir(exist_ok=True)
         out.write_text(json.dumps(found, indent=1) + "\n")
 

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.kernels.baselines.dwa import roll_out
+from antway.kernels.baselines.dwa import roll_out, roll_out_twists
+from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
 from common import cases
 from crossing import crowd
 from naive import baselines as naive
 
+WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
 HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
 
 
@@ -63,28 +66,73 @@ def test_rollouts_obey_the_robots_own_limits() -> None:
     assert turning[2:] == pytest.approx((0.0, 4.0, 4.0))
 
 
+def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
+    """Against arcs driven exactly in steps of 5 ms: when a disc or a wall is touched, and where the robot is on the way."""
+    rng, blocked = np.random.default_rng(1), np.zeros((40, 40), dtype=bool)
+    blocked[:, 30:] = True
+    found = 0
+    for _ in range(cases(40, 1000)):
+        discs = np.column_stack((rng.uniform(1, 6, (3, 2)), rng.uniform(-0.6, 0.6, (3, 2)), np.full(3, 0.5)))
+        state = np.array([4.0, 4.0, rng.uniform(-3, 3), rng.uniform(0, 1), rng.uniform(-1, 1)])
+        twist, out = np.array([[rng.uniform(-0.3, 1.0), rng.uniform(-1.9, 1.9)]]), np.empty((1, 6))
+        roll_out_twists(
+            twist, state, WHEELS.limits, 0.1, 30, 10, blocked, np.array([0.0, 0.0, 0.2]),
+            discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy(), out,
+        )  # fmt: skip
+        now, touch, wall, after = tuple(state.tolist()), math.inf, math.inf, None
+        for i in range(600):
+            now = drive_cycle(*now, *twist[0].tolist(), WHEELS.limits, 0.005)
+            t = 0.005 * (i + 1)
+            after = now if i == 199 else after
+            if (np.hypot(*(discs[:, :2] + discs[:, 2:4] * t - now[:2]).T) < discs[:, 4]).any():
+                touch = min(touch, t)
+            if now[0] > 6.0 - WHEELS.radius or min(now[:2]) < WHEELS.radius or now[1] > 8.0 - WHEELS.radius:
+                wall = min(wall, t)
+        first = min(touch, wall)
+        if first > 1.01:
+            assert out[0, 3:] == pytest.approx(after[:3], abs=2e-3)
+        if out[0, 1] >= 0:
+            assert out[0, 0] == pytest.approx(touch, abs=0.03) or abs(touch - wall) < 0.15, (out, touch, wall)
+        elif math.isfinite(out[0, 0]):
+            assert out[0, 0] - 0.02 <= wall <= out[0, 0] + 0.12
+        else:
+            assert first == math.inf or first > 2.9
+        found += math.isfinite(out[0, 0])
+    assert found > 10
+
+
 @pytest.mark.parametrize(
     "robot",
     [
         RobotSpec(),
         RobotSpec(a_max=1.5),
         RobotSpec(drive="differential", a_max=2.0, turn_rate=1.5, dynamics="steps"),
+        WHEELS,
         RobotSpec(v_max=0.7),
     ],
 )
 def test_commands_keep_within_limits(robot: RobotSpec) -> None:
-    """In the step model that dwa plans by commands and changes of speed keep within limits, and no robot drives into a wall."""
+    """Commands and changes of speed keep within limits, and no robot drives into a wall."""
     for seed in range(cases(2, 30)):
         result = run(crowd(seed, robot=robot), "dwa", horizon=30.0)
         check_episode(result)
         trace = result.trace
-        assert np.hypot(*trace.command.T).max() <= robot.v_max * (1 + 1e-12)
+        twists = robot.wheels and not robot.stepwise
+        speed = np.abs(trace.command[:, 0]) if twists else np.hypot(*trace.command.T)
+        assert speed.max() <= robot.v_max * (1 + 1e-12)
         assert np.hypot(*np.diff(trace.velocity, axis=0).T).max() <= robot.a_max * robot.dt + 1e-9 or robot.drive != "holonomic"
         assert result.outcome.value != "hit-wall"
 
 
 @pytest.mark.parametrize(
-    "robot", [RobotSpec(), RobotSpec(a_max=1.5), RobotSpec(drive="differential", a_max=2.0, dynamics="steps")]
+    "robot",
+    [
+        RobotSpec(),
+        RobotSpec(a_max=1.5),
+        RobotSpec(drive="differential", a_max=2.0, dynamics="steps"),
+        WHEELS,
+        replace(WHEELS, latency=0.15),
+    ],
 )
 def test_it_arrives_past_what_crosses(robot: RobotSpec) -> None:
     """Seeds of a disc that goes up and down across the way; same seed, same bytes."""
@@ -124,6 +172,14 @@ def test_it_goes_round_a_dead_end() -> None:
 
 def test_wrong_options_are_refused() -> None:
     """Typed errors name the option."""
-    for wrong in ({"heading": -1.0}, {"horizon": 0.0}, {"directions": 2}, {"speeds": 1.5}, {"margin": math.nan}):
+    for wrong in (
+        {"heading": -1.0},
+        {"horizon": 0.0},
+        {"directions": 2},
+        {"speeds": 1.5},
+        {"turns": 1},
+        {"aim": 0.0},
+        {"margin": math.nan},
+    ):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("dwa", **wrong)

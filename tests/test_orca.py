@@ -10,7 +10,8 @@ import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.arena.suites import build, episodes
-from antway.baselines.orca import outlines
+from antway.baselines.orca import outlines, tracked
+from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle
@@ -88,6 +89,29 @@ def test_it_keeps_off_walls_and_arrives() -> None:
     results = [run(hall(disc), mind, seed=1) for mind in (policy, make_policy("orca"))]
     check_episode(results[0])
     assert results[0].reached and results[0].trace.digest() == results[1].trace.digest()
+
+
+def test_wheels_track_a_velocity_no_farther_off_than_the_error() -> None:
+    """Integrated: wheels whose twist changes at once are within the error of where the slowed velocity leads."""
+    limits = RobotSpec(drive="differential", v_max=2.0, turn_rate=20.0).limits
+    for angle in np.linspace(-math.pi / 2, math.pi / 2, 13).tolist():
+        for time in (0.3, 0.8):
+            v, omega = tracked(1.0, angle, time, 0.1)
+            x, y, theta, _, _ = drive_cycle(0.0, 0.0, 0.0, 0.0, 0.0, v, omega, limits, time)
+            assert theta == pytest.approx(angle, abs=1e-9)
+            off = min(math.hypot(x - s * math.cos(angle), y - s * math.sin(angle)) for s in np.linspace(0.0, time, 400))
+            assert off <= 0.1 + 1e-3 and v <= 1.0 + 1e-9
+
+
+def test_on_wheels_it_arrives() -> None:
+    """With ramps and slow steering, past a disc that crosses; the same seed gives the same bytes."""
+    wheels = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
+    disc = Obstacle(0.3, BackAndForth((10.0, 3.0), (10.0, 9.0), (0.3, 0.5), (0.0, 1.0)))
+    results = [run(hall(disc, robot=wheels), "nh-orca", seed=1) for _ in range(2)]
+    check_episode(results[0])
+    assert results[0].reached and results[0].trace.digest() == results[1].trace.digest()
+    with pytest.raises(BadParameter, match="error"):
+        make_policy("nh-orca", error=0.0)
 
 
 def test_unseen_it_fails_as_published() -> None:

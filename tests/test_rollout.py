@@ -11,6 +11,7 @@ import pytest
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, run
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.colony import forage, shift
+from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, beyond_walls, judge, wall_distance
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
@@ -33,7 +34,7 @@ def _task(robot: RobotSpec) -> Task:
 def _colony(robot: RobotSpec, seed: int = 3) -> ControlColony:
     task = _task(robot)
     context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
-    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, guarded=True)
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, swerve=0.1)
     colony.state[:] = 1.1, 4.1, 0.3, 0.4, 0.2
     return colony
 
@@ -153,6 +154,42 @@ def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> 
     before = a.sequence[a.order[0]].copy()
     shift(a)
     assert (a.sequence[a.order[0], :-1] == before[1:]).all()
+
+
+@pytest.mark.parametrize("search", ["mppi", "cem", "random"])
+def test_what_ants_are_compared_with_spends_the_same_rollouts(search: str) -> None:
+    """Each keeps one sequence, judged truly; the mean of the elite or by weights is that of what was drawn."""
+    task = _task(WHEELS)
+    context = make_context(task.grid, WHEELS, task.grid.cell_at(task.goal))
+    options = ControlOptions(search=search, rounds=1, ants=50)
+    colony = ControlColony(options, task, context.field.reshape(task.grid.shape), 3, swerve=None)
+    colony.state[:] = 1.1, 4.1, 0.3, 0.4, 0.2
+    a, how = colony.archive, colony.averaging
+    assert how is not None
+    known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
+    before = math.inf
+    for _ in range(3):
+        cost = (restart if search == "random" else average)(a, colony.settings, how, *known, colony.random)
+        kept = a.sequence[a.order[0]]
+        assert a.used[0] == 1
+        assert cost == pytest.approx(judge(kept, *known, math.inf, np.empty((0, 2))))
+        if search == "random":
+            assert cost <= before + 1e-9
+            before = cost
+            continue
+        assert how.cost[0] == judge(how.drawn[0], *known, math.inf, np.empty((0, 2)))
+        share = np.exp(-(how.cost - how.cost.min()) / how.temperature)
+        if search == "cem":
+            share = (np.argsort(np.argsort(how.cost)) < how.elite).astype(float)
+        assert kept == pytest.approx(np.tensordot(share / share.sum(), how.drawn, 1), abs=1e-9)
+
+
+def test_a_mean_drives_as_well() -> None:
+    """With the options of the comparison a robot on wheels arrives, too."""
+    task = _task(WHEELS)
+    for search in ("mppi", "cem", "random"):
+        policy = AntwayPolicy(controls=ControlOptions(search=search))
+        assert run(Scenario(World(task.grid), task.start, task.goal, robot=WHEELS), policy, seed=1).reached
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])

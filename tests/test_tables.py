@@ -41,7 +41,7 @@ def test_every_name_is_found_and_described(kind: str) -> None:
     assert list(ABOUT[kind]) == list(TABLES[kind])
     for target in TABLES[kind].values():
         module, _, attribute = target.partition(":")
-        if attribute != "Orca":  # needs a package that is not always there
+        if "Orca" not in attribute:  # needs a package that is not always there
             assert callable(getattr(importlib.import_module(module), attribute))
 
 

@@ -29,7 +29,9 @@ POLICIES: dict[str, str] = {
     "neural": "antway.baselines.neural:Neural",
     "glasius": "antway.baselines.neural:Glasius",
     "dwa": "antway.baselines.dwa:Dwa",
+    "mppi": "antway.baselines.mppi:Mppi",
     "orca": "antway.baselines.orca:Orca",
+    "nh-orca": "antway.baselines.orca:NhOrca",
     "oracle": "antway.baselines.oracle:Oracle",
 }
 
@@ -79,7 +81,9 @@ ABOUT: dict[str, dict[str, str]] = {  # what each name means, for docs/guide.md
         "neural": "climbs the activity of a shunting neural network over the grid",
         "glasius": "climbs the activity of Glasius' neural network over the grid",
         "dwa": "the dynamic window approach: the best of the velocities that can be reached",
+        "mppi": "model predictive path integral control on the robot's own dynamics",
         "orca": "optimal reciprocal collision avoidance (needs pyrvo)",
+        "nh-orca": "the same for wheels, which track what it finds (needs pyrvo)",
         "oracle": "knows the future and drives the optimum",
     },
     "suites": {

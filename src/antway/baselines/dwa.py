@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, now
-from antway.kernels.baselines.dwa import roll_out
+from antway.kernels.baselines.dwa import roll_out, roll_out_twists
 
 from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
+from antway.world.rollouts import RobotState, acting, commanded
 
 
 class Dwa(Follow):
@@ -23,7 +24,8 @@ class Dwa(Follow):
     obstacle keeps its velocity. It is allowed if the robot can still stop before the first contact. Of these the one is taken
     with the largest sum of `heading` (1 - angle to the target / pi, after one period), `dist` (time of the first contact, as a
     share of the horizon) and `vel` (speed / v_max); the target is the farthest point of the global path in sight. With none
-    admissible contact is put off as long as can be.
+    admissible contact is put off as long as can be. Candidates of wheels with ramps are the twists in the window that can be
+    reached within a period, and their angle to the target is taken after `aim` s.
 
     Parameters
     ----------
@@ -37,12 +39,16 @@ class Dwa(Follow):
         Of the candidates: so many directions, >= 3, and speeds up to v_max, >= 1.
     margin : float
         Room kept round obstacles, m, >= 0.
+    turns : int
+        Of the candidates of wheels with ramps: so many turn rates, >= 2, for each of `speeds` + 1 speeds.
+    aim : float
+        s, > 0.
 
     Notes
     -----
     Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, IEEE Robotics & Automation Magazine 4(1), 1997.
-    There a candidate is an arc of given speed and turn rate; here it is a command, which for a differential drive begins such
-    an arc. Obstacles stand still there, and the weights are 2, 0.2 and 0.2, which leave this robot standing before corners.
+    There a candidate is an arc of given speed and turn rate, as here for wheels with ramps; for other robots it is a command.
+    Obstacles stand still there, and the weights are 2, 0.2 and 0.2, which leave this robot standing before corners.
     """
 
     def __init__(
@@ -56,6 +62,8 @@ class Dwa(Follow):
         directions: int = 36,
         speeds: int = 4,
         margin: float = 0.2,
+        turns: int = 11,
+        aim: float = 1.0,
     ) -> None:
         self.heading = checks.number("heading", heading, low=0.0)
         self.dist = checks.number("dist", dist, low=0.0)
@@ -65,6 +73,8 @@ class Dwa(Follow):
         self.directions = checks.integer("directions", directions, low=3, high=3600)
         self.speeds = checks.integer("speeds", speeds, low=1, high=100)
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        self.turns = checks.integer("turns", turns, low=2, high=1000)
+        self.aim = checks.number("aim", aim, low=0.0, open_low=True, unit="s")
 
     def reset(self, task: Task, seed: int) -> None:
         """Lay out the candidates."""
@@ -76,6 +86,7 @@ class Dwa(Follow):
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
         self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
         self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
+        self.rolls = robot.wheels and not robot.stepwise
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
@@ -85,17 +96,23 @@ class Dwa(Follow):
             self.decide("stuck", "the map has no path for this robot")
             return STOP
         target = look_ahead(self.task, o, path, self.look_ahead)
-        commands = self._candidates(o, target)
-        ends = self._ends(o, commands)
+        if self.rolls:
+            late, seen, state = acting(o, robot)
+            commands = self._window(state)
+            ends = self._rolled(o, late, state, commands)
+        else:
+            late, seen, commands = 0.0, o, self._candidates(o, target)
+            ends = self._ends(o, commands)
         free = np.minimum(ends[:, 0], self.horizon)
-        admissible = free > robot.dt + ends[:, 2] / (2 * robot.a_max)
+        admissible = free > late + robot.dt + np.abs(ends[:, 2]) / (2 * robot.braking)
         if not admissible.any():
             best = int(np.argmax(free))
             self.decide("brake", "no velocity is safe: contact is put off as long as can be")
         else:
-            best = int(np.argmax(np.where(admissible, self._value(o, target, ends, free), -math.inf)))
+            best = int(np.argmax(np.where(admissible, self._value(seen, target, ends, free), -math.inf)))
             self.decide("follow", "the best velocity in the window")
-        return Command((float(commands[best, 0]), float(commands[best, 1])))
+        one, two = commands[best].tolist()
+        return commanded(one, two, o.heading, robot) if self.rolls else Command((one, two))
 
     def _candidates(self, o: Observation, target: XY) -> NDArray[np.float64]:
         """Return the commands: rest, all directions and speeds, and straight to the target."""
@@ -104,6 +121,32 @@ class Dwa(Follow):
         there = speed * np.exp(1j * math.atan2(dy, dx))
         every = np.concatenate(([0.0], self.circles, there * np.arange(1, self.speeds + 1) / self.speeds))
         return np.column_stack((every.real, every.imag))
+
+    def _window(self, state: RobotState) -> NDArray[np.float64]:
+        """Return the twists that can be reached within a period, and those that stop."""
+        robot, (v, w) = self.task.robot, state[3:]
+        gain, loss, spin = robot.a_max * robot.dt, robot.braking * robot.dt, robot.alpha_max * robot.dt
+        low = max(v - (loss if v > 0.0 else gain), -robot.v_reverse)
+        high = min(v + (gain if v >= 0.0 else loss), robot.v_max)
+        speed = np.linspace(low, max(low, high), self.speeds + 1)
+        turn = np.linspace(max(w - spin, -robot.turn_rate), min(w + spin, robot.turn_rate), self.turns)
+        grid = np.column_stack((np.repeat(speed, self.turns), np.tile(turn, len(speed))))
+        stop = min(max(0.0, low), high)
+        return np.vstack((np.column_stack((np.full(self.turns, stop), turn)), grid))
+
+    def _rolled(self, o: Observation, late: float, state: RobotState, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+        robot, (xy, velocity) = self.task.robot, now(o)
+        xy = xy + late * velocity
+        body = o.tracks.radius + robot.radius
+        gap = np.hypot(xy[:, 0] - state[0], xy[:, 1] - state[1]) - body
+        contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)
+        ends = np.empty((len(commands), 6))
+        aim = max(math.ceil(self.aim / robot.dt - 1e-9), 1)
+        roll_out_twists(
+            commands, np.array(state), robot.limits, robot.dt, max(self.periods, aim), aim,
+            self.task.grid.blocked, self.frame, xy, velocity, contact_radius, ends,
+        )  # fmt: skip
+        return ends
 
     def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
         robot, grid = self.task.robot, self.task.grid
@@ -119,9 +162,11 @@ class Dwa(Follow):
         return ends
 
     def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
-        moved = ends[:, 3:] - o.xy
+        moved = ends[:, 3:5] - o.xy
         direction = np.where(ends[:, 2] > 0.0, np.arctan2(moved[:, 1], moved[:, 0]), o.heading)
-        ahead = np.subtract(target, ends[:, 3:])
+        if self.rolls:
+            direction = ends[:, 5]
+        ahead = np.subtract(target, ends[:, 3:5])
         off = np.abs((direction - np.arctan2(ahead[:, 1], ahead[:, 0]) + math.pi) % (2 * math.pi) - math.pi)
         speed = ends[:, 2] / self.task.robot.v_max
         value: NDArray[np.float64] = self.heading * (1 - off / math.pi) + self.dist * free / self.horizon + self.vel * speed

@@ -1,4 +1,4 @@
-"""Policy `orca`: optimal reciprocal collision avoidance, by RVO2."""
+"""Policies `orca` and `nh-orca`: optimal reciprocal collision avoidance, by RVO2, and what wheels can track of it."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from antway.grid import Grid
 
 from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
+from antway.world.rollouts import commanded
 
 AWAY = 1e6  # m; where agents stand that no track is given to
 
@@ -105,6 +106,72 @@ class Orca(Follow):
         self.mind.set_agent_velocity(k, velocity)
         self.mind.set_agent_radius(k, radius + self.margin)
         self.mind.set_agent_pref_velocity(k, preferred)
+
+
+class NhOrca(Orca):
+    """Do as `orca` with a wider robot, and track the velocity found with wheels, no farther off it than it is wider.
+
+    Within T s wheels turn into the direction of a velocity at constant turn rate; how far they get off it meanwhile grows with
+    the angle and the speed, so the speed is held back for `error`. T is the shortest that the limit of the turn rate allows.
+
+    Parameters
+    ----------
+    error : float
+        m, > 0; by so much the robot is wider.
+    turn_time : float
+        Least T, s, > 0.
+    horizon, wall_horizon, margin, look_ahead : float
+        As in `orca`.
+
+    Notes
+    -----
+    Alonso-Mora, Breitenmoser, Rufli, Beardsley, Siegwart: Optimal reciprocal collision avoidance for multiple non-holonomic
+    robots, DARS 2010, eqs. 3 to 7; the set of allowed velocities is kept by slowing down what the linear program finds.
+    """
+
+    def __init__(
+        self,
+        *,
+        error: float = 0.1,
+        turn_time: float = 0.35,
+        horizon: float = 2.0,
+        wall_horizon: float = 0.5,
+        margin: float = 0.01,
+        look_ahead: float = 2.0,
+    ) -> None:
+        self.error = checks.number("error", error, low=0.0, open_low=True, unit="m")
+        self.turn_time = checks.number("turn_time", turn_time, low=0.0, open_low=True, unit="s")
+        margin = checks.number("margin", margin, low=0.0, unit="m")
+        super().__init__(horizon=horizon, wall_horizon=wall_horizon, margin=margin + self.error, look_ahead=look_ahead)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        command, robot = super().act(observation), self.task.robot
+        speed = math.hypot(*command.velocity)
+        if not robot.wheels or speed < 1e-6:
+            return command
+        angle = math.remainder(math.atan2(command.velocity[1], command.velocity[0]) - observation.heading, 2.0 * math.pi)
+        v, omega = tracked(speed, angle, max(self.turn_time, abs(angle) / robot.turn_rate), self.error)
+        return commanded(min(v, robot.v_max), omega, observation.heading, robot)
+
+
+def tracked(speed: float, angle: float, time: float, error: float) -> XY:
+    """Return the twist (v, omega) of wheels that track a velocity of `speed` m/s, `angle` rad off their heading, in `time` s.
+
+    With c = 2 (1 - cos angle): v = speed angle sin(angle) / c, and the place is off by time speed sqrt(1 - sin^2(angle) / c),
+    which slower speeds keep at most at `error` m. Beyond a right angle it turns in place.
+
+    Examples
+    --------
+    >>> tracked(1.0, 0.0, 0.5, 0.1)
+    (1.0, 0.0)
+    """
+    c = 2.0 * (1.0 - math.cos(angle))
+    if c < 1e-12:
+        return speed, 0.0
+    off = time * math.sqrt(max(1.0 - math.sin(angle) ** 2 / c, 0.0))
+    speed = min(speed, error / off) if off > 0.0 else speed
+    return max(speed * angle * math.sin(angle) / c, 0.0), angle / time
 
 
 def outlines(grid: Grid) -> list[list[XY]]:

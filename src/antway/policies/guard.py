@@ -11,10 +11,22 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.brake import Robot, fallback, first_certified, passed_command, when_it_acts
+from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.cycle import Body
-from antway.kernels.robot.guard import BRAKED, STOPPING_TIME, TABLE_COLUMNS, Rules, fault, guarded, within_reach
+from antway.kernels.robot.guard import (
+    BRAKED,
+    FREE,
+    LEAST_HARM,
+    STOPPING_TIME,
+    TABLE_COLUMNS,
+    Rules,
+    fault,
+    guarded,
+    within_reach,
+)
+from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes, when_it_acts
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, split_at_walls
+from antway.kernels.robot.sweep import Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of
@@ -71,9 +83,14 @@ def check_observation(o: Observation) -> Observation:
 def assumed_accel(task: Task, mode: str) -> float:
     """Return the bound on changes of velocity, m/s^2, that a plan goes by: in mode "least-harm" people's, else none.
 
-    For robots with inertia, whose manoeuvres are certified, there is none here in any mode.
+    Of robots with inertia the space-time search keeps none: it only leads the colony in the space of controls.
     """
     return PEOPLE_ACCEL if mode != "strict" and task.robot.stepwise else math.inf
+
+
+def assumed_swerve(task: Task, mode: str) -> float:
+    """Return the bound on changes of velocity, m/s^2, that manoeuvres are certified by: the declared, or people's if less."""
+    return float(task.obstacle_swerve) if mode == "strict" else min(float(task.obstacle_swerve), PEOPLE_ACCEL)
 
 
 class Guard:
@@ -93,7 +110,7 @@ class Guard:
     mode : str
         "strict": what is not certain does not pass. "least-harm": obstacles are taken to change their velocity by no more than
         people do, and where no command is certain the one passes whose predicted contact is least likely, latest and slowest,
-        moving or not.
+        moving or not. Walls are certain in both: no command passes after which a robot with inertia could touch one.
 
     Notes
     -----
@@ -115,8 +132,8 @@ class Guard:
         """Prepare for `task`."""
         robot, self.task, self.terrain = task.robot, task, terrain_of(task.grid)
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential"), robot.radius])
-        self.dynamic = None if robot.stepwise else _Dynamic(task)
         strict = self.mode == "strict"
+        self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode)
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
         declared = task.obstacle_speed, task.obstacle_surge, assumed_accel(task, self.mode)
         self.bounds = np.array([*declared, 0.0, 0.0, float(strict or not robot.stepwise)])
@@ -197,20 +214,28 @@ class Guard:
             return self.tracks[:n]
         rows = np.empty((2 * n, 8))
         rows[:n] = self.tracks[:n]
-        rows[:n, ACCEL] = np.where(rows[:n, AGE] < 1e-9, swerve, math.inf)  # what is not seen now may go anywhere
-        n = split_at_walls(rows, n, self.walls, stopping)
-        return rows[:n]
+        return rows[: _bounded(rows, n, rows[:n, AGE] < 1e-9, swerve, self.walls, stopping)]
+
+
+def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve: float, walls: Walls, stopping: float) -> int:
+    """Bound the change of velocity of those of `n` rows that are `seen` now; returns how many rows there are then.
+
+    Each that could meet a wall within `stopping` s gets a second row, for what it may do from there on. What is not seen now
+    may go anywhere with its speed.
+    """
+    rows[:n, ACCEL] = np.where(seen, swerve, math.inf)
+    return split_at_walls(rows, n, walls, stopping)
 
 
 class _Dynamic:
     """The guard's part for robots with inertia, wheels, latency or a footprint."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: Task, mode: str) -> None:
         robot = self.robot = task.robot
-        self.acceleration = float(task.obstacle_swerve)
+        self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
         self.late = math.ceil(robot.latency / robot.dt - 1e-9)
         body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
-        self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN)
+        self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN, self.strict)
         self.keep = np.array([0.0, 0.0, -1.0])
         self.sent = np.zeros((self.late, 2))
         self.rows = np.empty((128, 8)), np.empty((128, 8))
@@ -240,12 +265,17 @@ class _Dynamic:
         known[:] = tracks
         known[:, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
         known[:, ACCEL], known[:, AGE] = math.inf, 0.0
-        if o.tracks.covariance is None and self.acceleration < math.inf:
-            # what is not seen now, or not exactly, may go anywhere
-            known[late < 1e-9, ACCEL] = self.acceleration
-            n = split_at_walls(rows, n, self.record.walls, self.stopping)
+        if o.tracks.covariance is None and self.swerve < math.inf:
+            n = _bounded(rows, n, late < 1e-9, self.swerve, self.record.walls, self.stopping)
         pending = self.sent if o.pending is None else o.pending
         state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
+        if len(asked) > 1 and not self.strict:
+            # The policy weighed contacts itself, so that a stop would not be better than its best: walls alone bind it.
+            one, two = asked[first_certified(*state, asked, rows[:0], near, self.record, self.keep)].tolist()
+            one, two, did = passed_command(*state, one, two, rows[:0], near, self.record, 0.0, self.keep)
+            if did == FREE and not passes(*state, one, two, rows[:n], near, self.record, self.keep):
+                did = LEAST_HARM
+            return self._command(o, one, two), did
         if len(asked) > 1:
             asked = asked[first_certified(*state, asked, rows[:n], near, self.record, self.keep) :]
         one, two = asked[0].tolist()

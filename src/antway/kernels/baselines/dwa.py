@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import RobotLimits
 from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.motion import drive_roughly
 
 
 @kernel
@@ -66,6 +68,64 @@ def roll_out(
             x, y = x + vx * dt, y + vy * dt
             if i == 0:
                 out[c, 2], out[c, 3], out[c, 4] = math.hypot(vx, vy), x, y
+            if contact < math.inf:
+                break
+        out[c, 0], out[c, 1] = contact, obstacle
+
+
+@kernel
+def roll_out_twists(
+    candidates: NDArray[np.float64],
+    state: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    steps: int,
+    aim: int,
+    blocked: NDArray[np.bool_],
+    frame: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    contact_radius: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Drive each candidate twist for `steps` control periods, or to the first contact, by the dynamics of wheels with ramps.
+
+    Parameters
+    ----------
+    candidates : float64[C, 2]
+        Speed in m/s, negative in reverse, and turn rate in rad/s.
+    state : float64[5]
+        x, y, heading, speed and turn rate of the robot.
+    limits : RobotLimits
+    aim : int
+        After so many periods, >= 1, place and heading are told.
+    dt, steps, blocked, frame, xy, velocity, contact_radius
+        As in `roll_out`. Within a period the robot's place goes along the chord of its arc.
+    out : float64[C, 6]
+        For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
+        wall or none), speed at the end of the first period, and x, y and heading after `aim` periods, or where it stopped.
+    """
+    size = frame[2]
+    for c in range(len(candidates)):
+        x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
+        contact, obstacle = math.inf, -1
+        for i in range(steps):
+            x1, y1, theta, a, b = drive_roughly(x, y, theta, a, b, candidates[c, 0], candidates[c, 1], limits, dt)
+            t, vx, vy = i * dt, (x1 - x) / dt, (y1 - y) / dt
+            for k in range(len(contact_radius)):
+                px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
+                hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, contact_radius[k], dt)
+                if t + hit < contact:
+                    contact, obstacle = t + hit, k
+            row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
+            to_row, to_col = (y1 - frame[1]) / size - 0.5, (x1 - frame[0]) / size - 0.5
+            if contact > t and segment_hits_cells(blocked, row, col, to_row, to_col, limits.radius / size, True):
+                contact, obstacle = t, -1
+            x, y = x1, y1
+            if i == 0:
+                out[c, 2] = a
+            if i < aim:
+                out[c, 3], out[c, 4], out[c, 5] = x, y, theta
             if contact < math.inf:
                 break
         out[c, 0], out[c, 1] = contact, obstacle

@@ -140,7 +140,7 @@ def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: S
 
 
 @inner_kernel
-def _take(
+def take(
     archive: Archive,
     block: int,
     start: NDArray[np.float64],
@@ -152,6 +152,37 @@ def _take(
 ) -> None:
     """Judge the ant, and take it in if it is good enough."""
     insert(archive, judge(archive.ant, start, limits, dt, field, outlook, weights, worst(archive), archive.nothing), block)
+
+
+@inner_kernel
+def take_seeds(
+    archive: Archive,
+    block: int,
+    start: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    weights: CostWeights,
+) -> None:
+    """Judge the sequences to begin with: turn and go, reverse, stop, down the field, along the plan."""
+    for i in range(28 + 8):
+        if i < 24:
+            speed = limits.v_max if i % 2 == 0 else 0.5 * limits.v_max
+            turn_and_go(archive.ant, start, limits, dt, start[HEADING] + (i // 2) * math.pi / 6.0, speed)
+        elif i < 27:
+            if limits.drive == HOLONOMIC or limits.v_reverse == 0.0:
+                continue
+            turn_and_go(archive.ant, start, limits, dt, start[HEADING] + math.pi + (i - 25) * 0.5, -limits.v_reverse)
+        elif i == 27:
+            archive.ant[:] = 0.0
+        elif i < 30:
+            downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max)
+        elif outlook.plan[0, 2] > -math.inf:
+            along_plan(archive.ant, start, limits, dt, outlook, 3 if i < 33 else 6, 4 * (i % 3))
+        else:
+            continue
+        take(archive, block, start, limits, dt, field, outlook, weights)
 
 
 @kernel
@@ -176,29 +207,13 @@ def forage(
     block = colony.block
     for i in range(n):
         archive.ant[:] = kept[before[i]]
-        _take(archive, block, start, limits, dt, field, outlook, weights)
-    for i in range(28 + 8):
-        if i < 24:
-            speed = limits.v_max if i % 2 == 0 else 0.5 * limits.v_max
-            turn_and_go(archive.ant, start, limits, dt, start[HEADING] + (i // 2) * math.pi / 6.0, speed)
-        elif i < 27:
-            if limits.drive == HOLONOMIC or limits.v_reverse == 0.0:
-                continue
-            turn_and_go(archive.ant, start, limits, dt, start[HEADING] + math.pi + (i - 25) * 0.5, -limits.v_reverse)
-        elif i == 27:
-            archive.ant[:] = 0.0
-        elif i < 30:
-            downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max)
-        elif outlook.plan[0, 2] > -math.inf:
-            along_plan(archive.ant, start, limits, dt, outlook, 3 if i < 33 else 6, 4 * (i % 3))
-        else:
-            continue
-        _take(archive, block, start, limits, dt, field, outlook, weights)
+        take(archive, block, start, limits, dt, field, outlook, weights)
+    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
     for _ in range(colony.rounds):
         for i in range(archive.used[0]):
             _spread(archive, i, block)
         for _ in range(colony.ants):
             draw(archive, colony, limits, state)
-            _take(archive, block, start, limits, dt, field, outlook, weights)
+            take(archive, block, start, limits, dt, field, outlook, weights)
     best: float = archive.cost[archive.order[0]]
     return best

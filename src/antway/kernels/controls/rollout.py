@@ -35,6 +35,15 @@ class Outlook(NamedTuple):
     plan: NDArray[np.float64]  # [S, 3] x, y of a plan in space and time, m, and how long it still takes from there, s
 
 
+class Margins(NamedTuple):
+    """What is kept clear round obstacles."""
+
+    margin: float  # m, added to the contact radius
+    wished: float  # m, wished for beyond
+    spread: float  # so many standard deviations of a place are added to the contact radius
+    until: float  # s; the deviation grows no further
+
+
 class CostWeights(NamedTuple):
     """What a rollout costs, in seconds."""
 
@@ -226,13 +235,13 @@ def judge(
 @kernel
 def look_ahead(
     segments: NDArray[np.float64],
+    sigma: NDArray[np.float64],
     now: float,
     dt: float,
     state: NDArray[np.float64],
     v_max: float,
     braking: float,
-    margin: float,
-    wished: float,
+    margins: Margins,
     speed_bound: float,
     growth: float,
     outlook: Outlook,
@@ -242,21 +251,26 @@ def look_ahead(
     Parameters
     ----------
     segments : float64[P, 8]
+        Those of one obstacle after those of another, each in the order of time.
+    sigma : float64[K, 2]
+        Standard deviations of each obstacle's place (m) and velocity (m/s).
     now, dt : float
         s; step k ends at now + (k + 1) dt.
     state : float64[5]
         Of the robot.
     v_max, braking : float
         Its top speed, m/s, and the time from the end of a step until it can stand, s.
-    margin, wished : float
-        Added to the contact radius, and wished for beyond, m.
+    margins : Margins
     speed_bound, growth : float
         No obstacle is faster, nor faster than now by more than `growth`, m/s.
     """
     steps, size = len(outlook.near), outlook.disc.shape[1]
     outlook.near[:] = 0
+    obstacle = -1
     for p in range(len(segments)):
         t0, t1 = segments[p, 0], segments[p, 1]
+        if p == 0 or t0 < segments[p - 1, 1]:
+            obstacle += 1
         speed = min(math.hypot(segments[p, 4], segments[p, 5]) + growth, speed_bound)
         turns = p + 1 < len(segments) and segments[p + 1, 0] == t1
         turns = turns and (segments[p + 1, 4] != segments[p, 4] or segments[p + 1, 5] != segments[p, 5])
@@ -267,12 +281,19 @@ def look_ahead(
             if t < t0 - 1e-9:
                 continue
             x, y = segments[p, 2] + segments[p, 4] * (t - t0), segments[p, 3] + segments[p, 5] * (t - t0)
-            contact = segments[p, 6] + margin
-            far = contact + max(wished, speed * braking + 0.5 * v_max * braking) + v_max * (k + 1) * dt + 0.01
+            grown = sigma[obstacle, 1] * min(t - now, margins.until)
+            contact = segments[p, 6] + margins.margin + margins.spread * math.sqrt(sigma[obstacle, 0] ** 2 + grown * grown)
+            far = contact + max(margins.wished, speed * braking + 0.5 * v_max * braking) + v_max * (k + 1) * dt + 0.01
             dx, dy = x - state[SX], y - state[SY]
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:
                 row = outlook.disc[k, outlook.near[k]]
-                row[CENTRE_X], row[CENTRE_Y], row[CONTACT], row[WISHED], row[SPEED] = x, y, contact, contact + wished, speed
+                row[CENTRE_X], row[CENTRE_Y], row[CONTACT], row[WISHED], row[SPEED] = (
+                    x,
+                    y,
+                    contact,
+                    contact + margins.wished,
+                    speed,
+                )
                 row[VX], row[VY] = segments[p, 4], segments[p, 5]
                 row[STRAIGHT] = t1 - t if turns else math.inf
                 outlook.near[k] += 1

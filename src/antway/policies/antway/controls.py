@@ -3,38 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.grid import Grid
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
-from antway.kernels.controls.rollout import (
-    CostWeights,
-    Outlook,
-    StaticField,
-    beyond_walls,
-    judge,
-    look_ahead,
-    spread_plan,
-    wall_distance,
-)
-from antway.kernels.robot.motion import delayed
+from antway.kernels.controls.others import Averaging, average, restart
+from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
 from antway.planning import TimedPath
-from antway.world.policy import XY, Command, Observation, Task
+from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
+from antway.world.rollouts import RobotState, commanded, finite_limits, static_field
 
-_NODE = 0.05  # m; distances to walls are exact at nodes no farther apart
-_NODES = 4_000_000  # at most
-_LAYERS = 4  # cells by which the time to the goal is continued into walls
 _DISCS = 64  # at most, near one another at one time
 _ALIKE = 0.3  # m; paths no farther apart are one
-_FAST = 1e3  # m/s^2, rad/s^2: as good as at once
-
-RobotState = tuple[float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +39,19 @@ class ControlOptions:
         Weight of the time to go at each step; s for each m off the plan; by how much s the plan's arrival may be bettered.
     margin, wished, near : float
         Room kept to obstacles, room wished for beyond, and s for each m less at each step.
+    spread, spread_time : float
+        So many standard deviations of where a track will be are kept clear, too; they grow for so long.
     wall_margin : float
         Room kept to walls.
     contact, decay : float
         s for a contact foreseen, fading by 1/s.
     stop : float
         s for each m by which a stop could be cut off that the guard would not allow.
+    search : str
+        "ants" (ACO_R), or what they are compared with on the same rollouts and as many of them: "mppi", "cem" (each keeps a
+        mean) or "random" (restarts around the seeds, without an archive).
+    temperature, elite : float, int
+        Of "mppi", s, and of "cem", sequences of a round that count.
     """
 
     horizon: float = 3.0
@@ -76,23 +68,26 @@ class ControlOptions:
     margin: float = 0.03
     wished: float = 0.12
     near: float = 0.2
+    spread: float = 0.0
+    spread_time: float = 1.5
     wall_margin: float = 0.03
     contact: float = 30.0
     decay: float = 0.3
     stop: float = 10.0
+    search: str = "ants"
+    temperature: float = 0.1
+    elite: int = 6
 
 
 class ControlColony:
     """Turns predictions and a plan into the command of the next period."""
 
     def __init__(
-        self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, guarded: bool
+        self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, swerve: float | None
     ) -> None:
         robot, o = task.robot, options
         self.options, self.robot = o, robot
-        self.limits = robot.limits._replace(
-            a_max=min(robot.a_max, _FAST), brake_max=min(robot.braking, _FAST), alpha_max=min(robot.alpha_max, _FAST)
-        )
+        self.limits = finite_limits(robot)
         self.field = static_field(task.grid, robot, time_to_goal, task.goal, task.goal_tolerance)
         steps = max(math.ceil(o.horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
@@ -120,6 +115,16 @@ class ControlColony:
             wide_a=0.35 * robot.v_max,
             wide_b=0.35 * turn,
         )
+        self.averaging = None
+        if o.search != "ants":
+            self.averaging = Averaging(
+                o.elite if o.search == "cem" else 0,
+                o.temperature,
+                np.zeros((o.ants, steps, 2)),
+                np.zeros(o.ants),
+                np.zeros((steps, 2)),
+                np.zeros((-(-steps // block), 2)),
+            )
         self.reaction = robot.latency + robot.dt
         self.weights = CostWeights(
             progress=o.progress,
@@ -130,9 +135,9 @@ class ControlColony:
             wall=100.0,
             wall_margin=o.wall_margin,
             off_plan=o.off_plan,
-            stop=o.stop if guarded else 0.0,
+            stop=0.0 if swerve is None else o.stop,
             stopping_time=self.reaction,
-            swerve=float(task.obstacle_swerve),
+            swerve=math.inf if swerve is None else swerve,
         )
         self.braking = self.reaction + robot.v_max / self.limits.brake_max
         self.growth = min(float(task.obstacle_surge) * self.braking, 1e3)
@@ -149,6 +154,7 @@ class ControlColony:
         start: float,
         state: RobotState,
         segments: NDArray[np.float64],
+        sigma: NDArray[np.float64],
         knots: NDArray[np.float64],
         arrival: float,
     ) -> Command:
@@ -161,7 +167,9 @@ class ControlColony:
         start : float
         state : x, y, heading, and (v, omega) or (vx, vy)
         segments : float64[P, 8]
-            Predicted motion.
+            Predicted motion, one track after another.
+        sigma : float64[K, 2]
+            Standard deviations of each track's place (m) and velocity (m/s).
         knots : float64[N, 3]
             The plan (t, x, y); may be empty.
         arrival : float
@@ -171,13 +179,13 @@ class ControlColony:
         dt, o = self.robot.dt, self.options
         look = (
             segments,
+            sigma,
             start,
             dt,
             self.state,
             self.robot.v_max,
             self.braking,
-            o.margin,
-            o.wished,
+            Margins(o.margin, o.wished, o.spread, o.spread_time),
             self.speed_bound,
             self.growth,
         )
@@ -188,12 +196,14 @@ class ControlColony:
         else:
             self.outlook.plan[:, 2] = -math.inf
         shift(self.archive)
-        known = self.archive, self.settings, self.state, self.limits, dt, self.field, self.outlook, self.weights, self.random
-        entry(forage, *known)(*known)
+        known = self.state, self.limits, dt, self.field, self.outlook, self.weights, self.random
+        if self.averaging is None:
+            entry(forage, self.archive, self.settings, *known)(self.archive, self.settings, *known)
+        else:
+            search = restart if o.search == "random" else average
+            search(self.archive, self.settings, self.averaging, *known)
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
-        if not self.robot.wheels:
-            return Command((one, two))
-        return Command((one * math.cos(observation.heading), one * math.sin(observation.heading)), (one, two))
+        return commanded(one, two, observation.heading, self.robot)
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all other sequences kept, best first, float64[N, 2]."""
@@ -219,16 +229,6 @@ def has_inertia(robot: RobotSpec) -> bool:
     return not robot.stepwise and math.isfinite(robot.a_max)
 
 
-def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
-    """Return after how many s a command given now begins to act, and what is known of the robot and its state then."""
-    one, two = (o.speed, o.turn_rate) if robot.wheels else o.velocity
-    state = float(o.xy[0]), float(o.xy[1]), float(o.heading), float(one), float(two)
-    if robot.latency == 0.0 or o.pending is None:
-        return 0.0, o, state
-    state = delayed(*state, o.pending, robot.limits, robot.dt)
-    return robot.latency, replace(o, t=o.t + robot.latency, xy=state[:2]), state
-
-
 def _alike(one: TimedPath, other: TimedPath) -> bool:
     """Tell whether two paths are near each other for as long as both last, and for a second at least."""
     start, end = max(one.t[0], other.t[0]), min(one.t[-1], other.t[-1])
@@ -237,24 +237,3 @@ def _alike(one: TimedPath, other: TimedPath) -> bool:
     t = np.linspace(start, end, 8)
     dx, dy = (np.interp(t, one.t, one.xy[:, i]) - np.interp(t, other.t, other.xy[:, i]) for i in range(2))
     return float(np.hypot(dx, dy).max()) < _ALIKE
-
-
-def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float) -> StaticField:
-    """Return the map as the centre of a robot meets it.
-
-    Parameters
-    ----------
-    time_to_goal : float64[H, W]
-        s to the goal at full speed, infinite where the robot cannot be.
-    """
-    size, (x, y, _), cells = grid.resolution, grid.origin, grid.blocked.size
-    factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // cells)), 1)
-    wall = wall_distance(grid.blocked, size, factor) - np.float32(robot.radius)
-    time = beyond_walls(time_to_goal - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
-    return StaticField(
-        wall,
-        np.array([x, y, factor / size]),
-        time,
-        np.array([x + size / 2, y + size / 2, 1.0 / size]),
-        np.array([*goal, tolerance]),
-    )

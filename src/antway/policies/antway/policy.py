@@ -28,11 +28,12 @@ from antway.kernels.tracking.noise import place_noise
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, TubeMargins
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
-from antway.policies.antway.controls import ControlColony, ControlOptions, acting, has_inertia
+from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import Paces, State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
 from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, RobotSpec, Task, Tracks
+from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 _KNOTS = 2048  # greatest number of knots of a plan
@@ -155,9 +156,9 @@ class AntwayPolicy:
         if has_inertia(robot):
             context = self._away_from_walls(context, task, goal)
             paces = (context, 0.0), (context, 0.0)
-            controls = ControlColony(
-                self.controls, task, context.field.reshape(grid.shape), seed, guarded=self.guard is not None
-            )
+            strict = self.guard is not None and self.mode == "strict"
+            swerve = float(task.obstacle_swerve) if strict else None  # else no stop is better than the best ant
+            controls = ControlColony(self.controls, task, context.field.reshape(grid.shape), seed, swerve)
         if self.guard:
             self.guard.reset(task)
         self.state = State(
@@ -204,7 +205,8 @@ class AntwayPolicy:
 
     def _settings(self, task: Task) -> Settings:
         robot = task.robot
-        guarded = self.guard is not None and not has_inertia(robot)  # else the colony in the space of controls looks to that
+        inertia = has_inertia(robot)  # the colony in the space of controls keeps the margins then
+        guarded = self.guard is not None and not inertia
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         strict = self._strict(task)
         return Settings(
@@ -221,8 +223,8 @@ class AntwayPolicy:
             goal_y=task.goal[1],
             tubes=TubeMargins(
                 robot_radius=robot.radius,
-                margin=(0.005 if strict else 0.03) if self.margin is None else self.margin,
-                quantile=self.quantile * (1.0 if strict else _DISCOUNT),
+                margin=(0.005 if strict or inertia else 0.03) if self.margin is None else self.margin,
+                quantile=self.quantile if strict else 0.0 if inertia else self.quantile * _DISCOUNT,
                 speed_bound=float(task.obstacle_speed) if guarded else 0.0,
                 acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
                 stopping_time=stopping if guarded else 0.0,
@@ -239,8 +241,8 @@ class AntwayPolicy:
         )
 
     def _strict(self, task: Task) -> bool:
-        """Tell whether nothing but what is certain passes: also for robots with inertia, whose manoeuvres are certified."""
-        return self.mode == "strict" or not task.robot.stepwise
+        """Tell whether nothing but what is certain passes."""
+        return self.mode == "strict"
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -260,7 +262,8 @@ class AntwayPolicy:
             late, seen, state = acting(observation, s.task.robot)
             _, _, what, arrival, bound = self._predict_and_plan(s, seen, known, age + late)
             n, m = int(s.plan.state[COUNT]), int(s.plan.state[FORESEEN])
-            command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], s.plan.knots[:n], arrival)
+            sigma = s.crowd.averaged[:known, SIGMA : SIGMA_V + 1].copy()
+            command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
             command, did = self._guarded(s, observation, known, command)
             what = KEPT if s.controls.same_path() else NEW
         if what != KEPT or did != s.did or observation.t >= s.until:
@@ -299,7 +302,8 @@ class AntwayPolicy:
             s.crowd.averaged[:known] = s.estimates[:known]
         else:
             estimates = s.estimates[:known]
-            s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, _PEOPLE_SPREAD, s.crowd.averaged)
+            least = _PEOPLE_SPREAD if s.controls is None else 0.0
+            s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, least, s.crowd.averaged)
         return known, o.t - stamp
 
     def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:

@@ -1,0 +1,122 @@
+"""Policy `mppi`: model predictive path integral control on the robot's own dynamics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from antway import checks
+from antway.baselines.replan import Follow, now
+from antway.kernels.base.jit import entry
+from antway.kernels.base.rng import stream
+from antway.kernels.baselines.mppi import Sampling, path_integral
+from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, look_ahead
+from antway.world.policy import Command, Observation, Task
+from antway.world.rollouts import acting, commanded, finite_limits, static_field
+
+_DISCS = 64  # at most, near one another at one time
+
+
+class Mppi(Follow):
+    """Drive the mean of many noisy sequences of controls, weighed by what each leads to.
+
+    Each is rolled out by the robot's dynamics (ramps, arcs, latency) among obstacles that keep their velocity, and judged on
+    time to the goal, contact, closeness and walls, by the same arithmetic as the colony of policy `antway`.
+
+    Parameters
+    ----------
+    samples : int
+        Sequences a cycle, 3 to 100,000.
+    horizon, block : float
+        Length of a sequence, and of the spans in it that share a draw, s, > 0.
+    temperature : float
+        s, > 0; of the weights exp(-cost / temperature).
+    speed_noise, turn_noise : float
+        Standard deviations, as shares of the robot's limits, > 0.
+    margin, wished : float
+        Room kept to obstacles, and room wished for beyond, m, >= 0.
+    wall_margin : float
+        Room kept to walls, m, >= 0.
+
+    Notes
+    -----
+    Williams, Drews, Goldfain, Rehg, Theodorou: Information-theoretic model predictive control, IEEE T-RO 34(6), 2018.
+    """
+
+    def __init__(
+        self,
+        *,
+        samples: int = 1000,
+        horizon: float = 3.0,
+        block: float = 0.5,
+        temperature: float = 0.1,
+        speed_noise: float = 0.35,
+        turn_noise: float = 0.4,
+        margin: float = 0.08,
+        wished: float = 0.2,
+        wall_margin: float = 0.05,
+    ) -> None:
+        self.samples = checks.integer("samples", samples, low=3, high=100_000)
+        self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
+        self.block = checks.number("block", block, low=0.0, open_low=True, unit="s")
+        self.temperature = checks.number("temperature", temperature, low=0.0, open_low=True, unit="s")
+        self.speed_noise = checks.number("speed_noise", speed_noise, low=0.0, open_low=True)
+        self.turn_noise = checks.number("turn_noise", turn_noise, low=0.0, open_low=True)
+        self.margin = checks.number("margin", margin, low=0.0, unit="m")
+        self.wished = checks.number("wished", wished, low=0.0, unit="m")
+        self.wall_margin = checks.number("wall_margin", wall_margin, low=0.0, unit="m")
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Prepare the fields of the map and room for the samples."""
+        super().reset(task, seed)
+        robot = task.robot
+        self.limits = finite_limits(robot)
+        self.field = static_field(task.grid, robot, self.search.field, task.goal, task.goal_tolerance)
+        steps = max(math.ceil(min(self.horizon / robot.dt, 1000.0) - 1e-9), 2)
+        turn = robot.turn_rate if robot.wheels else robot.v_max
+        self.sampling = Sampling(
+            max(round(self.block / robot.dt), 1),
+            self.speed_noise * robot.v_max,
+            self.turn_noise * min(turn, 10.0),
+            self.temperature,
+            np.zeros((self.samples, steps, 2)),
+            np.zeros(self.samples),
+        )
+        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 8)), np.full((steps, 3), -math.inf))
+        self.outlook.plan[:, :2] = 0.0
+        self.weights = CostWeights(
+            progress=0.02,
+            contact=30.0,
+            depth=30.0,
+            decay=0.3,
+            near=0.2,
+            wall=100.0,
+            wall_margin=self.wall_margin,
+            off_plan=0.0,
+            stop=0.0,
+            stopping_time=0.0,
+            swerve=math.inf,
+        )
+        self.nominal, self.state = np.zeros((steps, 2)), np.zeros(5)
+        self.random = np.array([stream(np.uint64(seed), np.uint64(2))], np.uint64)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the command for the next control period."""
+        robot = self.task.robot
+        late, o, self.state[:] = acting(observation, robot)
+        xy, velocity = now(observation)
+        segments = np.zeros((len(xy), 8))
+        segments[:, 0], segments[:, 1] = o.t, math.inf
+        segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
+        segments[:, 6] = observation.tracks.radius + robot.radius
+        margins = Margins(self.margin, self.wished, 0.0, 0.0)
+        sigma = np.zeros((len(xy), 2))
+        look = segments, sigma, o.t, robot.dt, self.state, robot.v_max, 0.0, margins, 0.0, 0.0, self.outlook
+        entry(look_ahead, *look)(*look)
+        self.nominal[:-1] = self.nominal[1:]
+        known = self.state, self.limits, robot.dt, self.field, self.outlook, self.weights, self.random
+        entry(path_integral, self.nominal, self.sampling, *known)(self.nominal, self.sampling, *known)
+        self.decide("follow", "the mean of what leads there best")
+        one, two = self.nominal[0].tolist()
+        return commanded(one, two, observation.heading, robot)

@@ -1,0 +1,146 @@
+"""What ants in the space of controls are compared with: the same rollouts and the same number of them, spent otherwise."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.rng import State, below
+from antway.kernels.controls.colony import Archive, ColonySettings, insert, normal, take, take_seeds
+from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
+
+
+class Averaging(NamedTuple):
+    """How the mean of a round's sequences is formed, and room for it."""
+
+    elite: int  # so many of the best count alike (the cross-entropy method); 0: all by exp(-cost / temperature) (MPPI)
+    temperature: float  # s
+    drawn: NDArray[np.float64]  # [N, S, 2]
+    cost: NDArray[np.float64]  # [N] s
+    mean: NDArray[np.float64]  # [S, 2]
+    spread: NDArray[np.float64]  # [B, 2] standard deviation of a draw, by block
+
+
+@kernel
+def _vary(
+    out: NDArray[np.float64],
+    guide: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    block: int,
+    limits: RobotLimits,
+    state: State,
+) -> None:
+    """Draw a sequence around a guide, one normal number for each block and control."""
+    holonomic = limits.drive == HOLONOMIC
+    slowest = -limits.v_max if holonomic else -limits.v_reverse
+    turn = limits.v_max if holonomic else limits.turn_rate
+    da, db = 0.0, 0.0
+    for k in range(len(out)):
+        if k % block == 0:
+            da, db = normal(state) * spread[k // block, 0], normal(state) * spread[k // block, 1]
+        out[k, 0] = min(max(guide[k, 0] + da, slowest), limits.v_max)
+        out[k, 1] = min(max(guide[k, 1] + db, -turn), turn)
+
+
+@kernel
+def average(
+    archive: Archive,
+    colony: ColonySettings,
+    averaging: Averaging,
+    start: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    weights: CostWeights,
+    state: State,
+) -> float:
+    """Do as `forage`, but keep one mean: each round draws around it and averages what was drawn; the mean alone is kept.
+
+    It begins with the best of the seeds and the last mean. MPPI (Williams and others 2018) where `averaging.elite` is 0, else
+    the cross-entropy method (Rubinstein and Kroese 2004), whose spread is that of its elite.
+    """
+    mean, spread, block = averaging.mean, averaging.spread, colony.block
+    last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
+    archive.used[0] = 0
+    if n > 0:
+        archive.ant[:] = last
+        take(archive, block, start, limits, dt, field, outlook, weights)
+    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
+    mean[:] = archive.sequence[archive.order[0]]
+    spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
+    for _ in range(colony.rounds):
+        for i in range(colony.ants):
+            if i == 0:
+                averaging.drawn[i] = mean
+            else:
+                _vary(averaging.drawn[i], mean, spread, block, limits, state)
+            known = start, limits, dt, field, outlook, weights, math.inf, archive.nothing
+            averaging.cost[i] = judge(averaging.drawn[i], *known)
+        order = np.argsort(averaging.cost[: colony.ants])
+        share = np.zeros(colony.ants)
+        if averaging.elite > 0:
+            share[order[: averaging.elite]] = 1.0
+        else:
+            for i in range(colony.ants):
+                share[i] = math.exp(-(averaging.cost[i] - averaging.cost[order[0]]) / averaging.temperature)
+        share /= share.sum()
+        mean[:] = 0.0
+        for i in range(colony.ants):
+            if share[i] > 1e-12:
+                mean += share[i] * averaging.drawn[i]
+        if averaging.elite > 0:
+            for b in range(len(spread)):
+                k = min(b * block + block // 2, len(mean) - 1)
+                for j in range(2):
+                    square = 0.0
+                    for i in order[: averaging.elite]:
+                        square += (averaging.drawn[i, k, j] - mean[k, j]) ** 2
+                    spread[b, j] = max(math.sqrt(square / averaging.elite), colony.least_a if j == 0 else colony.least_b)
+    archive.used[0] = 0
+    archive.ant[:] = mean
+    cost = judge(mean, start, limits, dt, field, outlook, weights, math.inf, archive.nothing)
+    insert(archive, cost, block)
+    return cost
+
+
+@kernel
+def restart(
+    archive: Archive,
+    colony: ColonySettings,
+    averaging: Averaging,
+    start: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    weights: CostWeights,
+    state: State,
+) -> float:
+    """Do as `forage`, but without an archive: each sequence is drawn anew around some seed, and the best of all is kept."""
+    spread, block = averaging.spread, colony.block
+    last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
+    archive.used[0] = 0
+    if n > 0:
+        archive.ant[:] = last
+        take(archive, block, start, limits, dt, field, outlook, weights)
+    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
+    spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
+    best = archive.cost[archive.order[0]]
+    averaging.mean[:] = archive.sequence[archive.order[0]]
+    for _ in range(colony.rounds * colony.ants):
+        guide = archive.sequence[archive.order[below(state, archive.used[0])]]
+        _vary(archive.ant, guide, spread, block, limits, state)
+        cost = judge(archive.ant, start, limits, dt, field, outlook, weights, best, archive.nothing)
+        if cost < best:
+            best = cost
+            averaging.mean[:] = archive.ant
+    archive.used[0] = 0
+    archive.ant[:] = averaging.mean
+    insert(archive, best, block)
+    return float(best)

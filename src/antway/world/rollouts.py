@@ -1,0 +1,69 @@
+"""What rollouts of controls know of the world: the map as fields of distance and time, and the robot when a command acts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.grid import Grid
+from antway.kernels.base.records import RobotLimits
+from antway.kernels.controls.rollout import StaticField, beyond_walls, wall_distance
+from antway.kernels.robot.motion import delayed
+from antway.world.policy import XY, Command, Observation
+from antway.world.robots import RobotSpec
+
+_NODE = 0.05  # m; distances to walls are exact at nodes no farther apart
+_NODES = 4_000_000  # at most
+_LAYERS = 4  # cells by which the time to the goal is continued into walls
+_FAST = 1e3  # m/s^2, rad/s^2: as good as at once
+
+RobotState = tuple[float, float, float, float, float]
+
+
+def finite_limits(robot: RobotSpec) -> RobotLimits:
+    """Return the robot's limits, with numbers in place of those that are infinite."""
+    return robot.limits._replace(
+        a_max=min(robot.a_max, _FAST), brake_max=min(robot.braking, _FAST), alpha_max=min(robot.alpha_max, _FAST)
+    )
+
+
+def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Command:
+    """Return the command (vx, vy), or of wheels with that heading in rad the twist (v, omega)."""
+    if not robot.wheels:
+        return Command((one, two))
+    turned = heading + two * robot.dt if robot.stepwise else heading
+    return Command((one * math.cos(turned), one * math.sin(turned)), (one, two))
+
+
+def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
+    """Return after how many s a command given now begins to act, and what is known of the robot and its state then."""
+    one, two = (o.speed, o.turn_rate) if robot.wheels else o.velocity
+    state = float(o.xy[0]), float(o.xy[1]), float(o.heading), float(one), float(two)
+    if robot.latency == 0.0 or o.pending is None:
+        return 0.0, o, state
+    state = delayed(*state, o.pending, robot.limits, robot.dt)
+    return robot.latency, replace(o, t=o.t + robot.latency, xy=state[:2]), state
+
+
+def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float) -> StaticField:
+    """Return the map as the centre of a robot meets it.
+
+    Parameters
+    ----------
+    time_to_goal : float64[H, W]
+        s to the goal at full speed, infinite where the robot cannot be.
+    """
+    size, (x, y, _), cells = grid.resolution, grid.origin, grid.blocked.size
+    factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // cells)), 1)
+    wall = wall_distance(grid.blocked, size, factor) - np.float32(robot.radius)
+    time = beyond_walls(time_to_goal - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
+    return StaticField(
+        wall,
+        np.array([x, y, factor / size]),
+        time,
+        np.array([x + size / 2, y + size / 2, 1.0 / size]),
+        np.array([*goal, tolerance]),
+    )

@@ -1,0 +1,73 @@
+"""Policy `mppi`: the mean is what its definition says, and wheels with inertia arrive by it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway.kernels.baselines.mppi import path_integral
+from antway.kernels.controls.rollout import judge
+from antway.world.motions import BackAndForth, Line
+from antway.world.world import Obstacle
+
+HALL = Grid(np.zeros((24, 40), dtype=bool), 0.25)
+WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
+
+
+def hall(*obstacles: Obstacle, **changes) -> Scenario:
+    return Scenario(World(HALL, obstacles), (1.125, 3.125), (9.125, 3.125), **changes)
+
+
+@pytest.mark.parametrize("robot", [WHEELS, RobotSpec(a_max=1.0)], ids=["wheels", "holonomic"])
+def test_the_mean_is_what_its_definition_says(robot: RobotSpec) -> None:
+    """Each sample costs what its rollout says; the mean weighs them by exp(-cost / temperature); noise has its spread."""
+    policy = make_policy("mppi", samples=400, temperature=0.3)
+    policy.reset(hall(robot=robot).task, 1)
+    policy.state[:] = 2.0, 3.0, 0.2, 0.4, 0.1
+    policy.nominal[:] = (0.5, 0.2)
+    known = policy.state, policy.limits, robot.dt, policy.field, policy.outlook, policy.weights
+    path_integral(policy.nominal, policy.sampling, *known, policy.random)
+    drawn, cost = policy.sampling.drawn, policy.sampling.cost
+    for i in (0, 1, 17, 399):
+        assert cost[i] == judge(drawn[i], *known, math.inf, np.empty((0, 2)))
+    weight = np.exp(-(cost - cost.min()) / 0.3)
+    assert policy.nominal == pytest.approx(np.tensordot(weight / weight.sum(), drawn, 1), abs=1e-9)
+    assert (drawn[0] == (0.5, 0.2)).all() and not drawn[1].any()
+    blocks = drawn.reshape(400, 6, 5, 2)
+    assert (blocks == blocks[:, :, :1]).all(), "30 steps in blocks of 5 share a draw"
+    turn = drawn[2:, 0, 1] - 0.2
+    assert abs(turn.mean()) < 0.1 and turn.std() == pytest.approx(0.4 * (1.9 if robot.wheels else 1.0), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [WHEELS, RobotSpec(a_max=1.5), RobotSpec(), RobotSpec(drive="differential", a_max=2.0, dynamics="steps")],
+    ids=["wheels", "inertia", "holonomic", "steps"],
+)
+def test_it_arrives_past_what_crosses(robot: RobotSpec) -> None:
+    """Seeds of a disc that goes up and down across the way; same seed, same bytes."""
+    disc = Obstacle(0.3, BackAndForth((5.0, 0.4), (5.0, 5.6), (0.3, 0.5), (0.0, 1.0)))
+    for seed in range(2):
+        result = run(hall(disc, robot=robot), "mppi", seed=seed)
+        check_episode(result)
+        assert result.reached, (seed, result.outcome)
+    again = run(hall(disc, robot=robot), "mppi", seed=1)
+    assert again.trace.digest() == result.trace.digest()
+
+
+def test_latency_is_driven_with() -> None:
+    """With commands that act late it still arrives past a disc that crosses."""
+    late = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, latency=0.15)
+    result = run(hall(Obstacle(0.3, Line((5.0, 0.4), (5.0, 5.6), 0.4)), robot=late), "mppi")
+    check_episode(result)
+    assert result.reached
+
+
+def test_wrong_options_are_refused() -> None:
+    """Typed errors name the option."""
+    for wrong in ({"samples": 2}, {"horizon": 0.0}, {"temperature": 0.0}, {"margin": math.nan}, {"turn_noise": -1.0}):
+        with pytest.raises(BadParameter, match=next(iter(wrong))):
+            make_policy("mppi", **wrong)
