@@ -116,20 +116,6 @@ def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:
         run(crossing(), Steer(interrupts))
 
 
-def test_a_guard_stands_between_policy_and_robot() -> None:
-    """What the guard returns is what the robot drives."""
-
-    class Half:
-        def reset(self, task):
-            self.task = task
-
-        def limit(self, observation, command):
-            return Command((command.velocity[0] / 2, 0.0))
-
-    result = run(crossing(), Steer(east), guard=Half(), horizon=2.0)
-    assert result.length == pytest.approx(1.0) and result.config["guard"] == "Half"
-
-
 def test_no_cycle_takes_longer_for_being_explained() -> None:
     """The time of a control cycle is that of the command; what its explanation takes is not counted."""
 

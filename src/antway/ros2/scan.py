@@ -92,12 +92,12 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
         if len(cluster) < 2:
             continue
         middle = (cluster[0] + cluster[-1]) / 2
-        reach = float(np.hypot(*(cluster - middle).T).max())
-        if reach > largest and len(cluster) > 3:
+        extent = float(np.hypot(*(cluster - middle).T).max())
+        if extent > largest and len(cluster) > 3:
             clusters += [cluster[: len(cluster) // 2 + 1], cluster[len(cluster) // 2 :]]
             continue
         spacing = float(np.median(np.hypot(*np.diff(cluster, axis=0).T)))
-        found.append(_circle(cluster, largest) or (middle[0], middle[1], reach + spacing / 2))
+        found.append(_circle(cluster, largest) or (middle[0], middle[1], extent + spacing / 2))
     rows = np.array(found[::-1], np.float64).reshape(-1, 3)
     return rows[:, :2].copy(), rows[:, 2].copy()
 

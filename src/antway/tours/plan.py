@@ -216,7 +216,7 @@ def plan_tour(
     )
     free, cells = task.places()
     away = stop_distances(free, cells, moves, costs=costs) / task.speed
-    _check_reach(task, away)
+    _check_connected(task, away)
     known = None
     if initial is not None:
         if len(initial.task.stops) != len(task.stops) or initial.task.robots != task.robots:
@@ -241,7 +241,7 @@ def arguments(task: TourTask) -> dict[str, Any]:
     }
 
 
-def _check_reach(task: TourTask, away: Floats) -> None:
+def _check_connected(task: TourTask, away: Floats) -> None:
     """Raise the error that names all stops that cannot be reached from the start."""
     lost = np.flatnonzero(np.isinf(away[0, 1:]))
     if not len(lost):

@@ -114,17 +114,17 @@ def _columns(heading: list[str], where: str) -> list[str]:
 def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
     if len(row) != len(columns):
         raise BadMap("entries", len(row), f"{len(columns)}: {', '.join(columns)}", where=where)
-    usual: dict[str, Any] = {"name": "", "earliest": 0.0, "latest": math.inf, "service": 0.0, "priority": 0.0}
+    defaults: dict[str, Any] = {"name": "", "earliest": 0.0, "latest": math.inf, "service": 0.0, "priority": 0.0}
     for name, text in zip(columns, row):
         if name == "name":
-            usual[name] = text
+            defaults[name] = text
         elif text or name in ("x", "y"):
             try:
                 value = float(text)
             except ValueError:
                 raise BadParameter(name, text, "a number", where=where) from None
             low = -1e9 if name in ("x", "y", "earliest") else 0.0
-            usual[name] = checks.number(name, value, low=low, infinite=name in ("earliest", "latest"), where=where)
-    if usual["latest"] < usual["earliest"]:
-        raise BadParameter("latest", usual["latest"], f"no earlier than earliest, {usual['earliest']:g} s", where=where)
-    return usual
+            defaults[name] = checks.number(name, value, low=low, infinite=name in ("earliest", "latest"), where=where)
+    if defaults["latest"] < defaults["earliest"]:
+        raise BadParameter("latest", defaults["latest"], f"no earlier than earliest, {defaults['earliest']:g} s", where=where)
+    return defaults

@@ -116,14 +116,14 @@ def tour_task(
     standing_cell("start", start, grid, free, robot_radius)
     n = len(listed)
     known = _names(names, n)
-    said = [f" ({name})" for name in known] if names is not None else [""] * n  # what errors call the stops
+    named = [f" ({name})" for name in known] if names is not None else [""] * n  # what errors call the stops
     first: dict[Cell, int] = {}
     for i, point in enumerate(listed):
-        cell = standing_cell(f"stops[{i}]{said[i]}", point, grid, free, robot_radius)
+        cell = standing_cell(f"stops[{i}]{named[i]}", point, grid, free, robot_radius)
         k = first.setdefault(cell, i)
         if k != i:
             raise BadParameter(
-                f"stops[{i}]{said[i]}", _point(point), f"a stop of its own; stops[{k}]{said[k]} is in the same cell"
+                f"stops[{i}]{named[i]}", _point(point), f"a stop of its own; stops[{k}]{named[k]} is in the same cell"
             )
     last: Point | Literal["start"] | None
     if isinstance(end, str):
@@ -139,7 +139,7 @@ def tour_task(
         checks.array("stops", [_point(point) for point in listed], (n, 2)),
         known,
         last,
-        _windows(windows, n, said),
+        _windows(windows, n, named),
         _amounts("service", 0.0 if service is None else service, n),
         None if priorities is None else _amounts("priorities", priorities, n),
         checks.number("deadline", deadline, low=0.0, infinite=True, unit="s"),
@@ -166,7 +166,7 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
     return tuple(checks.instance(f"names[{i}]", name, str) for i, name in enumerate(listed))
 
 
-def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: int, said: Sequence[str]) -> Floats:
+def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: int, named: Sequence[str]) -> Floats:
     """Return windows, of which each may be None, as float64[n, 2]."""
     pairs = np.tile([0.0, math.inf], (n, 1))
     listed = [None] * n if windows is None else _listed("windows", windows, "for each stop (earliest, latest) in s, or None")
@@ -175,7 +175,7 @@ def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: in
     for i, window in enumerate(listed):
         if window is None:
             continue
-        field, wanted = f"windows[{i}]{said[i]}", "(earliest, latest) in s, or None"
+        field, wanted = f"windows[{i}]{named[i]}", "(earliest, latest) in s, or None"
         parts = _listed(field, window, wanted)
         if len(parts) != 2:
             raise BadParameter(field, window, wanted)

@@ -21,7 +21,12 @@ Floats = NDArray[np.float64]
 Order = NDArray[np.int32]
 _WIDER = 128  # partial orders in a wide beam for each cycle before it
 _FEW_ATTEMPTS = 10  # shakes between two looks at the clock where a former order is to be mended at once
-_LONGEST, _ATTEMPTS, _FADE, _HEAT, _HURRY, _WIDTH = 8, 100, 0.1, 0.5, 3.0, 30
+_LONGEST = 8  # stops; a part of an order that is moved is no longer
+_ATTEMPTS = 100  # shakes of an ant's order in a cycle
+_EVAPORATION = 0.1  # share of pheromone that a cycle replaces
+_TEMPERATURE = 0.5  # typical steps; by how much worse a shaken order may be at first
+_HURRY = 3.0  # seconds; how much an early arrival counts for ants, beside a second of lower bound, at most
+_WIDTH = 30  # partial orders in a beam
 _STATES = 4_000_000  # partial orders times stops that a beam may hold, 12 bytes each
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
 
@@ -224,7 +229,7 @@ class _Run:
         )
         step = path.step
         width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (_WIDTH, _ATTEMPTS)
-        self.habits = colonies.Habits(width, attempts, _FADE, _HEAT * step, step, _HURRY)
+        self.habits = colonies.Habits(width, attempts, _EVAPORATION, _TEMPERATURE * step, step, _HURRY)
         self.moves = Moves(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
         self.beam, self.trail = beams.workspace(n, _WIDTH), trail(n)
         self.start, self.warm, self.proven = start, warm, False
@@ -268,18 +273,18 @@ class _Run:
         batch, done, widened, beam_time, backward = 1, 0, 4, 0.0, False
         while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
             batch = min(batch, limit - done, widened - done)
-            begun = time.perf_counter()
+            started = time.perf_counter()
             ran = colonies.cycles(
                 path.windows, path.mirror, self.colony, self.habits, self.moves, self.seed, batch, self.beam, self.trail
             )
             done += ran
-            each = max(time.perf_counter() - begun, 1e-9) / ran
+            each = max(time.perf_counter() - started, 1e-9) / ran
             batch = max(1, min(2 * batch, 4096, int(_SLICE / each)))
             if record[colonies.BEST] == math.inf:
                 # One by one, so that what happens does not depend on how long it takes.
                 late, batch = self._repair(1, done), 1
             if done == widened:
-                # Each beam takes twice as long as the last; seconds that are not left are not begun.
+                # Each beam takes twice as long as the last; seconds that are not left are not started.
                 before = time.perf_counter()
                 if before + 2.0 * beam_time < self.clock.end and not path.quick:
                     self._widen(_WIDER * done, backward)

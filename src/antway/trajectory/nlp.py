@@ -164,7 +164,7 @@ def _solve(
     casadi: Any,
     guess: TimedPath,
     grid: Grid,
-    room: float,
+    clearance: float,
     margin: float,
     v_max: float,
     a_max: float,
@@ -197,11 +197,11 @@ def _solve(
             objective += weights[2] * casadi.sumsqr(change)
         for share in (0.5, 1.0) if k < n - 1 else (0.5,):
             place, at = p[:, k] + share * step, now + share * dt[k]
-            opti.subject_to(distance(place) >= room)
-            for t0, t1, x, y, ux, uy, reach, _ in segments if segments is not None else ():
+            opti.subject_to(distance(place) >= clearance)
+            for t0, t1, x, y, ux, uy, radius, _ in segments if segments is not None else ():
                 if t0 <= times[k] + share * (times[k + 1] - times[k]) <= t1:  # the piece that holds by the guess
                     gap = place - casadi.vertcat(x + ux * (at - t0), y + uy * (at - t0))
-                    opti.subject_to(casadi.sumsqr(gap) >= (reach + margin) ** 2)
+                    opti.subject_to(casadi.sumsqr(gap) >= (radius + margin) ** 2)
         now = now + dt[k]
     for k in (0, n - 1):
         opti.subject_to(casadi.sumsqr(v[:, k] / dt[k]) <= (a_max / 2) ** 2)

@@ -211,10 +211,10 @@ def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _
     picture.paste(style.ORANGE, (0, 0), veil)
 
 
-def _star(draw: ImageDraw.ImageDraw, x: float, y: float, reach: float) -> None:
+def _star(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
     angles = [k * math.pi / 5 - math.pi / 2 for k in range(10)]
     corners = [
-        (x + reach * (0.42 if k % 2 else 1) * math.cos(a), y + reach * (0.42 if k % 2 else 1) * math.sin(a))
+        (x + size * (0.42 if k % 2 else 1) * math.cos(a), y + size * (0.42 if k % 2 else 1) * math.sin(a))
         for k, a in enumerate(angles)
     ]
     draw.polygon(corners, fill="#FFD23F", outline=style.INK, width=SUPER)

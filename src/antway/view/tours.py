@@ -102,10 +102,10 @@ def _draw_route(axes: Axes, tour: TourPlan, route: Route, k: int) -> None:
     colour, several = COLOURS[k % len(COLOURS)], len(tour.routes) > 1
     label = f"robot {k + 1}: {route.length:,.1f} m in {route.duration:,.0f} s" if several else "path"
     wide = 1.8 if len(route.order) <= MOST_NUMBERED else 1.1
-    pieces = [plan.xy(tour.task.grid) for plan in route.legs]
-    axes.plot(*np.vstack(pieces).T, color=colour, linewidth=wide, path_effects=style.casing(wide), label=label, zorder=3)
+    legs = [plan.xy(tour.task.grid) for plan in route.legs]
+    axes.plot(*np.vstack(legs).T, color=colour, linewidth=wide, path_effects=style.casing(wide), label=label, zorder=3)
     span = max(np.ptp(np.asarray(axes.get_xlim())), np.ptp(np.asarray(axes.get_ylim())))
-    for xy in pieces:
+    for xy in legs:
         placed = _middle(xy)
         if placed is None or np.hypot(*np.diff(xy, axis=0).T).sum() < 0.06 * span:
             continue
@@ -184,8 +184,8 @@ def apart(xy: NDArray[np.float64], fixed: NDArray[np.float64], least: float) -> 
 
 def _late(tour: TourPlan, route: Route, n: int) -> float:
     """Return by how much service begins after the window of the robot's n-th stop, s."""
-    begins = route.arrival[n] + route.waiting[n] - tour.task.windows[int(route.order[n]), 1]
-    return float(begins) if begins > 1e-9 * (1.0 + route.duration) else 0.0
+    excess = route.arrival[n] + route.waiting[n] - tour.task.windows[int(route.order[n]), 1]
+    return float(excess) if excess > 1e-9 * (1.0 + route.duration) else 0.0
 
 
 def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
@@ -221,9 +221,9 @@ def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
             axes.plot(
                 [arrival, arrival + waiting], [row, row], color="#9AA3AD", linewidth=1.4, linestyle=(0, (1.2, 1.2)), zorder=2
             )
-            begins = arrival + waiting
+            start = arrival + waiting
             axes.plot(
-                [begins, begins + task.service[stop]],
+                [start, start + task.service[stop]],
                 [row, row],
                 color=style.INK,
                 linewidth=4.2,
@@ -238,7 +238,7 @@ def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
                 markersize=5 if late else 4.2,
                 zorder=4,
             )
-            before = begins + float(task.service[stop])
+            before = start + float(task.service[stop])
             ticks.append(row)
             labels.append(f"{task.names[stop]}  {n + 1}")
             row += 1

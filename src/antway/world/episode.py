@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +34,6 @@ from antway.world.trace import Trace
 from antway.world.walls import walls_of
 
 
-class Guard(Protocol):
-    """What may stand between a policy and the robot."""
-
-    def reset(self, task: Task) -> None:
-        """Prepare for `task`."""
-
-    def limit(self, observation: Observation, command: Command | None) -> Command:
-        """Return the command that the robot gets."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeResult:
     """What came of an episode.
@@ -56,7 +46,7 @@ class EpisodeResult:
     time : float
         When it ended, s.
     length : float
-        Way driven, m.
+        Length driven, m.
     min_clearance : float
         Least distance ever between the edges of the robot and a moving obstacle, m; infinite without obstacles.
     replans : int
@@ -107,7 +97,6 @@ def run(
     seed: int | None = None,
     horizon: float | None = None,
     record: bool = True,
-    guard: Guard | None = None,
 ) -> EpisodeResult:
     """Play one episode.
 
@@ -115,7 +104,8 @@ def run(
     ----------
     scenario : Scenario
     policy : str or Policy
-        A name for `make_policy`, or an object with `reset`, `act` and `explain`. One that also has `foresee`
+        A name for `make_policy`, or an object with `reset`, `act` and `explain`; `antway.policies.guard.Guarded` puts a guard
+        behind any. One that also has `foresee`
         (`antway.world.policy.Foresees`) is told where every obstacle will be. One that has `planned`
         (`antway.world.policy.Plans`) is not asked for explanations that nobody records.
     seed : int or None
@@ -124,8 +114,6 @@ def run(
         When the episode ends at the latest, s; None: the scenario's.
     record : bool
         Whether the result holds a trace.
-    guard : Guard or None
-        Passes or changes each command on its way to the robot.
 
     Returns
     -------
@@ -150,7 +138,7 @@ def run(
     >>> result.outcome, round(result.time, 6)
     (<Outcome.REACHED: 'reached'>, 7.8)
     """
-    episode = Episode(scenario, policy, seed=seed, horizon=horizon, guard=guard, record=record)
+    episode = Episode(scenario, policy, seed=seed, horizon=horizon, record=record)
     while episode.outcome is None:
         episode.step()
     return episode.result(record=record)
@@ -189,7 +177,6 @@ class Episode:
         *,
         seed: int | None = None,
         horizon: float | None = None,
-        guard: Guard | None = None,
         record: bool = True,
     ) -> None:
         self.scenario = checks.instance("scenario", scenario, Scenario)
@@ -202,7 +189,6 @@ class Episode:
             self.policy = self.tour
             self.tour.check(stage.task)
             stage.aim[2] = -1.0  # no goal until all stops are visited
-        self.guard = guard
         self._plans = driver if not record and isinstance(driver, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # in use one after the other
@@ -214,8 +200,6 @@ class Episode:
             if isinstance(driver, Foresees):
                 driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
-            if guard is not None:
-                guard.reset(stage.task)
         except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
             self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_said(error)}"
 
@@ -245,11 +229,10 @@ class Episode:
             self.outcome, self.reason = Outcome.ERROR, self._fault
 
     def _commanded(self, observation: Observation) -> Command | None:
-        """Return what the policy and the guard command, and note how long they took; no robot waits for an explanation."""
+        """Return what the policy commands, and note how long it took; no robot waits for an explanation."""
         started = time.perf_counter()
         try:
-            command = self.policy.act(observation)
-            return command if self.guard is None else self.guard.limit(observation, command)
+            return self.policy.act(observation)
         finally:
             self.stage.cycle_ms[self.stage.n] = (time.perf_counter() - started) * 1e3
 
@@ -270,7 +253,6 @@ class Episode:
             "version": __version__,
             "horizon": stage.horizon,
             "sensor": asdict(scenario.sensor),
-            "guard": "" if self.guard is None else type(self.guard).__name__,
         }
         n, decisions = stage.n, self.decisions
         speeds = np.hypot(*stage.velocity[1 : n + 1].T)

@@ -54,9 +54,9 @@ class Pursuit:
                 continue
             x, y = knots[i].tolist()
             away = math.dist((x, y), robot)
-            room = away - radius - self.task.robot.radius - pursuer.gap
-            if room > 0.0:
-                path = min(pursuer.speed * dt, room) / away
+            gap = away - radius - self.task.robot.radius - pursuer.gap
+            if gap > 0.0:
+                path = min(pursuer.speed * dt, gap) / away
                 knots[i + 1 :] = _slide(grid.blocked, grid.origin, grid.resolution, radius, (x, y), robot, path)
 
 

@@ -83,7 +83,7 @@ def workspace(n: int, width: int) -> Beam:
 @bare_kernel
 def misses(problem: Windows, beam: Beam, now: int, p: int, j: int, ready: float) -> bool:
     """Tell whether some stop not yet visited is out of reach once partial order p has gone on to j."""
-    horizon = ready + problem.reach[j]
+    horizon = ready + problem.farthest[j]
     for q in range(beam.first[now, p], len(problem.by_closing)):
         u = problem.by_closing[q]
         if problem.closes[u] >= horizon:
@@ -125,7 +125,7 @@ def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
     for c in range(count):
         if beam.c_key[c] < np.inf:
             alive += 1
-    threshold, room = np.inf, width
+    threshold, free = np.inf, width
     if alive > width:
         keys = np.empty(alive)
         at = 0
@@ -135,16 +135,16 @@ def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
                 at += 1
         threshold = np.partition(keys, width - 1)[width - 1]
         for key in keys:
-            room -= key < threshold
+            free -= key < threshold
     at = 0
     for c in range(count):
         key = beam.c_key[c]
         if key == np.inf or key > threshold:
             continue
         if key == threshold:
-            if room == 0:
+            if free == 0:
                 continue
-            room -= 1
+            free -= 1
         beam.c_parent[at], beam.c_stop[at], beam.c_ready[at] = beam.c_parent[c], beam.c_stop[c], beam.c_ready[c]
         beam.c_cost[at], beam.c_key[at], beam.c_mark[at] = beam.c_cost[c], key, beam.c_mark[c]
         at += 1
@@ -163,7 +163,7 @@ def search(
     The second result tells whether no partial order was dropped that could have been better.
     """
     n = len(problem.opens)
-    words, room = before.shape[1], len(beam.c_parent)
+    words, capacity = before.shape[1], len(beam.c_parent)
     state = seed
     now, size, whole = 0, 1, True
     beam.sets[0, 0, :] = 0
@@ -193,7 +193,7 @@ def search(
                 least = beam.rest[now, p] - problem.leave[i] - problem.enter[j] + (ready if draw.makespan else cost)
                 if least >= draw.limit or misses(problem, beam, now, p, j, ready):
                     continue
-                if count == room:
+                if count == capacity:
                     count, dropped = keep(beam, count, width)
                     whole = whole and not dropped
                     for c in range(count):

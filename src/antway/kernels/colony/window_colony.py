@@ -34,9 +34,9 @@ class Habits(NamedTuple):
 
     width: int  # of the ants' beams; 0: no ants, only shaking
     attempts: int  # shakes a cycle
-    fade: float  # share of pheromone that a cycle replaces
-    heat: float  # s, by how much worse a shaken order may be at first
-    scale: float  # s, a usual step
+    evaporation: float  # share of pheromone that a cycle replaces
+    temperature: float  # s, by how much worse a shaken order may be at first
+    scale: float  # s, a typical step
     hurry: float  # how much an early arrival counts for ants at most, beside a second of lower bound
 
 
@@ -61,10 +61,10 @@ def learn(colony: Colony, habits: Habits) -> None:
         share = 0.0, 0.5, 0.5
     for i in range(n):
         for j in range(n):
-            tau[i, j] *= 1.0 - habits.fade
-    toward(tau, colony.orders[2], habits.fade * share[0])
-    toward(tau, colony.orders[1], habits.fade * share[1])
-    toward(tau, colony.orders[0], habits.fade * share[2])
+            tau[i, j] *= 1.0 - habits.evaporation
+    toward(tau, colony.orders[2], habits.evaporation * share[0])
+    toward(tau, colony.orders[1], habits.evaporation * share[1])
+    toward(tau, colony.orders[0], habits.evaporation * share[2])
     total, low, high = 0.0, 0.001, 0.999
     for i in range(n):
         for j in range(n):
@@ -113,7 +113,7 @@ def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Tr
             shake(problem, t, moves, habits.scale, state)
         settle(problem, t, moves)
         cost = value(t, moves.makespan)
-        allowed = -habits.heat * (1.0 - a / habits.attempts) * math.log(1.0 - rng.uniform(state))
+        allowed = -habits.temperature * (1.0 - a / habits.attempts) * math.log(1.0 - rng.uniform(state))
         if cost <= here + allowed:
             here = cost
             last[:] = t.order

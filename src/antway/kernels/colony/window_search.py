@@ -145,24 +145,24 @@ def gain_of(
 
 
 @bare_kernel
-def stirred(gain: float, heat: float, state: rng.State) -> float:
-    """Return `gain` with Gumbel noise, so that the largest is drawn with probability ~ exp(gain / heat)."""
-    if heat == 0.0 or gain == -np.inf:
+def stirred(gain: float, temperature: float, state: rng.State) -> float:
+    """Return `gain` with Gumbel noise, so that the largest is drawn with probability ~ exp(gain / temperature)."""
+    if temperature == 0.0 or gain == -np.inf:
         return gain
-    return gain - heat * math.log(-math.log(rng.uniform(state) * (1.0 - 1e-12) + 1e-13))
+    return gain - temperature * math.log(-math.log(rng.uniform(state) * (1.0 - 1e-12) + 1e-13))
 
 
 @bare_kernel
 def best_at(
-    problem: Windows, t: Trail, habits: Moves, i: int, heat: float, state: rng.State
+    problem: Windows, t: Trail, habits: Moves, i: int, temperature: float, state: rng.State
 ) -> tuple[float, int, int, int, int]:
     """Return the best of the moves that begin or end at place i: its gain (more than `least`) and what `change` takes.
 
-    With heat > 0 it is drawn instead, see `stirred`.
+    With temperature > 0 it is drawn instead, see `stirred`.
     """
     opens, closes, order = problem.opens, problem.closes, t.order
     n = len(order)
-    found = (habits.least if heat == 0.0 else -np.inf, -1, 0, 0, 0)
+    found = (habits.least if temperature == 0.0 else -np.inf, -1, 0, 0, 0)
     u = order[i]
     # A short part i ... j and a part of any length after it.
     forward = backward = (0.0, opens[u], closes[u])
@@ -184,13 +184,13 @@ def best_at(
             if second[2] < 0.0 or second[1] > limit:
                 break
             if forward[2] >= 0.0:
-                least = -np.inf if heat > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), forward, (u, x), least), heat, state)
+                least = -np.inf if temperature > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), forward, (u, x), least), temperature, state)
                 if gain > found[0]:
                     found = (gain, i, j, k, 0)
             if j > i and backward[2] >= 0.0:
-                least = -np.inf if heat > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), backward, (x, u), least), heat, state)
+                least = -np.inf if temperature > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), backward, (x, u), least), temperature, state)
                 if gain > found[0]:
                     found = (gain, i, j, k, 1)
     # A short part j + 1 ... i and a longer one before it.
@@ -215,21 +215,21 @@ def best_at(
             if second[2] < soonest:
                 break
             if forward[2] >= 0.0 and j - h >= i - j:
-                least = -np.inf if heat > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, h, i, forward, (x, u), second, (v, w), least), heat, state)
+                least = -np.inf if temperature > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, h, i, forward, (x, u), second, (v, w), least), temperature, state)
                 if gain > found[0]:
                     found = (gain, h, j, i, 0)
             if j < i - 1 and backward[2] >= 0.0:
-                least = -np.inf if heat > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, h, i, backward, (u, x), second, (v, w), least), heat, state)
+                least = -np.inf if temperature > 0.0 else found[0]
+                gain = stirred(gain_of(problem, t, habits, h, i, backward, (u, x), second, (v, w), least), temperature, state)
                 if gain > found[0]:
                     found = (gain, h, j, i, 2)
-    return reversal(problem, t, habits, i, heat, state, found)
+    return reversal(problem, t, habits, i, temperature, state, found)
 
 
 @bare_kernel
 def reversal(
-    problem: Windows, t: Trail, habits: Moves, i: int, heat: float, state: rng.State, found: tuple[float, int, int, int, int]
+    problem: Windows, t: Trail, habits: Moves, i: int, temperature: float, state: rng.State, found: tuple[float, int, int, int, int]
 ) -> tuple[float, int, int, int, int]:
     """Return the best of `found` and of reversing a part that begins at place i."""
     opens, closes, order = problem.opens, problem.closes, t.order
@@ -242,8 +242,8 @@ def reversal(
         between = one if j == i + 1 else join(problem, one, v, order[j - 1], between)
         if between[2] < 0.0 or between[1] > closes[u]:
             break
-        least = -np.inf if heat > 0.0 else found[0]
-        gain = stirred(gain_of(problem, t, habits, i, j, between, (v, order[i + 1]), alone, (u, u), least), heat, state)
+        least = -np.inf if temperature > 0.0 else found[0]
+        gain = stirred(gain_of(problem, t, habits, i, j, between, (v, order[i + 1]), alone, (u, u), least), temperature, state)
         if gain > found[0]:
             found = (gain, i, j, j, 3)
     return found
@@ -279,10 +279,10 @@ def settle(problem: Windows, t: Trail, habits: Moves) -> None:
 
 
 @bare_kernel
-def shake(problem: Windows, t: Trail, habits: Moves, heat: float, state: rng.State) -> None:
+def shake(problem: Windows, t: Trail, habits: Moves, temperature: float, state: rng.State) -> None:
     """Make a move drawn at a place drawn; no stop is late before or after."""
     i = 1 + rng.below(state, len(t.order) - 2)
-    _, a, b, c, shape = best_at(problem, t, habits, i, heat, state)
+    _, a, b, c, shape = best_at(problem, t, habits, i, temperature, state)
     if a >= 0:
         change(t, a, b, c, shape)
         refresh(problem, t)

@@ -23,14 +23,14 @@ class Windows(NamedTuple):
     """n stops; `far` and `closes` only ever exclude what no feasible order has."""
 
     time: Floats  # [n, n] service and travel from stop to stop, infinite for arcs that no feasible order has
-    far: Floats  # [n, n] shortest way with other stops in between
+    far: Floats  # [n, n] shortest path with other stops in between
     opens: Floats  # [n] earliest begin of service
     closes: Floats  # [n] latest begin of service
     after: Ids  # [n, n] stops that may come next, nearest first by reduced cost
     afters: Ids  # [n] how many those are
     before: Sets  # [n, w] the stops that must come earlier
     by_closing: Ids  # [n] the stops by latest begin
-    reach: Floats  # [n] the farthest of `far`
+    farthest: Floats  # [n] the farthest of `far`
     leave: Floats  # [n] dual value of leaving a stop,
     enter: Floats  # [n] and of entering it: leave[i] + enter[j] <= time[i, j]
     mark: Sets  # [n] a random word for each stop; a set of stops has the exclusive or of theirs
@@ -89,15 +89,15 @@ def tighten(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDA
                     soonest = min(soonest, opens[i] + time[i, j])
                     if np.isfinite(time[i, j]):
                         latest = max(latest, closes[i] + time[i, j])
-            begins = opens[j]
+            earliest = opens[j]
             if j > 0:
-                begins = max(begins, soonest)
+                earliest = max(earliest, soonest)
                 for i in range(n):
                     if first[i, j]:
-                        begins = max(begins, opens[i] + far[i, j])
+                        earliest = max(earliest, opens[i] + far[i, j])
             ends = closes[j]
             if j > 0:
-                ends = min(ends, max(begins, latest))
+                ends = min(ends, max(earliest, latest))
             if j < last:
                 latest = -np.inf
                 for i in range(n):
@@ -107,10 +107,10 @@ def tighten(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDA
                 for i in range(n):
                     if first[j, i]:
                         ends = min(ends, closes[i] - far[j, i])
-            if begins > opens[j] or ends < closes[j]:
-                opens[j], closes[j] = begins, ends
+            if earliest > opens[j] or ends < closes[j]:
+                opens[j], closes[j] = earliest, ends
                 changed = True
-            if begins > ends:
+            if earliest > ends:
                 return j
     return -1
 
@@ -143,7 +143,7 @@ def assignment(cost: Floats) -> tuple[Floats, Floats]:
     """
     n = len(cost)
     u, v = np.zeros(n + 1), np.zeros(n + 1)
-    row_of, way = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+    row_of, previous = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
     for i in range(1, n + 1):
         row_of[0] = i
         at = 0
@@ -156,7 +156,7 @@ def assignment(cost: Floats) -> tuple[Floats, Floats]:
                 if not used[j]:
                     here = cost[row - 1, j - 1] - u[row] - v[j]
                     if here < least[j]:
-                        least[j], way[j] = here, at
+                        least[j], previous[j] = here, at
                     if least[j] < delta:
                         delta, then = least[j], j
             if then < 0:
@@ -173,8 +173,8 @@ def assignment(cost: Floats) -> tuple[Floats, Floats]:
         if then < 0:
             continue
         while at != 0:
-            row_of[at] = row_of[way[at]]
-            at = way[at]
+            row_of[at] = row_of[previous[at]]
+            at = previous[at]
     return u[1:], v[1:]
 
 

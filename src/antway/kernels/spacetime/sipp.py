@@ -140,7 +140,7 @@ def sipp(
                 duration = math.hypot(dx, dy) / speed
                 bound = min(bound, now + duration + field[r, c])
                 leg = Move(start[0], start[1], dx, dy, duration, r * cols + c)
-                states, entries = _reach(0, leg, field[r, c], frame, now, predictions, states, entries, ws)
+                states, entries = _enter(0, leg, field[r, c], frame, now, predictions, states, entries, ws)
                 if states < 0:
                     return FULL, -1, 0, bound
     expanded = 0
@@ -170,7 +170,7 @@ def sipp(
                 elif extra > ws.done[i]:
                     dx, dy = offsets[k, 1] * cell_size, offsets[k, 0] * cell_size
                     move = Move(at[0], at[1], dx, dy, duration, r * cols + c)
-                    states, entries = _reach(i, move, field[r, c], frame, now, predictions, states, entries, ws)
+                    states, entries = _enter(i, move, field[r, c], frame, now, predictions, states, entries, ws)
                     if states < 0:
                         return FULL, -1, expanded, bound
         ws.done[i], ws.todo[i] = limit, rest
@@ -180,7 +180,7 @@ def sipp(
 
 
 @bare_kernel
-def _reach(
+def _enter(
     i: int,
     move: Move,
     remaining: float,

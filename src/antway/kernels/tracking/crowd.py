@@ -32,10 +32,10 @@ _DOUBT = 0.2  # 1; relative standard deviation of that distance
 _SURE = 0.01  # rad; standard deviation of a bearing that is known exactly
 _ON = 0.005  # m/s; a velocity so near to a line lies on it
 _EXACT = 4  # steps; a predicted trajectory is exact for so long, and later
-_STRAY = 0.01  # m; as straight as can be without being farther off than this
+_DEVIATION = 0.01  # m; as straight as can be without being farther off than this
 _SPARED = round(LATER / STEP_TIME)  # steps; from then on the clearance radius is smaller, so no straight stretch reaches across
 _BETTER = 0.8  # 1; errors must be so much smaller than those of constant velocity for the prediction to be used
-_FADES = 0.8  # 1; share of the sum of squared errors that is left after each scan
+_DECAY = 0.8  # 1; share of the sum of squared errors that is left after each scan
 
 
 @bare_kernel
@@ -130,7 +130,7 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: floa
 
 @bare_kernel
 def _straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
-    """Make steps [first, last) of a course straight where that leaves nobody more than _STRAY m from where he was to be.
+    """Make steps [first, last) of a course straight where that leaves nobody more than _DEVIATION m from where he was to be.
 
     What is uniform for many steps is one piece for those who plan (kernels/tracking/predict.py), in place of many.
     """
@@ -145,7 +145,7 @@ def _straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
             for s in range(first, until):
                 dx, dy = dx + (prediction[s, 0] - mx) * STEP_TIME, dy + (prediction[s, 1] - my) * STEP_TIME
                 off = max(off, math.hypot(dx, dy))
-            if off > _STRAY:
+            if off > _DEVIATION:
                 break
             until += 1
         mx, my = 0.0, 0.0
@@ -197,8 +197,8 @@ def foresee(
                 vx, vy = estimates[k, VX], estimates[k, VY]
                 bound = _lines(rows[:count], before, max(dt, 0.01), lines)
                 if row[_A11] + row[_A22] > 0.0:  # its prediction came from knowledge
-                    row[_DIRECT] = _FADES * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
-                    row[_TURNING] = _FADES * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
+                    row[_DIRECT] = _DECAY * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
+                    row[_TURNING] = _DECAY * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
                 _learn(row, vx, vy, preferred_speed, lines, bound)
         row[:8], row[_SEEN] = estimates[k], t
     follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _DIRECT].sum()

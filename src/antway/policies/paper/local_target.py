@@ -17,7 +17,7 @@ def local_target(
     on_path: NDArray[np.bool_],
     beyond: float,
     xy: XY,
-    reach: float,
+    sensing_range: float,
     sight: Callable[[XY], bool],
 ) -> tuple[int, str]:
     """Return the index of the local target among the nodes ahead, one on the global path, and the reason for it.
@@ -37,7 +37,7 @@ def local_target(
         Distance along them to the conflict, m.
     xy : (x, y)
         The robot's position, m.
-    reach : float
+    sensing_range : float
         Sensing range, m.
     sight : function of (x, y)
         Whether the robot has a free line of sight to the point.
@@ -49,6 +49,6 @@ def local_target(
     ahead = np.flatnonzero(on_path).tolist()
     for i in reversed(ahead):
         x, y = route[i].tolist()
-        if math.dist(xy, (x, y)) <= reach and sight((x, y)):
+        if math.dist(xy, (x, y)) <= sensing_range and sight((x, y)):
             return i, "farthest node of the path in sensing range and sight"
     return ahead[-1], "last node of the path in the window"
