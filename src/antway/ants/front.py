@@ -40,8 +40,8 @@ class Front:
         FOUND, NO_PATH (proved), or BUDGET where time ran out (the plans so far are kept).
     objectives : tuple of str
     values : float64[P, M]
-        Of each plan: length (m), turns (changes of heading), clearance (least distance on the way to a blocked cell or the
-        edge of the map, m: the more the better), exposure (integral of the risk along the way).
+        Of each plan: length (m), turns (changes of heading), clearance (least distance of the path to a blocked cell or the
+        edge of the map, m: the more the better), exposure (integral of the risk along the path).
     plans : tuple of Plan
     """
 

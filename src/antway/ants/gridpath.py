@@ -1,7 +1,7 @@
 """Ants as an anytime planner on a grid: the paper's colony, its improvements, and what it leaves behind for pictures.
 
 On a static grid exact search is faster, always. Ants earn their place where the search is local, has several objectives
-(`front.pareto`), or must give several ways (`front.alternatives`).
+(`front.pareto`), or must give several paths (`front.alternatives`).
 """
 
 from __future__ import annotations
@@ -145,14 +145,14 @@ def explore(
     alpha, beta : float or None
         Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: as the rule has it, beta 7 or 8 for a name.
     heuristic : str
-        field: eta = exp(-way lost by the move), in cells, by exact distances to the goal; distance: eta = 1 / exact distance of
+        field: eta = exp(-detour by the move), in cells, by exact distances to the goal; distance: eta = 1 / exact distance of
         the next cell to the goal; goal: eta = 1 / straight distance of the next cell to the goal.
     step_limit : int or None
         Steps after which an ant that has not arrived dies; None: 8 times the length of the shortest path in cells, and 64.
     retreat : bool
         In a dead end an ant goes back and strikes it out; otherwise it dies there.
     pheromone : str or float[h, w, 8]
-        At first: uniform; corridor (less on a move the longer the shortest way over it); or what an earlier colony left.
+        At first: uniform; corridor (less on a move the longer the shortest path over it); or what an earlier colony left.
     window : (row, col, rows, columns) or None
         The search keeps within this rectangle.
     forbidden : bool[H, W] or None

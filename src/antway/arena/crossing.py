@@ -33,7 +33,7 @@ def crossing() -> Suite:
     """Return the suite.
 
     The robot goes from (0, -4) to (0, 4) at 1 m/s among five humans, all of radius 0.3 m, in steps of 0.25 s and 25 s at most;
-    it is there within 0.3 m. As the humans do not see it, their ways do not depend on it, and are worked out beforehand; within
+    it is there within 0.3 m. As the humans do not see it, their paths do not depend on it, and are worked out before; within
     a step each goes straight. Their speed is bounded by 1 m/s; how fast it changes is not.
     """
     return Suite("crossing", ("circle", "square"), make, default=500)

@@ -27,8 +27,8 @@ def encounters() -> Suite:
 
     head-on: a disc comes the other way in a corridor of 2.4 m. doorway: one comes through the door that the robot wants to go
     through. overtaking: a slow one goes ahead in a corridor. ambush: one comes out of a side corridor, hidden until then. flow:
-    a stream of people crosses. crowd: many stand about, and there is a way between them. pursuer: one runs after the robot,
-    and stops where it would run into it; as its way depends on the robot's, no optimum is known there.
+    a stream of people crosses. crowd: many stand about, and there is a path between them. pursuer: one runs after the robot,
+    and stops where it would run into it; as its path depends on the robot's, no optimum is known there.
     """
     return Suite("encounters", tuple(KINDS), lambda group, chance: KINDS[group](chance), default=50)
 

@@ -29,7 +29,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
 
     An action is the commanded velocity in units of v_max, float32[2] within [-1, 1]. An observation has three parts:
 
-    * robot, float32[6]: way to the goal x, y (m), velocity x, y (m/s), cosine and sine of the heading;
+    * robot, float32[6]: offset of the goal x, y (m), velocity x, y (m/s), cosine and sine of the heading;
     * tracks, float32[tracks, 6]: of the nearest tracks, nearest first, place x, y seen from the robot (m), velocity x, y (m/s),
       radius (m) and 1; rows without a track are 0;
     * walls, float32[16]: how far the robot can go before a wall, in directions of 2 pi k / 16, m, up to its sensor's range.

@@ -182,7 +182,7 @@ def robot_name(robot: str) -> str:
 def build(episode: Episode) -> Scenario:
     """Return the scenario of an episode.
 
-    A robot larger than the suite's own gets the first world drawn in which it has room at both ends and a way between them.
+    A robot larger than the suite's own gets the first world drawn in which it has room at both ends and a path between them.
 
     Raises
     ------

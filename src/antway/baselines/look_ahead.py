@@ -9,7 +9,7 @@ from antway.planning import TimedPath
 from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Observation, Task
 
-SHORT = 1e-6  # m of a step's way to a wall that are left over
+SHORT = 1e-6  # m of a step's distance to a wall that are left over
 
 
 def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY:

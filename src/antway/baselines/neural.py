@@ -125,7 +125,7 @@ class Neural:
         return row + 1, col + 1
 
     def _up(self, o: Observation, kind: NDArray[np.uint8]) -> XY | None:
-        """Return the farthest place in sight on the way up, about one control period from here."""
+        """Return the farthest place in sight on the path up, about one control period from here."""
         here = self._cell(o.xy)
         if here == self.goal:
             return self.task.goal

@@ -35,7 +35,7 @@ class Oracle:
         self.timeline = timeline
 
     def reset(self, task: Task, seed: int) -> None:
-        """Plan the whole way."""
+        """Plan the whole path."""
         self.task, robot = task, task.robot
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no future has a path to the goal")

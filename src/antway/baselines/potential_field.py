@@ -35,9 +35,9 @@ class PotentialField(Follow):
     wall, influence : float
         Gain of the walls, m^4/s, >= 0, and the distance from which they act, m, > 0.
     moving, far : float
-        Gain of moving obstacles, m^3/s, >= 0, and the distance from which they act, less the way to brake, m, > 0.
+        Gain of moving obstacles, m^3/s, >= 0, and the distance from which they act, less the braking distance, m, > 0.
     brake : float
-        Deceleration that the way to brake counts on where the robot's own is larger, m/s^2, > 0.
+        Deceleration that the braking distance counts on where the robot's own is larger, m/s^2, > 0.
 
     Notes
     -----

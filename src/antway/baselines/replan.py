@@ -143,7 +143,7 @@ class Sipp(Follow):
 
 
 class Replan(Sipp):
-    """Find the shortest way on the map with every sensed obstacle frozen into it, anew every cycle; wait if there is none.
+    """Find the shortest path on the map with every sensed obstacle frozen into it, anew every cycle; wait if there is none.
 
     What navigation stacks do that put moving obstacles into a costmap: Dijkstra's answer, found by A* with an exact heuristic.
 

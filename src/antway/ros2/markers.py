@@ -113,7 +113,7 @@ def predictions_message(
     for line, radius in zip(lines, tracks.radius.tolist()):
         if len(line) < 2:
             continue
-        writer.add("ways", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=(0.8, 0.3, 0.1), points=line[:, 1:].tolist())
+        writer.add("paths", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=(0.8, 0.3, 0.1), points=line[:, 1:].tolist())
         for when in np.arange(step, line[-1, 0] + 1e-9, step):
             x, y = (float(np.interp(when, line[:, 0], line[:, i])) for i in (1, 2))
             faintness = 0.5 * (1.0 - when / (line[-1, 0] + step))

@@ -306,7 +306,7 @@ def sipp(
     horizon: float = math.inf,
     max_expanded: int | None = None,
 ) -> TimedPlan:
-    """Return the way from `start` to `goal` among moving discs that arrives first; parameters and errors as for `Sipp`.
+    """Return the path from `start` to `goal` among moving discs that arrives first; parameters and errors as for `Sipp`.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from antway.errors import BadParameter
 def circumscribed_radius(polygon: ArrayLike) -> float:
     """Return the radius of the disc around (0, 0), about which the robot turns, that holds `polygon` (float64[N, 2], m).
 
-    A way for that disc is one for the robot in every orientation; ways that only fit it turned are not found.
+    A path for that disc is one for the robot in every orientation; paths that only fit it turned are not found.
 
     Examples
     --------

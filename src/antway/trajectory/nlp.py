@@ -1,6 +1,6 @@
 """Shape and timing of a path by a nonlinear program: time-optimal, clear of walls and of what moves (extra `smooth`: CasADi).
 
-The discrete path fixes on which side of everything the way goes; the program bends it within that. Every answer is checked by
+The discrete path fixes on which side of everything the path goes; the program bends it within that. Every answer is checked by
 the exact swept test and against all limits, and the speed profile of the polyline is returned in place of one that fails.
 """
 

@@ -121,7 +121,7 @@ class View:
         return record
 
     def _braking(self) -> tuple[float, float]:
-        """Return the way in m and the time in s to a stand, if the robot brakes after one more control period."""
+        """Return the distance in m and the time in s to a stand, if the robot brakes after one more control period."""
         spec, stage = self.episode.stage.task.robot, self.episode.stage
         speed = math.hypot(*stage.velocity[stage.n])
         if speed < 1e-6:

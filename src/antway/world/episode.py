@@ -22,7 +22,7 @@ from antway.kernels.robot.dynamics import REST
 from antway.planning import TimedPath
 from antway.version import __version__
 from antway.world.entries import Entries
-from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, Task, make_policy
+from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, make_policy
 from antway.world.pursuit import Pursuit
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import MAX_STEPS, Scenario

@@ -280,7 +280,7 @@ class Decision:
     path : TimedPath or None
         The motion planned from here on.
     alternatives : sequence of (name, cost in s)
-        What was weighed, and how much later than if nothing moved the goal is reached so; infinite where no way was found.
+        What was weighed, and how much later than if nothing moved the goal is reached so; infinite where no path was found.
     gap : float
         Certified gap of the choice (0.01 is 1 %), NaN if nothing is certified.
     guard : str

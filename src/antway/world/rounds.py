@@ -25,7 +25,7 @@ PACE = 0.85  # share of its top speed that a robot makes good among obstacles
 REVIEW = 1.0  # s between two looks at the order
 STANDS, FORGOTTEN = 3.0, 30.0  # s: an obstacle that stood so long counts as a wall, until it was not seen so long
 EARLIER, LESS_LATE = 3.0, 0.5  # s that another order must be done earlier, or be less late, to be taken
-DETOUR = 1.0  # m by which the way to a stop grows before the order is decided anew
+DETOUR = 1.0  # m by which the path to a stop grows before the order is decided anew
 SLOW = 0.05  # m/s
 
 
@@ -169,7 +169,7 @@ class RoundsPolicy:
         self.standing = {number: one for number, one in self.standing.items() if now - one[1] < FORGOTTEN}
 
     def _review(self) -> None:
-        """Decide on the order anew if the way to the next stop has changed, or if the robot is late."""
+        """Decide on the order anew if the path to the next stop has changed, or if the robot is late."""
         self.looked = self.now
         walls = frozenset(number for number, one in self.standing.items() if one[1] - one[0] >= STANDS)
         reason = ""
@@ -177,7 +177,7 @@ class RoundsPolicy:
             before = self._distance(self.around)
             self.walls, self.around = walls, self._with(walls)
             if abs(self._distance(self.around) - before) > DETOUR:
-                reason = f"obstacle {min(walls)} stands in the way" if walls else "the way is free again"
+                reason = f"obstacle {min(walls)} stands in the way" if walls else "the path is free again"
         late, done = self._outlook(self.order)
         turned = bool(reason)
         if (
@@ -222,7 +222,7 @@ class RoundsPolicy:
         return replace(grid, blocked=blocked)
 
     def _distance(self, around: Grid) -> float:
-        """Return the length of the way to the next stop, m."""
+        """Return the length of the path to the next stop, m."""
         here, there = self._cell(around, self.xy), self._cell(around, self._target)
         return float(min(distance_field(around, there, until=here)[here], 1e9))
 
@@ -270,7 +270,7 @@ class RoundsPolicy:
     def _outlook(self, order: Sequence[int], times: NDArray[np.float64] | None = None) -> tuple[float, float]:
         """Return how late the robot will be in all, and when it is done, if it visits `order` from here, s.
 
-        Row k + 1 of `times` is the k-th of `order`; without it the way from here is measured and the rest is as it was.
+        Row k + 1 of `times` is the k-th of `order`; without it the path from here is measured and the rest is as it was.
         """
         scale = PACE * self.task.robot.v_max
         now, late = self.now, 0.0

@@ -238,12 +238,12 @@ def first_wall(
 ) -> tuple[float, float, float]:
     """First contact of a disc that goes from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
 
-    All in cells, integers at cell centres. The way is scanned in pieces of a few cells, so that a long one costs what it needs.
+    All in cells, integers at cell centres. The segment is scanned a few cells at a time, so that a long one costs what it needs.
 
     Returns
     -------
     share : float
-        Share of the way gone at contact, in [0, 1]; infinite if there is none. A disc that already touches what it does not
+        Share of the segment gone at contact, in [0, 1]; infinite if there is none. A disc that already touches what it does not
         move towards has no contact with it.
     n_row, n_col : float
         Unit normal there, from the wall to the disc.
@@ -320,7 +320,7 @@ def _square_normal(p: float, q: float) -> tuple[float, float, float]:
 
 @kernel
 def _enter_box(p: float, q: float, dp: float, dq: float, a: float, b: float) -> float:
-    """Share of the way (dp, dq) from (p, q) at which it enters the open box |p| < a, |q| < b; infinite if it never does."""
+    """Share of the segment (dp, dq) from (p, q) at which it enters the open box |p| < a, |q| < b; infinite if it never does."""
     enter, leave = 0.0, math.inf
     for x, d, half in ((p, dp, a), (q, dq, b)):
         if d == 0.0:

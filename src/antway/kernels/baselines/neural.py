@@ -1,4 +1,4 @@
-"""Activity over a map's cells: shunting neurons (Yang, Meng), bounded relaxation (Glasius), and the way up.
+"""Activity over a map's cells: shunting neurons (Yang, Meng), bounded relaxation (Glasius), and the path up.
 
 A sweep visits the cells in one of four orders in place, so that activity crosses a map in a few sweeps; the stationary state
 does not depend on the order. `kind` says what a cell is: `FREE`, `CLOSED` or `TARGET`. All arrays have a rim of closed cells
@@ -62,7 +62,7 @@ def shunt(
     span : float
         s; infinite takes each neuron to where it would come to rest.
     order : int
-        0 to 3: which way rows and columns are gone through.
+        0 to 3: in which direction rows and columns are gone through.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def visibility(
     """Write eta^beta of every legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor of each cell i.
 
     Rows `from_cell` to `end` of `seen` are written, all of them 0 before.
-    eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the way lost, in cells.
+    eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the detour, in cells.
     """
     for i in range(from_cell, end):
         if not reachable[i] or legal[i] == 0:
@@ -334,7 +334,7 @@ def guide(
     turn: float,
     goal: int,
 ) -> NDArray[np.float64]:
-    """Return the least cost from each cell to `goal` that begins with each move, float64[N, 8]; infinite where there is no way.
+    """Return the least cost from each cell to `goal` that begins with each move, float64[N, 8]; infinite without a path.
 
     A move costs its length times the mean of `cost` float64[N] > 0 at its ends, and `turn` >= 0 more if the move before was
     another one. By label correction: a queue of cells whose values fell.
@@ -386,7 +386,7 @@ def score(
     clearance: NDArray[np.float64],
     danger: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return for each ant float64[A, 4]: length, turns, -(least clearance on the way), integral of the danger along the way.
+    """Return for each ant float64[A, 4]: length, turns, -(least clearance on the path), integral of the danger along the path.
 
     `clearance`, `danger` float64[N]; the integral takes the mean of both ends of a move, as `guide` does; lengths in cells;
     infinite for an ant that died.

@@ -85,7 +85,7 @@ def beside(search: Search, city: Index, forward: bool) -> int:
 
 @bare_kernel
 def between(search: Search, a: Index, b: Index, c: Index, forward: bool) -> bool:
-    """Tell whether b lies on the way from a to c, ends included, in that direction."""
+    """Tell whether b lies on the tour from a to c, ends included, in that direction."""
     p, q, r = search.place[a], search.place[b], search.place[c]
     if not forward:
         p, r = r, p

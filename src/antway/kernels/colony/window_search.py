@@ -229,7 +229,13 @@ def best_at(
 
 @bare_kernel
 def reversal(
-    problem: Windows, t: Trail, habits: Moves, i: int, temperature: float, state: rng.State, found: tuple[float, int, int, int, int]
+    problem: Windows,
+    t: Trail,
+    habits: Moves,
+    i: int,
+    temperature: float,
+    state: rng.State,
+    found: tuple[float, int, int, int, int],
 ) -> tuple[float, int, int, int, int]:
     """Return the best of `found` and of reversing a part that begins at place i."""
     opens, closes, order = problem.opens, problem.closes, t.order

@@ -39,7 +39,7 @@ class Windows(NamedTuple):
 
 @kernel
 def shortest(time: Floats) -> Floats:
-    """Return the shortest ways with any stops in between (Floyd, Warshall)."""
+    """Return the shortest paths with any stops in between (Floyd, Warshall)."""
     far = time.copy()
     n = len(far)
     for k in range(n):

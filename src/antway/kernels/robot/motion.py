@@ -116,7 +116,7 @@ def wheels_segment(
 
 @bare_kernel
 def along(theta: float, v: float, a: float, w: float, b: float, h: float) -> tuple[float, float]:
-    """Way (dx, dy) in m made in h s on a segment: the integral of (v + a t) (cos, sin)(theta + w t + b t^2 / 2), to 1e-10."""
+    """Displacement (dx, dy) in m in h s on a segment: integral of (v + a t) (cos, sin)(theta + w t + b t^2 / 2), to 1e-10."""
     if w == 0.0 and b == 0.0:
         path = (v + 0.5 * a * h) * h
         return path * math.cos(theta), path * math.sin(theta)

@@ -51,7 +51,7 @@ def bounce(
     vr, vc = speed * math.sin(angle), speed * math.cos(angle)
     t, turn, n = 0.0, turn_every, 1
     knot_t[0], knot_rc[0, 0], knot_rc[0, 1] = 0.0, row, col
-    standing = 0  # mirrorings without a way gone between them: more than a few and the disc is wedged until its next turn
+    standing = 0  # mirrorings without a distance gone between them: more than a few and the disc is wedged until its next turn
     while t < horizon:
         end = min(turn, horizon)
         if standing > 8:

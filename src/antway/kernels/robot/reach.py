@@ -33,7 +33,7 @@ def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: 
 
     Notes
     -----
-    The function is convex. With c the lateral distance and k = growth / |w| < 1 it is least where the way made since the
+    The function is convex. With c the lateral distance and k = growth / |w| < 1 it is least where the distance made since the
     closest point is c k / sqrt(1 - k^2); with k >= 1 at the end.
     """
     speed = math.hypot(wx, wy)

@@ -331,7 +331,7 @@ def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: flo
     fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
     if not m.curved:
         fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
-    window = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the way
+    window = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the path
     s = 0.0
     while s < h:
         x, y, _, _, _, _ = pose(m, s)

@@ -1,8 +1,8 @@
 """Canonical successors on 4 and 8 neighbours: of all shortest paths between two cells only those with diagonals first survive.
 
-A successor n of cell x, reached from p, is dropped where the cells around x offer a way from p to n that is shorter than by x,
+A successor n of cell x, reached from p, is dropped where the cells around x offer a path from p to n that is shorter than by x,
 or as long with the diagonal earlier (with 4 moves: the vertical move earlier). Dropping it is right whichever of several
-optimal parents p is, because the other way then leads to n at no greater cost (Harabor and Grastien, Online graph pruning for
+optimal parents p is, because the other path then leads to n at no greater cost (Harabor and Grastien, Online graph pruning for
 pathfinding on grid maps, AAAI 2011; Sturtevant and Rabin, Canonical orderings on grids, IJCAI 2016).
 
 Directions are those of `Moves.EIGHT`: 0-3 are E, S, W, N and diagonal 4 + i lies between i and i + 1 (mod 4). Bit d of a

@@ -91,7 +91,7 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
         expanded += 1
         if label[1 - side, x, 1] == now and g + label[1 - side, x, 0] < best:
             best, top = g + label[1 - side, x, 0], x
-        stalled = False  # a way from above is shorter: no shortest path leads up through x
+        stalled = False  # a path from above is shorter: no shortest path leads up through x
         for e in range(row_start[x], row_start[x + 1]):
             to = up[e, 0]
             stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < g

@@ -31,7 +31,7 @@ def theta(
 ) -> int:
     """Run (Lazy) Theta* (Nash, Daniel, Koenig, Felner 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions.
 
-    Cells are flat indices. `length` [HW] is the shortest way found to each cell, infinite at first, and `parent` [HW] the cell
+    Cells are flat indices. `length` [HW] is the shortest path found to each cell, infinite at first, and `parent` [HW] the cell
     before it, in sight of it (if lazy: once closed). The open ones are on a `heap`, float64[N, 2], once for each time a cell
     was improved; `count` is their number, and that of expansions. `scratch` has room for `trace`.
 

@@ -36,7 +36,7 @@ def place_noise(
 
     Notes
     -----
-    The difference of two places with noise of variance R less the way made between them has a squared length of mean 4 R and
+    The difference of two places with noise of variance R less the motion between them has a squared length of mean 4 R and
     median 4 R ln 2. The median is followed by small steps up and down, so that what turns or jumps now and then counts little.
     """
     count = int(state[0])

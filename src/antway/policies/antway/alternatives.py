@@ -25,9 +25,9 @@ from antway.world.policy import XY
 
 CROSSING = ("pass in front", "pass behind")
 ELSE = ("go round left", "go round right")
-_WAITS, _LEG = 0.25, 0.5  # s between the waits that are tried, and of a leg of the way on which they are
+_WAITS, _LEG = 0.25, 0.5  # s between the waits that are tried, and of a leg of the path on which they are
 _PAST = 1.0  # s; that long after the time at which a conflict was to begin it is over
-_WALL = 3.0  # m; so far to one side of an obstacle the way is closed, to see what it would cost to pass on the other
+_WALL = 3.0  # m; so far to one side of an obstacle the path is closed, to see what it would cost to pass on the other
 _APART = 1.5  # times their radius: so close together discs leave no gap
 
 
@@ -61,7 +61,7 @@ class Situation:
         return out[:count]
 
     def path(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
-        """Return the way among `segments` that the colony finds, or None; without a `memory` to work in it makes one."""
+        """Return the path among `segments` that the colony finds, or None; without a `memory` to work in it makes one."""
         context, s, (x, y) = self.context, self.settings, self.xy
         memory = make_memory(context.field.size) if memory is None else memory
         trails, state = make_trails(context.field.size), np.zeros(1, np.uint64)
@@ -76,7 +76,7 @@ class Situation:
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
-        """Return the way as if nothing moved, in legs so short that they tell when there would be a conflict."""
+        """Return the path as if nothing moved, in legs so short that they tell when there would be a conflict."""
         path = self.path(self.segments[:0], memory)
         if path is None:
             return None
@@ -110,7 +110,7 @@ def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.f
 
 
 class Weighed(Sequence[tuple[str, float]]):
-    """What is done and what else could be, with what it costs beyond the way if nothing moved, s; found when first asked for.
+    """What is done and what else could be, with what it costs beyond the path if nothing moved, s; found when first asked for.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: 
 
 
 def _wait(now: Situation) -> tuple[str, float]:
-    """Of the waits after which the straight way is free the shortest; as far as can be foreseen."""
+    """Of the waits after which the direct path is free the shortest; as far as can be foreseen."""
     path, farthest = now.straight(), -math.inf
     if path is None:
         return "wait, then the direct path", math.inf

@@ -51,7 +51,7 @@ def explain(
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)
-    bound = min(cost, bound)  # which holds over the grid's moves: a way at any angle may be faster
+    bound = min(cost, bound)  # which holds over the grid's moves: a path at any angle may be faster
     late = max(cost - now.free(), 0.0)
     waiting = wait_of(path, now.now)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
