@@ -238,7 +238,7 @@ def first_wall(
 ) -> tuple[float, float, float]:
     """First contact of a disc that goes from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
 
-    All in cells, integers at cell centres. The segment is scanned a few cells at a time, so that a long one costs what it needs.
+    All in cells, integers at cell centres. The segment is scanned a few cells at a time: its cost grows with its length.
 
     Returns
     -------
