@@ -201,7 +201,7 @@ class Episode:
                 driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
         except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
-            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_said(error)}"
+            self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_message(error)}"
 
     @property
     def steps(self) -> int:
@@ -221,7 +221,7 @@ class Episode:
                 if path is not None and not (self.plans and path is self.plans[-1]):
                     self.plans.append(path)
             except Exception as error:
-                self._fault = f"{name} at {observation.t:g} s: {_said(error)}"
+                self._fault = f"{name} at {observation.t:g} s: {_message(error)}"
         if self.tour is not None:
             stage.aim[2] = stage.task.goal_tolerance if self.tour.homeward else -1.0
         self.outcome, self.reason = stage.drive(one, two)
@@ -279,7 +279,7 @@ class Episode:
         )
 
 
-def _said(error: Exception) -> str:
+def _message(error: Exception) -> str:
     """Return what an exception says and where it was raised: the last frame of its traceback that is written in Python."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
