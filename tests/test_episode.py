@@ -102,7 +102,8 @@ def test_a_failing_policy_ends_as_error_with_the_robot_stopped() -> None:
         def reset(self, task, seed):
             raise ValueError("no map")
 
-    assert run(crossing(), Unready(east)).reason == "Unready at reset: ValueError: no map"
+    reason = run(crossing(), Unready(east)).reason
+    assert reason.startswith("Unready at reset: ValueError: no map (test_episode.py, line ") and reason.endswith(", in reset)")
     for nothing in (None, (math.nan, 0.0), (math.inf, 1.0)):
         still = run(crossing(), Steer(lambda o, nothing=nothing: nothing), horizon=1.0)
         assert still.outcome is Outcome.TIMEOUT and still.length == 0.0

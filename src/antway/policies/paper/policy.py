@@ -258,8 +258,8 @@ class PaperPolicy:
         here = routes.cell(seen.xy)
         if here is None or not len(route):
             return None
-        reach = min(spec.sensor_range, self.lookahead * spec.v_max)
-        half = math.ceil(reach / inflated.resolution)
+        sensing_range = min(spec.sensor_range, self.lookahead * spec.v_max)
+        half = math.ceil(sensing_range / inflated.resolution)
         low = [max(here[k] - half, 0) for k in (0, 1)]
         high = [min(here[k] + half + 1, inflated.shape[k]) for k in (0, 1)]
         window = (low[0], low[1], high[0] - low[0], high[1] - low[1])
@@ -278,7 +278,7 @@ class PaperPolicy:
                 inflated, window, seen.xy, spec.v_max, ahead.body + self.margin / 2, self.lookahead, whole=whole
             )
             taken = closed[cells[:, 0], cells[:, 1]]
-            i, reason = local_target(route, taken, on_path, beyond, seen.xy, reach, lambda p: routes.clear(seen.xy, p))
+            i, reason = local_target(route, taken, on_path, beyond, seen.xy, sensing_range, lambda p: routes.clear(seen.xy, p))
             target = (int(cells[i, 0]), int(cells[i, 1]))
             if target == here or closed[target] or not inflated.is_free(target):
                 continue
