@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -13,10 +14,10 @@ import pytest
 import antway
 
 PROGRAM = """
-from antway.kernels.base import jit
+from antway.kernels.base import cache
 from antway.kernels.base.geometry import wrap
 assert abs(wrap(7.0) - (7.0 - 2 * 3.141592653589793)) < 1e-12
-print(jit.cache_folder())
+print(cache.cache_folder())
 """
 
 
@@ -52,3 +53,79 @@ def test_without_home_and_a_writable_package_kernels_are_kept_in_a_temporary_fol
     assert folder.startswith(str(tmp_path / "antway-"))
     assert list(Path(folder).rglob("*.nbi"))
     assert run(installed, HOME=str(nowhere), TMPDIR=str(tmp_path), PYTHONDONTWRITEBYTECODE="1") == folder
+
+
+PLAN = """
+import sys
+from antway.cli import main
+sys.argv = ["antway", "plan", "office", "--start", "1.5,3", "--goal", "22,12.5", "--radius", "0.25", "--json"]
+try:
+    main()
+finally:
+    import numba
+    print(numba.config.DISABLE_JIT, file=sys.stderr)
+"""
+
+
+def test_a_small_map_is_searched_before_anything_is_compiled(tmp_path: Path) -> None:
+    """Without compiled kernels `antway plan` interprets them on a small map, with the answer that compiled ones give."""
+    answers = []
+    for disable in (None, "0"):
+        given = {"NUMBA_CACHE_DIR": str(tmp_path)} if disable is None else {}
+        done = subprocess.run(
+            [sys.executable, "-c", PLAN], env={**os.environ, **given}, capture_output=True, text=True, check=True
+        )
+        answers.append(json.loads(done.stdout))
+        if disable is None:
+            assert done.stderr.split()[-1] == "1" and not list(tmp_path.rglob("*.nbi"))
+    assert {**answers[0], "elapsed": 0} == {**answers[1], "elapsed": 0} and answers[0]["status"] == "found"
+
+
+SAID = """
+import antway
+grid = antway.Grid([[0, 0], [0, 0]])
+for goal in ((0, 1), (1, 1)):
+    antway.solve(antway.Problem(grid, (0, 0), goal), "dijkstra")
+"""
+
+
+@pytest.mark.parametrize(("quiet", "told"), [("", 1), ("1", 0)])
+def test_compiling_is_said_once_and_can_be_silenced(tmp_path: Path, quiet: str, told: int) -> None:
+    """From Python the first compilation says so once on stderr, unless ANTWAY_QUIET is set."""
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": quiet}
+    done = subprocess.run([sys.executable, "-c", SAID], env=given, capture_output=True, text=True, check=True)
+    assert done.stderr.count("compiling the kernels") == told and done.stderr.count("\n") == told
+    again = subprocess.run([sys.executable, "-c", SAID], env=given, capture_output=True, text=True, check=True)
+    assert again.stderr == ""
+
+
+SLOW = """
+import numpy as np
+import antway
+from antway.kernels.base.jit import compile_seconds, kernel
+
+@kernel
+def twice(x):
+    return x + x
+
+class Compiles:
+    def reset(self, task, seed): pass
+    def act(self, observation):
+        twice(np.zeros(3))
+        return antway.Command((1.0, 0.0))
+    def explain(self): return antway.Decision("follow", "on its way")
+
+room = antway.Scenario(antway.World(antway.Grid(np.zeros((10, 10), bool))), (1.0, 5.0), (9.0, 5.0), horizon=1.0)
+result = antway.run(room, Compiles())
+first = compile_seconds()
+print(result.cycle_ms[0] / 1e3, first)
+"""
+
+
+def test_compile_time_is_in_no_cycle(tmp_path: Path) -> None:
+    """The first cycle of a policy that compiles a kernel is not charged with that."""
+    (tmp_path / "slow.py").write_text(SLOW)
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": "1"}
+    done = subprocess.run([sys.executable, "slow.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
+    cycle, compiled = map(float, done.stdout.split())
+    assert compiled > 0.05 and cycle < 0.5 * compiled

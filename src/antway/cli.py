@@ -37,7 +37,7 @@ from antway.console import (
     working,
 )
 from antway.errors import BadParameter
-from antway.tables import PLANNERS, POLICIES, ROBOTS, SHIPPED_SCENES, SUITES, names
+from antway.tables import PLANNERS, POLICIES, ROBOTS, SHIPPED_SCENES, SUITES, WARM, names
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -55,6 +55,8 @@ RobotName = Annotated[
         autocompletion=completed(ROBOTS),
     ),
 ]
+SMALL = 2**19  # cells of a map that `plan` searches sooner than it compiles the search
+
 ScenarioName = Annotated[
     str,
     typer.Argument(
@@ -113,6 +115,7 @@ def plan_command(
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
+        _interpret_if_small(grid.blocked.size, planner)
         inflated = grid.inflate(radius)
         source, target = (end if cells else standing_cell(name, end, grid, inflated, radius) for name, end in ends.items())
         problem = Problem(inflated, source, target, rule)
@@ -149,6 +152,22 @@ def plan_command(
     if out is not None and not json:
         print(f"drawn in {out}")
     return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[path.status]
+
+
+def _interpret_if_small(cells: int, planner: str) -> None:
+    """Let Python interpret the kernels where they are not compiled yet and the map is small: that is over long before they are.
+
+    Interpreted and compiled kernels give the same answers (tests/test_without_jit.py).
+    """
+    if cells > SMALL or planner not in ("jps", "astar") or "numba" in sys.modules:
+        return
+    from antway.kernels.base.cache import is_compiled
+
+    if not is_compiled("search", "astar.solve"):
+        os.environ["NUMBA_DISABLE_JIT"] = "1"
+        import numpy as np
+
+        np.seterr(over="ignore")  # unsigned integers wrap, as they do in compiled kernels
 
 
 @app.command("run")
@@ -320,6 +339,28 @@ def _predict(suite: str, file: Path | None, json: bool) -> int:
         return 0
     print(markdown(found))
     print(f"{found.cases} forecasts from {file}")
+    return 0
+
+
+@app.command("warmup")
+def warmup_command(
+    kinds: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KIND]...", help=f"What to be ready for: {names(WARM)}; all without it."),
+    ] = None,
+    workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
+) -> int:
+    """Compile the kernels now, on all cores, so that nothing waits for that later; they are kept on disk."""
+    import time
+
+    from antway.console import say
+    from antway.kernels.base.cache import cache_folder
+    from antway.warmup import KINDS, warm_up
+
+    started = time.perf_counter()
+    for what, seconds in warm_up(kinds or KINDS, workers=workers or os.cpu_count() or 1):
+        say(f"{what}: {seconds:.1f} s")
+    print(f"ready after {time.perf_counter() - started:.0f} s; kernels in {cache_folder() or 'the folders __pycache__'}")
     return 0
 
 

@@ -100,28 +100,14 @@ def pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
 
 @contextmanager
 def working(what: str) -> Iterator[None]:
-    """Say on stderr what is going on once it takes a second, and that kernels are being compiled when they are."""
+    """Say on stderr what is going on once it takes a second."""
     import threading
-
-    from numba.core import event
-
-    class Compiling(event.Listener):
-        announced = False
-
-        def on_start(self, event: object) -> None:
-            if not Compiling.announced:
-                Compiling.announced = True
-                say("compiling the kernels; this happens once and is kept on disk ...")
-
-        def on_end(self, event: object) -> None:
-            pass
 
     late = threading.Timer(1.0, say, (f"{what} ...",))
     late.daemon = True
     late.start()
     try:
-        with event.install_listener("numba:compile", Compiling()):
-            yield
+        yield
     finally:
         late.cancel()
 

@@ -48,6 +48,8 @@ ROBOTS: tuple[str, ...] = (  # specifications and sources in antway.world.robots
 
 SHIPPED_SCENES: tuple[str, ...] = ("paper", "office", "warehouse", "rounds")
 
+WARM: tuple[str, ...] = ("plan", "run", "robots", "tours", "baselines")  # kinds of kernels that `antway warmup` compiles
+
 SUITES: dict[str, str] = {
     "paper": "antway.arena.environments:paper",
     "synthetic": "antway.arena.synthetic:synthetic",

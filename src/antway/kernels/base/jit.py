@@ -2,51 +2,58 @@
 
 from __future__ import annotations
 
+import logging
+import multiprocessing
 import os
-import tempfile
+import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 from numba import njit, typeof
+from numba.core import event
 
-from antway.version import __version__
+from antway.kernels.base.cache import cache_folder
 
 F = TypeVar("F", bound=Callable[..., object])
 config: Any = numba.config
 
 
-def _writable(folder: Path) -> bool:
-    """Tell whether `folder` is, or can be made, a folder of this user's alone to write to."""
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
-    except (OSError, RuntimeError):
-        return False
-
-
-def cache_folder() -> str:
-    """Return the folder that keeps compiled kernels: beside the package, else among the user's caches, else a temporary one.
-
-    Its name holds the version, for Numba does not notice that a kernel called by another one has changed. A checkout keeps
-    Numba's own choice, "", as does whoever sets NUMBA_CACHE_DIR.
-    """
-    package = Path(__file__).parents[2]
-    if config.CACHE_DIR or ((package.parents[1] / "pyproject.toml").is_file() and _writable(package / "__pycache__")):
-        return ""
-    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folders = (
-        package / "__pycache__" / f"kernels-{__version__}",
-        Path(caches) / "antway" / __version__,
-        Path(tempfile.gettempdir()) / f"antway-{user}" / __version__,
-    )
-    return str(next((folder for folder in folders if _writable(folder)), None) or tempfile.mkdtemp(prefix="antway-"))
-
-
 _CACHE = cache_folder()
+_log = logging.getLogger("antway")
+
+
+class _Watch(event.Listener):
+    """Adds up the time that compiling takes, and says once that kernels are being compiled.
+
+    One thread compiles at a time, and what a kernel calls is compiled while it is: the outermost compilation counts.
+    """
+
+    def __init__(self) -> None:
+        self.depth, self.began, self.seconds, self.told = 0, 0.0, 0.0, False
+
+    def on_start(self, event: object) -> None:
+        if not self.depth:
+            self.began = time.perf_counter()
+        self.depth += 1
+        if not self.told:
+            self.told = True
+            if multiprocessing.parent_process() is None and not os.environ.get("ANTWAY_QUIET"):
+                _log.warning("antway: compiling the kernels; this happens once and is kept on disk (see antway warmup) ...")
+
+    def on_end(self, event: object) -> None:
+        self.depth -= 1
+        if not self.depth:
+            self.seconds += time.perf_counter() - self.began
+
+
+_watch = _Watch()
+event.register("numba:compile", _watch)  # type: ignore[no-untyped-call]
+
+
+def compile_seconds() -> float:
+    """Return how long this process has compiled kernels so far, s; the difference of two calls is no time of a policy's own."""
+    return _watch.seconds
 
 
 def _compiled(function: F, **options: bool) -> F:

@@ -1,0 +1,54 @@
+"""Where compiled kernels are kept, and whether one is there. Imports no Numba, so that a command can ask before it does."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from antway.version import __version__
+
+
+def _writable(folder: Path) -> bool:
+    """Tell whether `folder` is, or can be made, a folder of this user's alone to write to."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
+    except (OSError, RuntimeError):
+        return False
+
+
+def cache_folder() -> str:
+    """Return the folder that keeps compiled kernels: beside the package, else among the user's caches, else a temporary one.
+
+    Its name holds the version, for Numba does not notice that a kernel called by another one has changed. A checkout keeps
+    Numba's own choice, "", as does whoever sets NUMBA_CACHE_DIR.
+    """
+    package = Path(__file__).parents[2]
+    if os.environ.get("NUMBA_CACHE_DIR") or (
+        (package.parents[1] / "pyproject.toml").is_file() and _writable(package / "__pycache__")
+    ):
+        return ""
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folders = (
+        package / "__pycache__" / f"kernels-{__version__}",
+        Path(caches) / "antway" / __version__,
+        Path(tempfile.gettempdir()) / f"antway-{user}" / __version__,
+    )
+    return str(next((folder for folder in folders if _writable(folder)), None) or tempfile.mkdtemp(prefix="antway-"))
+
+
+def is_compiled(room: str, kernel: str) -> bool:
+    """Tell whether a kernel, "file.function" of a room, has been compiled and kept by this version of Python.
+
+    Examples
+    --------
+    >>> is_compiled("search", "astar.no_such_kernel")
+    False
+    """
+    folder = os.environ.get("NUMBA_CACHE_DIR") or cache_folder() or str(Path(__file__).parents[1] / room / "__pycache__")
+    name = f"{kernel}-*.py{sys.version_info.major}{sys.version_info.minor}*.nbi"
+    return any(Path(folder).rglob(name))

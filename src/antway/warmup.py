@@ -1,0 +1,104 @@
+"""Compiles kernels before they are needed, on all cores: small tasks of each kind are done, and their kernels stay on disk."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from multiprocessing import get_context
+
+from antway import checks
+from antway.tables import PLANNERS, POLICIES, WARM
+
+KINDS = WARM
+
+
+def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple[str, float]]:
+    """Compile the kernels of these kinds of task; yield what was done and its seconds, each when it is.
+
+    Parameters
+    ----------
+    kinds : sequence of str
+        "plan" (every planner), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia and wheels),
+        "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
+    workers : int
+        Processes, >= 1. A script that calls this guards its own work by `if __name__ == "__main__"`.
+
+    Raises
+    ------
+    BadParameter
+        For another kind.
+
+    Examples
+    --------
+    >>> list(warm_up([]))
+    []
+    """
+    names = [checks.choice("kind", kind, KINDS) for kind in kinds]
+    tasks = [task for kind in KINDS if kind in names for task in _TASKS[kind]]
+    if not tasks:
+        return
+    with ProcessPoolExecutor(
+        min(checks.integer("workers", workers, low=1), len(tasks)), mp_context=get_context("spawn")
+    ) as pool:
+        running = [pool.submit(_timed, name, argument) for name, argument in tasks]
+        for done in as_completed(running):
+            yield done.result()
+
+
+def _timed(name: str, argument: str) -> tuple[str, float]:
+    started = time.perf_counter()
+    _DO[name](argument)
+    return f"{name} {argument}".strip(), time.perf_counter() - started
+
+
+def _plan(planner: str) -> None:
+    from antway import load_map, plan
+
+    plan(load_map("office"), (1.5, 3.0), (22.0, 12.5), robot_radius=0.25, planner=planner)
+
+
+def _run(policy: str, scene: str = "office", robot: str = "", seconds: float | None = None) -> None:
+    from antway import load_scenario, run
+    from antway.world.robots import load_robot
+
+    scenario = load_scenario(scene)
+    run(scenario.driven_by(load_robot(robot)) if robot else scenario, policy, horizon=seconds)
+
+
+def _tour(kind: str) -> None:
+    import numpy as np
+
+    from antway import load_map, plan_tour, solve_tsp, solve_tsptw
+    from antway.ants.tsp import Tsp
+    from antway.tours.time_windows import Tsptw
+
+    xy = np.array([(k % 4, k * k % 7) for k in range(12)], float)
+    if kind == "of cities":
+        for rule in ("as", "mmas", "acs"):
+            solve_tsp(Tsp(xy), rule=rule, cycles=1)
+        solve_tsp(Tsp(xy), local_search="3opt", cycles=1)
+    elif kind == "with time windows":
+        times = np.hypot(*(xy[:, None] - xy[None]).T)
+        solve_tsptw(Tsptw(times, np.array([(0.0, 1000.0)] * 12)), cycles=1)
+    else:
+        plan_tour(load_map("office"), (1.5, 3.0), [(22.0, 12.5), (1.5, 12.5), (12.0, 3.0)], robot_radius=0.25, seconds=0.1)
+
+
+_DO: dict[str, Callable[[str], None]] = {
+    "plan by": _plan,
+    "run": _run,
+    "rounds by": partial(_run, scene="rounds"),
+    "wheels, policy": partial(_run, robot="turtlebot4", seconds=10.0),
+    "inertia, policy": partial(_run, robot="inertia", seconds=10.0),
+    "paper's scene by": partial(_run, scene="paper", seconds=10.0),
+    "tour": _tour,
+}
+_TASKS = {
+    "plan": [("plan by", planner) for planner in PLANNERS],
+    "run": [("run", "antway"), ("paper's scene by", "paper"), ("rounds by", "antway")],
+    "robots": [("wheels, policy", "antway"), ("inertia, policy", "antway")],
+    "tours": [("tour", "of cities"), ("tour", "on a map"), ("tour", "with time windows")],
+    "baselines": [("paper's scene by", policy) for policy in POLICIES if policy not in ("antway", "paper", "orca")],
+}
