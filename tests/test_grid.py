@@ -135,3 +135,31 @@ def test_equality_is_by_meaning() -> None:
     assert Grid(none) != Grid(none, 2.0)
     assert Grid(~none) != Grid(~none, unknown=~none)
     assert Grid(none) != "grid"
+
+
+@pytest.mark.parametrize("yaw", [0.3, -1.2, 2.5, math.pi / 4])
+def test_a_turned_map_frees_nothing(yaw):
+    """C: what is free on the turned map was free before, whole cells of it; what is far from walls stays free."""
+    rng = np.random.default_rng(7)
+    blocked = rng.random((12, 17)) < 0.1
+    unknown = rng.random((12, 17)) < 0.05
+    grid = Grid(blocked | unknown, 0.4, (3.0, -2.0, yaw), unknown)
+    turned = grid.turned()
+    assert turned.origin[2] == 0.0 and turned.resolution == grid.resolution
+    free = np.argwhere(~turned.blocked)
+    assert len(free) > 20
+    for at in rng.uniform(-0.499, 0.499, (40, 2)):  # points within the free cells
+        for xy in turned.to_xy(free + at):
+            assert not grid.blocked[grid.cell_at(xy)]
+    clear = np.argwhere(grid.clearance() > 0.4 * math.sqrt(2.0))
+    assert all(not turned.blocked[turned.cell_at(xy)] for xy in grid.to_xy(clear))
+    assert (turned.unknown <= turned.blocked).all()
+
+
+@pytest.mark.parametrize(("quarters", "as_numpy"), [(1, -1), (2, 2), (-1, 1)])
+def test_quarter_turns_lose_nothing(quarters, as_numpy):
+    """A map turned by a right angle is the same map with rows and columns exchanged."""
+    blocked = np.random.default_rng(1).random((4, 7)) < 0.4
+    turned = Grid(blocked, 0.25, (1.0, 2.0, quarters * math.pi / 2)).turned()
+    assert np.array_equal(turned.blocked, np.rot90(blocked, as_numpy)) and turned.unknown is None
+    assert Grid(blocked).turned() == Grid(blocked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from PIL import Image
 
 from antway import BadInput, BadMap, BadParameter, Grid, load_map, save_map
 from antway.errors import BadScenario
-from antway.maps import GreyTrapWarning, load_costs, load_scen
+from antway.maps import GreyTrapWarning, ResolutionWarning, load_costs, load_scen
 from common import SHARED, cases, needs_data, random_grid
 from mapfiles import YAML, seeds
 
@@ -201,3 +202,32 @@ def test_real_maps() -> None:
     for path in [*(SHARED / "mapf_yaml").glob("*.yaml"), SHARED / "ros_maps/nav2_test/invalid_image.yaml"]:
         with pytest.raises(BadInput):
             load_map(path)
+
+
+@pytest.mark.filterwarnings("default:.*a picture does not say")
+def test_a_picture_without_a_resolution_says_so(tmp_path):
+    """A pixel of 1 m is said aloud, unless the resolution is given; formats made of cells say nothing."""
+    grid = Grid(np.eye(3, dtype=bool))
+    for suffix, warned in ((".png", 1), (".pgm", 1), (".map", 0), (".txt", 0), (".npy", 0)):
+        file = tmp_path / f"map{suffix}"
+        save_map(grid, file)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            load_map(file)
+            assert [one.category for one in caught] == [ResolutionWarning] * warned
+            load_map(file, resolution=0.05)
+            assert len(caught) == warned
+
+
+def test_occupancy_between_free_and_certain(tmp_path):
+    """`occupied` says from which cost of a ROS map a cell is blocked; unknown cells are blocked at any."""
+    (tmp_path / "a.pgm").write_bytes(b"P5 4 1 255\n" + bytes([0, 50, 99, 255]))
+    (tmp_path / "a.yaml").write_text(
+        "image: a.pgm\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\nmode: raw\n"
+    )
+    for occupied, blocked in ((100, [0, 0, 0, 1]), (99, [0, 0, 1, 1]), (50, [0, 1, 1, 1])):
+        assert load_map(tmp_path / "a.yaml", occupied=occupied).blocked.astype(int).tolist() == [blocked]
+    with pytest.raises(BadParameter, match="occupied"):
+        load_map(tmp_path / "a.yaml", occupied=0)
+    with pytest.raises(BadParameter, match="occupied"):
+        load_map("paper", occupied=50)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import BadInput, BadParameter, BadScenario, CellBlocked, Grid, RobotSpec, Scenario, World, load_scenario, run
+from antway import BadInput, BadParameter, BadScenario, CellBlocked, Grid, RobotSpec, Scenario, World, load_scenario, run, save_map
 from antway.kernels.robot.motions import first_inside
 from antway.scenes import ROUNDS, SCENES, scene
 from antway.world.motions import BackAndForth, Bounce, Line, Pursue, RandomWalk, Replay, Waypoints
@@ -252,3 +252,16 @@ def test_a_footprint_is_the_disc_round_it(hall: Path) -> None:
         hall.write_text(GOOD.replace("radius = 0.3\n[sensor]", f"{wrong}\n[sensor]"))
         with pytest.raises(BadInput, match=r"hall\.toml.*robot\.footprint"):
             load_scenario(hall)
+
+
+def test_a_scenario_says_the_resolution_of_a_picture(tmp_path):
+    """`resolution` gives a picture its size, `occupied` a ROS map its threshold, and a turned map is turned."""
+    save_map(Grid(np.zeros((40, 60), bool)), tmp_path / "hall.png")
+    (tmp_path / "hall.toml").write_text("map = 'hall.png'\nresolution = 0.1\nstart = [1.0, 2.0]\ngoal = [5.0, 2.0]\n")
+    assert load_scenario(tmp_path / "hall.toml").world.grid == Grid(np.zeros((40, 60), bool), 0.1)
+    save_map(Grid(np.zeros((40, 60), bool), 0.1, (0.0, 0.0, 0.5)), tmp_path / "turned.yaml")
+    (tmp_path / "turned.toml").write_text("map = 'turned.yaml'\noccupied = 60\nstart = [1.0, 2.0]\ngoal = [3.0, 3.0]\n")
+    assert load_scenario(tmp_path / "turned.toml").world.grid.origin[2] == 0.0
+    (tmp_path / "hall.toml").write_text("map = 'hall.png'\nresolution = -1\nstart = [1.0, 2.0]\ngoal = [5.0, 2.0]\n")
+    with pytest.raises(BadInput, match="resolution"):
+        load_scenario(tmp_path / "hall.toml")

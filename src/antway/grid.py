@@ -200,6 +200,44 @@ class Grid:
             raise OutOfBounds("xy", (x, y), f"on the map of {cols} x {rows} cells of {self.resolution:g} m at {self.origin}")
         return int(row), int(col)
 
+    def turned(self) -> Grid:
+        """Return the map on cells along the axes of the world: one whose yaw is not 0, as an episode takes it.
+
+        A new cell is blocked where it overlaps a blocked cell, exactly, or anything off the map, so that whatever is free was
+        free before; free cells that lie along slanted walls are lost. Cells have the same edge.
+
+        Examples
+        --------
+        >>> Grid(np.array([[0, 0, 1]]), origin=(1.0, 0.0, math.pi / 2)).turned().blocked.astype(int).tolist()
+        [[0], [0], [1]]
+        """
+        yaw = math.remainder(self.origin[2], 2.0 * math.pi)
+        if yaw == 0.0:
+            return self if self.origin[2] == 0.0 else replace(self, origin=(*self.origin[:2], 0.0))
+        (rows, cols), size, slack = self.shape, self.resolution, 1e-9
+        edges = self.to_xy([(-0.5, -0.5), (-0.5, cols - 0.5), (rows - 0.5, -0.5), (rows - 0.5, cols - 0.5)])
+        low, high = edges.min(axis=0), edges.max(axis=0)
+        width, height = (max(1, math.ceil(span / size - slack)) for span in (high - low).tolist())
+        here = Grid(np.zeros((height, width), np.bool_), size, (float(low[0]), float(low[1]), 0.0))
+        centres = self.to_points(here.to_xy(np.argwhere(~here.blocked)))
+        near = np.rint(centres).astype(np.int64)
+        hidden = np.zeros_like(self.blocked) if self.unknown is None else self.blocked & self.unknown
+        known, dark = np.pad(self.blocked & ~hidden, 2), np.pad(hidden, 2, constant_values=True)
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        limit = 0.5 + 0.5 * (abs(cos) + abs(sin)) - slack  # two unit squares overlap where both are nearer, in both frames
+        blocked, unknown = (np.zeros(len(near), np.bool_) for _ in range(2))
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                cells = near + np.array((dr, dc))
+                r, c = (cells - centres).T
+                overlap = (np.abs(r) < limit) & (np.abs(c) < limit)
+                overlap &= (np.abs(cos * r + sin * c) < limit) & (np.abs(cos * c - sin * r) < limit)
+                at = np.clip(cells + 2, 0, (rows + 3, cols + 3))
+                blocked |= overlap & known[at[:, 0], at[:, 1]]
+                unknown |= overlap & dark[at[:, 0], at[:, 1]]
+        blocked, unknown = (blocked | unknown).reshape(here.shape), (unknown & ~blocked).reshape(here.shape)
+        return replace(here, blocked=blocked, unknown=unknown if unknown.any() else None)
+
     def clearance(self) -> NDArray[np.float64]:
         """Return for each cell centre the exact distance in m to the nearest blocked square or edge of the map, float64[H, W].
 

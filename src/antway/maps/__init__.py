@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
@@ -19,9 +20,9 @@ from antway.maps.ros import GreyTrapWarning, load_costs
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 
-__all__ = ["GreyTrapWarning", "Limits", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
+__all__ = ["GreyTrapWarning", "Limits", "ResolutionWarning", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
 
-_ONE_CELL = Grid(np.zeros((1, 1), dtype=np.bool_))
+PICTURES = (".png", ".pgm")  # formats whose users have a resolution in mind that the file does not hold
 _READ: dict[str, Callable[[Path, Limits], Grid]] = {
     ".yaml": ros.read,
     ".yml": ros.read,
@@ -42,11 +43,16 @@ _WRITE: dict[str, Callable[[Grid, Path], None]] = {
 }
 
 
+class ResolutionWarning(UserWarning):
+    """A picture was loaded as a map without a resolution: its pixels are taken to be a metre wide."""
+
+
 def load_map(
     path: str | PathLike[str],
     *,
     resolution: float | None = None,
     origin: tuple[float, float, float] | None = None,
+    occupied: int = 100,
     limits: Limits = DEFAULT,
 ) -> Grid:
     """Load a map: ROS `.yaml` with its picture, bare `.png` and `.pgm`, MovingAI `.map`, characters in `.txt`, or `.npy`.
@@ -57,9 +63,12 @@ def load_map(
         The file, or the name of a shipped scene such as "office" for its map. Row 0 of the grid is the last line of a ROS map
         (lowest y) and the first line of every other.
     resolution : float, optional
-        Edge of a cell in m, for formats that hold none; 1 where not given.
+        Edge of a cell in m, for formats that hold none; 1 where not given, which is said aloud for pictures.
     origin : (x, y, yaw), optional
         Pose of the outer corner of cell (0, 0) in m, m, rad, for formats that hold none; (0, 0, 0) where not given.
+    occupied : int
+        Cost from which a cell of a ROS map is blocked, 1 to 100. Maps of mode `scale` and `raw` have costs between 0 (free) and
+        100 (certainly occupied).
     limits : Limits
         How large the map may be.
 
@@ -81,23 +90,39 @@ def load_map(
     -----
     GreyTrapWarning
         If unknown cells of a ROS map load as free.
+    ResolutionWarning
+        If a picture is loaded without a resolution: a pixel is then 1 m.
     """
     file = shipped(path, map_file=True) or as_path(path)
     if not file.suffix and not file.exists():
-        raise BadMap("map", str(file), f"a map's file ({', '.join(_READ)}), or a shipped scene: {names(SHIPPED_SCENES)}")
+        raise BadMap(
+            "map", str(file), f"a map's file ({', '.join(_READ)}), or a shipped scene: {names(SHIPPED_SCENES)}", where=str(file)
+        )
     kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
     checks.instance("limits", limits, Limits)
+    checks.integer("occupied", occupied, low=1, high=100)
     if kind in (".yaml", ".yml"):
         for name, value in (("resolution", resolution), ("origin", origin)):
             if value is not None:
                 raise BadParameter(name, value, "left out for a ROS map, which holds its own")
-        return _READ[kind](file, limits)
+        return ros.read(file, limits, occupied)
+    if occupied != 100:
+        raise BadParameter("occupied", occupied, f"left out: {kind} has no costs")
     place = Grid(
         np.zeros((1, 1), dtype=np.bool_),
         1.0 if resolution is None else resolution,
         (0.0, 0.0, 0.0) if origin is None else origin,
     )
-    return replace(_READ[kind](file, limits), resolution=place.resolution, origin=place.origin)
+    grid = _READ[kind](file, limits)
+    if resolution is None and kind in PICTURES:
+        rows, cols = grid.shape
+        warnings.warn(
+            f"{file}: a picture does not say how large its pixels are; taken as 1 m each, the map is {cols} m x {rows} m "
+            "(give resolution)",
+            ResolutionWarning,
+            stacklevel=2,
+        )
+    return replace(grid, resolution=place.resolution, origin=place.origin)
 
 
 def save_map(grid: Grid, path: str | PathLike[str]) -> None:

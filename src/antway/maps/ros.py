@@ -45,13 +45,13 @@ class _Description:
     mode: str
 
 
-def read(path: Path, limits: Limits) -> Grid:
-    """Read the ROS map described by `path`; see above for what is blocked."""
+def read(path: Path, limits: Limits, occupied: int = 100) -> Grid:
+    """Read the ROS map described by `path`; see above for what is blocked, there from a cost of `occupied` on."""
     about = _describe(path, limits)
     costs = _costs(about, path, limits)
     unknown = costs == -1
     try:
-        return Grid((costs == 100) | unknown, about.resolution, about.origin, unknown if unknown.any() else None)
+        return Grid((costs >= occupied) | unknown, about.resolution, about.origin, unknown if unknown.any() else None)
     except BadInput as wrong:
         raise wrong.at(str(path)) from None
 

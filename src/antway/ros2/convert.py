@@ -78,8 +78,8 @@ def _place(point: Any, where: str) -> XY:
     return x, y
 
 
-def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
-    """Return the map in a nav_msgs/msg/OccupancyGrid; blocked where it says 100 or -1, unknown where it says -1.
+def read_grid(message: Any, *, occupied: int = 100, limits: Limits = DEFAULT) -> Grid:
+    """Return the map in a nav_msgs/msg/OccupancyGrid; blocked from a cost of `occupied` on and at -1, where it is unknown.
 
     The message holds the resolution in single precision; it is taken as it is, as map_server's readers do.
 
@@ -118,7 +118,7 @@ def read_grid(message: Any, *, limits: Limits = DEFAULT) -> Grid:
     costs = costs.reshape(rows, cols)
     unknown = costs == -1
     try:
-        return Grid((costs == 100) | unknown, info.resolution, origin, unknown if unknown.any() else None)
+        return Grid((costs >= occupied) | unknown, info.resolution, origin, unknown if unknown.any() else None)
     except BadInput as wrong:
         raise wrong.at(where, f"info.{wrong.field}") from None
 

@@ -198,7 +198,7 @@ class Sipp:
     ) -> None:
         self.mask = timed_moves(grid, radius, moves)
         if grid.origin[2] != 0.0:
-            raise BadParameter("grid.origin[2]", grid.origin[2], "0 in a space-time search (yaw; turn the map first)")
+            raise BadParameter("grid.origin[2]", grid.origin[2], "0 in a space-time search (yaw): Grid.turned() turns the map")
         self.grid, self.moves, self.radius = grid, moves, float(radius)
         self.v_max = checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s")
         self.goals = self._goal_cells(goal, checks.number("goal_tolerance", goal_tolerance, low=0.0, unit="m"))

@@ -64,7 +64,7 @@ class Task:
         checks.instance("grid", self.grid, Grid)
         checks.instance("robot", self.robot, RobotSpec)
         if self.grid.origin[2] != 0.0:
-            raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw; turn the map first)")
+            raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw): Grid.turned() turns the map")
         for name in ("start", "goal"):
             object.__setattr__(self, name, checks.point(name, getattr(self, name)))
             try:

@@ -132,7 +132,7 @@ _PLAIN = (
     "seed",
     "through_walls",
 )
-_TOP = (*_PLAIN, "robot", "sensor", "obstacles", "stops")
+_TOP = (*_PLAIN, "resolution", "occupied", "robot", "sensor", "obstacles", "stops")
 
 
 def load_scenario(path: str | Path) -> Scenario:
@@ -142,7 +142,8 @@ def load_scenario(path: str | Path) -> Scenario:
     `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and that
     motion's fields (`antway.world.motions`), and each `[[stops]]` those of
     `antway.world.stops.Stop`. `map` is a file in the scenario's folder or below it; so is the `file` of a replay, CSV lines
-    t,x,y.
+    t,x,y. `resolution` is the edge of a cell in m, for maps that hold none; `occupied` the cost from which a cell of a ROS map
+    is blocked. A map whose yaw is not 0 is turned (`Grid.turned`).
 
     `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). In place of its `radius` a
     robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about. Guard and contacts take it
@@ -177,7 +178,8 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
 
     _keys(record, "", _TOP, ("map", "start", "goal"), where)
     values = dict(record)
-    grid = load_map(_inside(values["map"], "map", folder, where))
+    size = {name: values.pop(name) for name in ("resolution", "occupied") if name in values}
+    grid = load_map(_inside(values["map"], "map", folder, where), **size).turned()
     robot = _robot(values.pop("robot", {}), where)
     sensor = _build("sensor", Sensor, values.pop("sensor", {}), where)
     listed = values.pop("obstacles", [])

@@ -53,7 +53,7 @@ class World:
     def __post_init__(self) -> None:
         checks.instance("grid", self.grid, Grid)
         if self.grid.origin[2] != 0.0:
-            raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw; turn the map first)")
+            raise BadParameter("grid.origin[2]", self.grid.origin[2], "0 in an episode (yaw): Grid.turned() turns the map")
         listed = checks.sequence("obstacles", self.obstacles, "a sequence of Obstacle")
         obstacles = tuple(checks.instance(f"obstacles[{k}]", one, Obstacle) for k, one in enumerate(listed))
         if len(obstacles) > MAX_OBSTACLES:

@@ -41,14 +41,14 @@ def cache_folder() -> str:
     return str(next((folder for folder in folders if _writable(folder)), None) or tempfile.mkdtemp(prefix="antway-"))
 
 
-def is_compiled(room: str, kernel: str) -> bool:
-    """Tell whether a kernel, "file.function" of a room, has been compiled and kept by this version of Python.
+def is_compiled(folder: str, kernel: str) -> bool:
+    """Tell whether a kernel, "file.function" of a folder of kernels, has been compiled and kept by this version of Python.
 
     Examples
     --------
     >>> is_compiled("search", "astar.no_such_kernel")
     False
     """
-    folder = os.environ.get("NUMBA_CACHE_DIR") or cache_folder() or str(Path(__file__).parents[1] / room / "__pycache__")
+    where = os.environ.get("NUMBA_CACHE_DIR") or cache_folder() or str(Path(__file__).parents[1] / folder / "__pycache__")
     name = f"{kernel}-*.py{sys.version_info.major}{sys.version_info.minor}*.nbi"
-    return any(Path(folder).rglob(name))
+    return any(Path(where).rglob(name))

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
-from numba import njit, typeof
+from numba import njit, typeof, types
 from numba.core import event
 
 from antway.kernels.base.cache import cache_folder
@@ -30,14 +30,14 @@ class _Watch(event.Listener):
     """
 
     def __init__(self) -> None:
-        self.depth, self.began, self.seconds, self.told = 0, 0.0, 0.0, False
+        self.depth, self.began, self.seconds, self.announced = 0, 0.0, 0.0, False
 
     def on_start(self, event: object) -> None:
         if not self.depth:
             self.began = time.perf_counter()
         self.depth += 1
-        if not self.told:
-            self.told = True
+        if not self.announced:
+            self.announced = True
             if multiprocessing.parent_process() is None and not os.environ.get("ANTWAY_QUIET"):
                 _log.warning("antway: compiling the kernels; this happens once and is kept on disk (see antway warmup) ...")
 
@@ -60,9 +60,25 @@ def _compiled(function: F, **options: bool) -> F:
     before = config.CACHE_DIR
     config.CACHE_DIR = before or _CACHE  # for this kernel alone: other packages keep theirs where they did
     try:
-        return cast(F, njit(cache=True, nogil=True, error_model="numpy", **options)(function))  # type: ignore[call-overload]
+        compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)  # type: ignore[call-overload]
     finally:
         config.CACHE_DIR = before
+    if hasattr(compiled, "get_call_template"):
+        template = compiled.get_call_template
+        compiled.get_call_template = lambda args, kws: template(
+            tuple(map(_plain, args)), {name: _plain(kind) for name, kind in kws.items()}
+        )
+    return cast(F, compiled)
+
+
+def _plain(kind: Any) -> Any:
+    """Return the type for which a kernel is compiled that another one calls: int64 for shorter integers and written numbers.
+
+    Numba would compile it once more for each, at a second or two.
+    """
+    if isinstance(kind, types.IntegerLiteral) or kind in (types.int32, types.int16, types.int8):
+        return types.int64
+    return kind
 
 
 def kernel(function: F) -> F:

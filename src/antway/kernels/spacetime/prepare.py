@@ -36,9 +36,12 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
         Bit k is set where move k is legal; no bit where the disc cannot stand.
     """
     rows, cols = blocked.shape
-    contact_radius = int(np.abs(offsets).max() + math.ceil(radius)) + 1
+    contact_radius = longest(offsets) + math.ceil(radius) + 1
     walls = np.full((rows + 2 * contact_radius, cols + 2 * contact_radius), 0xFFFFFFFF, np.uint32)
-    walls[contact_radius : contact_radius + rows, contact_radius : contact_radius + cols] *= blocked
+    for row in range(rows):  # here and below, loops: expressions of whole arrays take seconds to compile
+        for col in range(cols):
+            if not blocked[row, col]:
+                walls[row + contact_radius, col + contact_radius] = 0
     mask = np.full((rows, cols), 0xFFFFFFFF >> (32 - len(offsets)), np.uint32)
     body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
     for r in range(-contact_radius, contact_radius + 1):
@@ -55,6 +58,15 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
                     for col in range(cols):
                         legal[col] &= ~(wall[col] & hit)
     return mask
+
+
+@kernel
+def longest(offsets: NDArray[np.int32]) -> int:
+    """Return the most rows or columns that a move goes."""
+    most = 0
+    for k in range(len(offsets)):
+        most = max(most, abs(offsets[k, 0]), abs(offsets[k, 1]))
+    return most
 
 
 @kernel
@@ -82,12 +94,16 @@ def move_field(
         In cells, infinite where no goal can be reached.
     """
     rows, cols = mask.shape
-    rim = int(np.abs(offsets).max())  # round the map, of cells that nothing improves
+    rim = longest(offsets)  # round the map, of cells that nothing improves
     width = cols + 2 * rim
     field = np.full((rows + 2 * rim, width), -1.0)
     legal = np.zeros((rows + 2 * rim, width), np.uint32)
-    field[rim : rim + rows, rim : rim + cols], legal[rim : rim + rows, rim : rim + cols] = np.inf, mask
-    far, may, jump = field.ravel(), legal.ravel(), offsets[:, 0].astype(np.int64) * width + offsets[:, 1]
+    for row in range(rows):
+        for col in range(cols):
+            field[row + rim, col + rim], legal[row + rim, col + rim] = np.inf, mask[row, col]
+    far, may, jump = field.ravel(), legal.ravel(), np.empty(len(offsets), np.int64)
+    for k in range(len(offsets)):
+        jump[k] = offsets[k, 0] * width + offsets[k, 1]
     after, before = np.empty(far.size, np.int32), np.empty(far.size, np.int32)
     head = np.full(8, -1, np.int32)
     waiting = 0

@@ -36,6 +36,8 @@ from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observat
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
+_HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
+_HERE.flags.writeable = False
 _KNOTS = 2048  # greatest number of knots of a plan
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
@@ -145,7 +147,7 @@ class AntwayPolicy:
         """
         robot, grid = task.robot, task.grid
         # what Grid.inflate tells, from a stencil of the few cells round a robot
-        stands = move_mask(grid.blocked, np.zeros((1, 2), np.int32), robot.radius / grid.resolution)
+        stands = move_mask(grid.blocked, _HERE, robot.radius / grid.resolution)
         inflated = replace(grid, blocked=stands == 0)
         standing_cell("start", task.start, grid, inflated, robot.radius)
         goal = standing_cell("goal", task.goal, grid, inflated, robot.radius)
