@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from antway.errors import InvalidPlan
+from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Cell
 from antway.planning import Plan, Problem, Status
 from antway.verify import check_plan
@@ -27,6 +27,8 @@ def check_tour(tour: TourPlan) -> None:
 
     Raises
     ------
+    BadParameter
+        For what is no `TourPlan`.
     InvalidPlan
         If a stop is visited twice or, without priorities, not at all; a leg is no legal path (see `check_plan`) from where the
         last one ended to the next stop; arrivals, waiting, length, duration, cost, lateness or what is collected differ from
@@ -38,6 +40,8 @@ def check_tour(tour: TourPlan) -> None:
     >>> from antway import Grid, plan_tour
     >>> check_tour(plan_tour(Grid(np.zeros((3, 9), dtype=bool)), (0.5, 1.5), [(8.5, 1.5), (3.5, 1.5)], cycles=10))
     """
+    if type(tour).__name__ != "TourPlan":  # its module is among what this one shares no code with
+        raise BadParameter("tour", tour, "a TourPlan")
     faults = list(_visit_faults(tour))
     late, driven, done = 0.0, 0.0, [0.0]
     if not faults:

@@ -7,7 +7,8 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from antway.errors import InvalidPlan
+from antway import checks
+from antway.errors import BadParameter, InvalidPlan
 
 if TYPE_CHECKING:
     from antway.tours.time_windows import Tsptw
@@ -32,6 +33,8 @@ def check_tsptw(
 
     Raises
     ------
+    BadParameter
+        For what is no instance, no sequence of whole numbers, no number, no objective, no truth value.
     InvalidPlan
         If a node is missing or visited twice, a window is missed, or the cost is another. Numbers count as the shortest
         decimals that they are read from, so that sums are exact.
@@ -41,7 +44,14 @@ def check_tsptw(
     >>> from antway.tours.time_windows import Tsptw
     >>> check_tsptw(Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 9], [0, 3]]), [0, 2, 1], 5.0)
     """
-    stops = [int(stop) for stop in order]
+    if type(instance).__name__ != "Tsptw":  # its module is among what this one shares no code with
+        raise BadParameter("instance", instance, "a Tsptw")
+    listed = checks.sequence("order", order, "the nodes in their order")
+    stops = [checks.integer(f"order[{i}]", stop) for i, stop in enumerate(listed)]
+    if cost is not None:
+        cost = checks.number("cost", cost)
+    checks.choice("objective", objective, ("travel time", "makespan"))
+    checks.instance("feasible", feasible, bool)
     n = len(instance.matrix)
     if sorted(stops) != list(range(n)) or stops[0] != 0:
         raise InvalidPlan([f"visits {stops[:20]}, not each of the nodes 0 to {n - 1} once and 0 first"])
@@ -55,7 +65,7 @@ def check_tsptw(
         if feasible and latest != float("inf") and now > Fraction(repr(latest)):
             faults.append(f"node {there} is reached at {float(now)}, after {latest}")
     total = now if objective == "makespan" else travelled
-    if cost is not None and abs(Fraction(float(cost)) - total) > Fraction(1, 10**9) * (1 + total):
+    if cost is not None and abs(Fraction(cost) - total) > Fraction(1, 10**9) * (1 + total):
         faults.append(f"costs {float(total)}, not {cost}")
     if faults:
         raise InvalidPlan(faults)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
 from antway.planning import Plan, Problem, solve
@@ -174,7 +175,7 @@ def plan_tour(
     names : sequence of str or None
         What the stops are called.
     seconds, cycles : float, int or None
-        When the search for the order stops, whichever comes first; with neither, after 1 s.
+        When the search for the order stops, whichever comes first; with neither, after 1 s. Seconds may be infinite.
     seed : int
         In [0, 2**64 - 1]; the same seed and number of cycles give the same bytes.
     initial : TourPlan or None
@@ -219,6 +220,7 @@ def plan_tour(
     _check_connected(task, away)
     known = None
     if initial is not None:
+        checks.instance("initial", initial, TourPlan)
         if len(initial.task.stops) != len(task.stops) or initial.task.robots != task.robots:
             raise BadParameter("initial", len(initial.task.stops), f"a tour of {len(task.stops)} stops and {robots} robots")
         known = initial.ordering

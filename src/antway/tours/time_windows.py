@@ -141,7 +141,8 @@ def solve_tsptw(
     objective : str
         "travel time" or "makespan" (when the tour is back).
     seconds, cycles : float, int or None
-        When to stop, whichever comes first; with neither, after 10 s. The search ends once the best is proven, too.
+        When to stop, whichever comes first; with neither, after 10 s; seconds may be infinite. The search ends once the best
+        is proven, too.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     target : float or None
