@@ -167,7 +167,8 @@ class Link:
         if number != parts[-1] or not 0 <= n <= MAX_TRACKS:
             return None
         covariance = views["covariance"][:n].copy() if parts[11] else None
-        tracks = Tracks(*(views[name][:n].copy() for name in _TRACKS), covariance)
+        names, xy, velocity, radius = (views[name][:n].copy() for name in _TRACKS)
+        tracks = Tracks(names, xy, velocity, radius, covariance)
         pending = views["pending"][:m].copy() if m >= 0 else None
         t, x, y, vx, vy, heading, stamp, rate = parts[1:9]
         if view[0] != number:
