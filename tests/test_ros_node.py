@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(not (BIN / ".ready").exists(), reason="no ROS 2 
 def environment(*paths: Path) -> dict[str, str]:
     """A domain of this process's own, on this machine alone; with `paths` to import from."""
     own = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
-    return os.environ | own | {"PYTHONPATH": os.pathsep.join(map(str, paths))}
+    return os.environ | own | {"PYTHONPATH": os.pathsep.join(filter(None, [*map(str, paths), os.environ.get("PYTHONPATH")]))}
 
 
 def arguments(settings: dict) -> list[str]:
@@ -93,7 +93,7 @@ def test_every_end_of_the_actions(tmp_path):
     """
     settings = {"autostart": True, "robot.drive": "holonomic", "wait_timeout": 1.0, "progress_time": 3.0}
     found = beside(["python", str(HERE / "ros" / "stand_in.py")], settings, tmp_path, "actions.py")["ends"]
-    drove, inactive = found.pop("drove"), found.pop("inactive")
+    drove, inactive, visited = found.pop("drove"), found.pop("inactive"), found.pop("visited")
     assert {name: tuple(end[:2]) for name, end in found.items()} == {
         "no map": ("aborted", 200),
         "no odometry": ("aborted", 202),
@@ -114,6 +114,11 @@ def test_every_end_of_the_actions(tmp_path):
         "cancelled": ("cancelled", 0),
         "refreshed": ("aborted", 0),
         "replaced by goal_pose": ("aborted", 0),
+        "tour": ("succeeded", 0),
+        "tour into the wall": ("aborted", 306),
+        "visit": ("succeeded", 0),
+        "visit and be cancelled": ("cancelled", 0),
+        "visit a closet": ("aborted", 602),
         "silent": ("aborted", 104),
         "stuck": ("aborted", 105),
         "deactivated": ("aborted", 100),
@@ -122,6 +127,8 @@ def test_every_end_of_the_actions(tmp_path):
     assert found["free"][2] > 20 and found["goal occupied"][2] == 0, "poses"
     assert drove == [True, True, True], "drove before the cancel, was answered, and went on when the path was refreshed"
     assert inactive == [False, False]
+    assert found["tour"][2] > 50 and found["visit"][2] == 0, "poses of the tour's path, and stops that were missed"
+    assert visited == [2, 1, 0], "in the best order, not in that given"
 
 
 def test_frames_that_are_turned_and_a_laser(tmp_path):

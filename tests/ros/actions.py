@@ -7,7 +7,7 @@ import math
 from action_msgs.msg import GoalStatus
 from harness import end, start
 from rclpy.action import ActionClient
-from stand_in import GOALS, NAV2, START, distance, goal_message, kinds, numbers, room
+from stand_in import GOALS, NAV2, START, distance, goal_message, kinds, numbers, room, server_of, waypoint
 
 from antway.ros2.messages import load, make
 from antway.world.policy import Observation, Tracks
@@ -65,7 +65,7 @@ def main() -> None:
         robot.until(name, client.server_is_ready)
 
     def ask(name: str) -> Asked:
-        server = "compute_path_to_pose" if "goal" in GOALS[name] else "follow_path"
+        server = server_of(name)
         return Asked(robot, clients[server], name, server)
 
     def drive(asked: Asked, **options) -> list:
@@ -123,6 +123,25 @@ def main() -> None:
     robot.until("pre-emption", asked.ended)
     found["replaced by goal_pose"] = asked.result()
     found["drove"] = [moving > 0.1, robot.answered > answered, not standing]
+
+    # tours: planned, driven to the end, cancelled, and refused
+    for name in ("tour", "tour into the wall", "visit a closet"):
+        found[name] = ask(name).result()
+    robot.go(START)
+    for _ in range(300):
+        if math.dist(body.xy, START) < 0.3:
+            break
+        body.step(lambda: math.dist(body.xy, START) < 0.3)
+    asked = ask("visit")
+    found["visit"] = drive(asked)
+    found["visited"] = list(dict.fromkeys(waypoint(one) for one in asked.feedback))
+    asked = ask("visit and be cancelled")
+    for _ in range(5):
+        body.step()
+    cancelled = asked.handle.cancel_goal_async()
+    robot.until("the cancel", cancelled.done)
+    found["visit and be cancelled"] = asked.result()
+    robot.until("a stop", robot.stands)
 
     # patience and progress
     asked = ask("way")

@@ -14,7 +14,7 @@ from test_msgs.action import Fibonacci
 
 from antway import Grid
 from antway.ros2 import convert
-from antway.ros2.messages import load, make
+from antway.ros2.messages import make
 from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.node import main
 
@@ -47,6 +47,14 @@ def follow(xy, controller: str = "", frame: str = "map") -> dict:
     return {"path": convert.path_message(xy, make, frame=frame), "controller_id": controller}
 
 
+def tour(*goals) -> dict:
+    return {"start": stamped(START), "goals": [stamped(xy) for xy in goals], "use_start": True}
+
+
+def visit(*poses) -> dict:
+    return {"number_of_loops": 0, "poses": [stamped(xy) for xy in poses]}
+
+
 GOALS = {
     "free": compute(START, GOAL, "GridBased"),
     "from here": compute(None, GOAL, "dijkstra"),
@@ -64,7 +72,18 @@ GOALS = {
     "way on the moon": follow(ROUND, frame="moon"),
     "no way": follow([]),
     "into the wall": follow([START, WALL]),
+    "tour": tour(GOAL, ROUND[1], ROUND[3], ROUND[2]),
+    "tour into the wall": tour(GOAL, WALL),
+    "visit": visit(ROUND[2], ROUND[1], (2.0, 4.0)),
+    "visit and be cancelled": visit(START, GOAL),
+    "visit a closet": visit(GOAL, CLOSET),
 }
+SERVERS = {"goal": "compute_path_to_pose", "path": "follow_path", "goals": "compute_tour", "poses": "visit_poses"}
+
+
+def server_of(name: str) -> str:
+    """The action that a goal is for."""
+    return next(server for field, server in SERVERS.items() if field in GOALS[name])
 
 
 def _fibonacci() -> Kind:
@@ -72,9 +91,12 @@ def _fibonacci() -> Kind:
         return SimpleNamespace(**GOALS[list(GOALS)[goal.order]])
 
     def result(**fields):
-        return Fibonacci.Result(sequence=[fields["error_code"], len(fields["path"].poses) if "path" in fields else 0])
+        many = fields["path"].poses if "path" in fields else fields.get("missed_waypoints", [])
+        return Fibonacci.Result(sequence=[fields["error_code"], len(many)])
 
     def feedback(**fields):
+        if "current_waypoint" in fields:
+            return Fibonacci.Feedback(sequence=[fields["current_waypoint"]])
         return Fibonacci.Feedback(sequence=[round(1000 * fields["distance_to_goal"]), round(1000 * fields["speed"])])
 
     return Kind(Fibonacci, read, result, feedback)
@@ -82,21 +104,20 @@ def _fibonacci() -> Kind:
 
 def kinds() -> dict[str, Kind]:
     """Nav2's actions if they can be had, else those of test_msgs."""
-    return nav2_kinds() or {"compute_path_to_pose": _fibonacci(), "follow_path": _fibonacci()}
+    return nav2_kinds() or dict.fromkeys(SERVERS.values(), _fibonacci())
 
 
 def goal_message(name: str, server: str):
     """The goal of that name, as a message of whichever it is."""
     if NAV2:
-        action = {"compute_path_to_pose": "ComputePathToPose", "follow_path": "FollowPath"}[server]
-        return load(f"nav2_msgs/action/{action}").Goal(**GOALS[name])
+        return kinds()[server].type.Goal(**GOALS[name])
     return Fibonacci.Goal(order=list(GOALS).index(name))
 
 
 def numbers(result) -> tuple[int, int]:
     """The error code and the number of poses in a result."""
     if NAV2:
-        return result.error_code, len(result.path.poses) if hasattr(result, "path") else 0
+        return result.error_code, len(result.path.poses if hasattr(result, "path") else getattr(result, "missed_waypoints", []))
     return tuple(result.sequence)
 
 
@@ -105,6 +126,11 @@ def distance(feedback) -> float:
     if NAV2:
         return feedback.tracking_feedback.remaining_path_length
     return feedback.sequence[0] / 1000
+
+
+def waypoint(feedback) -> int:
+    """The number of the pose that is driven to, in a feedback."""
+    return feedback.current_waypoint if NAV2 else feedback.sequence[0]
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the node serves: nav_msgs/srv/GetPlan, and Nav2's actions compute_path_to_pose and follow_path."""
+"""What the node serves: nav_msgs/srv/GetPlan, Nav2's actions compute_path_to_pose and follow_path, and tours by two more."""
 
 from __future__ import annotations
 
@@ -24,15 +24,18 @@ from antway.ros2.nav2 import (
     INVALID_CONTROLLER,
     INVALID_PATH,
     INVALID_PLANNER,
+    NO_VALID_WAYPOINTS,
     NONE,
     PLAN_TF_ERROR,
     PLAN_UNKNOWN,
+    THROUGH,
     Failure,
     Kind,
     find_path,
 )
 from antway.ros2.path import tracking
 from antway.ros2.pilot import End, Goal, Pilot
+from antway.ros2.tours import Visit, find_tour
 
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode
@@ -44,7 +47,7 @@ class Served:
     def __init__(self, node: AntwayNode, kinds: dict[str, Kind]) -> None:
         self.node, self.kinds, self.open = node, kinds, True
         self.asked = 0  # plans that the service has yet to answer
-        self.following: Any = None  # the goal handle of follow_path
+        self.following: Any = None  # the goal handle of follow_path or visit_poses
         self.service = node.create_service(load("nav_msgs/srv/GetPlan"), "get_plan", self._get_plan)
         self.servers = [
             ActionServer(
@@ -59,6 +62,8 @@ class Served:
             for name, accepted, cancel in (
                 ("compute_path_to_pose", self._compute, lambda handle: CancelResponse.ACCEPT),
                 ("follow_path", self._follow, self._cancel),
+                ("compute_tour", self._compute_tour, lambda handle: CancelResponse.ACCEPT),
+                ("visit_poses", self._visit, self._cancel),
             )
             if name in kinds
         ]
@@ -138,12 +143,7 @@ class Served:
         goal = kind.read(handle.request)
 
         def done(path: Any, failure: Failure | None) -> None:
-            if not self.open:
-                return
-            code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
-            seconds = time.monotonic() - started
-            took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
-            self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
+            self._planned(handle, kind, started, path, failure)
 
         planner = settings.planner if goal.planner_id in ("", settings.planner_id) else goal.planner_id
         if planner not in PLANNERS:
@@ -154,7 +154,72 @@ class Served:
         start = goal.start if goal.use_start else None
         return self._plan([start, *getattr(goal, "viapoints", ()), goal.goal], planner, done)
 
+    def _planned(self, handle: Any, kind: Kind, started: float, path: Any, failure: Failure | None) -> None:
+        """End a goal whose result is a path that was asked for at `started` s of the steady clock."""
+        if not self.open:
+            return
+        code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
+        seconds = time.monotonic() - started
+        took = make("builtin_interfaces/msg/Duration", sec=int(seconds), nanosec=int(seconds % 1.0 * 1e9))
+        self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
+
+    def _compute_tour(self, handle: Any) -> None:
+        """Serve compute_tour: the path through all goals in the best order; each goal's place in it has the goal's yaw."""
+        node, kind, started = self.node, self.kinds["compute_tour"], time.monotonic()
+        goal, grid, frame = kind.read(handle.request), node.pilot.map, node.settings.frame
+        path = make("nav_msgs/msg/Path", header=convert.header_message(0.0, frame, make))
+        try:
+            if grid is None:
+                raise Failure(PLAN_UNKNOWN, "no map yet")
+            goals = getattr(goal.goals, "goals", goal.goals)  # nav_msgs/msg/Goals in newer releases, a list in older ones
+            places = [self._place(goal.start if goal.use_start else None), *(self._place(one) for one in goals)]
+        except Failure as failure:
+            return self._planned(handle, kind, started, path, Failure(THROUGH + failure.code, failure.reason))
+
+        def answer(xy: Any, failure: Failure | None) -> None:
+            if failure is None:
+                path.poses = convert.path_message(xy, make, frame=frame).poses
+                for place in places[1:]:
+                    nearest = int(np.hypot(*(xy - place[:2]).T).argmin())
+                    path.poses[nearest].pose.orientation = convert.pose_message(*place, make).orientation
+            self._planned(handle, kind, started, path, failure)
+
+        def work() -> None:
+            xy, failure = None, None
+            try:
+                _, xy = find_tour(grid, places, node.settings.robot.radius)
+            except Failure as found:
+                failure = found
+            node.executor.create_task(answer, xy, failure)
+
+        return threading.Thread(target=work, daemon=True).start()
+
     # Driving
+
+    def _visit(self, handle: Any) -> None:
+        """Serve visit_poses: drive to all poses in the best order."""
+        kind = self.kinds["visit_poses"]
+        goal = kind.read(handle.request)
+
+        def ended(code: int, reason: str, missed: list[tuple[int, int]]) -> None:
+            if self.following is handle:
+                self.following = None
+            if self.open:
+                self._finish(handle, kind, code, missed_waypoints=missed, error_code=code, error_msg=reason)
+
+        def feed(index: int) -> None:
+            if handle.is_active:
+                handle.publish_feedback(kind.feedback(current_waypoint=index))
+
+        try:
+            if self.node.pilot.map is None:
+                raise Failure(PLAN_UNKNOWN, "no map yet")
+            start, *poses = [self._place(None), *(self._place(one) for one in goal.poses)]
+        except Failure as failure:
+            return ended(NO_VALID_WAYPOINTS, failure.reason, [])
+        self.following = handle
+        Visit(self.node, start, poses, int(goal.number_of_loops), ended, feed)
+        return None
 
     def _follow(self, handle: Any) -> None:
         """Serve follow_path."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 from antway.errors import BadInput, OutOfBounds
 from antway.grid import Cell, Grid
 from antway.planning import Problem, Status, solve, standing_cell
-from antway.ros2.messages import load
+from antway.ros2.messages import load, make
 from antway.ros2.pilot import End
 from antway.world.policy import XY
 
 NONE = 0
-# error codes of nav2_msgs/action/ComputePathToPose and FollowPath, the same from Jazzy on
+# error codes of nav2_msgs/action/ComputePathToPose and FollowPath, the same from Jazzy on; ComputePathThroughPoses has those of
+# the first, each THROUGH more, and FollowWaypoints its own
 PLAN_UNKNOWN, INVALID_PLANNER, PLAN_TF_ERROR, START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP = 200, 201, 202, 203, 204
 START_OCCUPIED, GOAL_OCCUPIED, PLAN_TIMEOUT, NO_VALID_PATH = 205, 206, 207, 208
 FOLLOW_UNKNOWN, INVALID_CONTROLLER, FOLLOW_TF_ERROR, INVALID_PATH, PATIENCE_EXCEEDED = 100, 101, 102, 103, 104
 FAILED_TO_MAKE_PROGRESS = 105
+THROUGH = 100
+TASK_EXECUTOR_FAILED, NO_VALID_WAYPOINTS = 601, 602
 ENDS = {
     End.ARRIVED: NONE,
     End.REPLACED: NONE,
@@ -46,7 +49,10 @@ class Kind:
 
 
 def nav2_kinds() -> dict[str, Kind]:
-    """Return Nav2's actions by name; none where nav2_msgs cannot be imported."""
+    """Return Nav2's actions by the names that the node serves them under; none where nav2_msgs cannot be imported.
+
+    compute_tour is a ComputePathThroughPoses, and visit_poses a FollowWaypoints, whose poses come in any order.
+    """
     if find_spec("nav2_msgs") is None:
         return {}
 
@@ -58,7 +64,24 @@ def nav2_kinds() -> dict[str, Kind]:
         action = load(f"nav2_msgs/action/{name}")
         return Kind(action, lambda goal: goal, fitting(action.Result), fitting(action.Feedback))
 
-    return {"compute_path_to_pose": kind("ComputePathToPose"), "follow_path": kind("FollowPath")}
+    def waypoints() -> Kind:
+        made = kind("FollowWaypoints")
+        numbers = "int32" in made.type.Result.get_fields_and_field_types()["missed_waypoints"]  # in older releases
+
+        def result(missed_waypoints: list[tuple[int, int]], **fields: Any) -> Any:
+            missed = [
+                i if numbers else make("nav2_msgs/msg/MissedWaypoint", index=i, error_code=code) for i, code in missed_waypoints
+            ]
+            return fitting(made.type.Result)(missed_waypoints=missed, **fields)
+
+        return replace(made, result=result)
+
+    return {
+        "compute_path_to_pose": kind("ComputePathToPose"),
+        "follow_path": kind("FollowPath"),
+        "compute_tour": kind("ComputePathThroughPoses"),
+        "visit_poses": waypoints(),
+    }
 
 
 class Failure(Exception):

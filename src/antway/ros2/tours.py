@@ -1,0 +1,125 @@
+"""Many places in the best order: what the node's actions compute_tour and visit_poses do."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.errors import BadInput, CellBlocked, OutOfBounds
+from antway.grid import Grid
+from antway.ros2.frames import Pose
+from antway.ros2.nav2 import (
+    ENDS,
+    GOAL_OCCUPIED,
+    GOAL_OUTSIDE_MAP,
+    NO_VALID_PATH,
+    NO_VALID_WAYPOINTS,
+    NONE,
+    START_OCCUPIED,
+    START_OUTSIDE_MAP,
+    TASK_EXECUTOR_FAILED,
+    THROUGH,
+    Failure,
+)
+from antway.ros2.pilot import End, Goal
+from antway.tours.plan import plan_tour
+
+if TYPE_CHECKING:
+    from antway.ros2.node import AntwayNode
+
+SECONDS = 1.0  # s; the colony looks for the best order for so long
+
+
+def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int], NDArray[np.float64]]:
+    """Return the best order of `places` after the first, which is the start, and the path through them, float64[N, 2] in m.
+
+    Raises
+    ------
+    Failure
+        With Nav2's code for what stands in the way.
+    """
+    start, *stops = [place[:2] for place in places]
+    try:
+        tour = plan_tour(grid, start, stops, robot_radius=radius, seconds=SECONDS)
+    except (OutOfBounds, CellBlocked) as wrong:
+        outside, blocked = (START_OUTSIDE_MAP, START_OCCUPIED) if wrong.field == "start" else (GOAL_OUTSIDE_MAP, GOAL_OCCUPIED)
+        raise Failure(THROUGH + (outside if isinstance(wrong, OutOfBounds) else blocked), str(wrong)) from None
+    except BadInput as wrong:
+        raise Failure(THROUGH + NO_VALID_PATH, str(wrong)) from None
+    return tour.order.tolist(), np.vstack([np.array([start]), *(leg.xy(grid) for leg in tour.legs)])
+
+
+class Visit:
+    """A goal of visit_poses: drives to its poses in the best order, and on past those that it cannot come to.
+
+    Parameters
+    ----------
+    node : AntwayNode
+    start : Pose
+        Where the robot is.
+    poses : list of Pose
+        Where it is to go, in the map's frame.
+    loops : int
+        How often it goes round again after the first time.
+    ended : function of (code, reason, missed)
+        Called once, when all is done: Nav2's error code, words, and (index, code) of each pose that was not come to.
+    feed : function of index
+        Called after each command with the pose that is driven to.
+    """
+
+    def __init__(
+        self,
+        node: AntwayNode,
+        start: Pose,
+        poses: list[Pose],
+        loops: int,
+        ended: Callable[[int, str, list[tuple[int, int]]], None],
+        feed: Callable[[int], None],
+    ) -> None:
+        self.node, self.poses, self.loops, self.ended, self.feed = node, poses, loops, ended, feed
+        self.left: list[int] = []
+        self.missed: list[tuple[int, int]] = []
+        grid, radius = node.pilot.map, node.settings.robot.radius
+        assert grid is not None, "a map comes first"
+
+        def work() -> None:
+            order: list[int] = []
+            failure = None
+            try:
+                order, _ = find_tour(grid, [start, *poses], radius)
+            except Failure as found:
+                failure = found
+            node.executor.create_task(self._set_out, order, failure)
+
+        threading.Thread(target=work, daemon=True).start()
+
+    def _set_out(self, order: list[int], failure: Failure | None) -> None:
+        if failure is not None:
+            return self.ended(NO_VALID_WAYPOINTS, failure.reason, [])
+        if not self.node.active:
+            return self.ended(TASK_EXECUTOR_FAILED, "deactivated", [(i, TASK_EXECUTOR_FAILED) for i in order])
+        self.left = order * (1 + self.loops)
+        return self._next()
+
+    def _next(self) -> None:
+        """Drive to the next pose, or be done."""
+        if not self.left:
+            reason = f"missed {[index for index, _ in self.missed]}" if self.missed else ""
+            return self.ended(NONE, reason, self.missed)
+        index = self.left[0]
+        x, y, yaw = self.poses[index]
+        return self.node.go(Goal((x, y), hurried=True, yaw=yaw), self._arrived, lambda: self.feed(index))
+
+    def _arrived(self, end: End, reason: str) -> None:
+        """Go on after a pose, unless the robot was sent elsewhere or stopped."""
+        index = self.left.pop(0)
+        if end in (End.REPLACED, End.DROPPED):
+            away = [(i, TASK_EXECUTOR_FAILED) for i in dict.fromkeys([index, *self.left])]
+            return self.ended(TASK_EXECUTOR_FAILED, reason, self.missed + away)
+        if end is not End.ARRIVED:
+            self.missed.append((index, ENDS[end]))
+        return self._next()
