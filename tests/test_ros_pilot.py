@@ -18,6 +18,7 @@ from antway.ros2.markers import decision_message, predictions, predictions_messa
 from antway.ros2.path import corridor, keeps_within, tracking
 from antway.ros2.pilot import STAND, End, Goal, Pilot
 from antway.ros2.settings import Settings, defaults, parameters, refused
+from antway.ros2.tours import find_tour
 from antway.world.policy import Tracks
 from common import cases, random_grid
 
@@ -128,6 +129,45 @@ def test_results_have_the_fields_that_a_version_has(monkeypatch):
         announced = kind.feedback(distance_to_goal=1.0, speed=2.0, tracking_feedback=3.0)
         assert set(vars(announced)) == set(feedback)
         assert vars(kind.result(error_code=7, error_msg="so", path=None)) == {"error_code": 7, "error_msg": "so"}
+
+
+@pytest.mark.parametrize("kind", ["sequence<int32>", "sequence<nav2_msgs/MissedWaypoint>"])
+def test_missed_waypoints_are_told_as_a_version_has_them(monkeypatch, kind):
+    """By their numbers in older releases, else by messages with number and error code."""
+
+    class Result(SimpleNamespace):
+        @classmethod
+        def get_fields_and_field_types(cls):
+            return {"missed_waypoints": kind, "error_code": "uint16"}
+
+    monkeypatch.setattr(nav2, "find_spec", lambda name: name)
+    monkeypatch.setattr(nav2, "load", lambda name: SimpleNamespace(Result=Result, Feedback=Result))
+    monkeypatch.setattr(nav2, "make", lambda name, **fields: fields)
+    result = nav2.nav2_kinds()["visit_poses"].result(missed_waypoints=[(3, 104)], error_code=0, error_msg="missed [3]")
+    assert result.missed_waypoints == ([3] if "int32" in kind else [{"index": 3, "error_code": 104}])
+    assert result.error_code == 0 and not hasattr(result, "error_msg")
+
+
+def test_tours_and_their_failures():
+    """The best order and the path through it; each failure has the code of Nav2's ComputePathThroughPoses."""
+    blocked = np.zeros((20, 40), bool)
+    blocked[:, 30] = True
+    grid = Grid(blocked, 0.5)
+    places = [(1.0, 5.0, 0.0), (13.0, 5.0, 1.0), (4.0, 5.0, 2.0), (9.0, 5.0, 3.0)]
+    order, path = find_tour(grid, places, 0.2)
+    assert order == [1, 2, 0]
+    assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(12.25, abs=0.5)
+    for ends, code in (
+        ([places[0], (15.25, 5.0, 0.0)], 306),
+        ([(15.25, 5.0, 0.0), places[0]], 305),
+        ([places[0], (99.0, 5.0, 0.0)], 304),
+        ([(99.0, 5.0, 0.0), places[0]], 303),
+        ([places[0], (18.0, 5.0, 0.0)], 308),
+        ([places[0]], 308),
+    ):
+        with pytest.raises(nav2.Failure) as caught:
+            find_tour(grid, ends, 0.2)
+        assert caught.value.code == code, ends
 
 
 # Parameters

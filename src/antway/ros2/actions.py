@@ -28,14 +28,13 @@ from antway.ros2.nav2 import (
     NONE,
     PLAN_TF_ERROR,
     PLAN_UNKNOWN,
-    THROUGH,
     Failure,
     Kind,
     find_path,
 )
 from antway.ros2.path import tracking
 from antway.ros2.pilot import End, Goal, Pilot
-from antway.ros2.tours import Visit, find_tour
+from antway.ros2.tours import THROUGH, Visit, find_tour
 
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode

@@ -20,13 +20,11 @@ from antway.ros2.pilot import End
 from antway.world.policy import XY
 
 NONE = 0
-# error codes of nav2_msgs/action/ComputePathToPose and FollowPath, the same from Jazzy on; ComputePathThroughPoses has those of
-# the first, each THROUGH more, and FollowWaypoints its own
+# error codes of nav2_msgs/action/ComputePathToPose and FollowPath, the same from Jazzy on; FollowWaypoints has its own
 PLAN_UNKNOWN, INVALID_PLANNER, PLAN_TF_ERROR, START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP = 200, 201, 202, 203, 204
 START_OCCUPIED, GOAL_OCCUPIED, PLAN_TIMEOUT, NO_VALID_PATH = 205, 206, 207, 208
 FOLLOW_UNKNOWN, INVALID_CONTROLLER, FOLLOW_TF_ERROR, INVALID_PATH, PATIENCE_EXCEEDED = 100, 101, 102, 103, 104
 FAILED_TO_MAKE_PROGRESS = 105
-THROUGH = 100
 TASK_EXECUTOR_FAILED, NO_VALID_WAYPOINTS = 601, 602
 ENDS = {
     End.ARRIVED: NONE,
@@ -66,7 +64,7 @@ def nav2_kinds() -> dict[str, Kind]:
 
     def waypoints() -> Kind:
         made = kind("FollowWaypoints")
-        numbers = "int32" in made.type.Result.get_fields_and_field_types()["missed_waypoints"]  # in older releases
+        numbers = "int32" in made.type.Result.get_fields_and_field_types().get("missed_waypoints", "")  # in older releases
 
         def result(missed_waypoints: list[tuple[int, int]], **fields: Any) -> Any:
             missed = [

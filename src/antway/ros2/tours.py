@@ -22,7 +22,6 @@ from antway.ros2.nav2 import (
     START_OCCUPIED,
     START_OUTSIDE_MAP,
     TASK_EXECUTOR_FAILED,
-    THROUGH,
     Failure,
 )
 from antway.ros2.pilot import End, Goal
@@ -31,6 +30,7 @@ from antway.tours.plan import plan_tour
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode
 
+THROUGH = 100  # by how much error codes of ComputePathThroughPoses are larger than those of ComputePathToPose
 SECONDS = 1.0  # s; the colony looks for the best order for so long
 
 
