@@ -8,6 +8,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from antway import BadParameter, Outcome
+from antway.arena.gym import CrossingEnv
 
 ID = "antway.arena.gym:antway/Crossing-v0"
 
@@ -78,3 +79,22 @@ def test_wrong_options_are_refused() -> None:
         gymnasium.make(ID, group="closed")
     with pytest.raises(BadParameter, match="tracks"):
         gymnasium.make(ID, tracks=0)
+
+
+def test_own_scenarios_wheels_and_pictures() -> None:
+    """A scenario of one's own is played, by a robot of one's own whose actions are speed and turn rate; pictures show it."""
+    env = gymnasium.make(ID, scenario="office", robot="turtlebot4", render_mode="rgb_array").unwrapped
+    check_env(env, skip_render_check=True)
+    _, info = env.reset(seed=2)
+    assert info["group"] == "office"
+    before = env.stage.heading[0]
+    first = env.render()
+    for _ in range(30):
+        seen, *_ = env.step(np.array([0.2, 1.0], np.float32))
+    assert seen["robot"].shape == (6,) and abs(env.stage.heading[env.stage.n] - before) > 0.5
+    later = env.render()
+    assert first.dtype == np.uint8 and first.shape[2] == 3 and min(first.shape[:2]) > 200 and not np.array_equal(first, later)
+    with pytest.raises(BadParameter, match="group"):
+        gymnasium.make(ID, scenario="office", group="open/low")
+    with pytest.raises(BadParameter, match="render_mode"):
+        CrossingEnv(render_mode="loud")

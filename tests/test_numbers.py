@@ -91,6 +91,8 @@ def _callables() -> Iterator[tuple[str, Callable[..., Any]]]:
 CALLABLES = dict(_callables())
 
 OWN: dict[str, dict[str, Any]] = {
+    "show": {"record": GRID, "browser": False},
+    "to_dataframe": {"table": []},
     "plan": {"start": (0.5, 0.5), "goal": (4.5, 4.5)},
     "sipp": {"start": (0.5, 0.5), "goal": (4.5, 4.5)},
     "search.sipp.Sipp": {"goal": (4.5, 4.5)},

@@ -7,7 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from antway import BadInput, BadParameter, BadScenario, CellBlocked, Grid, RobotSpec, Scenario, World, load_scenario, run, save_map
+from antway import (
+    BadInput,
+    BadParameter,
+    BadScenario,
+    CellBlocked,
+    Grid,
+    RobotSpec,
+    Scenario,
+    World,
+    load_scenario,
+    run,
+    save_map,
+)
 from antway.kernels.robot.motions import first_inside
 from antway.scenes import ROUNDS, SCENES, scene
 from antway.world.motions import BackAndForth, Bounce, Line, Pursue, RandomWalk, Replay, Waypoints

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from antway.verify import check_plan as check_plan
     from antway.verify_tour import check_tour as check_tour
     from antway.verify_tsptw import check_tsptw as check_tsptw
+    from antway.view.notebook import show as show
+    from antway.view.notebook import to_dataframe as to_dataframe
     from antway.world.episode import EpisodeResult as EpisodeResult
     from antway.world.episode import Outcome as Outcome
     from antway.world.episode import run as run
@@ -78,6 +80,7 @@ _HOME = {
     "verify_tour": "check_tour",
     "verify_tsptw": "check_tsptw",
     "ants.tsp": "load_tsp solve_tsp",
+    "view.notebook": "show to_dataframe",
     "world.world": "World",
     "world.scenario": "Scenario load_scenario",
     "world.episode": "EpisodeResult Outcome run",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.errors import BadParameter, OutOfBounds
+from antway.lazy import drawing
 
 Cell = tuple[int, int]  # (row, col)
 
@@ -137,6 +138,13 @@ class Grid:
         return same_place and bool(np.array_equal(self.blocked, other.blocked) and np.array_equal(mine, theirs))
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        (rows, cols), turn = self.shape, "" if self.origin[2] == 0.0 else f", turned by {self.origin[2]:.3g} rad"
+        return f"Grid({rows} x {cols} cells of {self.resolution:g} m, {100 * self.blocked.mean():.0f} % blocked{turn})"
+
+    def _repr_html_(self) -> str:
+        return str(drawing().html(self))
 
     def __reduce__(self) -> tuple[object, ...]:
         # A copy or an unpickled grid is made by the constructor, so that its arrays are read-only too.

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
 from importlib.metadata import entry_points
+from os import PathLike
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid, Moves
+from antway.lazy import drawing
 from antway.tables import PLANNERS as PLANNERS
 
 
@@ -172,6 +174,8 @@ class Plan:
     points : float64[M, 2] or None
         For an any-angle path its vertices as real-valued (row, col), integers at cell centres; `cells` are then the free cells
         along it, each a neighbour of eight of the one before, and `length` is that of the polyline.
+    grid : Grid or None
+        The map asked about, for pictures.
     """
 
     status: Status
@@ -182,6 +186,29 @@ class Plan:
     elapsed: float = 0.0
     lower_bound: float = 0.0
     points: NDArray[np.float64] | None = None
+    grid: Grid | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        if not len(self.cells):
+            return f"Plan({self.status.value})"
+        proof = "optimal" if self.optimal else f"within {100 * self.gap:.1f} % of the best"
+        return f"Plan({self.status.value}, {self.length:.3f} m, {len(self.cells)} cells, {proof})"
+
+    def _repr_html_(self) -> str:
+        return str(drawing().html(self))
+
+    def plot(self, grid: Grid | None = None, *, out: str | PathLike[str] | None = None) -> Any:
+        """Draw the plan on its map, or on `grid`, as a Matplotlib figure; `out` is a .png, .svg or .pdf to write it to.
+
+        Raises
+        ------
+        BadParameter
+            If no map is known (plans of `plan` and `solve` know theirs), or for another kind of file.
+        """
+        figure = drawing().figure_of(self, grid)
+        if out is not None:
+            drawing().style.save(figure, out)
+        return figure
 
     def __post_init__(self) -> None:
         self.cells.setflags(write=False)
@@ -280,7 +307,10 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     run = cast(Planner, find("planner", planner, PLANNERS, "antway.planners"))
     if options:
         _check_options(run, options)
-    return run(problem, seed=seed, budget=budget, **options)
+    found = run(problem, seed=seed, budget=budget, **options)
+    if isinstance(found, Plan):
+        object.__setattr__(found, "grid", problem.grid)
+    return found
 
 
 def _check_options(run: Planner, options: dict[str, Any]) -> None:
@@ -318,10 +348,8 @@ def plan(
     checks.instance("grid", grid, Grid)
     inflated = grid.inflate(robot_radius)
     source, target = (standing_cell(name, xy, grid, inflated, robot_radius) for name, xy in (("start", start), ("goal", goal)))
-    return solve(
-        Problem(inflated, source, target, moves),
-        planner,
-        seed=seed,
-        time_limit=time_limit,
-        **options,
-    )
+    problem = Problem(inflated, source, target, moves)
+    found = solve(problem, planner, seed=seed, time_limit=time_limit, **options)
+    if isinstance(found, Plan):
+        object.__setattr__(found, "grid", grid)
+    return found

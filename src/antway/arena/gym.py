@@ -5,6 +5,7 @@ Importing this module registers `antway/Crossing-v0`; `gymnasium.make("antway.ar
 
 from __future__ import annotations
 
+import importlib
 import math
 from typing import Any
 
@@ -14,9 +15,13 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.arena.suites import Chance, load_suite
+from antway.errors import BadParameter
 from antway.kernels.base.geometry import first_wall
+from antway.lazy import drawing
 from antway.world.episode import Stage
 from antway.world.policy import Observation
+from antway.world.robots import load_robot
+from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Outcome
 
 SPAN = 32.0  # m and m/s; bound on what is observed, beyond which it is clipped
@@ -27,7 +32,8 @@ COMFORT = 0.2  # m
 class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
     """Steer a robot through an episode of the suite `synthetic`, drawn at each reset.
 
-    An action is the commanded velocity in units of v_max, float32[2] within [-1, 1]. An observation has three parts:
+    An action is the commanded velocity in units of v_max, float32[2] within [-1, 1]; of a robot with wheels its speed in units
+    of v_max, and its turn rate in units of the greatest. An observation has three parts:
 
     * robot, float32[6]: offset of the goal x, y (m), velocity x, y (m/s), cosine and sine of the heading;
     * tracks, float32[tracks, 6]: of the nearest tracks, nearest first, place x, y seen from the robot (m), velocity x, y (m/s),
@@ -44,11 +50,39 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         Of the suite, such as "open/low"; None: any.
     tracks : int
         How many are observed, >= 1.
+    scenario : Scenario, str or None
+        Played in place of the suite: a scenario, its file, or the name of a shipped scene; each seed draws its random parts.
+    robot : str or None
+        Drives in place of the usual one: a name or file for `antway.world.robots.load_robot`.
+    render_mode : str or None
+        "rgb_array": `render` returns a picture, uint8[H, W, 3]; "human": each step is shown in a window of Matplotlib.
+
+    Examples
+    --------
+    >>> env = gymnasium.make("antway/Crossing-v0", scenario="office", robot="turtlebot4")
+    >>> env.reset(seed=1)[1]["group"]
+    'office'
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own declaration)
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012 (Gymnasium's own declaration)
 
-    def __init__(self, group: str | None = None, tracks: int = 8) -> None:
+    def __init__(
+        self,
+        group: str | None = None,
+        tracks: int = 8,
+        *,
+        scenario: Scenario | str | None = None,
+        robot: str | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            checks.choice("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode, self.robot = render_mode, None if robot is None else load_robot(checks.instance("robot", robot, str))
+        self.scenario = load_scenario(scenario) if isinstance(scenario, str) else scenario
+        if scenario is not None:
+            checks.instance("scenario", self.scenario, Scenario)
+            if group is not None:
+                raise BadParameter("group", group, "left out where a scenario is given")
         self.suite = load_suite("synthetic")
         self.groups = self.suite.groups if group is None else (checks.choice("group", group, self.suite.groups),)
         self.tracks = checks.integer("tracks", tracks, low=1, high=1000)
@@ -61,14 +95,23 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
             {"robot": box(6), "tracks": box(self.tracks, 6), "walls": gymnasium.spaces.Box(0.0, SPAN, (RAYS,), np.float32)}
         )
         self.stage: Stage | None = None
+        self.picture: NDArray[np.uint8] | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin an episode; with a seed, always the same ones from then on."""
         super().reset(seed=seed)
         group = self.groups[int(self.np_random.integers(len(self.groups)))]
         number = int(self.np_random.integers(2**63))
-        scenario = self.suite.make(group, Chance(number))
-        self.stage = Stage(scenario, number, scenario.horizon)
+        scenario = self.scenario
+        if scenario is None:
+            scenario = self.suite.make(group, Chance(number))
+        else:
+            group = scenario.name
+        if self.robot is not None:
+            scenario = scenario.driven_by(self.robot)
+        self.stage, self.name, self.number = Stage(scenario, number, scenario.horizon), scenario.name, number
+        self.picture = None
+        self._display()
         return self._observe(self.stage), {"group": group, "seed": number}
 
     def step(self, action: NDArray[np.float32]) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -76,17 +119,39 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         if self.stage is None:
             raise gymnasium.error.ResetNeeded("reset the environment before the first step and after the last")
         stage = self.stage
-        speed = stage.task.robot.v_max
+        robot = stage.task.robot
         stage.clearance = math.inf  # of this step alone
-        outcome, _ = stage.drive(float(action[0]) * speed, float(action[1]) * speed)
+        second = robot.turn_rate if robot.wheels and not stage.stepwise else robot.v_max
+        outcome, _ = stage.drive(float(action[0]) * robot.v_max, float(action[1]) * second)
+        self._display()
         observation, info = self._observe(stage), {"time": float(stage.t[stage.n])}
         if outcome is None:
             close = min(stage.clearance - COMFORT, 0.0)
             return observation, 0.5 * close * stage.task.robot.dt, False, False, info
-        self.stage = None
+        self.picture, self.stage = self._draw() if self.render_mode else None, None
         timeout, reached = outcome is Outcome.TIMEOUT, outcome is Outcome.REACHED
         reward = 0.0 if timeout else 1.0 if reached else -0.25
         return observation, reward, not timeout, timeout, info | {"outcome": outcome.value}
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the picture of the moment, uint8[H, W, 3], with render mode "rgb_array"."""
+        if self.render_mode != "rgb_array":
+            return None
+        return self._draw() if self.stage is not None else self.picture
+
+    def _draw(self) -> NDArray[np.uint8]:
+        assert self.stage is not None
+        trace = self.stage.trace("environment", self.name, self.number, (), Outcome.TIMEOUT, "it goes on", {})
+        found: NDArray[np.uint8] = drawing().pixels(trace, self.stage.n)
+        return found
+
+    def _display(self) -> None:
+        if self.render_mode == "human":
+            plot: Any = importlib.import_module("matplotlib.pyplot")
+            plot.figure("antway").clear()
+            plot.imshow(self._draw())
+            plot.axis("off")
+            plot.pause(0.001)
 
     def _observe(self, stage: Stage) -> dict[str, NDArray[np.float32]]:
         o, goal = stage.observe(), stage.task.goal

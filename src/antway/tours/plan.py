@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
+from antway.lazy import drawing
 from antway.planning import Plan, Problem, solve
 from antway.search.astar import astar
 from antway.tours.distances import stop_distances
@@ -99,6 +100,14 @@ class TourPlan:
     gap: float
     elapsed: float
     ordering: Ordering
+
+    def __repr__(self) -> str:
+        robots = f", {len(self.routes)} robots" if len(self.routes) > 1 else ""
+        visits = sum(len(route.order) for route in self.routes)
+        return f"TourPlan({visits} visits{robots}, {self.length:.1f} m, {self.duration:.1f} s, {self.lateness:.1f} s late)"
+
+    def _repr_html_(self) -> str:
+        return str(drawing().html(self))
 
     @property
     def order(self) -> NDArray[np.int32]:

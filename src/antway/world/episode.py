@@ -19,6 +19,7 @@ from antway.kernels.base.jit import compile_seconds, entry
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
 from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.dynamics import REST
+from antway.lazy import drawing
 from antway.planning import TimedPath
 from antway.version import __version__
 from antway.world.entries import Entries
@@ -79,6 +80,13 @@ class EpisodeResult:
     trace: Trace | None = None
     rounds: Rounds | None = None
     order_ms: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+    def __repr__(self) -> str:
+        near = f", nearest {self.min_clearance:.2f} m" if math.isfinite(self.min_clearance) else ""
+        return f"EpisodeResult({self.outcome.value} after {self.time:.1f} s, {self.length:.2f} m driven{near})"
+
+    def _repr_html_(self) -> str:
+        return str(drawing().html(self))
 
     @property
     def reached(self) -> bool:
