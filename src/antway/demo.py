@@ -16,7 +16,7 @@ from typing import Any
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.planning import Plan, Problem, solve
+from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
 from antway.scenes import ROUNDS, SCENES
 from antway.verify import check_episode
@@ -170,15 +170,16 @@ def write_figures(trace: Trace, folder: Path) -> None:
     """Write the path set out on, an encounter before and in the midst of it, and the path driven, as pictures."""
     from antway.view import figures
 
-    path, (meet, avoid) = figures.followed(trace), figures.moments(trace)
-    ends, before = (trace.task.start, trace.task.goal), trace.decision_at(meet)
-    if isinstance(path, Plan):
-        first = figures.plan_figure(trace.task.grid, path, ends=ends, title="Global shortest path, by Dijkstra's algorithm")
+    path, (meet, avoid) = figures.shortest(trace.task), figures.moments(trace)
+    if trace.policy == "paper":
+        ends, title = (trace.task.start, trace.task.goal), "Global shortest path, by Dijkstra's algorithm"
+        first = figures.plan_figure(trace.task.grid, path, ends=ends, title=title)
     else:
-        first = figures.moment_figure(trace, 0, title=f"First plan of policy {trace.policy}", path=path)
+        first = figures.moment_figure(trace, 0, title=f"Policy {trace.policy} sets out", path=path, pheromone=True)
+    before = figures.meeting(trace.decision_at(meet))
     drawn = (
         first,
-        figures.moment_figure(trace, meet, title="About to encounter an obstacle", caption=figures.meeting(before), path=path),
+        figures.moment_figure(trace, meet, title="About to encounter an obstacle", caption=before, path=path),
         figures.moment_figure(trace, avoid, title=figures.title_of(trace.decision_at(avoid)), path=path, pheromone=True),
         figures.final_figure(trace, path=path),
     )

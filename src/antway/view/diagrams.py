@@ -47,21 +47,22 @@ class Arrow:
 
 @style.styled
 def ant_system_chart() -> Figure:
-    """Fig. 1: the Ant System, Eqs. (1) and (2)."""
+    """Fig. 1: the Ant System on the travelling salesman problem (III.C), Eqs. (1) and (2)."""
     return _chart(
-        "Ant System",
+        "Ant System on the travelling salesman problem",
         {
             "start": Box("Start", 0, kind="end"),
             "init": Box("Set parameters and the same pheromone\n$\\tau_{ij}(0) = C$ on every edge; t = 0", 1),
-            "place": Box("Next cycle: place m ants at the start", 2),
-            "choose": Box("Each ant draws its next cell by roulette,\nprobability of Eq. (1)", 3),
-            "done": Box("All arrived, stuck\nor out of steps?", 4.15, kind="question"),
-            "best": Box("Measure each path $L_k$; keep the best so far", 5.3),
+            "place": Box("Next cycle: place m ants on the n cities", 2),
+            "choose": Box("Each ant draws its next city, not yet\nvisited, by roulette: Eq. (1)", 3),
+            "done": Box("All n cities\nvisited?", 4.15, kind="question"),
+            "best": Box("Close each tour, measure its length $L_k$;\nkeep the shortest so far", 5.3),
             "update": Box(
-                "Eq. (2): $\\tau_{ij} \\leftarrow \\rho\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\nover the ants k that arrived", 6.3
+                "Eq. (2): $\\tau_{ij} \\leftarrow \\rho\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non the edges of each tour; t += n",
+                6.3,
             ),
             "last": Box("Last cycle?", 7.4, kind="question"),
-            "out": Box("Best path", 8.5),
+            "out": Box("Shortest tour", 8.5),
             "end": Box("End", 9.4, kind="end"),
         },
         [
@@ -74,24 +75,25 @@ def ant_system_chart() -> Figure:
 
 @style.styled
 def improved_chart() -> Figure:
-    """Fig. 2: the improved colony, whose persistence adapts edge by edge (III.D in the reading used)."""
+    """Fig. 2: the improved Ant System, whose persistence adapts edge by edge (III.D in the reading used)."""
     return _chart(
-        "Ant colony with adaptive persistence",
+        "Ant System with adaptive persistence",
         {
             "start": Box("Start", 0, kind="end"),
             "init": Box("Set parameters and the same pheromone\n$\\tau_{ij}(0) = C$ on every edge; t = 0", 1),
-            "walk": Box("Next cycle: m ants walk by Eq. (1),\nat most so many steps each", 2),
-            "best": Box("Measure each path $L_k$; keep the best so far", 3),
+            "walk": Box("Next cycle: m ants build tours of all n cities,\neach step by roulette: Eq. (1)", 2),
+            "best": Box("Measure the length $L_k$ of each tour;\nkeep the shortest so far", 3),
             "weakest": Box("$\\tau_{\\min}$ = weakest pheromone of all edges", 4),
             "adapt": Box(
                 "Persistence of each edge\n$\\rho_{ij} = \\mathrm{clip}(e^{-\\tau_{\\min}/\\tau_{ij}} + e^{-t},\\ 0.1,\\ 0.9)$",
                 5,
             ),
             "update": Box(
-                "$\\tau_{ij} \\leftarrow \\rho_{ij}\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\nover the ants k that arrived", 6.1
+                "$\\tau_{ij} \\leftarrow \\rho_{ij}\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non the edges of each tour; t += n",
+                6.1,
             ),
             "last": Box("Last cycle?", 7.2, kind="question"),
-            "out": Box("Best path", 8.3),
+            "out": Box("Shortest tour", 8.3),
             "end": Box("End", 9.2, kind="end"),
         },
         [*_down("start init walk best weakest adapt update last out end", last="yes"), Arrow("last", "walk", "no", "left")],

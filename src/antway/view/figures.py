@@ -17,37 +17,17 @@ from antway import checks
 from antway.ants.tsp import Tour, Tsp
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.planning import Plan, Status, TimedPath
-from antway.policies.paper.routes import Routes
+from antway.planning import Plan
 from antway.view import style
+from antway.view.moments import meeting, moments, shortest, title_of
 from antway.view.style import save
-from antway.world.policy import Decision, Task
+from antway.world.policy import Decision
 from antway.world.trace import Trace
 
 __all__ = ["convergence_figure", "final_figure", "moment_figure", "moments", "plan_figure", "save", "shortest"]
-__all__ += ["followed", "meeting", "strip_figure", "title_of", "tour_figure"]
+__all__ += ["meeting", "strip_figure", "title_of", "tour_figure"]
 
 HORIZON = 3.0  # s that a prediction is drawn for
-
-
-def shortest(task: Task) -> Plan:
-    """Return the shortest path over the cells of the static map on which the robot fits, moving by 8: Step 2 of the paper.
-
-    Of the paths that are as short it is the one that policy `paper` follows.
-    """
-    routes = Routes(task)
-    start = routes.cell(task.start)
-    cells = np.empty((0, 2)) if start is None or routes.home is None else routes.home.cells(start)
-    if not len(cells):
-        return Plan(Status.NO_PATH)
-    length = float(np.hypot(*np.diff(cells, axis=0).T).sum()) * routes.inflated.resolution
-    return Plan(Status.FOUND, cells.astype(np.int32), length, True, lower_bound=length)
-
-
-def followed(trace: Trace) -> Plan | TimedPath:
-    """Return the path that the policy set out on: the shortest on the grid for policy `paper`, else its own first plan."""
-    first = trace.decisions[0][1].path if trace.decisions else None
-    return shortest(trace.task) if trace.policy == "paper" or first is None else first
 
 
 @style.styled
@@ -92,7 +72,7 @@ def moment_figure(
     *,
     title: str,
     caption: str | None = None,
-    path: Plan | TimedPath | None = None,
+    path: Plan | None = None,
     prediction: bool = True,
     pheromone: bool = False,
 ) -> Figure:
@@ -106,8 +86,8 @@ def moment_figure(
     title : str
     caption : str or None
         What stands under the picture; None: the decision in words.
-    path : Plan, TimedPath or None
-        The global path, or a policy's first plan (`followed`), drawn dashed.
+    path : Plan or None
+        The global path, drawn dashed.
     prediction : bool
         Draw where the policy took the obstacles to go within the next 3 s, if the decision of that step tells it.
     pheromone : bool
@@ -126,7 +106,7 @@ def moment_figure(
 
 
 @style.styled
-def final_figure(trace: Trace, *, path: Plan | TimedPath | None = None, title: str = "Final path of the robot") -> Figure:
+def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final path of the robot") -> Figure:
     """Draw the path that a robot drove, the global path, and the tracks of the obstacles in red (Fig. 7 of the paper)."""
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
     axes = fig.subplots()
@@ -150,7 +130,7 @@ def final_figure(trace: Trace, *, path: Plan | TimedPath | None = None, title: s
 
 
 @style.styled
-def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | TimedPath | None = None) -> Figure:
+def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None) -> Figure:
     """Draw an episode at several steps side by side."""
     steps = [checks.integer("steps", step, low=0, high=len(trace)) for step in steps]
     if not steps:
@@ -239,65 +219,12 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     return fig
 
 
-def moments(trace: Trace) -> tuple[int, int]:
-    """Return two steps worth a picture: (about to meet an obstacle, in the midst of avoiding it).
-
-    The first is that of the decision for the detour that leads farthest from the path set out on; without detours, of the first
-    decision to do other than follow it; without such, the closest approach. The second is that step or one at most 1.5 s later
-    at which the robot still does the same about the same obstacle.
-    """
-    busy = [(n, step, decision) for n, (step, decision) in enumerate(trace.decisions) if decision.obstacle is not None]
-    detours = [one for one in busy if one[2].action == "avoid" and one[2].path is not None]
-    if busy:
-        path = followed(trace)
-        onward = path.xy if isinstance(path, TimedPath) else path.xy(trace.task.grid)
-        n, meet, one = max(detours, key=lambda one: _strays(one[2], onward)) if detours else busy[0]
-        same = (one.action, one.obstacle)
-        later = (step for step, other in trace.decisions[n + 1 :] if (other.action, other.obstacle) != same)
-        meet, end = min(meet, len(trace)), next(later, len(trace) + 1) - 1
-        return meet, max(meet, min(end, meet + round(1.5 / trace.task.robot.dt), len(trace)))
-    if len(trace.obstacle_id):
-        gaps = np.hypot(*(trace.obstacle_xy - trace.xy[:, None]).transpose(2, 0, 1)) - trace.obstacle_radius
-        midst = int(gaps.min(axis=1).argmin())
-    else:
-        midst = len(trace) // 2
-    before = max(0, midst - round(0.5 / trace.task.robot.dt))
-    return before if trace.sensed[before].any() else midst, midst
-
-
-def _strays(decision: Decision, onward: NDArray[np.float64]) -> float:
-    """How far the path of a decision leads from the nodes `onward`, m."""
-    if decision.path is None or not len(onward):
-        return 0.0
-    away = np.hypot(*(decision.path.xy[:, None] - onward[None]).transpose(2, 0, 1))
-    return float(away.min(axis=1).max())
-
-
-def meeting(decision: Decision | None) -> str:
-    """Return the caption of a picture before an encounter: what would be met, when, if the robot drove on as it does."""
-    if decision is None or decision.obstacle is None:
-        return "no obstacle is in the robot's way"
-    kind = f" ({decision.encounter})" if decision.encounter else ""
-    when, near = decision.time_to_closest, max(decision.distance_at_closest, 0.0)
-    if not np.isfinite(when):
-        return f"obstacle {decision.obstacle}{kind} will be in the robot's way"
-    how = "would meet" if near == 0.0 else f"would come within {near:.1f} m of"
-    return f"obstacle {decision.obstacle}{kind} {how} the robot in {when:.1f} s"
-
-
 def _laid(decision: Decision) -> int:
     """In how many cells there is pheromone."""
     return 0 if decision.pheromone is None else int((decision.pheromone[2] > 0).sum())
 
 
-def title_of(decision: Decision | None) -> str:
-    """Return the title of a picture in the midst of an encounter: what the robot does about the obstacle."""
-    doing = {"avoid": "Going round it", "wait": "Waiting for it", "brake": "Braking for it", "stuck": "Stuck"}
-    doing |= {"step-back": "Stepping back from it", "step-aside": "Stepping aside"}
-    return doing.get("" if decision is None else decision.action, "Passing it")
-
-
-def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | TimedPath | None, prediction: bool, pheromone: bool) -> None:
+def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
     task = trace.task
     style.draw_map(axes, task.grid)
     decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
@@ -391,7 +318,8 @@ def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDAr
 
 def _draw_numbers(axes: Axes, trace: Trace, step: int) -> None:
     """Write each obstacle's number beside it; where obstacles crowd, those of the first alone."""
-    apart, kept = 0.05 * float(np.ptp(axes.get_xlim())), np.empty((0, 2))
+    inches = axes.get_position().width * style.width_of(axes)
+    apart, kept = 0.14 / inches * float(np.ptp(axes.get_xlim())), np.empty((0, 2))  # one takes that much, in inches
     for k, place in enumerate(trace.obstacle_xy[step]):
         at = place + np.array([0.0, trace.obstacle_radius[k]])
         if (np.abs(kept - at) > apart).any(axis=1).all():
@@ -409,12 +337,10 @@ def _draw_obstacle_labels(axes: Axes, trace: Trace, step: int) -> None:
         axes.plot([], [], "o", markerfacecolor="none", **look, label="moving obstacle, not sensed")
 
 
-def _draw_global(axes: Axes, grid: Grid, path: Plan | TimedPath) -> None:
-    xy = path.xy if isinstance(path, TimedPath) else path.xy(grid)
-    if len(xy):
-        length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
-        label = f"{'first plan' if isinstance(path, TimedPath) else 'shortest path on the grid'}, {length:.2f} m"
-        axes.plot(*xy.T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
+def _draw_global(axes: Axes, grid: Grid, path: Plan) -> None:
+    if len(path.cells):
+        label = f"shortest path on the grid, {path.length:.2f} m"
+        axes.plot(*path.xy(grid).T, color=style.INK, linewidth=1.2, linestyle=(0, (4, 2)), label=label, zorder=2.5)
 
 
 def _draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:

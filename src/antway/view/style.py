@@ -134,6 +134,13 @@ def draw_map(axes: Axes, grid: Grid) -> None:
         axes.locator_params(axis, nbins=max(1, min(8, int(2.2 * inches))), steps=[1, 2, 5, 10])
 
 
+def width_of(axes: Axes) -> float:
+    """Return the width in inches of the figure that `axes` are in."""
+    fig = axes.get_figure()
+    assert isinstance(fig, Figure)
+    return float(fig.get_figwidth())
+
+
 def _corners(grid: Grid) -> tuple[list[float], list[float]]:
     rows, cols = grid.shape
     ends = grid.to_xy([(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)])

@@ -1,0 +1,77 @@
+"""Which moments of an episode are worth a picture, and the words under it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.planning import Plan, Status
+from antway.policies.paper.routes import Routes
+from antway.world.policy import Decision, Task
+from antway.world.trace import Trace
+
+
+def shortest(task: Task) -> Plan:
+    """Return the shortest path over the cells of the static map on which the robot fits, moving by 8: Step 2 of the paper.
+
+    Of the paths that are as short it is the one that policy `paper` follows.
+    """
+    routes = Routes(task)
+    start = routes.cell(task.start)
+    cells = np.empty((0, 2)) if start is None or routes.home is None else routes.home.cells(start)
+    if not len(cells):
+        return Plan(Status.NO_PATH)
+    length = float(np.hypot(*np.diff(cells, axis=0).T).sum()) * routes.inflated.resolution
+    return Plan(Status.FOUND, cells.astype(np.int32), length, True, lower_bound=length)
+
+
+def moments(trace: Trace) -> tuple[int, int]:
+    """Return two steps worth a picture: (about to meet an obstacle, in the midst of avoiding it).
+
+    The first is that of the decision for the detour that leads farthest from the shortest path; without detours, of the first
+    decision to do other than follow it; without such, the closest approach. The second is that step or one at most 1.5 s later
+    at which the robot still does the same about the same obstacle.
+    """
+    busy = [(n, step, decision) for n, (step, decision) in enumerate(trace.decisions) if decision.obstacle is not None]
+    detours = [one for one in busy if one[2].action == "avoid" and one[2].path is not None]
+    if busy:
+        onward = shortest(trace.task).xy(trace.task.grid)
+        n, meet, one = max(detours, key=lambda one: _strays(one[2], onward)) if detours else busy[0]
+        same = (one.action, one.obstacle)
+        later = (step for step, other in trace.decisions[n + 1 :] if (other.action, other.obstacle) != same)
+        meet, end = min(meet, len(trace)), next(later, len(trace) + 1) - 1
+        return meet, max(meet, min(end, meet + round(1.5 / trace.task.robot.dt), len(trace)))
+    if len(trace.obstacle_id):
+        gaps = np.hypot(*(trace.obstacle_xy - trace.xy[:, None]).transpose(2, 0, 1)) - trace.obstacle_radius
+        midst = int(gaps.min(axis=1).argmin())
+    else:
+        midst = len(trace) // 2
+    before = max(0, midst - round(0.5 / trace.task.robot.dt))
+    return before if trace.sensed[before].any() else midst, midst
+
+
+def _strays(decision: Decision, onward: NDArray[np.float64]) -> float:
+    """How far the path of a decision leads from the nodes `onward`, m."""
+    if decision.path is None or not len(onward):
+        return 0.0
+    away = np.hypot(*(decision.path.xy[:, None] - onward[None]).transpose(2, 0, 1))
+    return float(away.min(axis=1).max())
+
+
+def meeting(decision: Decision | None) -> str:
+    """Return the caption of a picture before an encounter: what would be met, when, if the robot drove on as it does."""
+    if decision is None or decision.obstacle is None:
+        return "no obstacle is in the robot's way"
+    kind = f" ({decision.encounter})" if decision.encounter else ""
+    when, near = decision.time_to_closest, max(decision.distance_at_closest, 0.0)
+    if not np.isfinite(when):
+        return f"obstacle {decision.obstacle}{kind} will be in the robot's way"
+    how = "would meet" if near == 0.0 else f"would come within {near:.1f} m of"
+    return f"obstacle {decision.obstacle}{kind} {how} the robot in {when:.1f} s"
+
+
+def title_of(decision: Decision | None) -> str:
+    """Return the title of a picture in the midst of an encounter: what the robot does about the obstacle."""
+    doing = {"avoid": "Going round it", "wait": "Waiting for it", "brake": "Braking for it", "stuck": "Stuck"}
+    doing |= {"step-back": "Stepping back from it", "step-aside": "Stepping aside"}
+    return doing.get("" if decision is None else decision.action, "Passing it")
