@@ -33,6 +33,7 @@ from antway.console import (
     print_rounds,
     print_summaries,
     print_table,
+    say,
     status_of,
     working,
 )
@@ -254,7 +255,10 @@ def demo_command(
 def bench_command(
     suite: Annotated[
         str,
-        typer.Argument(metavar="SUITE", help=f"One of {names(SUITES)}; or predict, which measures forecasts of a recording."),
+        typer.Argument(
+            metavar="SUITE",
+            help=f"One of {names(SUITES)}; or predict (a recording), or ants (what they add).",
+        ),
     ],
     file: Annotated[Path | None, typer.Argument(metavar="FILE", help="For predict: a recording, as for tracks:FILE.")] = None,
     policies: Annotated[
@@ -280,6 +284,8 @@ def bench_command(
 
     if suite == "predict" or file is not None:
         return _predict(suite, file, json)
+    if suite == "ants":
+        return _ants(10 if episodes is None else episodes, out, json)
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -323,6 +329,25 @@ def bench_command(
     else:
         print_summaries(table)
         print(f"results, tables and report in {out}")
+    return 0
+
+
+def _ants(runs: int, out: Path, json: bool) -> int:
+    from dataclasses import asdict
+
+    from antway.arena.ants import compare, markdown
+
+    rows = []
+    with working("comparing ants with their twins"):
+        for row in compare(runs=runs):
+            rows.append(row)
+            say(markdown([row]).splitlines()[-1])
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "ants.md").write_text(markdown(rows) + "\n", encoding="utf-8")
+    if json:
+        print_json({"comparisons": [asdict(row) for row in rows], "out": str(out)})
+    else:
+        print(markdown(rows))
     return 0
 
 

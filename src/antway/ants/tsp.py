@@ -26,7 +26,7 @@ from antway.planning import Budget
 # The local searches: candidates tried for a third edge, and cities in the part that a move displaces (None: all).
 _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3), "3opt": (5, None)}
 # With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
-_MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
+MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
 # Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
 _TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
 _FOCUSED_FROM = 2000  # cities from which changing a tour beats building one anew
@@ -218,7 +218,7 @@ def local_search_options(
     options = LocalSearchOptions(
         breadth, n if longest is None else longest, attempts, 30, _TEMPERATURE if anew else _FOCUSED_TEMPERATURE, anew
     )
-    return options, _MMAS_WITH_SEARCH if rule == "mmas" else rule
+    return options, MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 
 def _cycles(cycles: int | None, tours: int | None, seconds: float | None, per_cycle: int) -> int:

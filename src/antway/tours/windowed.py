@@ -192,8 +192,14 @@ def search(
     target: float = -math.inf,
     initial: Order | None = None,
     pheromone: Floats | None = None,
+    fade: float = _FADE,
+    width: int = _WIDTH,
 ) -> Found:
-    """Look for the best order until the clock is spent, `cycles` are done, one costs `target`, or none can be better."""
+    """Look for the best order until the clock is spent, `cycles` are done, one costs `target`, or none can be better.
+
+    `fade` is how much of the pheromone a cycle replaces, 0 for ants that learn nothing; `width` that of the ants' beams, 0 for
+    no ants.
+    """
     n = len(path.time)
     # What is due first stands first, to begin with.
     due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
@@ -202,7 +208,9 @@ def search(
         late = float(repair(path.finite, path.opens, path.closes, start, 0 if n <= 3 else 20, np.uint64(seed)))
         conflict = () if path.feasible else path.conflict()
         return Found(start, late / path.scale, True, conflict, 0, [], np.zeros((0, 0)))
-    return _Run(path, clock, makespan, seed, target, start, initial is not None, pheromone).go(cycles)
+    run = _Run(path, clock, makespan, seed, target, start, initial is not None, pheromone)
+    run.habits = run.habits._replace(fade=fade, width=min(width, run.habits.width))
+    return run.go(cycles)
 
 
 class _Run:

@@ -74,6 +74,8 @@ class PaperPolicy:
     heuristic : str
         What ants see of a cell: "goal", the paper's eta = 1 / d with the straight distance to the local target; "distance",
         1 / exact distance; "field", the path lost by the move, with which they find the shortest path in their first cycle.
+    alpha, beta : float or None
+        Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: 1 for the one, 7 or 8 for the other.
     distance_weight : float
         What a metre more costs beside the time that it takes, s/m, >= 0: the paper's least distance against its least time.
     """
@@ -87,6 +89,8 @@ class PaperPolicy:
         growth: float = 0.03,
         lookahead: float = 5.0,
         heuristic: str = "goal",
+        alpha: float | None = None,
+        beta: float | None = None,
         distance_weight: float = 0.0,
     ) -> None:
         self.ants, self.cycles = checks.integer("ants", ants, low=1), checks.integer("cycles", cycles, low=1)
@@ -94,6 +98,10 @@ class PaperPolicy:
         self.growth = checks.number("growth", growth, low=0.0, unit="m/s")
         self.lookahead = checks.number("lookahead", lookahead, low=0.0, open_low=True, unit="s")
         self.heuristic = checks.choice("heuristic", heuristic, BETA)
+        for name, value in (("alpha", alpha), ("beta", beta)):
+            if value is not None:
+                checks.number(name, value, low=0.0, high=100.0)
+        self.alpha, self.beta = alpha, beta
         self.distance_weight = checks.number("distance_weight", distance_weight, low=0.0, unit="s/m")
 
     def reset(self, task: Task, seed: int) -> None:
@@ -290,6 +298,8 @@ class PaperPolicy:
                 ants=self.ants,
                 cycles=self.cycles,
                 heuristic=self.heuristic,
+                alpha=self.alpha,
+                beta=self.beta,
                 stop_at_bound=self.heuristic == "field",
                 window=window,
                 forbidden=closed,

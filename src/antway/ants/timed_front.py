@@ -1,0 +1,391 @@
+"""Least time and least distance among moving obstacles: the front of (time, distance, clearance) in space and time.
+
+Time runs in periods in which the robot goes to one of 8 neighbours or stands. A *label* is a way to be in a cell at the end of
+a period: how far one has driven and how near obstacles came. Of labels in one cell at one time those that another betters in
+distance and clearance are dropped. `timed_front` has ants extend labels, by a pheromone for each objective, and keeps what they
+learn; `exact_front` extends every label, period by period (dynamic programming), and is what the ants are measured against.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter, TooLarge
+from antway.grid import Cell
+from antway.planning import Problem, Status, TimedPath
+from antway.search.derived import graph
+from antway.search.distance_field import distance_field
+from antway.search.sipp import Trajectories
+
+OBJECTIVES = ("time", "distance", "clearance")
+MAX_STATES = 2_000_000  # cells times periods
+LEVEL = 0.05  # m; clearances are told in such steps, rounded down
+_SAME = 1e-9
+_GREED = (0.5, 2.0, 8.0)  # beta of ants in turn, 1 / periods
+_PERSISTENCE = 0.9
+Label = tuple[int, float, float, int, int]  # flat cell, distance (m), clearance (m), parent, period
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedFront:
+    """Timed paths of which none is bettered in every objective, by rising time.
+
+    Attributes
+    ----------
+    status : Status
+        FOUND: the front is whole; NO_PATH: no path reaches the goal within the horizon; BUDGET: labels were left untried.
+    values : float64[P, 3]
+        Time in s, distance in m, clearance in m: the least gap to a moving obstacle, in steps of 0.05 m up to `most`.
+    paths : tuple of TimedPath
+    labels : int
+        How many labels were extended.
+    """
+
+    status: Status
+    values: NDArray[np.float64]
+    paths: tuple[TimedPath, ...]
+    labels: int
+
+    def least(self, distance_weight: float, clearance: float = 0.0) -> int:
+        """Return which path costs least in time and `distance_weight` s for each m, of those with so much clearance, m.
+
+        Raises
+        ------
+        BadParameter
+            If no path has so much clearance.
+        """
+        checks.number("distance_weight", distance_weight, low=0.0, unit="s/m")
+        wide = np.flatnonzero(self.values[:, 2] >= checks.number("clearance", clearance, low=0.0, unit="m") - _SAME)
+        if not len(wide):
+            raise BadParameter("clearance", clearance, "what a path of the front has")
+        return int(wide[np.argmin(self.values[wide, 0] + distance_weight * self.values[wide, 1])])
+
+
+class _Graph:
+    """The moves of a disc on a grid in periods of equal length, and how near each comes to the obstacles."""
+
+    def __init__(
+        self, problem: Problem, obstacles: Trajectories | None, radius: float, v_max: float, horizon: float, most: float
+    ) -> None:
+        grid, moves = problem.grid, problem.moves
+        self.problem, self.most = problem, most
+        size = grid.resolution
+        self.period = float(moves.lengths.max()) * size / v_max
+        self.periods = int(horizon / self.period + _SAME)
+        rows, cols = grid.shape
+        if rows * cols * max(self.periods, 1) > MAX_STATES:
+            raise TooLarge("horizon", horizon, f"at most {MAX_STATES} cells times periods of {self.period:g} s")
+        legal, margin = graph(grid, moves).legal, graph(grid, moves).margin
+        legal = legal.reshape(rows + 2 * margin, -1)[margin : margin + rows, margin : margin + cols].ravel()
+        free = np.flatnonzero(~grid.blocked.ravel())
+        offsets = np.vstack((moves.offsets.astype(np.int64), [[0, 0]]))
+        lengths = np.append(moves.lengths, 0.0) * size
+        self.moves: dict[int, list[tuple[int, int, float]]] = {}  # from a cell: (place in the row, cell, length)
+        steps = []
+        for cell in free.tolist():
+            out = []
+            for k in range(len(offsets)):
+                if k == len(moves.offsets) or legal[cell] >> k & 1:
+                    out.append((len(steps), cell + int(offsets[k, 0]) * cols + int(offsets[k, 1]), float(lengths[k])))
+                    steps.append((cell, out[-1][1]))
+            self.moves[cell] = out
+        ends = np.array(steps, np.int64).reshape(-1, 2)
+        centres = grid.to_xy(np.column_stack(np.divmod(np.arange(rows * cols), cols)))
+        self.centres = centres
+        self.gap = np.full((self.periods, len(ends)), most)
+        if obstacles is not None and len(obstacles.radius) and len(ends):
+            self._approach(centres[ends[:, 0]], centres[ends[:, 1]], obstacles, radius)
+        self.gap = np.floor(np.minimum(self.gap, most) / LEVEL + 1e-6) * LEVEL
+        self.start = problem.start[0] * cols + problem.start[1]
+        self.goal = problem.goal[0] * cols + problem.goal[1]
+        self.field = distance_field(grid, problem.goal, moves).ravel()
+        self.least = self._least_periods()
+
+    def _approach(
+        self, a: NDArray[np.float64], b: NDArray[np.float64], obstacles: Trajectories, radius: float
+    ) -> None:
+        """Work out the least gap of each move in each period, each obstacle's knots taken as they are."""
+        for k in range(len(obstacles.radius)):
+            own = slice(int(obstacles.first[k]), int(obstacles.first[k + 1]))
+            knot_t, knot_xy = np.asarray(obstacles.knot_t[own]), np.asarray(obstacles.knot_xy[own])
+            for n in range(self.periods):
+                t0, t1 = n * self.period, (n + 1) * self.period
+                inside = knot_t[(knot_t > t0) & (knot_t < t1)]
+                times = np.concatenate(([t0], inside, [t1]))
+                places = np.column_stack([np.interp(times, knot_t, knot_xy[:, axis]) for axis in (0, 1)])
+                for i in range(len(times) - 1):
+                    s0, s1 = (times[i] - t0) / self.period, (times[i + 1] - t0) / self.period
+                    p = a + (b - a) * s0 - places[i]
+                    d = a + (b - a) * s1 - places[i + 1] - p
+                    dd = (d * d).sum(axis=1)
+                    share = np.clip(-(p * d).sum(axis=1) / np.where(dd > 0.0, dd, 1.0), 0.0, 1.0)
+                    near = np.hypot(*(p + d * share[:, None]).T) - radius - float(obstacles.radius[k])
+                    self.gap[n] = np.minimum(self.gap[n], np.where(near < -_SAME, -math.inf, np.maximum(near, 0.0)))
+
+    def _least_periods(self) -> NDArray[np.float64]:
+        """Return the least number of periods from each cell to the goal if nothing moved: moves counted, not measured."""
+        least = np.full(len(self.centres), math.inf)
+        least[self.goal] = 0.0
+        back: dict[int, list[int]] = {}
+        for cell, out in self.moves.items():
+            for _, there, _ in out:
+                back.setdefault(there, []).append(cell)
+        front = [self.goal]
+        while front:
+            front = [c for there in front for c in back.get(there, []) if least[c] > least[there] + 1 and _note(least, c, there)]
+        return least
+
+    def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
+        """Yield (move, label) for every move that a label can be extended by and that can still reach the goal in time."""
+        cell, far, clear, _, period = label
+        if period >= self.periods:
+            return
+        gaps = self.gap[period]
+        for place, there, length in self.moves[cell]:
+            gap = float(gaps[place])
+            if gap >= 0.0 and period + 1 + self.least[there] <= self.periods:
+                yield place, (there, far + length, min(clear, gap), index, period + 1)
+
+
+def _note(least: NDArray[np.float64], cell: int, there: int) -> bool:
+    least[cell] = least[there] + 1
+    return True
+
+
+class _Known:
+    """Labels that no other betters, by cell and period, and the front of those at the goal."""
+
+    def __init__(self, net: _Graph) -> None:
+        self.net = net
+        self.labels: list[Label] = [(net.start, 0.0, net.most, -1, 0)]
+        self.at: dict[tuple[int, int], list[int]] = {(net.start, 0): [0]}
+        self.front: list[int] = [0] if net.start == net.goal else []
+
+    def hopeless(self, label: Label) -> bool:
+        """Tell whether even the shortest rest, with no obstacle near, is bettered or equalled by a path known."""
+        cell, far, clear, _, period = label
+        soonest, shortest = period + self.net.least[cell], far + float(self.net.field[cell])
+        return any(
+            self.labels[i][4] <= soonest and self.labels[i][1] <= shortest + _SAME and self.labels[i][2] >= clear - _SAME
+            for i in self.front
+        )
+
+    def take(self, label: Label) -> int:
+        """Keep a label unless another betters or equals it, and return its number, -1 if it is not kept."""
+        cell, far, clear, _, period = label
+        here = self.at.setdefault((cell, period), [])
+        if any(self.labels[i][1] <= far + _SAME and self.labels[i][2] >= clear - _SAME for i in here) or self.hopeless(label):
+            return -1
+        here[:] = [i for i in here if not (far <= self.labels[i][1] + _SAME and clear >= self.labels[i][2] - _SAME)]
+        number = len(self.labels)
+        self.labels.append(label)
+        here.append(number)
+        if cell == self.net.goal:
+            kept = [
+                i
+                for i in self.front
+                if not (
+                    period <= self.labels[i][4] and far <= self.labels[i][1] + _SAME and clear >= self.labels[i][2] - _SAME
+                )
+            ]
+            self.front = [*kept, number]
+        return number
+
+    def stands(self, number: int) -> bool:
+        """Tell whether a label has not been bettered since."""
+        return number in self.at[self.labels[number][0], self.labels[number][4]]
+
+    def result(self, status: Status, extended: int) -> TimedFront:
+        """Return the front."""
+        net = self.net
+        order = sorted(self.front, key=lambda i: (self.labels[i][4], self.labels[i][1]))
+        values = [(self.labels[i][4] * net.period, self.labels[i][1], self.labels[i][2]) for i in order]
+        if status is Status.FOUND and not order:
+            status = Status.NO_PATH
+        return TimedFront(status, np.array(values).reshape(-1, 3), tuple(self.path(i) for i in order), extended)
+
+    def path(self, number: int) -> TimedPath:
+        """Return the motion that leads to a label."""
+        chain = []
+        while number >= 0:
+            chain.append(self.labels[number])
+            number = self.labels[number][3]
+        t = np.array([label[4] for label in reversed(chain)], np.float64) * self.net.period
+        return TimedPath(t, self.net.centres[[label[0] for label in reversed(chain)]])
+
+
+def exact_front(
+    problem: Problem,
+    obstacles: Trajectories | None = None,
+    *,
+    radius: float = 0.3,
+    v_max: float = 1.0,
+    horizon: float = 30.0,
+    most: float = 1.0,
+) -> TimedFront:
+    """Return the whole front by dynamic programming: every label is extended, period by period.
+
+    Parameters and errors are those of `timed_front`.
+    """
+    net = _graph_of(problem, obstacles, radius, v_max, horizon, most)
+    known, extended = _Known(net), 0
+    layer = [0]
+    while layer:
+        following = []
+        for number in layer:
+            if known.stands(number) and known.labels[number][0] != net.goal:
+                extended += 1
+                found = (known.take(label) for _, label in net.extended(known.labels[number], number))
+                following += [i for i in found if i >= 0]
+        layer = following
+    return known.result(Status.FOUND, extended)
+
+
+def timed_front(
+    problem: Problem,
+    obstacles: Trajectories | None = None,
+    *,
+    radius: float = 0.3,
+    v_max: float = 1.0,
+    horizon: float = 30.0,
+    most: float = 1.0,
+    seed: int = 0,
+    budget: int = 100_000,
+) -> TimedFront:
+    """Return timed paths that trade time, distance and clearance against one another, found by ants.
+
+    Ants share a memory of labels. Each sets out from a label that has untried moves, and draws its moves by Eq. (1) with
+    tau = sum of w_k tau_k over the objectives, w drawn anew for each ant, and eta = exp(-beta * what the move loses against the
+    field). A path to the goal that is new on the front deposits on its moves, for each objective by its rank in it. Once no
+    label has untried moves, the front is whole.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its grid is inflated by the robot's radius, its moves are to the 4 or 8 neighbours; the robot begins at time 0.
+    obstacles : Trajectories or None
+        The moving discs, such as `World.timeline(seed, horizon)`.
+    radius, v_max : float
+        Of the robot, m (>= 0) and m/s (> 0). A period is what the longest move takes.
+    horizon : float
+        Paths arrive by then, s, > 0.
+    most : float
+        Clearance beyond this counts for nothing, m, >= 0.
+    seed : int
+    budget : int
+        Labels that ants may extend, >= 1.
+
+    Returns
+    -------
+    TimedFront
+
+    Raises
+    ------
+    BadParameter, TooLarge
+
+    Examples
+    --------
+    >>> from antway import Grid, World
+    >>> from antway.world.motions import Line
+    >>> from antway.world.world import Obstacle
+    >>> grid = Grid(np.zeros((5, 7), dtype=bool))
+    >>> crossing = World(grid, [Obstacle(0.3, Line((3.5, -1.0), (3.5, 6.0), 0.7))]).timeline(0, 30.0)
+    >>> timed_front(Problem(grid, (2, 0), (2, 6)), crossing).values[0].round(2).tolist()
+    [8.49, 6.83, 0.1]
+    """
+    net = _graph_of(problem, obstacles, radius, v_max, horizon, most)
+    checks.integer("budget", budget, low=1, high=100_000_000)
+    rng = np.random.default_rng(np.random.SeedSequence(checks.seed(seed)))
+    known, extended, ant = _Known(net), 0, 0
+    tau: list[dict[int, float]] = [{}, {}, {}]  # by objective, on moves; 1 where nothing lies
+    untried: dict[int, list[tuple[int, Label]]] = {}
+    waiting = [0]
+    while waiting and extended < budget:
+        weight = rng.dirichlet(np.ones(3))
+        beta = _GREED[ant % len(_GREED)]
+        at = int(rng.integers(len(waiting))) if rng.random() < 0.5 else len(waiting) - 1
+        number = waiting[at]
+        ant += 1
+        while number >= 0 and extended < budget:
+            label = known.labels[number]
+            if label[0] == net.goal or not known.stands(number) or known.hopeless(label):
+                untried[number] = []
+                break
+            if number not in untried:
+                untried[number] = list(net.extended(label, number))
+                extended += 1
+            number = _walk(net, known, tau, untried[number], label, weight, beta, rng)
+            if number >= 0:
+                waiting.append(number)
+                if known.labels[number][0] == net.goal:
+                    _deposit(net, known, tau, number)
+        waiting = [i for i in waiting if untried.get(i) != []] if ant % 64 == 0 or len(waiting) < 8 else waiting
+        if at < len(waiting) and untried.get(waiting[at]) == []:
+            waiting.pop(at)
+    whole = not [i for i in waiting if untried.get(i) != [] and known.stands(i) and known.labels[i][0] != net.goal]
+    return known.result(Status.FOUND if whole else Status.BUDGET, extended)
+
+
+def _walk(
+    net: _Graph,
+    known: _Known,
+    tau: list[dict[int, float]],
+    choices: list[tuple[int, Label]],
+    label: Label,
+    weight: NDArray[np.float64],
+    beta: float,
+    rng: np.random.Generator,
+) -> int:
+    """Draw moves by Eq. (1) until one leads to a label that is kept; return its number, -1 if none does."""
+    while choices:
+        lost = [1.0 + net.least[there[0]] - net.least[label[0]] for _, there in choices]
+        odds = np.array(
+            [
+                sum(w * trail.get(place, 1.0) for w, trail in zip(weight.tolist(), tau)) * math.exp(-beta * max(more, 0.0))
+                for (place, _), more in zip(choices, lost)
+            ]
+        )
+        total = float(odds.sum())
+        drawn = int(rng.choice(len(choices), p=odds / total)) if total > 0.0 else 0
+        number = known.take(choices.pop(drawn)[1])
+        if number >= 0:
+            return number
+    return -1
+
+
+def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: int) -> None:
+    """Let pheromone fade, Eq. (2), and lay it along a path to the goal: for each objective the more, the better it is in it."""
+    chain = [number]
+    while known.labels[chain[-1]][3] >= 0:
+        chain.append(known.labels[chain[-1]][3])
+    path = [known.labels[i] for i in reversed(chain)]
+    values = np.array([(known.labels[i][4], known.labels[i][1], -known.labels[i][2]) for i in known.front])
+    mine = np.array([path[-1][4], path[-1][1], -path[-1][2]])
+    for trail, rank in zip(tau, (values < mine - _SAME).mean(axis=0).tolist()):
+        for place in trail:
+            trail[place] = 1.0 + _PERSISTENCE * (trail[place] - 1.0)
+        for one, other in zip(path, path[1:]):
+            place = next(p for p, there, _ in net.moves[one[0]] if there == other[0])
+            trail[place] = trail.get(place, 1.0) + 1.0 - rank
+
+
+def _graph_of(
+    problem: Problem, obstacles: Trajectories | None, radius: float, v_max: float, horizon: float, most: float
+) -> _Graph:
+    checks.instance("problem", problem, Problem)
+    if len(problem.moves.offsets) > 8:
+        raise BadParameter("problem.moves", problem.moves.value, "to the 4 or 8 neighbours")
+    return _Graph(
+        problem,
+        obstacles,
+        checks.number("radius", radius, low=0.0, unit="m"),
+        checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s"),
+        checks.number("horizon", horizon, low=0.0, open_low=True, high=1e5, unit="s"),
+        checks.number("most", most, low=0.0, unit="m"),
+    )
