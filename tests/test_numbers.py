@@ -34,6 +34,7 @@ PARTS = {
     "antway.ants.immune": "Immune",
     "antway.ants.persistence": "Constant Adaptive Decay ByQuality",
     "antway.ants.rules": "AntSystem ElitistAntSystem RankBasedAntSystem MaxMinAntSystem AntColonySystem",
+    "antway.ants.timed_front": "timed_front exact_front",
     "antway.ants.tsplib": "Tsp",
     "antway.arena.metrics": "wilson bootstrap time_ratio path_ratio real_difference",
     "antway.arena.suites": "load_suite episodes",

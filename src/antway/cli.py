@@ -105,6 +105,12 @@ def plan_command(
     resolution: Resolution = None,
     seed: Seed = 0,
     time_limit: Annotated[float | None, number_option("time_limit", float, "S", "Stop after this many seconds.")] = None,
+    pareto: Annotated[
+        bool, typer.Option("--pareto", help="The front of time, distance and clearance, by ants; for coarse maps.")
+    ] = False,
+    obstacles: Annotated[
+        str | None, typer.Option(metavar="SCENARIO", help="With --pareto: a scenario whose obstacles move on the map.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
     json: Json = False,
 ) -> int:
@@ -120,6 +126,11 @@ def plan_command(
         inflated = grid.inflate(radius)
         source, target = (end if cells else standing_cell(name, end, grid, inflated, radius) for name, end in ends.items())
         problem = Problem(inflated, source, target, rule)
+    if pareto:
+        return tour_commands.plan_front(problem, grid, radius, obstacles, seed, out, json)
+    if obstacles is not None:
+        raise BadParameter("obstacles", obstacles, "left out without --pareto")
+    with working("planning"):
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
     if out is not None:
@@ -283,9 +294,9 @@ def bench_command(
     from importlib.util import find_spec
 
     if suite == "predict" or file is not None:
-        return _predict(suite, file, json)
+        return tour_commands.predict(suite, file, json)
     if suite == "ants":
-        return _ants(10 if episodes is None else episodes, out, json)
+        return tour_commands.compare_ants(10 if episodes is None else episodes, out, json)
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -332,41 +343,6 @@ def bench_command(
     return 0
 
 
-def _ants(runs: int, out: Path, json: bool) -> int:
-    from dataclasses import asdict
-
-    from antway.arena.ants import compare, markdown
-
-    rows = []
-    with working("comparing ants with their twins"):
-        for row in compare(runs=runs):
-            rows.append(row)
-            say(markdown([row]).splitlines()[-1])
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "ants.md").write_text(markdown(rows) + "\n", encoding="utf-8")
-    if json:
-        print_json({"comparisons": [asdict(row) for row in rows], "out": str(out)})
-    else:
-        print(markdown(rows))
-    return 0
-
-
-def _predict(suite: str, file: Path | None, json: bool) -> int:
-    from dataclasses import asdict
-
-    from antway.arena.predict import forecast, markdown
-
-    if file is None or suite != "predict":
-        raise BadParameter("file", None if file is None else str(file), "a recording, with predict alone")
-    found = forecast(str(file))
-    if json:
-        print_json({"file": str(file), **asdict(found)})
-        return 0
-    print(markdown(found))
-    print(f"{found.cases} forecasts from {file}")
-    return 0
-
-
 @app.command("warmup")
 def warmup_command(
     kinds: Annotated[
@@ -378,7 +354,6 @@ def warmup_command(
     """Compile the kernels now, on all cores, so that nothing waits for that later; they are kept on disk."""
     import time
 
-    from antway.console import say
     from antway.kernels.base.cache import cache_folder
     from antway.warmup import KINDS, warm_up
 

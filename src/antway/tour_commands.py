@@ -1,9 +1,9 @@
-"""The commands for tours; each imports what it needs when it runs."""
+"""The commands for tours, and those that are part of `plan` and `bench`; each imports what it needs when it runs."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,8 +19,14 @@ from antway.console import (
     pair,
     print_json,
     print_tour,
+    say,
     working,
 )
+from antway.errors import BadParameter
+
+if TYPE_CHECKING:
+    from antway.grid import Grid
+    from antway.planning import Problem
 
 
 def add_to(app: typer.Typer) -> None:
@@ -205,4 +211,70 @@ def tsp_command(
     print(f"{instance.name}: {tour.length:,.6g}{gap}; {tour.tours:,} tours in {tour.elapsed:.1f} s")
     if out is not None:
         print(f"drawn in {out}")
+    return 0
+
+
+def plan_front(
+    problem: Problem, grid: Grid, radius: float, obstacles: str | None, seed: int, out: Path | None, json: bool
+) -> int:
+    """Print the front of time, distance and clearance among the obstacles of a scenario; see `antway plan --pareto`."""
+    from antway import Status, load_scenario
+    from antway.ants.timed_front import OBJECTIVES, timed_front
+
+    with working("searching the front"):
+        scenario = None if obstacles is None else load_scenario(obstacles)
+        line = None if scenario is None else scenario.world.timeline(seed, scenario.horizon)
+        v_max, horizon = (1.0, 60.0) if scenario is None else (scenario.robot.v_max, scenario.horizon)
+        front = timed_front(problem, line, radius=radius, v_max=v_max, horizon=min(horizon, 60.0), seed=seed)
+    if out is not None and len(front.paths):
+        from antway.view.fronts import front_figure
+        from antway.view.style import save
+
+        with working("drawing"):
+            save(front_figure(grid, front, line), out)
+    if json:
+        paths = [{"t": path.t.tolist(), "xy": path.xy.tolist()} for path in front.paths]
+        print_json({"status": front.status.value, "objectives": OBJECTIVES, "front": front.values.tolist(), "paths": paths})
+    else:
+        for time, distance, clearance in front.values.tolist():
+            print(f"{time:8.2f} s  {distance:8.2f} m  clearance {clearance:.2f} m")
+        whole = {Status.FOUND: "the front is whole", Status.NO_PATH: "no path", Status.BUDGET: "the front may lack paths"}
+        print(f"{len(front.paths)} paths, {whole[front.status]}; {front.labels} labels extended")
+    return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[front.status]
+
+
+def compare_ants(runs: int, out: Path, json: bool) -> int:
+    """Compare each ant method with its twins; see `antway bench ants`."""
+    from dataclasses import asdict
+
+    from antway.arena.ants import compare, markdown
+
+    rows = []
+    with working("comparing ants with their twins"):
+        for row in compare(runs=runs):
+            rows.append(row)
+            say(markdown([row]).splitlines()[-1])
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "ants.md").write_text(markdown(rows) + "\n", encoding="utf-8")
+    if json:
+        print_json({"comparisons": [asdict(row) for row in rows], "out": str(out)})
+    else:
+        print(markdown(rows))
+    return 0
+
+
+def predict(suite: str, file: Path | None, json: bool) -> int:
+    """Measure how well a recording is foretold; see `antway bench predict`."""
+    from dataclasses import asdict
+
+    from antway.arena.predict import forecast, markdown
+
+    if file is None or suite != "predict":
+        raise BadParameter("file", None if file is None else str(file), "a recording, with predict alone")
+    found = forecast(str(file))
+    if json:
+        print_json({"file": str(file), **asdict(found)})
+        return 0
+    print(markdown(found))
+    print(f"{found.cases} forecasts from {file}")
     return 0

@@ -11,17 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadParameter, TooLarge
-from antway.grid import Cell
+from antway.limits import MAX_SPEED
 from antway.planning import Problem, Status, TimedPath
 from antway.search.derived import graph
 from antway.search.distance_field import distance_field
-from antway.search.sipp import Trajectories
+from antway.search.sipp import Trajectories, checked_trajectories
 
 OBJECTIVES = ("time", "distance", "clearance")
 MAX_STATES = 2_000_000  # cells times periods
@@ -77,7 +78,7 @@ class _Graph:
         self.problem, self.most = problem, most
         size = grid.resolution
         self.period = float(moves.lengths.max()) * size / v_max
-        self.periods = int(horizon / self.period + _SAME)
+        self.periods = int(min(horizon / self.period + _SAME, MAX_STATES + 1.0))
         rows, cols = grid.shape
         if rows * cols * max(self.periods, 1) > MAX_STATES:
             raise TooLarge("horizon", horizon, f"at most {MAX_STATES} cells times periods of {self.period:g} s")
@@ -87,7 +88,7 @@ class _Graph:
         offsets = np.vstack((moves.offsets.astype(np.int64), [[0, 0]]))
         lengths = np.append(moves.lengths, 0.0) * size
         self.moves: dict[int, list[tuple[int, int, float]]] = {}  # from a cell: (place in the row, cell, length)
-        steps = []
+        steps: list[tuple[int, int]] = []
         for cell in free.tolist():
             out = []
             for k in range(len(offsets)):
@@ -99,17 +100,15 @@ class _Graph:
         centres = grid.to_xy(np.column_stack(np.divmod(np.arange(rows * cols), cols)))
         self.centres = centres
         self.gap = np.full((self.periods, len(ends)), most)
-        if obstacles is not None and len(obstacles.radius) and len(ends):
-            self._approach(centres[ends[:, 0]], centres[ends[:, 1]], obstacles, radius)
+        if obstacles is not None:
+            self._approach(centres[ends[:, 0]], centres[ends[:, 1]], checked_trajectories(obstacles), radius)
         self.gap = np.floor(np.minimum(self.gap, most) / LEVEL + 1e-6) * LEVEL
         self.start = problem.start[0] * cols + problem.start[1]
         self.goal = problem.goal[0] * cols + problem.goal[1]
         self.field = distance_field(grid, problem.goal, moves).ravel()
         self.least = self._least_periods()
 
-    def _approach(
-        self, a: NDArray[np.float64], b: NDArray[np.float64], obstacles: Trajectories, radius: float
-    ) -> None:
+    def _approach(self, a: NDArray[np.float64], b: NDArray[np.float64], obstacles: Trajectories, radius: float) -> None:
         """Work out the least gap of each move in each period, each obstacle's knots taken as they are."""
         for k in range(len(obstacles.radius)):
             own = slice(int(obstacles.first[k]), int(obstacles.first[k + 1]))
@@ -138,7 +137,13 @@ class _Graph:
                 back.setdefault(there, []).append(cell)
         front = [self.goal]
         while front:
-            front = [c for there in front for c in back.get(there, []) if least[c] > least[there] + 1 and _note(least, c, there)]
+            following = []
+            for there in front:
+                for cell in back.get(there, []):
+                    if least[cell] == math.inf:
+                        least[cell] = least[there] + 1.0
+                        following.append(cell)
+            front = following
         return least
 
     def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
@@ -151,11 +156,6 @@ class _Graph:
             gap = float(gaps[place])
             if gap >= 0.0 and period + 1 + self.least[there] <= self.periods:
                 yield place, (there, far + length, min(clear, gap), index, period + 1)
-
-
-def _note(least: NDArray[np.float64], cell: int, there: int) -> bool:
-    least[cell] = least[there] + 1
-    return True
 
 
 class _Known:
@@ -190,9 +190,7 @@ class _Known:
             kept = [
                 i
                 for i in self.front
-                if not (
-                    period <= self.labels[i][4] and far <= self.labels[i][1] + _SAME and clear >= self.labels[i][2] - _SAME
-                )
+                if not (period <= self.labels[i][4] and far <= self.labels[i][1] + _SAME and clear >= self.labels[i][2] - _SAME)
             ]
             self.front = [*kept, number]
         return number
@@ -272,7 +270,7 @@ def timed_front(
     obstacles : Trajectories or None
         The moving discs, such as `World.timeline(seed, horizon)`.
     radius, v_max : float
-        Of the robot, m (>= 0) and m/s (> 0). A period is what the longest move takes.
+        Of the robot, m (>= 0) and m/s (>= 1e-6). A period is what the longest move takes.
     horizon : float
         Paths arrive by then, s, > 0.
     most : float
@@ -297,7 +295,7 @@ def timed_front(
     >>> grid = Grid(np.zeros((5, 7), dtype=bool))
     >>> crossing = World(grid, [Obstacle(0.3, Line((3.5, -1.0), (3.5, 6.0), 0.7))]).timeline(0, 30.0)
     >>> timed_front(Problem(grid, (2, 0), (2, 6)), crossing).values[0].round(2).tolist()
-    [8.49, 6.83, 0.1]
+    [8.49, 6.83, 0.45]
     """
     net = _graph_of(problem, obstacles, radius, v_max, horizon, most)
     checks.integer("budget", budget, low=1, high=100_000_000)
@@ -370,7 +368,7 @@ def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: in
     for trail, rank in zip(tau, (values < mine - _SAME).mean(axis=0).tolist()):
         for place in trail:
             trail[place] = 1.0 + _PERSISTENCE * (trail[place] - 1.0)
-        for one, other in zip(path, path[1:]):
+        for one, other in pairwise(path):
             place = next(p for p, there, _ in net.moves[one[0]] if there == other[0])
             trail[place] = trail.get(place, 1.0) + 1.0 - rank
 
@@ -385,7 +383,7 @@ def _graph_of(
         problem,
         obstacles,
         checks.number("radius", radius, low=0.0, unit="m"),
-        checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s"),
+        checks.number("v_max", v_max, low=1e-6, high=MAX_SPEED, unit="m/s"),
         checks.number("horizon", horizon, low=0.0, open_low=True, high=1e5, unit="s"),
         checks.number("most", most, low=0.0, unit="m"),
     )

@@ -145,10 +145,10 @@ def _tsptw(runs: int) -> Iterator[Comparison]:
         visit = np.concatenate(([0.0], np.cumsum([time[a, a + 1] for a in range(80)])))  # in this order all are in time
         opens, closes = np.maximum(visit - rng.integers(0, 400, 81), 0.0), visit + rng.integers(1, 400, 81)
         opens[0], closes[0], opens[-1], closes[-1] = 0.0, 1e6, 0.0, 1e6
-        path = Path(time, opens, closes)
+        path = Path(time, opens.astype(np.float64), closes.astype(np.float64))
         costs = []
-        for fade, width in ((0.1, 30), (0.0, 30), (0.1, 0)):
-            found = search(path, Budget(seconds=60.0).start(), cycles=10, seed=seed, fade=fade, width=width)
+        for evaporation, width in ((0.1, 30), (0.0, 30), (0.1, 0)):
+            found = search(path, Budget(seconds=60.0).start(), cycles=10, seed=seed, evaporation=evaporation, width=width)
             late = found.late > 0.0
             costs.append(math.inf if late else float(time[found.order[:-1], found.order[1:]].sum()))
         table.append([*_over(costs), math.nan])

@@ -340,6 +340,17 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
 
 def _segments(obstacles: Trajectories, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
     """Check the courses and return their pieces from t to the horizon."""
+    return timed.timeline_segments(checked_trajectories(obstacles), robot_radius, t, horizon)
+
+
+def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
+    """Return the courses of K moving discs as kernels take them.
+
+    Raises
+    ------
+    BadParameter
+        For arrays that do not fit together.
+    """
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
         raise BadParameter("obstacles", obstacles, "courses such as a Timeline: radius, knot_t, knot_xy, first; or None")
     radius = checks.array("obstacles.radius", obstacles.radius, (None,))
@@ -358,5 +369,4 @@ def _segments(obstacles: Trajectories, robot_radius: float, t: float, horizon: f
         raise BadParameter(
             "obstacles.knot_t", float(knot_t[np.argmin(rising) + 1]), "strictly increasing within an obstacle (s)"
         )
-    trajectories = records.Trajectories(knot_t, knot_xy, first.astype(np.int64), radius)
-    return timed.timeline_segments(trajectories, robot_radius, t, horizon)
+    return records.Trajectories(knot_t, knot_xy, first.astype(np.int64), radius)

@@ -192,13 +192,13 @@ def search(
     target: float = -math.inf,
     initial: Order | None = None,
     pheromone: Floats | None = None,
-    fade: float = _FADE,
+    evaporation: float = _EVAPORATION,
     width: int = _WIDTH,
 ) -> Found:
     """Look for the best order until the clock is spent, `cycles` are done, one costs `target`, or none can be better.
 
-    `fade` is how much of the pheromone a cycle replaces, 0 for ants that learn nothing; `width` that of the ants' beams, 0 for
-    no ants.
+    `evaporation` is the share of the pheromone that a cycle replaces, 0 for ants that learn nothing; `width` that of the ants'
+    beams, 0 for no ants.
     """
     n = len(path.time)
     # What is due first stands first, to begin with.
@@ -209,7 +209,7 @@ def search(
         conflict = () if path.feasible else path.conflict()
         return Found(start, late / path.scale, True, conflict, 0, [], np.zeros((0, 0)))
     run = _Run(path, clock, makespan, seed, target, start, initial is not None, pheromone)
-    run.habits = run.habits._replace(fade=fade, width=min(width, run.habits.width))
+    run.habits = run.habits._replace(evaporation=evaporation, width=min(width, run.habits.width))
     return run.go(cycles)
 
 

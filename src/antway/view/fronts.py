@@ -1,0 +1,70 @@
+"""Pictures of what ants trade against one another: time, distance and clearance among moving obstacles."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from antway.ants.timed_front import TimedFront
+from antway.errors import BadParameter
+from antway.grid import Grid
+from antway.view import style
+from antway.world.timeline import Timeline
+
+_SHOWN = 6  # paths at most, spread over the front
+_COLOURS = (style.BLUE, style.TEAL, style.ORANGE, style.CYAN, style.INK, "#AA3377")
+_DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
+
+
+@style.styled
+def front_figure(
+    grid: Grid, front: TimedFront, obstacles: Timeline | None = None, *, title: str = "Least time, least distance"
+) -> Figure:
+    """Draw paths of a front on the map, and the whole front as distance against time, its clearance in words.
+
+    Parameters
+    ----------
+    grid : Grid
+        The map, not inflated.
+    front : TimedFront
+        With one path at least; of more than six, six spread over it are drawn.
+    obstacles : Timeline or None
+        What moves: drawn where it is at first, with the track up to the last arrival.
+    title : str
+
+    Examples
+    --------
+    >>> from antway import Problem
+    >>> from antway.ants.timed_front import timed_front
+    >>> grid = Grid(np.zeros((5, 7), dtype=bool))
+    >>> figure = front_figure(grid, timed_front(Problem(grid, (2, 0), (2, 6)), radius=0.3))
+    """
+    if not len(front.paths):
+        raise BadParameter("front", front.status.value, "a front with a path")
+    width, height = style.map_size(grid, width=5.2)
+    fig = style.figure(2 * width, height)
+    left, right = fig.subplots(1, 2)
+    style.draw_map(left, grid)
+    last = float(front.values[-1, 0])
+    for k in range(0 if obstacles is None else len(obstacles)):
+        assert obstacles is not None
+        track = obstacles.places(np.linspace(0.0, last, 200))[:, k]
+        left.plot(
+            *track.T, color=style.RED, linewidth=0.9, alpha=0.7, label="moving obstacle and its track" if k == 0 else None
+        )
+        left.add_patch(Circle((track[0, 0], track[0, 1]), float(obstacles.radius[k]), color=style.RED, zorder=5))
+    right.plot(*front.values[:, :2].T, "o", color=style.RULE, markeredgecolor=style.INK, markersize=6, zorder=2)
+    chosen = np.unique(np.linspace(0, len(front.paths) - 1, _SHOWN).round().astype(int))
+    for i, colour, dash in zip(chosen.tolist(), _COLOURS, _DASHES):
+        time, distance, clearance = front.values[i].tolist()
+        label = f"{time:.1f} s, {distance:.1f} m, clearance {clearance:.2f} m"
+        left.plot(*front.paths[i].xy.T, color=colour, linestyle=dash, linewidth=1.8, label=label, zorder=4)
+        right.plot(time, distance, "o", color=colour, markersize=8, zorder=3)
+    left.set_title(title)
+    right.set(title=f"The front: {len(front.paths)} paths", xlabel="time (s)", ylabel="distance (m)")
+    right.grid(color=style.RULE, linewidth=0.6)
+    right.spines[["top", "right"]].set_visible(False)
+    right.margins(0.1)
+    style.legend_below(left, columns=3)
+    return fig
