@@ -13,7 +13,7 @@ from antway.world.world import Obstacle
 
 hall = np.zeros((60, 100), dtype=bool)
 hall[:22, 48:52] = hall[38:, 48:52] = True
-people = [Obstacle(0.3, BackAndForth((3.0 + k, 0.5), (3.0 + k, 5.5), speed=0.6 + 0.1 * k)) for k in range(4)]
+people = [Obstacle(0.3, BackAndForth((2.2 + 0.7 * k, 0.5), (2.2 + 0.7 * k, 5.5), speed=0.6 + 0.1 * k)) for k in range(4)]
 people += [Obstacle(0.3, Bounce((8.0, 1.0 + k), speed=0.8)) for k in range(3)]
 scenario = antway.Scenario(
     antway.World(antway.Grid(hall, resolution=0.1), tuple(people)),

@@ -274,7 +274,7 @@ def timed_front(
     horizon : float
         Paths arrive by then, s, > 0.
     most : float
-        Clearance beyond this counts for nothing, m, >= 0.
+        Clearance beyond this counts for nothing, m, in [0, 1e6].
     seed : int
     budget : int
         Labels that ants may extend, >= 1.
@@ -385,5 +385,5 @@ def _graph_of(
         checks.number("radius", radius, low=0.0, unit="m"),
         checks.number("v_max", v_max, low=1e-6, high=MAX_SPEED, unit="m/s"),
         checks.number("horizon", horizon, low=0.0, open_low=True, high=1e5, unit="s"),
-        checks.number("most", most, low=0.0, unit="m"),
+        checks.number("most", most, low=0.0, high=1e6, unit="m"),
     )
