@@ -5,6 +5,7 @@ from __future__ import annotations
 MAX_SPEED = 1000.0  # m/s; no obstacle and no robot may be faster
 MAX_PLACE = 1e10  # m; coordinates of points lie within this, a little beyond the farthest origin that a map may have
 MAX_TIME = 1e9  # s; no motion, delay or horizon may be longer
+MIN_PERIOD = 1e-6  # s; of control and of sensors, but for the 0 that says: at once
 MAX_CLOCK = 1e12  # s; times of observations lie within this, counted from wherever a clock begins
 MAX_ANGLE = 1e6  # rad, rad/s; headings and turn rates
 MAX_TRACKS = 10_000  # obstacles that an observation may hold

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
+from antway.limits import MAX_PLACE, MAX_SPEED
 from antway.planning import TimedPath, find
 from antway.tables import POLICIES as POLICIES
 from antway.world.robots import RobotSpec as RobotSpec
@@ -71,8 +72,8 @@ class Task:
                 self.grid.cell_at(getattr(self, name))
             except OutOfBounds as error:
                 raise error.at("", name) from None
-        checks.number("goal_tolerance", self.goal_tolerance, low=0.0, open_low=True, unit="m")
-        checks.number("obstacle_speed", self.obstacle_speed, low=0.0, unit="m/s")
+        checks.number("goal_tolerance", self.goal_tolerance, low=0.0, high=MAX_PLACE, open_low=True, unit="m")
+        checks.number("obstacle_speed", self.obstacle_speed, low=0.0, high=MAX_SPEED, unit="m/s")
         for name in ("obstacle_surge", "obstacle_swerve"):
             checks.number(name, getattr(self, name), low=0.0, infinite=True, unit="m/s^2")
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.kernels.base.records import RobotLimits
+from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
 from antway.reading import is_file, read_text, read_toml
 
 DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
@@ -84,8 +85,11 @@ class RobotSpec:
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
-        for name, unit in (("radius", "m"), ("v_max", "m/s"), ("dt", "s")):
-            set_(self, name, checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, unit=unit))
+        for name, unit, most in (("radius", "m", MAX_PLACE), ("v_max", "m/s", MAX_SPEED), ("dt", "s", MAX_TIME)):
+            value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, high=most, open_low=True, unit=unit)
+            set_(self, name, value)
+        if self.dt < MIN_PERIOD:
+            raise BadParameter("robot.dt", self.dt, f"at least {MIN_PERIOD:g} (s)")
         for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s"), ("alpha_max", "rad/s^2")):
             set_(
                 self,

@@ -14,6 +14,7 @@ from antway.errors import BadParameter
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.sensor import degrade, scan
+from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
 from antway.world.policy import Task, Tracks
 from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
@@ -55,8 +56,11 @@ class Sensor:
     agility: float = 1.0
 
     def __post_init__(self) -> None:
+        most = {"period": MAX_TIME, "latency": MAX_TIME, "noise": MAX_PLACE, "velocity_noise": MAX_SPEED}
         for name, unit in (("period", "s"), ("latency", "s"), ("noise", "m"), ("velocity_noise", "m/s")):
-            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, unit=unit))
+            object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=most[name], unit=unit))
+        if 0.0 < self.period < MIN_PERIOD:
+            raise BadParameter("period", self.period, f"0 (each control cycle), or at least {MIN_PERIOD:g} (s)")
         object.__setattr__(self, "dropout", checks.number("dropout", self.dropout, low=0.0, high=1.0))
         object.__setattr__(self, "agility", checks.number("agility", self.agility, low=0.0, open_low=True, unit="m/s^2"))
         checks.choice("velocity", self.velocity, ("exact", "estimated", "none"))

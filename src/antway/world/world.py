@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from antway import checks
 from antway.errors import BadParameter, BadScenario, TooLarge
 from antway.grid import Grid
+from antway.limits import MAX_PLACE
 from antway.world.motions import MOTIONS, Draw, Motion
 from antway.world.timeline import Timeline
 
@@ -21,7 +22,9 @@ class Obstacle:
     motion: Motion
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", checks.number("radius", self.radius, low=0.0, open_low=True, unit="m"))
+        object.__setattr__(
+            self, "radius", checks.number("radius", self.radius, low=0.0, high=MAX_PLACE, open_low=True, unit="m")
+        )
         if not callable(getattr(self.motion, "trajectory", None)):
             raise BadParameter("motion", self.motion, f"a motion: {', '.join(kind.__name__ for kind in MOTIONS.values())}")
 

@@ -1,0 +1,117 @@
+"""Whatever surrounds it, antway ends with an answer or with one line that says why: disks, homes, signals, switches."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from antway.errors import BadInput
+from antway.world.trace import Trace
+from common import cases
+
+RUN = ("run", "paper", "--policy", "follow")
+
+
+def antway(*arguments: str, switches: tuple[str, ...] = (), **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run `python -m antway`."""
+    command = [sys.executable, *switches, "-m", "antway", *arguments]
+    return subprocess.run(command, stderr=subprocess.PIPE, stdout=options.pop("stdout", subprocess.PIPE), text=True, **options)
+
+
+def is_one_line(errors: str) -> bool:
+    """Whether what is said is progress, and one line on what is wrong."""
+    lines = [line for line in errors.splitlines() if not line.endswith("...") and "compiling" not in line]
+    return len(lines) == 1 and lines[0].startswith("error: ")
+
+
+def test_answers_do_not_hang_on_assertions() -> None:
+    """With -O the same answer comes, and wrong input is refused as ever."""
+    plain, optimised = (antway(*RUN, "--json", switches=switches) for switches in ((), ("-O",)))
+    assert plain.returncode == optimised.returncode == 5
+    cut = plain.stdout.index('"cycle_ms_p50"')
+    assert plain.stdout[:cut] == optimised.stdout[:cut]
+    wrong = antway("plan", "office", "--start=nan,1", "--goal=2,2", switches=("-O",))
+    assert wrong.returncode == 2 and is_one_line(wrong.stderr)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_a_full_disk_is_one_line() -> None:
+    """Nobody reads on: the answer that cannot be written is an error, and no traceback."""
+    with open("/dev/full", "w") as full:
+        done = antway(*RUN, "--json", stdout=full)
+    assert done.returncode == 2 and is_one_line(done.stderr), done.stderr
+
+
+def test_files_that_cannot_be_written_are_one_line(tmp_path: Path) -> None:
+    """A disk that is full after 20 kB, and a folder that is a file; what was written so far is refused or sound."""
+    done = antway(
+        *RUN, "--out", str(tmp_path / "out"), preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    )
+    assert done.returncode == 2 and is_one_line(done.stderr), done.stderr
+    if (tmp_path / "out" / "trace.json").exists():
+        with contextlib.suppress(BadInput):
+            Trace.load(tmp_path / "out" / "trace.json")
+    (tmp_path / "file").write_text("")
+    done = antway(*RUN, "--out", str(tmp_path / "file"))
+    assert done.returncode == 2 and is_one_line(done.stderr), done.stderr
+
+
+def test_without_a_home_pictures_are_drawn(tmp_path: Path) -> None:
+    """Neither a home nor a folder for settings that can be written is needed."""
+    nowhere = tmp_path / "nowhere"
+    nowhere.write_text("")
+    bare = {key: value for key, value in os.environ.items() if key not in ("HOME", "XDG_CACHE_HOME", "MPLCONFIGDIR")}
+    (tmp_path / "m.txt").write_text("....\n" * 4)
+    plan = ("plan", str(tmp_path / "m.txt"), "--start=0.5,0.5", "--goal=3.5,3.5", "--out", str(tmp_path / "plan.png"))
+    done = antway(*plan, env={**bare, "HOME": str(nowhere), "XDG_CONFIG_HOME": str(nowhere)})
+    assert done.returncode == 0 and (tmp_path / "plan.png").stat().st_size > 1000, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def interrupted(delay: float, number: int, out: Path) -> tuple[int, str]:
+    """Start a run, send it a signal after `delay` s, and return its status and what it said."""
+    command = [sys.executable, "-m", "antway", *RUN, "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True) as process:
+        while process.poll() is None and b"antway" not in Path(f"/proc/{process.pid}/cmdline").read_bytes():
+            time.sleep(0.001)
+        time.sleep(delay)
+        process.send_signal(number)
+        assert process.stderr is not None
+        errors = process.stderr.read()
+        return process.wait(), errors
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
+def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path) -> None:
+    """Ctrl-C ends a run with status 130 and one word, from its imports to its files; or it was done already."""
+    rng = np.random.default_rng(1)
+    for delay in rng.uniform(0.3, 4.0, cases(4, 100)):
+        status, errors = interrupted(float(delay), signal.SIGINT, tmp_path / "out")
+        assert status in (130, 5), (delay, status, errors)
+        assert "Traceback" not in errors and (status == 5 or "interrupted" in errors), (delay, errors)
+
+
+@pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
+def test_what_a_killed_run_leaves_is_sound_or_refused(tmp_path: Path) -> None:
+    """kill -9 leaves no trace, a sound one, or one that is refused; the next run to the same folder succeeds."""
+    rng, out = np.random.default_rng(2), tmp_path / "out"
+    for delay in rng.uniform(0.5, 5.0, cases(2, 50)):
+        status, _ = interrupted(float(delay), signal.SIGKILL, out)
+        assert status in (-signal.SIGKILL, 5)
+        if (out / "trace.json").exists():
+            try:
+                Trace.load(out / "trace.json")
+            except BadInput as error:
+                assert str(error)
+    assert antway(*RUN, "--out", str(out)).returncode == 5
+    assert len(Trace.load(out / "trace.json")) > 0
