@@ -37,7 +37,7 @@ class RobotSpec:
     drive : str
         "holonomic" (any direction; a disc points where it goes, a footprint keeps its heading), "differential" or "ackermann".
     dt : float
-        Control period in s, > 0.
+        Control period in s, >= 1e-6.
     sensor_range : float
         How far the robot senses moving obstacles, m, > 0.
     turn_rate : float
@@ -85,11 +85,10 @@ class RobotSpec:
 
     def __post_init__(self) -> None:
         set_ = object.__setattr__
-        for name, unit, most in (("radius", "m", MAX_PLACE), ("v_max", "m/s", MAX_SPEED), ("dt", "s", MAX_TIME)):
+        for name, unit, most in (("radius", "m", MAX_PLACE), ("v_max", "m/s", MAX_SPEED)):
             value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, high=most, open_low=True, unit=unit)
             set_(self, name, value)
-        if self.dt < MIN_PERIOD:
-            raise BadParameter("robot.dt", self.dt, f"at least {MIN_PERIOD:g} (s)")
+        set_(self, "dt", checks.number("robot.dt", self.dt, low=MIN_PERIOD, high=MAX_TIME, unit="s"))
         for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s"), ("alpha_max", "rad/s^2")):
             set_(
                 self,
