@@ -83,7 +83,7 @@ class Mppi(Follow):
             np.zeros((self.samples, steps, 2)),
             np.zeros(self.samples),
         )
-        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 8)), np.full((steps, 3), -math.inf))
+        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 9)), np.full((steps, 3), -math.inf))
         self.outlook.plan[:, :2] = 0.0
         self.weights = CostWeights(
             progress=0.02,
@@ -91,6 +91,7 @@ class Mppi(Follow):
             depth=30.0,
             decay=0.3,
             near=0.2,
+            risk=0.0,
             wall=100.0,
             wall_margin=self.wall_margin,
             off_plan=0.0,
@@ -110,7 +111,7 @@ class Mppi(Follow):
         segments[:, 0], segments[:, 1] = o.t, math.inf
         segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
         segments[:, 6] = observation.tracks.radius + robot.radius
-        margins = Margins(self.margin, self.wished, 0.0, 0.0)
+        margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0)
         sigma = np.zeros((len(xy), 2))
         look = segments, sigma, o.t, robot.dt, self.state, robot.v_max, 0.0, margins, 0.0, 0.0, self.outlook
         entry(look_ahead, *look)(*look)

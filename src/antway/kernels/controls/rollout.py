@@ -12,7 +12,7 @@ from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 
 SX, SY, HEADING, A, B = range(5)  # of a state: place (m), heading (rad), and speed and turn rate, or the velocity's x and y
-CENTRE_X, CENTRE_Y, CONTACT, WISHED, SPEED, VX, VY, STRAIGHT = range(8)  # of an obstacle at the end of a step
+CENTRE_X, CENTRE_Y, CONTACT, WISHED, SPEED, VX, VY, STRAIGHT, LIKELY = range(9)  # of an obstacle at the end of a step
 _NOW = 3.0  # times; what a guard would not allow at once counts so much more
 
 
@@ -30,8 +30,9 @@ class Outlook(NamedTuple):
     """Where obstacles will be at the end of each step of a rollout, those alone that the robot could reach, and the plan."""
 
     near: NDArray[np.int64]  # [S] how many
-    disc: NDArray[np.float64]  # [S, N, 8] x, y, distances of the centres at contact and wished (m), speed
-    # bound (m/s), velocity (m/s), and how long it goes on so before a wall throws it back (s)
+    disc: NDArray[np.float64]  # [S, N, 9] x, y, distances of the centres at contact and wished (m), speed
+    # bound (m/s), velocity (m/s), how long it goes on so before a wall throws it back (s), and the distance of the centres up
+    # to which it is likely enough that there is contact (m)
     plan: NDArray[np.float64]  # [S, 3] x, y of a plan in space and time, m, and how long it still takes from there, s
 
 
@@ -40,8 +41,9 @@ class Margins(NamedTuple):
 
     margin: float  # m, added to the contact radius
     wished: float  # m, wished for beyond
-    spread: float  # so many standard deviations of a place are added to the contact radius
+    spread: float  # contact is likely enough within so many standard deviations of the place
     until: float  # s; the deviation grows no further
+    late: float  # s; by so much it is ahead: a robot with inertia cannot answer at once
 
 
 class CostWeights(NamedTuple):
@@ -52,6 +54,7 @@ class CostWeights(NamedTuple):
     depth: float  # s/m
     decay: float  # 1/s; what is far ahead counts less
     near: float  # s/m short of the wished distance, at each step
+    risk: float  # s where contact begins, at each step; falls with the square to nothing where it is not likely
     wall: float  # s for a wall nearer than
     wall_margin: float  # m
     off_plan: float  # s/m away from the plan
@@ -150,9 +153,12 @@ def _met(
         disc = outlook.disc[k, i]
         dx, dy = x - disc[CENTRE_X], y - disc[CENTRE_Y]
         square = dx * dx + dy * dy
-        if square < disc[WISHED] * disc[WISHED]:
+        if square < max(disc[WISHED] * disc[WISHED], disc[LIKELY] * disc[LIKELY]):
             distance = math.sqrt(square)
-            cost += w.near * (disc[WISHED] - distance)
+            cost += w.near * max(disc[WISHED] - distance, 0.0)
+            if distance < disc[LIKELY]:
+                share = min((disc[LIKELY] - distance) / (disc[LIKELY] - disc[CONTACT]), 1.0)
+                cost += decay * w.risk * share * share
             if distance < disc[CONTACT]:
                 cost += decay * (w.contact + w.depth * (disc[CONTACT] - distance))
         if guarded:
@@ -281,9 +287,10 @@ def look_ahead(
             if t < t0 - 1e-9:
                 continue
             x, y = segments[p, 2] + segments[p, 4] * (t - t0), segments[p, 3] + segments[p, 5] * (t - t0)
-            grown = sigma[obstacle, 1] * min(t - now, margins.until)
-            contact = segments[p, 6] + margins.margin + margins.spread * math.sqrt(sigma[obstacle, 0] ** 2 + grown * grown)
-            far = contact + max(margins.wished, speed * braking + 0.5 * v_max * braking) + v_max * (k + 1) * dt + 0.01
+            grown = sigma[obstacle, 1] * (margins.late + min(t - now, margins.until))
+            likely = margins.spread * math.sqrt(sigma[obstacle, 0] ** 2 + grown * grown)
+            contact = segments[p, 6] + margins.margin
+            far = contact + max(margins.wished, likely, speed * braking + 0.5 * v_max * braking) + v_max * (k + 1) * dt + 0.01
             dx, dy = x - state[SX], y - state[SY]
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:
                 row = outlook.disc[k, outlook.near[k]]
@@ -295,6 +302,7 @@ def look_ahead(
                     speed,
                 )
                 row[VX], row[VY] = segments[p, 4], segments[p, 5]
+                row[LIKELY] = contact + likely
                 row[STRAIGHT] = t1 - t if turns else math.inf
                 outlook.near[k] += 1
 

@@ -13,6 +13,8 @@ from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
+from antway.kernels.tracking import foretold
+from antway.kernels.tracking.predict import SIGMA
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
@@ -39,8 +41,10 @@ class ControlOptions:
         Weight of the time to go at each step; s for each m off the plan; by how much s the plan's arrival may be bettered.
     margin, wished, near : float
         Room kept to obstacles, room wished for beyond, and s for each m less at each step.
-    spread, spread_time : float
-        So many standard deviations of where a track will be are kept clear, too; they grow for so long.
+    risk, spread, spread_time, late : float
+        s where contact begins, at each step; it falls with the square to nothing at so many standard deviations of where a
+        track will be (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken as they will be `late` s
+        after, for a robot with inertia cannot answer at once.
     wall_margin : float
         Room kept to walls.
     contact, decay : float
@@ -68,8 +72,10 @@ class ControlOptions:
     margin: float = 0.03
     wished: float = 0.12
     near: float = 0.2
-    spread: float = 0.0
-    spread_time: float = 1.5
+    risk: float = 6.0
+    spread: float = 2.0
+    spread_time: float = 0.8
+    late: float = 0.6
     wall_margin: float = 0.03
     contact: float = 30.0
     decay: float = 0.3
@@ -91,7 +97,7 @@ class ControlColony:
         self.field = static_field(task.grid, robot, time_to_goal, task.goal, task.goal_tolerance)
         steps = max(math.ceil(o.horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 8)), np.full((steps, 3), -math.inf))
+        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 9)), np.full((steps, 3), -math.inf))
         self.outlook.plan[:, :2] = 0.0
         self.archive = Archive(
             np.zeros((o.archive, steps, 2)),
@@ -115,6 +121,7 @@ class ControlColony:
             wide_a=0.35 * robot.v_max,
             wide_b=0.35 * turn,
         )
+        self.foretold, self.known, self.pool = np.zeros((128, foretold.COLUMNS)), 0, np.zeros(1)
         self.averaging = None
         if o.search != "ants":
             self.averaging = Averaging(
@@ -132,6 +139,7 @@ class ControlColony:
             depth=o.contact,
             decay=o.decay,
             near=o.near,
+            risk=o.risk,
             wall=100.0,
             wall_margin=o.wall_margin,
             off_plan=o.off_plan,
@@ -147,6 +155,23 @@ class ControlColony:
         self.path: TimedPath | None = None
         self.state = np.zeros(5)
         self.start = 0.0
+
+    def spread(self, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how wrong places (m) and velocities (m/s) of the tracks are, float64[K, 2], by how predictions have held.
+
+        Parameters
+        ----------
+        estimates, segments : float64[K, 8], float64[P, 8]
+            Of kernels/tracking/predict.py, at time `t` s.
+        """
+        n = len(estimates)
+        if n + self.known > len(self.foretold):
+            self.foretold = np.vstack((self.foretold, np.zeros((2 * n, foretold.COLUMNS))))
+        sigma, wrong = np.empty((n, 2)), np.empty(n)
+        arguments = self.foretold, self.known, self.pool, estimates, t, segments, wrong
+        self.known = entry(foretold.foretold, *arguments)(*arguments)
+        sigma[:, 0], sigma[:, 1] = estimates[:, SIGMA], wrong
+        return sigma
 
     def act(
         self,
@@ -185,7 +210,7 @@ class ControlColony:
             self.state,
             self.robot.v_max,
             self.braking,
-            Margins(o.margin, o.wished, o.spread, o.spread_time),
+            Margins(o.margin, o.wished, o.spread, o.spread_time, o.late),
             self.speed_bound,
             self.growth,
         )

@@ -264,7 +264,7 @@ class AntwayPolicy:
             late, seen, state = acting(observation, s.task.robot)
             _, _, what, arrival, bound = self._predict_and_plan(s, seen, known, age + late)
             n, m = int(s.plan.state[COUNT]), int(s.plan.state[FORESEEN])
-            sigma = s.crowd.averaged[:known, SIGMA : SIGMA_V + 1].copy()
+            sigma = s.controls.spread(s.estimates[:known], observation.t - age, s.plan.segments[:m])
             command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
             command, did = self._guarded(s, observation, known, command)
             what = KEPT if s.controls.same_path() else NEW

@@ -1,0 +1,93 @@
+"""How well predictions have held: beside a slow twin, for what goes as foretold and for what does not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway.kernels.base.records import Terrain
+from antway.kernels.tracking.foretold import COLUMNS, LATER, foretold
+from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
+from common import cases
+
+BOX = np.zeros((40, 40), np.bool_)
+TERRAIN = Terrain(BOX, 0.0, 0.0, 0.2)  # 8 x 8 m
+MARGINS = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
+
+
+class Slow:
+    """The same by a list of what was foretold, for each track and all."""
+
+    def __init__(self) -> None:
+        self.made: dict[float, tuple[float, np.ndarray]] = {}
+        self.last: dict[float, float] = {}
+        self.errors: dict[float, list[float]] = {}
+        self.all: list[float] = []
+
+    def __call__(self, estimates: np.ndarray, t: float, segments: np.ndarray, owner: np.ndarray) -> list[float]:
+        out = []
+        for k, row in enumerate(estimates):
+            name = row[7]
+            if name in self.last and t - self.last[name] > 1.0:
+                for known in (self.made, self.errors, self.last):
+                    known.pop(name, None)
+            self.last[name] = t
+            if name not in self.made or t > self.made[name][0] + LATER - 1e-6:
+                if name in self.made and t < self.made[name][0] + 1.5 * LATER:
+                    since, place = self.made[name]
+                    off = float(np.hypot(*(row[:2] - place))) / (t - since)
+                    self.errors.setdefault(name, []).append(off)
+                    self.all.append(off)
+                due = t + LATER
+                piece = next(s for s, k2 in zip(segments, owner) if k2 == k and s[0] <= due < s[1])
+                self.made[name] = t, piece[2:4] + piece[4:6] * (due - piece[0])
+            own = self.errors.get(name, [])
+            weights = 0.8 ** np.arange(len(own))[::-1]
+            pool = sum(0.05 * 0.95**i * off for i, off in enumerate(reversed(self.all)))
+            mean = (float(weights @ own) + 2.0 * pool) / (float(weights.sum()) + 2.0)
+            out.append(mean * math.sqrt(2.0 / math.pi))
+        return out
+
+
+def play(rng: np.random.Generator, wander: float, steps: int = 80) -> tuple[np.ndarray, list[float]]:
+    """Tracks that bounce in a box and change their velocity by `wander` m/s a step; returns what both find in the end."""
+    n = 4
+    xy, velocity = rng.uniform(1.0, 7.0, (n, 2)), rng.uniform(-0.9, 0.9, (n, 2))
+    rows, count, pool, slow, wrong = np.zeros((16, COLUMNS)), 0, np.zeros(1), Slow(), np.empty(n)
+    names = np.arange(n, dtype=float)
+    for i in range(steps):
+        t = 0.1 * i
+        seen = np.flatnonzero(rng.random(n) < 0.9)
+        estimates = np.column_stack((xy[seen], velocity[seen], np.full(len(seen), 0.3), np.zeros((len(seen), 2)), names[seen]))
+        pieces = np.empty((256, 8))
+        segments = pieces[: predict(estimates, t, 0.0, 4.0, -50.0, 0.0, MARGINS, TERRAIN, NO_PREDICTIONS, pieces)]
+        owner = np.cumsum(np.concatenate(([0], segments[1:, 0] < segments[:-1, 1]))) if len(segments) else np.empty(0)
+        wrong = np.empty(len(seen))
+        count = foretold(rows, count, pool, estimates, t, segments, wrong)
+        expected = slow(estimates, t, segments, owner)
+        assert wrong == pytest.approx(expected, abs=1e-9)
+        velocity += rng.normal(0.0, wander, (n, 2)) if wander else 0.0
+        xy += velocity * 0.1
+        for axis in range(2):
+            for low, sign in ((0.3, 1.0), (7.7, -1.0)):
+                out = (xy[:, axis] - low) * sign < 0.0
+                xy[out, axis] = 2.0 * low - xy[out, axis]
+                velocity[out, axis] *= -1.0
+    return wrong, expected
+
+
+def test_it_is_what_its_slow_twin_finds() -> None:
+    """Tracks come and go, wander and bounce; what wanders more is foretold worse."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(5, 200)):
+        calm, _ = play(rng, 0.01)
+        wild, _ = play(rng, 0.1)
+        assert 0.0 < calm.mean() < wild.mean()
+
+
+def test_what_bounces_as_foretold_is_not_taken_for_wrong() -> None:
+    """Discs that go straight between walls are where they were foretold to be, before and after they bounce."""
+    wrong, _ = play(np.random.default_rng(5), 0.0)
+    assert wrong.max() < 0.02
