@@ -12,7 +12,7 @@ from antway.arena.predict import forecast
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.harm import harm, least_harm
 from antway.kernels.tracking import averages, noise
-from antway.kernels.tracking.predict import NAME, VX, VY, X, Y
+from antway.kernels.tracking.predict import NAME, NO_PREDICTIONS, VX, VY, TubeMargins, X, Y, crosses_edge, predict
 from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
@@ -83,7 +83,7 @@ def test_what_is_seen_raises_the_bounds() -> None:
 
 
 def _averaged(scans, floor=0.0) -> np.ndarray:
-    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), np.zeros(averages.MODELS), 0, np.empty(0)
+    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), np.zeros(averages.POOL), 0, np.empty(0)
     for t, estimates in scans:
         out = np.empty_like(estimates)
         count = averages.averaged(rows, count, pool, estimates, t, floor, out)
@@ -185,3 +185,42 @@ def test_people_that_appear_vanish_swap_names_stop_and_run(mode: str) -> None:
             if mode == "strict" and math.hypot(*velocity) > 1e-9 and seen[int(np.argmin(before))]:
                 nearest = int(np.argmin(before))
                 assert math.dist(xy[nearest], at) > 0.6 - 1e-6
+
+
+OPEN_EDGES = Terrain(np.zeros((40, 40), np.bool_), 0.0, 0.0, 0.2)
+
+
+def _segments(x: float, v: float, **more: float | bool) -> np.ndarray:
+    """The motion segments of a disc of 0.3 m at (x, 4.0) with the velocity (v, 0), for a robot far away."""
+    estimates = np.array([[x, 4.0, v, 0.0, 0.3, 0.0, 0.1, 1.0]])
+    margins = TubeMargins(0.3, 0.03, 0.5, 1.5, math.inf, 0.1, 2.2)._replace(**more)
+    out = np.empty((32, 8))
+    return out[: predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, OPEN_EDGES, NO_PREDICTIONS, out)]
+
+
+def test_obstacles_turn_back_at_edges_until_one_is_seen_to_cross_them() -> None:
+    """At an edge a disc is mirrored, or goes on where edges are open; one that reaches beyond by half its radius tells."""
+    closed, ended = _segments(7.0, 1.0), _segments(7.0, 1.0, edges=False)
+    for rows, last, place in ((closed, -1.0, 4.4), (ended, 1.0, 11.0)):
+        t0, t1, x, _, vx = rows[-1, :5]
+        assert vx == last and t1 == 4.0 and x + vx * (t1 - t0) == pytest.approx(place)
+    for x, crosses in ((7.7, False), (7.8, False), (7.9, True), (8.6, True), (0.2, False), (0.1, True)):
+        for place in ((x, 4.0), (4.0, x)):
+            assert crosses_edge(np.array([[*place, 1.0, 0.0, 0.3, 0.0, 0.0, 1.0]]), OPEN_EDGES) == crosses
+    walled = Terrain(OPEN_EDGES.blocked.copy(), 0.0, 0.0, 0.2)
+    walled.blocked[:, 38:] = True
+    estimates, out = np.array([[7.0, 4.0, 1.0, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((32, 8))
+    margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, False)
+    n = predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, walled, NO_PREDICTIONS, out)
+    assert out[n - 1, 4] == -1.0  # walls inside the map turn it back in any case
+
+
+def test_room_to_spare_grows_with_time_and_is_never_more_than_there_is() -> None:
+    """Of 0.3 m extra a third is kept for 0.5 s, two thirds for 1 s, then all; near the robot no more than its distance."""
+    plain, roomy = _segments(7.0, 0.1), _segments(7.0, 0.1, extra=0.3)
+    assert (roomy[:, 6] - plain[:, 6]).tolist() == pytest.approx([0.1, 0.2, 0.3])
+    estimates, out = np.array([[1.8, 1.0, 0.0, 0.0, 0.3, 0.0, 0.0, 1.0]]), np.empty((32, 8))
+    for extra in (0.0, 0.1, 0.5):
+        margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, extra)
+        n = predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, OPEN_EDGES, NO_PREDICTIONS, out)
+        assert out[n - 1, 6] == pytest.approx(0.6 + min(extra, 0.2), abs=1e-5)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.grid import Cell, Moves
 from antway.kernels.base.records import Trajectories
-from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, crosses_edge, predict
 from antway.kernels.tracking.tubes import first_conflict
 from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
@@ -106,6 +106,7 @@ class Sipp(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         super().reset(task, seed)
+        self.edges = True  # until an obstacle is seen to cross one
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
 
     def act(self, observation: Observation) -> Command:
@@ -130,8 +131,9 @@ class Sipp(Follow):
         if self.predictions == "mirrored":
             out = np.empty((16 * n + 1, 8))
             estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
-            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf)
             terrain = terrain_of(self.task.grid)
+            self.edges = self.edges and not crosses_edge(estimates, terrain)
+            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, self.edges)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body

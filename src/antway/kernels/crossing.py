@@ -22,8 +22,10 @@ from antway.kernels.tracking.predict import VX, VY, TubeMargins, X, Y, predict, 
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
 # Entries of `Plan.state`: number of knots, arrival at the goal in s, cycles in which a plan was made, when to look for a better
-# one though all goes as foreseen, lower bound on any arrival as last found, number of motion segments predicted.
-COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN = range(6)
+# one though all goes as foreseen, lower bound on any arrival as last found, number of motion segments predicted, time in s that
+# was given of late for room to spare.
+COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN, SPENT = range(7)
+_FORGETS = 0.1  # of the time spent on room, in s a second: who dodges to and fro pays once
 _PAUSE = 0.25  # s; while all goes as foreseen the ants look for a better plan only so often
 _SAME = 1e-3  # m and m/s; an obstacle goes as foreseen if it is no farther from where it was to be, with that velocity
 _GRAZE = 0.05  # m; a plan in conflict stays in use for now if it lacks no more than this of its clearance radius,
@@ -48,6 +50,8 @@ class Settings(NamedTuple):
     goal_y: float
     tubes: TubeMargins
     bare: TubeMargins  # where no path keeps those, one is taken that keeps these; of no robot radius: none is
+    roomy: TubeMargins  # a plan that keeps these is better than one that does not; of no robot radius: it is not
+    spare_worth: float  # s; if it arrives no more than this later, less what was spent of late
     colony: ColonySettings
 
 
@@ -66,7 +70,8 @@ class Plan(NamedTuple):
     knots: NDArray[np.float64]  # [N, 3] rows (t, x, y)
     scratch: NDArray[np.float64]  # [N, 3]
     segments: NDArray[np.float64]  # [SEGMENTS, 8]
-    state: NDArray[np.float64]  # [6] see COUNT and the others above
+    roomy: NDArray[np.float64]  # [SEGMENTS, 8] the same with room to spare
+    state: NDArray[np.float64]  # [7] see COUNT and the others above
 
 
 @kernel
@@ -134,6 +139,36 @@ def _follow(context: PlanningContext, settings: Settings, plan: Plan, now: float
 
 
 @kernel
+def _look(
+    memory: Memory,
+    trails: Trails,
+    context: PlanningContext,
+    settings: Settings,
+    plan: Plan,
+    predictions: Predictions,
+    now: float,
+    xy: tuple[float, float],
+    limit: float,
+    budget: int,
+    state: State,
+) -> bool:
+    """Send ants for a plan that arrives before `limit` s; one that is found becomes the plan in use."""
+    (x, y), horizon = xy, now + settings.horizon
+    end, arrival, plan.state[BOUND] = search(
+        memory, trails, context, predictions, settings.colony, x, y, now, horizon, limit, budget, state
+    )
+    if end < 0:
+        return False
+    m = trace_back(memory, context, predictions, x, y, end, horizon, horizon + settings.horizon, plan.scratch)
+    late = plan.scratch[m - 1, 0]
+    n = shorten(context, predictions, plan.scratch, m, plan.knots)
+    plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
+    plan.state[PLANNED] += 1
+    evaporate(trails, now, settings.low, settings.high, plan.state[PLANNED])
+    return True
+
+
+@kernel
 def cycle(
     memory: Memory,
     trails: Trails,
@@ -160,35 +195,34 @@ def cycle(
     count = predict(averaged, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
     plan.state[FORESEEN] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
-    # Test the plan in use, and look for a better one.
+    # Test the plan in use, and look for a better one: with room to spare first, then with the margins, else without.
     valid, grazes = _still_good(s, plan, predictions, now, x, y)
-    limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
-    horizon = now + s.horizon
-    end, arrival = -1, math.inf
-    memory.counter[EXPANSIONS] = 0
+    found, memory.counter[EXPANSIONS] = False, 0
+    plan.state[SPENT] = max(plan.state[SPENT] - _FORGETS * s.dt, 0.0)
     if not (valid and foreseen and now < plan.state[LOOK] - 1e-9):
-        budget = s.improvement_expansions if valid else s.expansions
-        end, arrival, plan.state[BOUND] = search(
-            memory, trails, context, predictions, s.colony, x, y, now, horizon, limit, budget, state
-        )
+        spare, budget = False, s.improvement_expansions if valid else s.expansions
+        if s.roomy.robot_radius > 0.0 and count > 0:
+            count = predict(averaged, now, age, s.horizon, x, y, s.roomy, terrain, trajectories, plan.roomy)
+            roomy = Predictions(plan.roomy[:count], time_shift(s.roomy), np.empty(2))
+            spare, _ = _still_good(s, plan, roomy, now, x, y)
+            before, left = plan.state[ARRIVAL], max(s.spare_worth - plan.state[SPENT], 0.0)
+            limit = before + (-s.hysteresis if spare else left) if valid or grazes else math.inf
+            found = _look(memory, trails, context, s, plan, roomy, now, xy, limit, budget, state)
+            if found and (valid or grazes):
+                plan.state[SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
+        limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
+        if found or spare:
+            limit, budget = plan.state[ARRIVAL] - s.spare_worth, s.improvement_expansions
+        if _look(memory, trails, context, s, plan, predictions, now, xy, limit, budget, state):
+            found = True
         plan.state[LOOK] = now + _PAUSE
-        if end < 0 and not (valid or grazes) and s.bare.robot_radius > 0.0:
+        if not (found or valid or grazes) and s.bare.robot_radius > 0.0:
             count = predict(averaged, now, age, s.horizon, x, y, s.bare, terrain, trajectories, plan.segments)
             plan.state[FORESEEN] = count
-            predictions = Predictions(plan.segments[:count], time_shift(s.bare), np.empty(2))
-            end, arrival, plan.state[BOUND] = search(
-                memory, trails, context, predictions, s.colony, x, y, now, horizon, math.inf, s.expansions // _LAST, state
-            )
-    what = KEPT if valid or grazes else NONE
-    if end >= 0:
-        what = IMPROVED if valid else NEW
-        m = trace_back(memory, context, predictions, x, y, end, horizon, horizon + s.horizon, plan.scratch)
-        late = plan.scratch[m - 1, 0]
-        n = shorten(context, predictions, plan.scratch, m, plan.knots)
-        plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
-        plan.state[PLANNED] += 1
-        evaporate(trails, now, s.low, s.high, plan.state[PLANNED])
-    elif what == NONE:
+            bare, budget = Predictions(plan.segments[:count], time_shift(s.bare), np.empty(2)), s.expansions // _LAST
+            found = _look(memory, trails, context, s, plan, bare, now, xy, math.inf, budget, state)
+    what = IMPROVED if found and valid else NEW if found else KEPT if valid or grazes else NONE
+    if what == NONE:
         plan.state[COUNT], plan.state[ARRIVAL] = 0, math.inf
         return 0.0, 0.0, NONE, math.inf, plan.state[BOUND]
     vx, vy = _follow(context, s, plan, now, x, y)

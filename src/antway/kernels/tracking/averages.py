@@ -30,6 +30,9 @@ _KEPT, _POOL_KEPT = 0.8, 0.95  # what is left of old errors, of one track and of
 _POOL_WEIGHT = 2.0  # comparisons of its own that the errors of all tracks count as
 _BETTER = 0.9  # an average is taken if its error is smaller by that than that of the last velocity
 _LOST = 1.0  # s
+MEDIAN = MODELS  # entry of the pool after the errors of all models: the median of the last velocity's squared errors, m^2/s^2
+POOL = MODELS + 1  # entries of the pool
+_STEP, _LEAST = 0.1, 1e-4  # share by which the median moves with each comparison; m^2/s^2, no less than this
 
 
 @kernel
@@ -48,8 +51,8 @@ def averaged(
     ----------
     rows : float64[M, COLUMNS]
         What is known of each track, rows below `count`.
-    pool : float64[MODELS]
-        Errors of each model over all tracks.
+    pool : float64[POOL]
+        Errors of each model over all tracks, and the median: 0 where all keep their velocities but for a turn now and then.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     """
@@ -96,6 +99,9 @@ def averaged(
                         off = ((estimates[k, X] - x) ** 2 + (estimates[k, Y] - y) ** 2) / (since * since)
                         row[_ERROR + m] = _KEPT * row[_ERROR + m] + off
                         pool[m] = _POOL_KEPT * pool[m] + (1.0 - _POOL_KEPT) * off
+                        if m == 0:
+                            step = _STEP if off > pool[MEDIAN] else -_STEP
+                            pool[MEDIAN] = max(pool[MEDIAN] * math.exp(step), _LEAST)
                     row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
                 row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimates[k, X], estimates[k, Y]
                 for m in range(MODELS):

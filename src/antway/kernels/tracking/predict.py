@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import records
 from antway.kernels.base.geometry import first_wall
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track estimates, one row for each track
@@ -20,6 +20,7 @@ NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
 _TIERS = (0.5, 1.0)  # s; a tube widens in steps, at these times from now
 LATER = 2.5  # s; from then on a robot spares tracks that turn less than their whole clearance radius
 _SPARED = 0.1  # m; namely so much less
+_FULL = 1.5  # s; so far ahead all of the extra room is kept, and the less the nearer: a plan that had it may lose it by and by
 _KNOWN = 1.0  # s; tubes widen no further than here: by then there is a newer plan, and a wider tube would close every path
 
 
@@ -34,12 +35,33 @@ class TubeMargins(NamedTuple):
     stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from where it was so long before
     vector_bound: float = math.inf  # m/s^2; no obstacle's velocity changes faster, as a vector; where finite, a moving robot
     # keeps clear of what an obstacle could reach in that time of where it is predicted
+    extra: float = 0.0  # m; so much more is kept, as far as there is room for it now, from an obstacle that keeps its velocity
+    edges: bool = True  # whether obstacles turn back at the edges of the map as they do at walls
 
 
 @kernel
 def time_shift(margins: TubeMargins) -> float:
     """Return how much earlier than it happens a segment begins, s: clearance is from where an obstacle was so long before."""
     return margins.stopping_time if margins.vector_bound == math.inf else 0.0
+
+
+@kernel
+def crosses_edge(estimates: NDArray[np.float64], terrain: Terrain) -> bool:
+    """Tell whether a track reaches beyond the map by more than half its radius: who does that does not turn back there."""
+    rows, cols = terrain.blocked.shape
+    for k in range(len(estimates)):
+        x, y, out = estimates[k, X] - terrain.x0, estimates[k, Y] - terrain.y0, 0.5 * estimates[k, RADIUS]
+        if min(x, y, cols * terrain.resolution - x, rows * terrain.resolution - y) < out:
+            return True
+    return False
+
+
+@bare_kernel
+def _at_edge(terrain: Terrain, row: float, col: float, n_row: float, n_col: float, radius: float) -> bool:
+    """Tell whether a disc at (row, col) that touches something in the direction -(n_row, n_col) touches an edge of the map."""
+    rows, cols = terrain.blocked.shape
+    row, col = row - n_row * radius, col - n_col * radius
+    return bool(min(row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col) < 1e-3)
 
 
 @kernel
@@ -82,7 +104,7 @@ def predict(
     """
     n = 0
     size = terrain.resolution
-    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time, vector_bound = margins
+    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time, vector_bound, extra, edges = margins
     before = time_shift(margins)
     for k in range(len(estimates)):
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
@@ -126,10 +148,15 @@ def predict(
                 terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, estimates[k, RADIUS] / size
             )
             hit = share <= 1.0 and mirrors < MIRRORS
+            if hit and not edges:
+                fraction = share * (end - t) / size
+                hit = not _at_edge(terrain, row + vy * fraction, col + vx * fraction, n_row, n_col, estimates[k, RADIUS] / size)
             until = t + share * (end - t) if hit else end
             if until > t:
                 variance = estimates[k, SIGMA] ** 2 + (estimates[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
                 wide = margin + quantile * math.sqrt(variance)
+                if not turns:
+                    wide += min(extra * min(max(until + age, 0.0) / _FULL, 1.0), max(slack - wide, 0.0))
                 out[n, records.T0], out[n, records.T1] = now + t, now + until
                 out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
                 out[n, records.CONTACT_RADIUS] = body + max(min(wide, slack - 1e-6), 0.0)

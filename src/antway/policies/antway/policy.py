@@ -23,14 +23,14 @@ from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.averages import averaged
+from antway.kernels.tracking.averages import MEDIAN, averaged
 from antway.kernels.tracking.noise import place_noise
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, TubeMargins
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, TubeMargins, crosses_edge
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.state import Paces, State, make_context, make_memory, make_trails, shared_memory
+from antway.policies.antway.state import SWAYS, Paces, State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
 from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, RobotSpec, Task, Tracks
 from antway.world.rollouts import acting
@@ -47,6 +47,8 @@ _NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
 _STANDS = 1.0  # s; an explanation stands no longer, even while the plan does
 _NEAR = 0.8  # m; a track without a name is found if it is no farther from where it was predicted
 _DISCOUNT = 0.3  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
+_SPARE = 0.15  # m; so much more than its margins a plan keeps of what is 1.5 s ahead and later,
+_SPARE_WORTH = 0.3  # s; if it arrives no more than this later
 _PEOPLE_SPREAD = 0.1  # m/s; standard deviation, along one axis, of how people's velocities change in 0.8 s, at least
 _WALKS = 0.3  # m/s; once a track was so fast, the fastest seen is what all who avoid others are taken to prefer
 _NOISY = 1e-4  # m^2; median of the squared innovations from which on the guard is given estimates in place of measurements
@@ -83,8 +85,8 @@ class AntwayPolicy:
     controls : ControlOptions or None
         Numbers of the colony in the space of controls, which drives robots with inertia; None: the usual ones.
     mode : str
-        Of the guard, "strict" or "least-harm". Where it is "least-harm" and no path keeps all margins, one is taken that keeps
-        none.
+        Of the guard, "strict" or "least-harm". Where it is "least-harm", a plan that keeps room to spare is taken before one
+        that arrives a little sooner, and where no path keeps all margins one is taken that keeps none.
 
     Raises
     ------
@@ -175,7 +177,8 @@ class AntwayPolicy:
                 np.empty((_KNOTS, 3)),
                 np.empty((_KNOTS, 3)),
                 np.empty((SEGMENTS, 8)),
-                np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0]),
+                np.empty((SEGMENTS, 8)),
+                np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0]),
             ),
             crowd=Crowd(
                 np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)), np.zeros((256, 8))
@@ -211,6 +214,16 @@ class AntwayPolicy:
         guarded = self.guard is not None and not inertia
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         strict = self._strict(task)
+        tubes = TubeMargins(
+            robot_radius=robot.radius,
+            margin=(0.005 if strict or inertia else 0.03) if self.margin is None else self.margin,
+            quantile=self.quantile if strict else 0.0 if inertia else self.quantile * _DISCOUNT,
+            speed_bound=float(task.obstacle_speed) if guarded else 0.0,
+            acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
+            stopping_time=stopping if guarded else 0.0,
+            vector_bound=assumed_accel(task, self.mode),
+        )
+        bare = TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
         return Settings(
             dt=robot.dt,
             horizon=self.horizon,
@@ -223,16 +236,10 @@ class AntwayPolicy:
             high=0.9,
             goal_x=task.goal[0],
             goal_y=task.goal[1],
-            tubes=TubeMargins(
-                robot_radius=robot.radius,
-                margin=(0.005 if strict or inertia else 0.03) if self.margin is None else self.margin,
-                quantile=self.quantile if strict else 0.0 if inertia else self.quantile * _DISCOUNT,
-                speed_bound=float(task.obstacle_speed) if guarded else 0.0,
-                acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
-                stopping_time=stopping if guarded else 0.0,
-                vector_bound=assumed_accel(task, self.mode),
-            ),
-            bare=TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
+            tubes=tubes,
+            bare=bare,
+            roomy=tubes._replace(robot_radius=0.0 if strict or inertia else robot.radius, extra=_SPARE),
+            spare_worth=_SPARE_WORTH,
             colony=ColonySettings(
                 leg_cells=2,
                 betas=np.array([100.0, 30.0, 10.0, 100.0]),
@@ -300,12 +307,17 @@ class AntwayPolicy:
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
         if known:
             s.fastest = max(s.fastest, float(np.hypot(s.estimates[:known, VX], s.estimates[:known, VY]).max()))
+            if s.settings.tubes.edges and crosses_edge(s.estimates[:known], s.terrain):
+                s.settings = _without_edges(s.settings)
         if self._strict(s.task):
             s.crowd.averaged[:known] = s.estimates[:known]
         else:
             estimates = s.estimates[:known]
             least = _PEOPLE_SPREAD if s.controls is None else 0.0
             s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, least, s.crowd.averaged)
+            body = s.task.robot.radius if s.pool[MEDIAN] >= SWAYS and s.controls is None else 0.0
+            if body != s.settings.roomy.robot_radius:
+                s.settings = s.settings._replace(roomy=s.settings.roomy._replace(robot_radius=body))
         return known, o.t - stamp
 
     def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
@@ -318,7 +330,11 @@ class AntwayPolicy:
             s.settings = s.settings._replace(preferred_speed=preferred)
         horizon = min(self.horizon, _NEARBY) if o.t < s.started + _OUTSET - 1e-6 else self.horizon
         if stopping_time != s.settings.tubes.stopping_time or horizon != s.settings.horizon:
-            s.settings = s.settings._replace(horizon=horizon, tubes=s.settings.tubes._replace(stopping_time=stopping_time))
+            s.settings = s.settings._replace(
+                horizon=horizon,
+                tubes=s.settings.tubes._replace(stopping_time=stopping_time),
+                roomy=s.settings.roomy._replace(stopping_time=stopping_time),
+            )
         arguments = (
             s.memory or self.memory(),
             s.trails,
@@ -422,3 +438,9 @@ class AntwayPolicy:
         np.maximum.at(amount, at, trails.tau[used])
         here = np.column_stack(np.divmod(key // 64, cols))
         return LaidTrails(here, here + self.moves.offsets.astype(np.int64)[key % 64], amount)
+
+
+def _without_edges(settings: Settings) -> Settings:
+    """Return the settings for obstacles that do not turn back at the edges of the map, as one was seen to cross them."""
+    open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "bare", "roomy")}
+    return settings._replace(**open_ended)

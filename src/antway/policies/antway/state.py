@@ -22,6 +22,7 @@ from antway.policies.antway.controls import ControlColony
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task
 
+SWAYS, PRIOR = 0.02**2, 0.1**2  # m^2/s^2; median of squared errors of velocities from which on a plan keeps room, and at first
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
 
@@ -83,7 +84,7 @@ class State:
     noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, averages.COLUMNS)))
     averaging: int = 0
-    pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(averages.MODELS))
+    pool: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0] * averages.MODELS + [PRIOR]))
     fastest: float = 0.0
     started: float = math.nan
     path: TimedPath | None = None
