@@ -15,7 +15,7 @@ $(CORE): pyproject.toml
 
 $(READY): $(CORE)
 	@echo "installing the development tools into $(VENV) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[web,smooth,arena,bags,dev]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[web,smooth,arena,bags,docs,dev]'
 	@touch $@
 
 demo: $(CORE)
@@ -45,6 +45,7 @@ check: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 test: $(READY) browser ros check
 	$(BIN)/python -m pytest -n 2 --dist loadfile -rs

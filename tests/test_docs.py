@@ -5,11 +5,20 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
+from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import antway
+from antway import Grid, RobotSpec, Scenario, load_scenario, run, save_map
+from antway.world.motions import MOTIONS
+from antway.world.sensor import Sensor
+from antway.world.stops import Stop
+
 ROOT = Path(__file__).parents[1]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
 CHECKS = (ROOT / "docs" / "checks.md").read_text(encoding="utf-8")
 MAP = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`(test_\w+\.py)::(\w+)`", CHECKS)))
@@ -81,3 +90,51 @@ def test_no_page_uses_words_that_were_replaced() -> None:
     if done.returncode > 1:
         pytest.skip("not a git working copy")
     assert not done.stdout.splitlines()
+
+
+def headings(text: str) -> set[str]:
+    """The anchors of a page's headings, as GitHub and MyST make them."""
+    found = re.findall(r"^#+ (.+)$", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", one.lower()).strip().replace(" ", "-") for one in found}
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *DOCS], ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    """Every relative link of a page leads to a file, and its anchor to a heading; the reference is made when the site is."""
+    for link, anchor in re.findall(r"\]\(([^)#:\s]*)(#[^)\s]*)?\)", page.read_text(encoding="utf-8")):
+        target = page if not link else page.parent / link
+        if target.name != "reference.md":
+            assert target.exists(), link
+            if anchor and target.suffix == ".md":
+                assert anchor[1:] in headings(target.read_text(encoding="utf-8")), (link, anchor)
+
+
+SCENARIOS = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+START, *PARTS = re.findall(r"^```toml\n(.*?)^```", SCENARIOS, re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: " ".join(part.split()[:6]))
+def test_every_example_of_a_scenario_is_played(part: str, tmp_path: Path) -> None:
+    """The examples of the scenario reference load, each after the first lines, and an episode of each runs for two seconds."""
+    save_map(Grid(np.zeros((40, 60), bool), 0.1), tmp_path / "hall.yaml")
+    (tmp_path / "my.toml").write_text(START + part)
+    result = run(load_scenario(tmp_path / "my.toml"), "follow", horizon=2.0)
+    assert result.outcome.value in ("timeout", "reached") or result.outcome.value.startswith("hit-"), result.reason
+
+
+def test_every_key_and_motion_is_in_the_scenario_reference() -> None:
+    """Each key of a scenario, robot, sensor and stop has a row, each motion a section with its keys and an example."""
+    for kind in (Scenario, RobotSpec, Sensor, Stop):
+        for one in fields(kind):
+            if one.init and one.name not in ("world", "robot", "sensor", "stops"):
+                assert f"| `{one.name}` |" in SCENARIOS, one.name
+    for name, motion in MOTIONS.items():
+        section = SCENARIOS.split(f"### `{name}`\n")[1].split("\n#")[0]
+        assert all(f"`{one.name}`" in section for one in fields(motion) if one.init), name
+        assert f'motion = "{name}"' in section
+
+
+def test_public_classes_have_examples() -> None:
+    """Classes that are made by their users show how."""
+    for kind in (antway.Grid, antway.Moves, antway.Problem, antway.Budget, antway.RobotSpec, antway.World, antway.Tracks):
+        assert ">>>" in str(kind.__doc__), kind

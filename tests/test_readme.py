@@ -15,7 +15,8 @@ import pytest
 from antway.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = ("README.md", "docs/guide.md", "docs/architecture.md", "docs/colonies.md")
+GUIDES = [f"docs/howto/{name}.md" for name in ("map", "policy", "robot")]
+PAGES = ("README.md", "docs/start.md", "docs/guide.md", "docs/architecture.md", "docs/colonies.md", *GUIDES)
 BLOCKS = [
     (page, kind, text)
     for page in PAGES

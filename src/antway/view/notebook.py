@@ -146,8 +146,8 @@ def to_dataframe(table: object) -> Any:
     Parameters
     ----------
     table : EpisodeResult, Trace, TourPlan, Plan, or rows
-        An episode has a row for each control step (t in s, x and y in m, vx and vy in m/s, heading in rad, cycle_ms), a tour one
-        for each visit, a plan one for each cell, and rows of the arena (`Results.rows()`, `summarise(rows)`) one each.
+        An episode has a row for each control step (t in s, x and y in m, vx and vy in m/s, heading in rad, cycle_ms), a tour
+        one for each visit, a plan one for each cell, and rows of the arena (`Results.rows()`, `summarise(rows)`) one each.
 
     Raises
     ------
