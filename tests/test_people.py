@@ -7,15 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
+from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.arena.predict import forecast
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.harm import harm, least_harm
 from antway.kernels.tracking import averages, noise
-from antway.kernels.tracking.predict import NAME, NO_PREDICTIONS, VX, VY, TubeMargins, X, Y, crosses_edge, predict
+from antway.kernels.tracking.predict import NAME, NO_PREDICTIONS, SIGMA_V, VX, VY, TubeMargins, X, Y, crosses_edge, predict
 from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
+from antway.world.motions import Replay
+from antway.world.world import Obstacle
 from common import SHARED, cases, needs_data
 from naive import people as naive
 
@@ -107,6 +109,40 @@ def test_the_average_that_foretold_best_is_taken(sways: bool) -> None:
         out = _averaged(scans)
         off.append(np.hypot(*(out[:, (VX, VY)] - v).T).mean())
     assert np.mean(off) < (0.2 if sways else 1e-9)  # the last velocity alone is off by 0.38 on the average
+
+
+def test_averages_are_those_of_their_slow_twin() -> None:
+    """Velocities and how wrong they may be are those of sums over whole histories, as tracks sway, come and go."""
+    rng = np.random.default_rng(12)
+    for _ in range(cases(8, 200)):
+        xy, v, scans, slow, step = rng.uniform(0, 9, (5, 2)), rng.uniform(-1, 1, (5, 2)), [], [], float(rng.choice([0.1, 0.25]))
+        for i in range(40):
+            v = v + rng.normal(0, 0.1, (5, 2))
+            there = np.arange(5) < (3 if i % 9 == 4 else 5)  # two of them are not seen now and then
+            estimates = np.zeros((int(there.sum()), 8))
+            estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = xy[there], v[there], np.flatnonzero(there)
+            scans.append((step * i, estimates))
+            slow.append((step * i, {k: (*xy[k], *v[k]) for k in np.flatnonzero(there).tolist()}))
+            xy = xy + v * step
+        out, told = _averaged(scans, 0.05), naive.averaged(slow, 0.05)
+        for row in out:
+            assert tuple(row[[VX, VY, SIGMA_V]]) == pytest.approx(told[int(row[NAME])], abs=1e-9)
+
+
+@pytest.mark.parametrize("way", ["ahead", "behind"])
+def test_three_abreast_and_a_runner_do_not_touch_the_robot(way: str) -> None:
+    """Groups of three who walk abreast, 0.8 m apart, towards the robot or faster than it from behind, and one who runs."""
+    rng = np.random.default_rng(21)
+    for _ in range(cases(4, 100)):
+        sign = -1.0 if way == "ahead" else 1.0
+        speed, y = float(rng.uniform(1.2, 1.5)), float(rng.uniform(5.0, 7.0))
+        x = 20.0 if way == "ahead" else -3.0
+        walk = [(x, y + 0.8 * k, sign * speed) for k in range(-1, 2)] + [(26.0, float(rng.uniform(3.0, 9.0)), -2.5)]
+        people = tuple(Obstacle(0.3, Replay((0.0, 40.0), ((px, py), (px + 40.0 * v, py)))) for px, py, v in walk)
+        grid = Grid(np.zeros((60, 100), np.bool_), 0.2)
+        result = run(Scenario(World(grid, people), (2.0, 6.0), (18.0, 6.0), RobotSpec(sensor_range=4.0)))
+        check_episode(result)
+        assert result.reached, result.reason
 
 
 def test_places_of_noise_are_told_from_their_innovations() -> None:

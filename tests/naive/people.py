@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,6 +33,40 @@ def harm(p, v, heading, command, until, tracks, limits, dt, ahead=2.5, parts=50)
                 best, value = score, math.exp(-(begin + s[i]) / 1.5) / (1.0 + math.exp(z)) * slow
         total += value
     return total
+
+
+def averaged(scans, floor, times=(0.4, 1.2), later=0.8):
+    """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
+
+    A scan is (t, {name: (x, y, vx, vy)}). Returns {name: (vx, vy, sigma)}.
+    """
+    past = {}  # of each track: all its (t, v), and the pending forecast (t, place, velocities)
+    errors, compared, pending, pool = {}, {}, {}, [0.0] * (len(times) + 1)
+    out = {}
+    for t, tracks in scans:
+        for name, (x, y, vx, vy) in tracks.items():
+            history = past.setdefault(name, [])
+            history.append((t, np.array([vx, vy])))
+            means = [np.array([vx, vy])]
+            for tau in times:
+                first = history[0][0]
+                weights = [math.exp(-(t - first) / tau)]
+                weights += [(1 - math.exp(-(b - a) / tau)) * math.exp(-(t - b) / tau) for (a, _), (b, _) in pairwise(history)]
+                means.append(sum(w * v for w, (_, v) in zip(weights, history)) / sum(weights))
+            own, seen = errors.setdefault(name, [0.0] * len(pool)), compared.setdefault(name, 0.0)
+            if name not in pending or t - pending[name][0] >= later - 1e-6:
+                if name in pending and t - pending[name][0] < 2 * later:
+                    since, place, velocities = t - pending[name][0], pending[name][1], pending[name][2]
+                    for m, v in enumerate(velocities):
+                        off = float(((place + v * since - (x, y)) ** 2).sum()) / since**2
+                        own[m], pool[m] = 0.8 * own[m] + off, 0.95 * pool[m] + 0.05 * off
+                    compared[name] = seen = 0.8 * seen + 1.0
+                pending[name] = t, np.array([x, y]), means
+            scores = [e + 2.0 * p for e, p in zip(own, pool)]
+            best = 0 if 0.9 * scores[0] <= min(scores[1:]) else 1 + int(np.argmin(scores[1:]))
+            sigma = math.sqrt(max(0.5 * scores[best] / (seen + 2.0), floor**2))
+            out[name] = *means[best].tolist(), sigma
+    return out
 
 
 def place_noise(scans) -> float:

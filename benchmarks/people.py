@@ -1,0 +1,130 @@
+"""Policies among recorded people, and worlds changed: python benchmarks/people.py tracks:../shared/data/tracks/eth.csv.
+
+Plays the episodes FIRST to FIRST + EPISODES - 1 of every group of a suite (any that `antway bench` knows) with each policy, and
+prints success, contacts of a robot that moved and that stood, the mean time over the clairvoyant optimum, the time beside that
+of the last policy where both arrive, and the failures by cause. The figures of docs/people.md come from it. `--change` makes
+worlds that no suite has:
+
+noise         places are wrong by 0.05 m, and no covariance tells it
+no-velocity   the sensor gives no velocities
+untold        the declared bound is 1.5 m/s whatever the obstacles do
+fast          discs go from key frame to key frame at 0.5 to 2.5 m/s, the robot drives 2 m/s, and nobody tells (suite barn)
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from antway import Command, Decision, Observation, Policy, Scenario, Task, check_episode, make_policy, run
+from antway.arena.causes import by_cause, with_cause
+from antway.arena.store import Row
+from antway.arena.suites import Episode, build, facts, load_suite
+from antway.version import __version__
+from antway.world.motions import Waypoints
+
+
+class Untold:
+    """A policy that is not told how wrong its sensor is."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy = policy
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Begin an episode."""
+        self.policy.reset(task, seed)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the policy's command."""
+        return self.policy.act(replace(observation, tracks=replace(observation.tracks, covariance=None)))
+
+    def explain(self) -> Decision:
+        """Return the policy's decision."""
+        return self.policy.explain()
+
+
+def fast(scenario: Scenario) -> Scenario:
+    """Let the discs of suite barn, which go at 0.3 to 0.8 m/s, go at 0.5 to 2.5 m/s, and the robot at 2 m/s."""
+    faster = []
+    for one in scenario.world.obstacles:
+        assert isinstance(one.motion, Waypoints) and isinstance(one.motion.speed, float), "for suite barn"
+        faster.append(replace(one, motion=replace(one.motion, speed=0.5 + 4.0 * (one.motion.speed - 0.3))))
+    world = replace(scenario.world, obstacles=tuple(faster))
+    return replace(scenario, world=world, robot=replace(scenario.robot, v_max=2.0), obstacle_speed=1.5)
+
+
+CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
+    "none": lambda scenario: scenario,
+    "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
+    "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
+    "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf),
+    "fast": fast,
+}
+
+
+def play(episode: Episode, names: list[str], change: str, check: bool) -> list[Row]:
+    """Return a row for each policy."""
+    scenario = CHANGES[change](build(episode))
+    bound, rows = facts(scenario, episode.seed).bound, []
+    for name in names:
+        policy = Untold(make_policy(name)) if change == "noise" else make_policy(name)
+        result = run(scenario, policy, seed=episode.seed)
+        assert result.trace is not None
+        if check:
+            check_episode(result)
+        key = episode.suite, episode.name, name, episode.seed, __version__, episode.group
+        rows.append(
+            Row(*key, result.outcome.value, with_cause(result.trace), result.time, bound=bound, cycle_p50=result.cycle(50))
+        )
+    return rows
+
+
+def line(group: str, name: str, rows: list[Row], base: dict[str, Row]) -> str:
+    """Return a line of the table: a policy in a group, beside the rows of another policy by episode."""
+    done = [row for row in rows if row.reached and math.isfinite(row.bound)]
+    ratio = sum(row.time / row.bound for row in done) / len(done) if done else math.nan
+    both = [(row.time, base[row.episode].time) for row in rows if row.reached and base[row.episode].reached]
+    beside = sum(a for a, _ in both) / sum(b for _, b in both) if both else math.nan
+    moving, standing = (sum(row.outcome == f"hit-{how}" for row in rows) for how in ("moving", "standing"))
+    share = 100.0 * sum(row.reached for row in rows) / len(rows)
+    mean = sum(row.time for row in rows if row.reached) / max(sum(row.reached for row in rows), 1)
+    return f"| {group} | {name} | {len(rows)} | {share:.1f} | {moving} + {standing} | {ratio:.4f} | {mean:.2f} | {beside:.4f} |"
+
+
+def main() -> None:
+    """Play, and print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("suite")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--episodes", type=int, default=250)
+    parser.add_argument("--groups", default="", help="separated by commas; all if left out")
+    parser.add_argument("--policies", default="antway,sipp/predictions=mirrored", help="separated by commas")
+    parser.add_argument("--change", choices=CHANGES, default="none")
+    parser.add_argument("--check", action="store_true", help="check every episode by check_episode")
+    options = parser.parse_args()
+    suite, names = load_suite(options.suite), options.policies.split(",")
+    print(
+        "| group | policy | episodes | success, % | contacts moving + standing | time / optimum | time, s | beside the last |"
+    )
+    print("|---|---|--:|--:|--:|--:|--:|--:|")
+    failures: list[Row] = []
+    for group in options.groups.split(",") if options.groups else suite.groups:
+        rows: dict[str, list[Row]] = {name: [] for name in names}
+        for number in range(options.first, options.first + options.episodes):
+            episode = Episode(options.suite, suite.name, group, number)
+            for row in play(episode, names, options.change, options.check):
+                rows[row.policy].append(row)
+        base = {row.episode: row for row in rows[names[-1]]}
+        for name in names:
+            print(line(group, name, rows[name], base), flush=True)
+            failures += [row for row in rows[name] if not row.reached]
+    for name in names:
+        for why, count in by_cause(row for row in failures if row.policy == name).items():
+            print(f"{name}: {count} x {why}")
+    print("episodes failed:", ", ".join(f"{row.policy} {row.episode}" for row in failures) or "none")
+
+
+if __name__ == "__main__":
+    main()
