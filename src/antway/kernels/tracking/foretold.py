@@ -58,7 +58,7 @@ def foretold(
         last = first + 1  # behind the track's last segment
         while last < len(segments) and segments[last, records.T0] >= segments[last - 1, records.T1]:
             last += 1
-        begin, first = first, last
+        start, first = first, last
         i = 0
         while i < count and rows[i, _NAME] != estimates[k, NAME]:
             i += 1
@@ -79,7 +79,7 @@ def foretold(
                 row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
                 pool[0] = _POOL_KEPT * pool[0] + (1.0 - _POOL_KEPT) * off
             row[_DUE] = -math.inf
-            for p in range(begin, min(last, len(segments))):
+            for p in range(start, min(last, len(segments))):
                 due = t + LATER
                 if segments[p, records.T0] <= due < segments[p, records.T1]:
                     row[_SINCE], row[_DUE] = t, due
