@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
-from antway.arena.predict import forecast
+from antway.arena.predict import forecast, left_tubes
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.harm import harm, least_harm
 from antway.kernels.tracking import averages, noise
@@ -260,3 +260,27 @@ def test_room_to_spare_grows_with_time_and_is_never_more_than_there_is() -> None
         margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, extra)
         n = predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, OPEN_EDGES, NO_PREDICTIONS, out)
         assert out[n - 1, 6] == pytest.approx(0.6 + min(extra, 0.2), abs=1e-5)
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
+def test_tubes_are_learnt_to_hold_whatever_people_do(factor: float) -> None:
+    """Of tubes far too narrow or wide at first, on errors whose spread doubles half way, `chance` leave to 3 points."""
+    rng, n = np.random.default_rng(9), 6000
+    now = np.repeat(np.arange(n // 6) * 0.4, 6)
+    error = np.abs(rng.standard_t(3.0, n)) * np.where(np.arange(n) < n // 2, 0.1, 0.2)
+    for chance in (0.05, 0.2):
+        left = left_tubes(now, error, np.full(n, 0.3), 2.0, chance, factor)
+        assert left.mean() == pytest.approx(chance, abs=0.03)
+        assert left[-2000:].mean() == pytest.approx(chance, abs=0.03)
+    # Nothing counts before its time has come: the first tubes are as they were fitted.
+    first = now < 2.0
+    assert (left_tubes(now, error, np.full(n, 0.3), 2.0, 0.05, factor)[first] == (error[first] > 0.3 * factor)).all()
+
+
+@needs_data
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("name", ["eth", "zara01", "citr"])
+def test_tubes_hold_on_recordings(name: str, factor: float) -> None:
+    """On each recording the share outside is `chance` to 3 points, though tubes are half or twice as wide at first."""
+    for chance, time, share in forecast(str(SHARED / "tracks" / f"{name}.csv"), factor=factor).outside:
+        assert share == pytest.approx(chance, abs=0.03), (chance, time)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from antway import checks
 from antway.arena.environments import read_tracks
 from antway.errors import BadScenario
 from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.spread import PEOPLE_DOF, people_variance, tube_radius
+from antway.kernels.tracking.spread import PEOPLE_DOF, learnt_factor, people_variance, tube_radius
 
 HORIZONS = (1.0, 2.0, 4.8)  # s; 4.8 s is what the literature foretells, from 0.4 s steps
 TIMES = (0.5, 1.0, 2.0, 4.0)  # s at which tubes are tested
@@ -41,19 +42,24 @@ class Forecast:
     outside: Sequence[tuple[float, float, float]]
 
 
-def forecast(file: str) -> Forecast:
+def forecast(file: str, *, factor: float = 1.0) -> Forecast:
     """Foretell every track of a recording at every instant from what was recorded up to then.
 
     Parameters
     ----------
     file : str
         As for the suite `tracks:FILE`.
+    factor : float
+        By which tubes are wider at first than they were fitted, > 0; how wide they have to be is learnt from then on.
 
     Raises
     ------
+    BadParameter
+        For a factor out of range.
     BadScenario
         For a file that cannot be read, or in which no track lasts for PAST + 1 s.
     """
+    factor = checks.number("factor", factor, low=0.0, open_low=True)
     now, rows, last = _estimates(file)
     walkers = _walkers(file)
     instants = np.union1d(np.arange(1, round(HORIZONS[-1] / STEP) + 1) * STEP, (*HORIZONS, *TIMES))
@@ -83,8 +89,43 @@ def forecast(file: str) -> Forecast:
             i = int(np.argmin(np.abs(instants - time)))
             whole = np.isfinite(own[:, i])
             radius = np.array([tube_radius(people_variance(s, time), chance, PEOPLE_DOF) for s in rows[whole, SIGMA_V]])
-            outside.append((chance, time, float((own[whole, i] > radius).mean())))
+            outside.append((chance, time, float(left_tubes(now[whole], own[whole, i], radius, time, chance, factor).mean())))
     return Forecast(len(now), ade, fde, outside)
+
+
+def left_tubes(
+    now: NDArray[np.float64],
+    error: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    ahead: float,
+    chance: float,
+    factor: float = 1.0,
+) -> NDArray[np.bool_]:
+    """Tell which predictions were left, of tubes whose widths are learnt as time goes on.
+
+    Parameters
+    ----------
+    now : float64[N]
+        When each prediction was made, s, not decreasing.
+    error, radius : float64[N]
+        How far off it was `ahead` s later, and the tube's radius as fitted, m.
+    chance : float
+        Share that is to leave.
+    factor : float
+        By which radii are multiplied at first, > 0.
+
+    Notes
+    -----
+    A tube's radius is the fitted one times a factor that is learnt of all tracks together (`learnt_factor`): each prediction
+    counts as soon as its time has come, and none before that.
+    """
+    out, due = np.zeros(len(now), np.bool_), 0
+    for i in range(len(now)):
+        while now[due] + ahead <= now[i] + 1e-9:
+            factor = learnt_factor(factor, bool(out[due]), chance)
+            due += 1
+        out[i] = error[i] > factor * radius[i]
+    return out
 
 
 def markdown(found: Forecast) -> str:

@@ -9,6 +9,7 @@ from antway.kernels.base.jit import kernel
 # Fitted to the recordings eth, zara01, students01 (Pellegrini 2009, Lerner 2007) and citr (Yang 2019), see docs/people.md.
 PEOPLE_DENSITY = 0.01  # m^2/s^3; of white acceleration
 PEOPLE_DOF = 3.0  # degrees of freedom of the law of their errors
+_GAIN = 0.02  # by which the logarithm of the tubes' width changes with each prediction
 _OWN, _OVER = 0.5, 0.8  # part of the squared error of velocities that is theirs alone; s over which those are observed
 
 
@@ -64,3 +65,23 @@ def people_variance(sigma_v: float, t: float) -> float:
     """
     own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * _OVER / 3.0, 0.0)
     return place_variance(1e-4, 0.0, own, PEOPLE_DENSITY, t)
+
+
+@kernel
+def learnt_factor(factor: float, left: bool, chance: float) -> float:
+    """Factor for the radii of tubes after one more prediction, which `left` its tube or not.
+
+    Parameters
+    ----------
+    factor : float
+        Before it, > 0.
+    chance : float
+        Share that is to leave, in (0, 1).
+
+    Notes
+    -----
+    Its logarithm goes up by gain (1 - chance) or down by gain chance, so that over N predictions the share that leaves differs
+    from `chance` by no more than ln(highest / lowest factor) / (gain N), whatever people do (Gibbs, Candes: Adaptive conformal
+    inference under distribution shift, NeurIPS 2021).
+    """
+    return factor * math.exp(_GAIN * ((1.0 if left else 0.0) - chance))
