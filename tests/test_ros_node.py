@@ -190,3 +190,20 @@ def test_up_and_down():
         "task.obstacle_surge": [0.0, float("inf")],
     }
     assert "one of dijkstra" in result["planner"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("robot.radius", "-1.0", "robot.radius"),
+        ("robot.radius", "wide", "robot.radius = 'wide': must be a finite number"),
+        ("robot.raduis", "0.3", "no parameter has this name; there is robot.radius"),
+        ("autostart", "true", "robot.drive = '': must be holonomic"),
+    ],
+)
+def test_a_wrong_parameter_is_one_line_and_status_two(name: str, value: str, said: str) -> None:
+    """Values that a definition refuses, and names that there are not, end the node with one line that says which."""
+    command = [BIN / "python", "-m", "antway", "ros2", "--ros-args", "-p", f"{name}:={value}"]
+    done = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120, check=False)
+    errors = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    assert done.returncode == 2 and len(errors) == 1 and said in errors[0] and "Traceback" not in done.stderr, done.stderr

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import signal
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -12,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -40,6 +43,7 @@ from antway.world.world import World
 T = TypeVar("T")
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SENSOR = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+_OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
@@ -59,18 +63,34 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         for name, one in parameters().items():
             about = make("rcl_interfaces/msg/ParameterDescriptor", description=one.text, additional_constraints=one.allowed)
             if isinstance(one.default, float):
+                about.dynamic_typing = True  # `robot.radius:=1` is an integer to ROS, and a radius to us
                 about.floating_point_range = [
                     make("rcl_interfaces/msg/FloatingPointRange", from_value=one.low, to_value=one.high)
                 ]
             elif isinstance(one.default, int) and not isinstance(one.default, bool):
                 about.integer_range = [make("rcl_interfaces/msg/IntegerRange", from_value=one.low, to_value=one.high, step=1)]
-            self.values[name] = self.declare_parameter(name, one.default, about).value
+            value = self.declare_parameter(name, one.default, about).value
+            if isinstance(one.default, float) and isinstance(value, int) and not isinstance(value, bool):
+                value = float(value)
+            self.values[name] = value
+        for name, given in getattr(self, "_parameter_overrides", {}).items():
+            if not self.has_parameter(name) and not name.startswith(_OF_ROS):
+                near = difflib.get_close_matches(name, self.values, 3) or list(self.values)
+                raise BadParameter(name, given.value, f"left out: no parameter has this name; there is {', '.join(near)}")
+        Settings.of(self.values | {"robot.drive": "holonomic"} if self._bare() else self.values)
         self.add_on_set_parameters_callback(self._on_parameters)
         self.parts: list[tuple[Callable[[Any], Any], Any]] = []
         self.active = False
 
+    def _bare(self) -> bool:
+        """Tell whether the robot is not said yet: parameters may still be set before the node is configured."""
+        return not (self.values["robot.name"] or self.values["robot.drive"] or self.values["autostart"])
+
     def _on_parameters(self, changed: list[Any]) -> Any:
         values = self.values | {one.name: one.value for one in changed if one.name in self.values}
+        for name, one in parameters().items():
+            if isinstance(one.default, float) and isinstance(values[name], int) and not isinstance(values[name], bool):
+                values[name] = float(values[name])
         try:
             Settings.of(values)
         except BadInput as wrong:
@@ -190,7 +210,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             stamp = convert.seconds(message.header.stamp)
             if stamp < self.charted:
                 raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.charted} s")
-            return stamp, convert.read_grid(message)
+            return stamp, convert.read_grid(message, occupied=self.settings.map_occupied)
 
         found = self._read("map", read, message)
         if found is not None:
@@ -346,6 +366,12 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.diagnostics.publish(make("diagnostic_msgs/msg/DiagnosticArray", header=now, status=[status]))
 
 
+def refuse(error: Exception) -> int:
+    """Say in one line which parameter is wrong, and return the exit status of wrong input."""
+    print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+    return 2
+
+
 def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
     """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM; the robot is stopped on the way out."""
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
@@ -356,7 +382,11 @@ def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
         over = True
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
-    executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
+    try:
+        executor, node = SingleThreadedExecutor(), AntwayNode(kinds)
+    except (BadInput, ParameterException) as error:
+        rclpy.shutdown()
+        return refuse(error)
     executor.add_node(node)
     try:
         if node.values["autostart"] and node.trigger_configure() is TransitionCallbackReturn.SUCCESS:

@@ -6,6 +6,7 @@ import importlib
 import inspect
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -28,6 +29,7 @@ _OWN: dict[str, tuple[Any, str]] = {
     "robot.name": ("", f"Which robot this is: {names(ROBOTS)}, or a .toml file; what robot.* says departs from it."),
     "yaw_tolerance": (math.pi, "rad; how far from the goal's yaw wheels may stand when they have arrived; pi or more: any."),
     "autostart": (False, "Configure and activate at start, without a lifecycle manager."),
+    "map_occupied": (100, "1 to 100; cost of the map from which a cell is blocked (a costmap's lethal cells have 100)."),
     "frame": ("map", "Frame of the map; what comes in another needs tf."),
     "base_frame": ("base_link", "Frame of the robot, in which commands are given."),
     "planner": ("jps", f"Plans for get_plan and compute_path_to_pose: {names(PLANNERS)}."),
@@ -72,6 +74,7 @@ class Settings:
     task: dict[str, float]
     policy: dict[str, Any]
     autostart: bool
+    map_occupied: int
     frame: str
     base_frame: str
     planner: str
@@ -136,6 +139,7 @@ class Settings:
             robot=robot,
             task=part("task."),
             policy=policy,
+            map_occupied=checks.integer("map_occupied", values["map_occupied"], low=1, high=100),
             planner=checks.choice("planner", values["planner"], PLANNERS),
             reader=_reader(kind, values["obstacles_converter"], radius),
             **{n: values[n] for n in ("autostart", "stamped", "frame", "base_frame", "planner_id", "controller_id")},
@@ -225,22 +229,43 @@ def refused(values: Mapping[str, Any], name: str, value: Any) -> BadInput | None
     return wrong
 
 
+def described(kind: type) -> dict[str, str]:
+    """Return what the docstring of a class says about each parameter or attribute, as one line.
+
+    Examples
+    --------
+    >>> described(RobotSpec)["dt"]
+    'Control period in s, > 0.'
+    """
+    found: dict[str, str] = {}
+    for keys, _, text in re.findall(
+        r"^(\w+(?:, \w+)*) : ([^\n]*)\n((?: {4}[^\n]*\n?)*)", f"{inspect.getdoc(kind)}\n", re.MULTILINE
+    ):
+        found |= dict.fromkeys(keys.split(", "), " ".join(text.split()))
+    return found
+
+
 @lru_cache(maxsize=1)
 def parameters() -> dict[str, Parameter]:
     """Return every parameter by name, as `RobotSpec`, `Task` and `AntwayPolicy` define them, and the node's own.
 
     What a definition accepts is found by asking it: its words come from its refusal, its range from what it refuses.
     """
-    found = {f"robot.{f.name}": (_UNSAID.get(f.name, f.default), f"Field {f.name} of RobotSpec.") for f in fields(RobotSpec)}
-    found["robot.brake_max"] = (0.0, "Field brake_max of RobotSpec; 0: as robot.a_max.")
-    found["robot.footprint"] = ("[]", 'Field footprint of RobotSpec as Nav2 writes it, "[[x, y], ...]"; []: a disc.')
-    found["robot.drive"] = ("", "Field drive of RobotSpec; needed, unless robot.name is given.")
-    found |= {f"task.{f.name}": (f.default, f"Field {f.name} of Task.") for f in fields(Task) if isinstance(f.default, float)}
+    robot = described(RobotSpec)
+    found = {f"robot.{f.name}": (_UNSAID.get(f.name, f.default), robot[f.name]) for f in fields(RobotSpec)}
+    found["robot.brake_max"] = (0.0, f"{robot['brake_max'].partition(';')[0]}; 0: as robot.a_max.")
+    found["robot.footprint"] = (
+        "[]",
+        'Corners in m of a convex polygon in the robot\'s frame, as Nav2 writes it, "[[x, y], ...]"; []: a disc.',
+    )
+    found["robot.drive"] = ("", f"{robot['drive']} Needed, unless robot.name is given.")
+    found |= {f"task.{f.name}": (f.default, described(Task)[f.name]) for f in fields(Task) if isinstance(f.default, float)}
+    options = described(AntwayPolicy)
     for name, option in inspect.signature(AntwayPolicy).parameters.items():
         if option.default is None:
             continue  # ROS has no type for what the policy works out itself where it is not given
         default = option.default.value if isinstance(option.default, Moves) else option.default
-        found[f"policy.{name}"] = (default, f"Option {name} of AntwayPolicy.")
+        found[f"policy.{name}"] = (default, options[name])
     found |= _OWN
     defaults = {name: default for name, (default, _) in found.items()}
 

@@ -1,0 +1,32 @@
+"""antway drives a TurtleBot 3: `ros2 launch antway turtlebot3.launch.py`, beside its own bring-up and a map server."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+PARAMETERS = Path(__file__).resolve().parents[1] / "config" / "turtlebot3.yaml"
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Start the node with the parameters of the robot; `params:=` names another file."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("params", default_value=str(PARAMETERS), description="Parameters of the node."),
+            DeclareLaunchArgument("use_sim_time", default_value="false", description="Whether /clock is the time."),
+            DeclareLaunchArgument("map", default_value="/map", description="Topic of the map, or of a costmap."),
+            DeclareLaunchArgument("odom", default_value="/odom", description="Topic of the odometry."),
+            Node(
+                package="antway",
+                executable="node",
+                name="antway",
+                output="screen",
+                parameters=[LaunchConfiguration("params"), {"use_sim_time": LaunchConfiguration("use_sim_time")}],
+                remappings=[("map", LaunchConfiguration("map")), ("odom", LaunchConfiguration("odom"))],
+            ),
+        ]
+    )
