@@ -193,7 +193,7 @@ def test_edits_can_be_undone_and_wrong_ones_change_nothing() -> None:
     """Each edit is one step of undo; a refused one leaves scenario and run as they were."""
     session = Session()
     first = session.scenario
-    session.apply({"op": "paint", "blocked": True, "cells": [[10, 10], [10, 11]]})
+    session.apply({"op": "paint", "blocked": True, "cells": [[18, 1], [18, 2]]})
     session.apply({"op": "move", "end": "goal", "xy": [17.5, 17.5]})
     session.apply({"op": "drop", "xy": [5.5, 1.5], "velocity": [0.5, 0.0], "radius": 0.3})
     session.apply({"op": "step"})

@@ -13,6 +13,7 @@ from antway.kernels.robot.motions import first_inside
 from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Span, Waypoints
 from antway.world.world import Obstacle, World
 
+_STANDS = 1e-9  # m/s; what is slower gets nowhere in any horizon
 _SLACK = 1e-6  # m; an obstacle that goes along a wall touches it, and rounding must not make that a contact
 _TURN_BACK = (Bounce, RandomWalk, Pursue)  # these never enter a wall that they do not begin in
 
@@ -52,7 +53,7 @@ def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
     ends = np.array(points + points[:1] if isinstance(motion, Waypoints) and motion.loop else points)
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))))
     speed = _highest(motion.speed)
-    return _inside(grid, obstacle.radius, along / speed, ends) if speed > 0.0 else math.inf
+    return _inside(grid, obstacle.radius, along / speed, ends) if speed > _STANDS else math.inf
 
 
 def _highest(span: Span) -> float:
