@@ -306,8 +306,6 @@ def exit_with(app: Callable[..., Any]) -> None:
     try:
         status = app(standalone_mode=False)
         sys.stdout.flush()
-        if status == 130:  # Typer keeps the interrupt, and says nothing
-            say("interrupted")
     except (BadInput, Refused) as error:
         say(f"error: {error}")
         status = 2
