@@ -46,7 +46,7 @@ ROOM = Grid(np.zeros((20, 40), dtype=bool), 0.25)  # 10 x 5 m
 
 
 def room(*obstacles: Obstacle, grid: Grid = ROOM, **changes) -> Scenario:
-    return Scenario(World(grid, obstacles), (1.0, 2.5), (9.0, 2.5), **changes)
+    return Scenario(World(grid, obstacles), (1.0, 2.5), (9.0, 2.5), through_walls=True, **changes)
 
 
 def test_crowds_are_crossed_and_decisions_make_sense() -> None:

@@ -30,9 +30,8 @@ class Wanders(Follow):
 
 def chase(*obstacles, kind=1, seed=0, walls=None, horizon=15.0):
     grid = Grid(np.zeros((60, 60), np.bool_) if walls is None else walls, 0.2)
-    return run(
-        Scenario(World(grid, obstacles), (2.0, 6.0), (11.0, 11.0), RobotSpec(), horizon=horizon), Wanders(kind), seed=seed
-    )
+    scenario = Scenario(World(grid, obstacles), (2.0, 6.0), (11.0, 11.0), RobotSpec(), horizon=horizon, through_walls=True)
+    return run(scenario, Wanders(kind), seed=seed)
 
 
 def test_it_goes_straight_for_the_robot():

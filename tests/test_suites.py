@@ -110,7 +110,7 @@ def test_difficulty_is_what_dense_sampling_finds():
     blocked[10:14, 20:30] = blocked[30, :15] = True
     grid, spec, seed = Grid(blocked, 0.2), RobotSpec(radius=0.3, v_max=1.0), 3
     discs = (Obstacle(0.4, Line((1.0, 4.0), (9.0, 4.5), 0.8)), Obstacle(0.3, BackAndForth((5.0, 1.0), (5.0, 7.0), 1.2)))
-    scenario = Scenario(World(grid, discs), (1.1, 1.1), (9.1, 1.1), spec)
+    scenario = Scenario(World(grid, discs), (1.1, 1.1), (9.1, 1.1), spec, through_walls=True)
     inflated, chance, alive = grid.inflate(spec.radius), Chance(seed_of("survival", seed)), 0
     free = inflated.to_xy(np.argwhere(~inflated.blocked))
     low = np.argwhere(blocked)[:, ::-1] * grid.resolution

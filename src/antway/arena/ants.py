@@ -204,7 +204,7 @@ def _controls(runs: int) -> Iterator[Comparison]:
     """Compare the colony in the space of controls, which drives wheels; argmin: the best of its seeds, without ants."""
     makers: tuple[Maker | None, ...] = (
         lambda: make_policy("antway"),
-        lambda: make_policy("antway", controls=ControlOptions(curious=1.0, breath=0.0, choosiness=10.0)),
+        lambda: make_policy("antway", controls=ControlOptions(search="random")),
         lambda: make_policy("antway", controls=ControlOptions(rounds=0)),
         None,
     )
