@@ -238,7 +238,8 @@ def test_an_episode_and_its_views(antway: Any, tmp_path: Path) -> None:
     """`run` prints the numbers of an episode and writes its files, and `view` turns the trace into each format."""
     status, out, _ = antway("run", "paper", "--policy", "paper", "--seed", 1, "--out", tmp_path, "--json")
     numbers = json.loads(out)
-    assert status == 0 and numbers["reached"] and numbers == json.loads((tmp_path / "summary.json").read_text())
+    summary, timings = (json.loads((tmp_path / f"{name}.json").read_text()) for name in ("summary", "timings"))
+    assert status == 0 and numbers["reached"] and numbers == summary | {key: timings[key] for key in timings if key in numbers}
     magic = {"html": b"<!doctype html>", "gif": b"GIF89a", "png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
     for suffix, start in magic.items():
         file = tmp_path / f"view.{suffix}"
