@@ -27,7 +27,7 @@ def added(cycles: int) -> None:
     scenario = place(7, ROBOTS["holonomic"])
     policy, stage = make_policy("antway", mode="strict"), Stage(scenario, 0, scenario.horizon)
     policy.reset(scenario.task, 0)
-    alone, extra, answers = [], [], []
+    alone, extra, answers, own = [], [], [], []
     with GuardProcess(scenario.task, mode="strict") as guard:
         link = Link(guard.folder, "planner")
         for _ in range(cycles):
@@ -37,22 +37,29 @@ def added(cycles: int) -> None:
                 stage = Stage(scenario, 0, scenario.horizon)
             seen = stage.observe()
             number = guard.observe(seen)
-            started = time.perf_counter()
+            cpu, started = time.thread_time(), time.perf_counter()
             found = link.observed(number - 1)
             assert found is not None
-            read = time.perf_counter()
+            read, cpu_read = time.perf_counter(), time.thread_time()
             command = policy.act(found[1])
-            planned = time.perf_counter()
+            cpu_planned, planned = time.thread_time(), time.perf_counter()
             link.ask(number, command)
             link.ring("guard")
-            asked = time.perf_counter()
+            asked, cpu_asked = time.perf_counter(), time.thread_time()
+            own.append(cpu_read - cpu + cpu_asked - cpu_planned)
             answer = guard.answer(number)
             answers.append(time.perf_counter() - asked)
             alone.append(planned - read)
             extra.append(read - started + asked - planned)
             stage.drive(*stage.asked(answer.command, seen))
         link.close()
-    for what, times in (("a cycle of the policy alone", alone), ("added to it", extra), ("from command to answer", answers)):
+    lines = {
+        "a cycle of the policy alone": alone,
+        "added to it": extra,
+        "of that, processor time of its own": own,
+        "from command to answer": answers,
+    }
+    for what, times in lines.items():
         low, high = np.percentile(np.array(times[10:]) * 1e6, (50, 99))
         print(f"{what}: median {low:.1f} us, 99th percentile {high:.0f} us, {len(times) - 10} cycles")
 
@@ -63,6 +70,8 @@ def main() -> None:
     parser.add_argument("--cycles", type=int, default=2000)
     given = parser.parse_args()
     added(given.cycles)
+    if given.drives == 0:
+        return
     held, late, ended, took = 0, 0, 0, []
     for drive in drives(given.drives, seed=1000):
         ended += bool(drive.after)
