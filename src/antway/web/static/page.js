@@ -141,17 +141,17 @@ function openAddress() {
   const named = new URLSearchParams(location.hash.slice(1));
   if (!named.has("open")) return;
   history.replaceState(null, "", location.pathname + location.search);
-  const data = named.get("open").replaceAll("-", "+").replaceAll("_", "/");
-  const box = byId("ask-box");
-  byId("ask-size").textContent = fixed((data.length * 3) / 4096, 1, "kB");
-  byId("ask-open").onclick = () => {
-    box.close();
-    busy("opening …");
-    request({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
-    if (named.has("policies")) request({ op: "policies", names: named.get("policies").split(",") });
-  };
-  byId("ask-drop").onclick = () => box.close();
-  box.showModal();
+  page.offered = { data: named.get("open").replaceAll("-", "+").replaceAll("_", "/"), policies: named.get("policies") };
+  byId("ask-size").textContent = fixed((page.offered.data.length * 3) / 4096, 1, "kB");
+  byId("ask-box").showModal();
+}
+
+function openOffered() {
+  const { data, policies } = page.offered;
+  byId("ask-box").close();
+  busy("opening …");
+  request({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
+  if (policies) request({ op: "policies", names: policies.split(",") });
 }
 
 function picture() {
@@ -219,6 +219,8 @@ function listen() {
     await navigator.clipboard?.writeText(byId("link").value).catch(() => {});
     byId("copy").textContent = "Copied";
   });
+  on("ask-open", "click", openOffered);
+  on("ask-drop", "click", () => byId("ask-box").close());
   on("close-link", "click", () => byId("link-box").close());
   on("link-box", "close", () => (byId("copy").textContent = "Copy"));
   on("parameters", "submit", (event) => event.preventDefault());
