@@ -54,8 +54,8 @@ def some_robot(rng: np.random.Generator, drive: str, polygon: bool) -> RobotSpec
 class Chasers:
     """Discs within assumption A: a bound on speed and its growth, turns at once, and a stop short of a robot that stands."""
 
-    def __init__(self, rng: np.random.Generator, surge: float, xy: np.ndarray, near: float) -> None:
-        self.rng, self.surge = rng, surge
+    def __init__(self, rng: np.random.Generator, surge: float, swerve: float, xy: np.ndarray, near: float) -> None:
+        self.rng, self.surge, self.swerve = rng, surge, swerve
         self.radius = rng.uniform(0.15, 0.4, COUNT)
         angle, far = rng.uniform(-math.pi, math.pi, COUNT), rng.uniform(near, 4.0, COUNT)
         self.xy = xy + np.column_stack((far * np.cos(angle), far * np.sin(angle)))
@@ -74,7 +74,9 @@ class Chasers:
             way = goal - self.xy[k]
             far = math.hypot(*way)
             fastest = min(BOUND, math.hypot(*self.velocity[k]) + self.surge * DT)
-            self.velocity[k] = way / far * fastest if far > 1e-9 else 0.0
+            change = (way / far * fastest if far > 1e-9 else 0.0) - self.velocity[k]
+            most = self.swerve * DT / max(math.hypot(*change), 1e-9)
+            self.velocity[k] += change * (1.0 if most > 1.0 else most)
 
 
 def wish(rng: np.random.Generator, policy: str, spec: RobotSpec, apart: np.ndarray, theta: float, i: int) -> Command | None:
@@ -95,14 +97,14 @@ def wish(rng: np.random.Generator, policy: str, spec: RobotSpec, apart: np.ndarr
     return Command(twist=(float(block.uniform(-0.5, 2.0)), float(block.uniform(-4.0, 4.0))))
 
 
-def episode(seed: int, drive: str, polygon: bool, surge: float, stale: float = 0.0) -> dict[str, int]:
+def episode(seed: int, drive: str, polygon: bool, surge: float, stale: float = 0.0, swerve: float = math.inf) -> dict[str, int]:
     """Play one robot of that drive among chasers; returns how often what happened."""
     rng = np.random.default_rng([seed, len(drive), polygon])
     spec, which = some_robot(rng, drive, polygon), int(rng.integers(2))
     grid = MAPS[which]
     xy, theta = np.array(STARTS[which][rng.integers(4)]), float(rng.uniform(-math.pi, math.pi))
-    task = Task(grid, spec, tuple(xy), (9.0, 5.0), obstacle_speed=BOUND, obstacle_surge=surge)
-    guard, discs = Guard(timeout=0.35), Chasers(rng, surge, xy, spec.radius + 0.5)
+    task = Task(grid, spec, tuple(xy), (9.0, 5.0), obstacle_speed=BOUND, obstacle_surge=surge, obstacle_swerve=swerve)
+    guard, discs = Guard(timeout=0.35), Chasers(rng, surge, swerve, xy, spec.radius + 0.5)
     guard.reset(task)
     body, walls = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2))), walls_of(grid)
     record = Record(
@@ -148,9 +150,11 @@ def episode(seed: int, drive: str, polygon: bool, surge: float, stale: float = 0
     return count
 
 
-def total(seeds: range, drive: str, polygon: bool, surge: float, stale: float = 0.0) -> dict[str, int]:
+def total(
+    seeds: range, drive: str, polygon: bool, surge: float, stale: float = 0.0, swerve: float = math.inf
+) -> dict[str, int]:
     """Sum over episodes."""
-    counts = [episode(seed, drive, polygon, surge, stale) for seed in seeds]
+    counts = [episode(seed, drive, polygon, surge, stale, swerve) for seed in seeds]
     return {key: sum(c[key] for c in counts) for key in counts[0]}
 
 
@@ -174,3 +178,12 @@ def test_the_promise_holds_with_lost_scans_and_inertia(drive: str) -> None:
     """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
     n = total(range(10_000, 10_000 + cases(30, 1000)), drive, False, 0.5, stale=0.5)
     assert n["moving"] > 5, n
+
+
+@pytest.mark.parametrize("swerve", [0.3, 2.2])
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_the_promise_holds_where_obstacles_swerve_no_faster_than_declared(drive: str, swerve: float) -> None:
+    """C24, C45: with a declared bound on changes of velocity the guard lets more pass, and still nothing ends in a contact."""
+    seeds = range(20_000, 20_000 + cases(30, 3000))
+    bounded = total(seeds, drive, False, math.inf, swerve=swerve)
+    assert bounded["moving"] > 20 and bounded["braked"] + bounded["slowed"] > 5, bounded

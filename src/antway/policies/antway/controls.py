@@ -21,6 +21,7 @@ from antway.world.robots import RobotSpec
 from antway.world.rollouts import RobotState, commanded, finite_limits, static_field
 
 _DISCS = 64  # at most, near one another at one time
+_WRONG = 0.05  # m/s; how wrong velocities are taken to be foretold before any was compared
 _ALIKE = 0.3  # m; paths no farther apart are one
 
 
@@ -68,9 +69,9 @@ class ControlOptions:
     curious: float = 0.15
     progress: float = 0.02
     off_plan: float = 0.5
-    trust: float = 0.3
+    trust: float = 1.0
     margin: float = 0.03
-    wished: float = 0.12
+    wished: float = 0.05
     near: float = 0.2
     risk: float = 6.0
     spread: float = 2.0
@@ -121,7 +122,7 @@ class ControlColony:
             wide_a=0.35 * robot.v_max,
             wide_b=0.35 * turn,
         )
-        self.foretold, self.known, self.pool = np.zeros((128, foretold.COLUMNS)), 0, np.zeros(1)
+        self.foretold, self.known, self.pool = np.zeros((128, foretold.COLUMNS)), 0, np.array([_WRONG])
         self.averaging = None
         if o.search != "ants":
             self.averaging = Averaging(
