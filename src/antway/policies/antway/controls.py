@@ -22,7 +22,7 @@ from antway.world.rollouts import RobotState, commanded, finite_limits, static_f
 
 _DISCS = 64  # at most, near one another at one time
 _WRONG = 0.05  # m/s; how wrong velocities are taken to be foretold before any was compared
-_REACH = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
+_AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
 _ALIKE = 0.3  # m; paths no farther apart are one
 
 
@@ -97,7 +97,7 @@ class ControlColony:
         self.options, self.robot = o, robot
         self.limits = finite_limits(robot)
         self.field = static_field(task.grid, robot, time_to_goal, task.goal, task.goal_tolerance)
-        horizon = max(o.horizon, min(_REACH / robot.v_max, 2.0 * o.horizon))
+        horizon = max(o.horizon, min(_AHEAD / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
         self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 9)), np.full((steps, 3), -math.inf))
