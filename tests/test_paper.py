@@ -29,6 +29,7 @@ from antway.policies.encounter import closest_approach, encounter
 from antway.policies.paper import policy as policy_module
 from antway.policies.paper.local_target import local_target
 from antway.scenes import SCENES, scene
+from antway.view.moments import moments, shortest
 from antway.world.motions import BackAndForth, Line
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -209,6 +210,21 @@ def test_local_targets_lie_on_the_global_path_and_ways_do_not_turn_back() -> Non
             legs /= np.hypot(*legs.T)[:, None]
             assert ((legs[1:] * legs[:-1]).sum(axis=1) > -0.99).all(), (name, seed)
     assert detours >= 10
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_shows_a_real_detour(name: str) -> None:
+    """With the scene's own seed Figures 5 and 6 show a detour that leads a metre or more off the path of Figure 4."""
+    trace = run(load_scenario(scene(name)), "paper").trace
+    meet, midst = moments(trace)
+    shown, onward = trace.decision_at(meet), shortest(trace.task).xy(trace.task.grid)
+    assert shown.action == trace.decision_at(midst).action == "avoid" and shown.predicted is not None and meet <= midst
+    away = np.hypot(*(shown.path.xy[:, None] - onward[None]).transpose(2, 0, 1)).min(axis=1)
+    at_goal = shown.local_target == trace.task.goal
+    assert away.max() >= 1.0 and (at_goal or np.hypot(*(onward - shown.local_target).T).min() < 1e-9)
+    first = trace.decisions[0][1].path.xy  # from the start and to the goal, which need not be the middles of their cells
+    followed = np.hypot(*(first[:, None] - onward[None, 1:-1]).transpose(2, 0, 1)).min(axis=0)
+    assert followed.max() < 1e-9, "Figure 4 is the path that the robot follows"
 
 
 def test_pheromone_decides(monkeypatch: pytest.MonkeyPatch) -> None:
