@@ -51,6 +51,15 @@ def test_absurd_speeds_places_and_times_are_refused(make, value):
         make(value)
 
 
+@pytest.mark.parametrize("speed", [5e-324, 1e-300, (1e-12, 1.0)])
+def test_speeds_next_to_nothing_are_refused(speed):
+    """The time to get anywhere would overflow; an obstacle that stands has the speed 0."""
+    for make in (Line, BackAndForth):
+        with pytest.raises(BadInput, match="speed"):
+            make((5.0, 2.0), (5.0, 8.0), speed)
+        make((5.0, 2.0), (5.0, 8.0), 0.0)
+
+
 def test_a_scenario_with_an_absurd_speed_is_refused(tmp_path):
     """D1: the file that once ended the process is wrong input."""
     rest = '[[obstacles]]\nradius = 0.3\nmotion = "bounce"\nstart = [7, 7]\nspeed = 1e18\n'

@@ -17,7 +17,7 @@ from antway.errors import BadParameter, BadScenario
 from antway.grid import Grid
 from antway.kernels.base.rng import stream, uniform
 from antway.kernels.robot.motions import bounce
-from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME
+from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_SPEED
 
 XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
@@ -302,8 +302,16 @@ def _spans(motion: object, *, low: float = 0.0, **units: str) -> None:
             ends = checks.point(name, value)
             for i, end in enumerate(ends):
                 checks.number(f"{name}[{i}]", end, low=low, high=high, unit=unit)
+                _no_crawl(f"{name}[{i}]", end, unit)
             if ends[0] > ends[1]:
                 raise BadParameter(name, ends, "a pair (low, high) with low <= high")
             object.__setattr__(motion, name, ends)
         else:
             object.__setattr__(motion, name, checks.number(name, value, low=low, high=high, unit=unit))
+            _no_crawl(name, getattr(motion, name), unit)
+
+
+def _no_crawl(name: str, value: float, unit: str) -> None:
+    """Refuse speeds so small that the time to get anywhere overflows."""
+    if unit == "m/s" and 0.0 < value < MIN_SPEED:
+        raise BadParameter(name, value, f"0, or at least {MIN_SPEED:g} ({unit})")
