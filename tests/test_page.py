@@ -187,9 +187,12 @@ def test_files_are_opened_and_bad_ones_said(page: Any, tmp_path: Path) -> None:
     """Maps open by the chooser and by drag and drop; what is wrong with a file is said, and the run goes on unharmed."""
     Image.fromarray(np.pad(np.full((10, 10), 255, np.uint8), 1)).save(tmp_path / "room.png")
     page.set_input_files("#files", tmp_path / "room.png")
+    page.fill("#pixel", "1")
+    page.click("#pixel-open")
     expect(page, "#scene option:checked").to_have_text("room")
     (tmp_path / "bad.png").write_bytes(b"\x89PNG no more")
     page.set_input_files("#files", tmp_path / "bad.png")
+    page.click("#pixel-open")
     expect(page, "#notice").to_contain_text("bad.png")
     page.click("#notice button")
     expect(page, "#notice").to_be_hidden()
@@ -458,3 +461,36 @@ def test_a_colony_solves_in_the_browser(browser: Any, address: str) -> None:
     expect(page, "#cycle").to_have_text("0")
     assert complaints == []
     page.context.close()
+
+
+@pytest.mark.parametrize("screen", [{"viewport": {"width": 1400, "height": 900}}, PHONE], ids=["1400", "390"])
+@pytest.mark.parametrize("colours", ["light", "dark"])
+def test_the_save_menu_is_on_the_screen(browser: Any, address: str, screen: dict[str, Any], colours: str) -> None:
+    """The save menu is as wide as its items, which lie within it, and it lies within the screen; so do ruler and help."""
+    page, complaints = opened(browser, address, (address, "blob:", "data:"), **screen, color_scheme=colours)
+    width = screen["viewport"]["width"]
+    page.click(".menu summary")
+    menu = page.locator(".menu div").bounding_box()
+    assert menu["x"] >= 0 and menu["x"] + menu["width"] <= width and menu["width"] > 200
+    for item in page.locator(".menu div button").all():
+        box = item.bounding_box()
+        assert box["x"] >= menu["x"] and box["x"] + box["width"] <= menu["x"] + menu["width"]
+        assert item.evaluate("e => e.scrollWidth <= e.clientWidth + 1")
+    page.keyboard.press("Escape")
+    ruler = page.locator(".ruler")
+    assert 20 < ruler.bounding_box()["width"] <= 120 and ruler.inner_text().endswith(" m")
+    page.click("#help")
+    expect(page, "#keys").to_have_attribute("open", "")
+    fits(page, screen)
+    page.context.close()
+    assert complaints == []
+
+
+def test_a_description_alone_and_the_cursor(page: Any, tmp_path: Path) -> None:
+    """A lone YAML asks for its picture; the place under the cursor is told in metres."""
+    (tmp_path / "hall.yaml").write_text("image: hall.pgm\n")
+    page.set_input_files("#files", tmp_path / "hall.yaml")
+    expect(page, "#notice").to_contain_text("choose its picture too")
+    page.click("#notice button")
+    page.mouse.move(*point(page, 5.0, 15.0))
+    expect(page, ".place").to_have_text(re.compile(r"^[45]\.\d+ m, 1[45]\.\d+ m$"))

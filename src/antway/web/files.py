@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter, TooLarge
 from antway.grid import Grid
-from antway.maps import GreyTrapWarning, Limits, load_map
+from antway.maps import PICTURES, GreyTrapWarning, Limits, ResolutionWarning, load_map
 from antway.world.policy import RobotSpec
 from antway.world.scenario import Scenario, load_scenario, save_scenario
 from antway.world.trace import Trace
@@ -39,7 +40,7 @@ _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
 
 
 def read_upload(files: object) -> Scenario:
-    """Return the scenario in `files`, a list of {name, data in base64}, or one made of the map in them.
+    """Return the scenario in `files`, or one made of the map in them: a list of {name, data in base64, a picture's resolution}.
 
     A .zip is unpacked. The first file of .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm, in this order, is read; the
     others are files that it refers to.
@@ -50,6 +51,8 @@ def read_upload(files: object) -> Scenario:
         If there are too many files, they are too large, or hold no scenario or map; the text names them without folder.
     """
     contents = _unpacked(decoded(files))
+    sizes = [file["resolution"] for file in files if "resolution" in file]  # type: ignore[attr-defined]
+    resolution = checks.number("resolution", sizes[0], low=1e-6, high=1e6, unit="m") if sizes else None
     with tempfile.TemporaryDirectory(prefix="antway-") as name:
         folder = Path(name)
         for file, data in contents.items():
@@ -57,19 +60,21 @@ def read_upload(files: object) -> Scenario:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", GreyTrapWarning)
-                return _read(folder, list(contents))
+                warnings.simplefilter("ignore", ResolutionWarning)
+                return _read(folder, list(contents), resolution)
         except BadInput as error:
             where = error.where.replace(f"{folder}/", "")
             value = error.value.replace(f"{folder}/", "") if isinstance(error.value, str) else error.value
             raise type(error)(error.field, value, error.allowed, where=where) from None
 
 
-def _read(folder: Path, names: list[str]) -> Scenario:
+def _read(folder: Path, names: list[str], resolution: float | None) -> Scenario:
     for suffix in (".toml", *_MAPS):
         for name in names:
             if name.lower().endswith(suffix):
                 if suffix != ".toml":
-                    return task_on(load_map(folder / name, limits=LIMITS), Path(name).stem)
+                    size = resolution if suffix in PICTURES else None
+                    return task_on(load_map(folder / name, resolution=size, limits=LIMITS).turned(), Path(name).stem)
                 scenario = load_scenario(folder / name)
                 LIMITS.check_shape(*scenario.world.grid.shape, Path(name))
                 return scenario

@@ -154,6 +154,29 @@ function openOffered() {
   if (policies) request({ op: "policies", names: policies.split(",") });
 }
 
+// Open files; a description alone lacks its picture, and of a picture alone the size of a pixel is asked.
+function openFiles(files) {
+  const ends = (...kinds) => files.find(({ name }) => kinds.some((kind) => name.toLowerCase().endsWith(kind)));
+  const open = () => request({ op: "open", files });
+  const image = ends(".png", ".pgm");
+  if (ends(".toml", ".zip", ".map", ".txt", ".npy")) return open();
+  if (ends(".yaml", ".yml") && !image) return busy(""), notice(`${files[0].name} is the description of a map: choose its picture too`);
+  if (!image || ends(".yaml", ".yml")) return open();
+  busy("");
+  const box = byId("pixel-box");
+  byId("pixel-open").onclick = () => {
+    const size = Number(byId("pixel").value);
+    byId("pixel").setAttribute("aria-invalid", String(!(size > 0)));
+    if (!(size > 0)) return;
+    box.close();
+    busy("opening …");
+    image.resolution = size;
+    open();
+  };
+  byId("pixel-drop").onclick = () => box.close();
+  box.showModal();
+}
+
 function picture() {
   const canvases = page.views.map((view) => view.stage.canvas);
   const whole = make("canvas", "", { width: canvases.reduce((sum, c) => sum + c.width, 0), height: canvases[0].height });
@@ -204,6 +227,7 @@ function listen() {
   const play = () => byId("play").disabled || (working(), request({ op: "play", on: !page.playing }));
   const actions = {
     play, step: () => (working(), request({ op: "step" })), ants: () => (busy("looking …"), request({ op: "ants" })), reset: () => request({ op: "reset" }), undo: () => request({ op: "undo" }), redo: () => request({ op: "redo" }),
+    help: () => { byId("keys").open = !byId("keys").open; if (byId("keys").open) byId("keys").scrollIntoView({ block: "nearest" }); },
     done: () => editor.finish(), fit: () => { for (const { stage } of page.views) stage.fit(); redraw(); },
     compare: () => askPolicies(page.views.length > 1 ? [page.views[0].select.value] : [page.views[0].select.value, page.views[0].select.value === "paper" ? "antway" : "paper"]),
     "save-png": picture,
@@ -224,15 +248,15 @@ function listen() {
   on("close-link", "click", () => byId("link-box").close());
   on("link-box", "close", () => (byId("copy").textContent = "Copy"));
   on("parameters", "submit", (event) => event.preventDefault());
-  takeFiles((files) => request({ op: "open", files }));
+  takeFiles(openFiles);
   for (const button of document.querySelectorAll(".palette [data-tool]")) button.addEventListener("click", () => setTool(button.dataset.tool));
   const tools = { v: "hand", w: "wall", e: "erase", o: "obstacle", p: "waypoints", s: "stop" };
   listenToKeys((key, event, onButton) => {
-    if (byId("link-box").open || byId("ask-box").open) return null;
+    if (["link-box", "ask-box", "pixel-box"].some((id) => byId(id).open)) return null;
     if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);
     const keys = {
       " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
-      enter: onButton || !editor.gesture ? null : actions.done, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), notice("")),
+      enter: onButton || !editor.gesture ? null : actions.done, "?": actions.help, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), notice("")),
     };
     return keys[key] ?? (tools[key] ? () => setTool(tools[key]) : /^\d$/.test(key) && toggle(Number(key)));
   });

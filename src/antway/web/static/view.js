@@ -18,6 +18,13 @@ class View {
     this.select.addEventListener("change", () => page.askPolicies());
     this.stage = new Stage(this.figure.querySelector("canvas"));
     this.stage.unit = window.devicePixelRatio || 1;
+    const [canvas, place] = [this.stage.canvas, this.figure.querySelector(".place")];
+    canvas.addEventListener("pointermove", (event) => {
+      const box = canvas.getBoundingClientRect();
+      const [x, y] = this.stage.toWorld(event.clientX - box.left, event.clientY - box.top);
+      place.textContent = `${fixed(x, 2, "m")}, ${fixed(y, 2, "m")}`;
+    });
+    canvas.addEventListener("pointerleave", () => (place.textContent = ""));
     editor.listen(this);
     navigate(this.stage, () => (page.align(this.stage), page.redraw()));
     this.observer = new ResizeObserver(page.redraw);
@@ -92,9 +99,23 @@ class View {
     const moment = this.moment(time);
     this.shown = moment.obstacles;
     this.stage.draw(moment, page.show);
+    this.rule();
     const own = ["paint", "waypoints"].includes(editor.gesture?.kind) || editor.gesture?.view === this ? editor.gesture : null;
     editor.draw(this.stage, page.pending ?? own);
     return moment.moving;
+  }
+
+  // A bar of a round length, at most 110 pixels long.
+  rule() {
+    const metre = this.stage.scale / this.stage.unit;
+    if (metre === this.ruled || !(metre > 0)) return;
+    this.ruled = metre;
+    const most = 110 / metre;
+    const ten = 10 ** Math.floor(Math.log10(most));
+    const length = [5, 2, 1].find((n) => n * ten <= most) * ten;
+    const ruler = this.figure.querySelector(".ruler");
+    ruler.style.width = `${length * metre}px`;
+    ruler.textContent = `${Number(length.toPrecision(2))} m`;
   }
 
   describe() {
