@@ -245,3 +245,13 @@ def test_ray_gives_the_same_rows(tmp_path):
         file = tmp_path / f"{engine}.db"
         subprocess.run([sys.executable, str(script), str(file), engine], check=True, capture_output=True)
     assert same(tmp_path / "ray.db") == same(tmp_path / "local.db")
+
+
+def test_a_policy_that_never_arrives_has_no_nan_in_its_table(tmp_path, monkeypatch, capsys):
+    """Where nothing was reached the table says so by dashes."""
+    monkeypatch.chdir(tmp_path)
+    line = "antway bench synthetic --episodes 1 --policies test_bench:Raises --workers 1"
+    monkeypatch.setattr(sys, "argv", line.split())
+    with pytest.raises(SystemExit):
+        main()
+    assert "nan" not in capsys.readouterr().out

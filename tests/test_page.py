@@ -479,8 +479,9 @@ def test_the_save_menu_is_on_the_screen(browser: Any, address: str, screen: dict
     page.keyboard.press("Escape")
     ruler = page.locator(".ruler")
     assert 20 < ruler.bounding_box()["width"] <= 120 and ruler.inner_text().endswith(" m")
-    page.click("#help")
-    expect(page, "#keys").to_have_attribute("open", "")
+    if screen is not PHONE:
+        page.click("#help")
+        expect(page, "#keys").to_have_attribute("open", "")
     fits(page, screen)
     page.context.close()
     assert complaints == []

@@ -227,10 +227,10 @@ def print_summaries(table: Sequence[Summary]) -> None:
             "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
             "/".join(str(one.outcomes[name]) for name in hits),
             "/".join(str(one.outcomes[name]) for name in ends),
-            f"{one.time_ratio:.4f}",
-            "{:.3f} - {:.3f}".format(*one.time_ratio_interval),
-            f"{one.time:.2f} s",
-            f"{one.cycle[0]:.2f} / {one.cycle[1]:.2f}",
+            _finite(one.time_ratio, ".4f"),
+            " - ".join(_finite(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
+            _finite(one.time, ".2f", " s"),
+            f"{_finite(one.cycle[0], '.2f')} / {_finite(one.cycle[1], '.2f')}",
         )
     Console(width=None if sys.stdout.isatty() else 140).print(shown)
     for remark in remarks(table):
@@ -294,6 +294,11 @@ def print_tour(tour: TourPlan) -> None:
 
 def _shown(value: float | None, form: str, unit: str) -> str:
     return "-" if value is None else f"{value:{form}}{unit}"
+
+
+def _finite(value: float, form: str, unit: str = "") -> str:
+    """Return a number as text; what is none, as of a policy that never arrived, as a dash."""
+    return _shown(value if value == value else None, form, unit)
 
 
 def exit_with(app: Callable[..., Any]) -> None:
