@@ -9,7 +9,7 @@ from antway.kernels.base.jit import kernel
 # Fitted to the recordings eth, zara01, students01 (Pellegrini 2009, Lerner 2007) and citr (Yang 2019), see docs/people.md.
 PEOPLE_DENSITY = 0.01  # m^2/s^3; of white acceleration
 PEOPLE_DOF = 3.0  # degrees of freedom of the law of their errors
-_SHARE = 0.02  # by which the logarithm of the tubes' width changes with each prediction
+_STEP = 0.02  # by which the logarithm of the tubes' width changes with each prediction
 _OWN, _OVER = 0.5, 0.8  # part of the squared error of velocities that is theirs alone; s over which those are observed
 
 
@@ -84,4 +84,4 @@ def learnt_factor(factor: float, left: bool, chance: float) -> float:
     from `chance` by no more than ln(highest / lowest factor) / (0.02 N), whatever people do (Gibbs, Candes: Adaptive conformal
     inference under distribution shift, NeurIPS 2021).
     """
-    return factor * math.exp(_SHARE * ((1.0 if left else 0.0) - chance))
+    return factor * math.exp(_STEP * ((1.0 if left else 0.0) - chance))
