@@ -97,7 +97,7 @@ def test_a_place_is_drawn(page: Any, tmp_path: Path) -> None:
     expect(page, "#reset").to_be_enabled()
     page.keyboard.press("p")
     page.fill("#pace", "0.6")
-    for place in ((14.5, 2.5), (14.5, 5.5), (18.5, 6.5)):
+    for place in ((13.5, 2.5), (13.5, 5.5), (14.5, 5.5)):
         page.mouse.click(*point(page, *place))
     page.click("#done")
     expect(page, "#done").to_be_hidden()
@@ -360,7 +360,7 @@ def test_touch_draws_drags_and_zooms(browser: Any, address: str, tmp_path: Path)
     touch([(x, y)], [(x - 20, y)], [(x - 45, y)])
     page.click("button[data-tool=waypoints]")
     expect(page, "button[data-tool=waypoints]").to_have_attribute("aria-pressed", "true")
-    for place in ((14.5, 2.5), (14.5, 5.5), (18.5, 6.5)):
+    for place in ((13.5, 2.5), (13.5, 5.5), (14.5, 5.5)):
         touch([point(page, *place)])
     page.click("#done")
     now = scenario(page, tmp_path)
@@ -434,7 +434,7 @@ def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen:
             tops = {button.bounding_box()["y"] for button in page.locator(".bar button:visible").all()}
             assert len(tops) == 1, "one row of them leaves room for the map"
             page.tap("[data-tool=wall]")
-            page.touchscreen.tap(*point(page, 7.5, 9.5))
+            page.touchscreen.tap(*point(page, 0.5, 18.5))
             expect(page, "#undo").to_be_enabled()
     assert complaints == []
     page.context.close()
