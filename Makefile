@@ -53,12 +53,12 @@ test: $(READY) browser ros check
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
-# The whole suite with every index of every kernel checked, and with kernels as plain Python: slower, so small and one by one.
+# The whole suite with every index of every kernel checked, and with kernels as plain Python, which takes hours.
 bounds: $(READY)
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/.bounds ANTWAY_TEST_SCALE=0.1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs --timeout 3600
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(VENV)/.bounds $(BIN)/python -m pytest -n 2 --dist loadfile -rs --timeout 3600
 
 plain: $(READY)
-	NUMBA_DISABLE_JIT=1 ANTWAY_TEST_SCALE=0.01 $(BIN)/python -m pytest -n 2 --dist loadfile -rs --timeout 3600 \
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n 2 --dist loadfile -rs --timeout 3600 \
 	    -W "ignore:overflow encountered:RuntimeWarning"
 
 clean:
