@@ -110,7 +110,13 @@ def test_malformed_scans_are_refused():
     points = read_points(scan_of([math.nan, math.inf, -math.inf, 1.0, 9.0, 0.01]))
     assert len(points) == 2
     np.testing.assert_allclose(np.hypot(*points.T), [0.05, 1.0])
-    for name, value in (("angle_increment", 0.0), ("angle_min", math.nan), ("range_max", math.inf)):
+    for name, value in (
+        ("angle_increment", 0.0),
+        ("angle_increment", 1.7e308),
+        ("angle_min", math.nan),
+        ("range_max", math.inf),
+        ("range_max", 1e300),
+    ):
         with pytest.raises(BadParameter, match=name):
             read_points(scan_of([1.0], **{name: value}))
     with pytest.raises(BadParameter, match="ranges"):

@@ -13,6 +13,7 @@ from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.limits import MAX_ANGLE, MAX_PLACE
 from antway.ros2.frames import Pose, move
 from antway.world.policy import Tracks
 
@@ -35,11 +36,17 @@ def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
     Raises
     ------
     BadParameter
-        For numbers that are not finite, a step of 0, range_min above range_max, an empty scan and too few valid beams.
+        For numbers that are not finite, or absurd (docs/limits.md), a step of 0, range_min above range_max, an empty scan and
+        too few valid beams.
     """
     where = "LaserScan"
-    start, step, near, far = (
-        checks.number(n, getattr(message, n), where=where) for n in ("angle_min", "angle_increment", "range_min", "range_max")
+    start, step = (
+        checks.number(n, getattr(message, n), low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad", where=where)
+        for n in ("angle_min", "angle_increment")
+    )
+    near, far = (
+        checks.number(n, getattr(message, n), low=-MAX_PLACE, high=MAX_PLACE, unit="m", where=where)
+        for n in ("range_min", "range_max")
     )
     r = np.asarray(message.ranges, np.float64)
     if step == 0.0:
