@@ -192,7 +192,7 @@ def test_json_and_the_table(tmp_path):
     [
         (["--policies", "antway,nobody"], "policy = 'nobody': must be one of"),
         (["--policies", "sipp/horizon"], "NAME or MODULE:CLASS"),
-        (["--policies", "sipp/colour=red"], "options that it has"),
+        (["--policies", "sipp/colour=red"], "the options of policy sipp are"),
         (["--policies", "no.such.module:Thing"], "can be imported"),
         (["--engine", "steam"], "local, ray"),
         (["--episodes", "0"], "episodes = 0"),

@@ -98,7 +98,7 @@ def test_a_ros_map_is_opened_with_its_picture(page: Any, tmp_path: Path) -> None
         "image: hall.pgm\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     page.set_input_files("#files", tmp_path / "hall.yaml")
-    expect(page, "#notice").to_contain_text("hall.pgm")
+    expect(page, "#notice").to_contain_text("hall.yaml is the description of a map: choose its picture too")
     page.set_input_files("#files", [tmp_path / "hall.yaml", tmp_path / "hall.pgm"])
     expect(page, "#scene option:checked").to_have_text("hall")
     expect(page, "#notice").to_be_hidden()

@@ -461,9 +461,11 @@ def test_the_page_is_opened_in_the_browser_by_default(monkeypatch: pytest.Monkey
     command = [sys.executable, "-c", "from antway.cli import main; main()", "serve", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        printed = re.search(r"http://127\.0\.0\.1:\d+/", process.stdout.readline())
-        assert printed is not None and process.stdout.readline() == f"opened {printed[0]}\n"
-        process.terminate()
+        try:
+            printed = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", process.stdout.readline())
+            assert printed is not None and process.stdout.readline() == f"opened {printed[0]}\n"
+        finally:
+            process.terminate()
 
 
 def test_an_interrupt_ends_the_server_quietly() -> None:

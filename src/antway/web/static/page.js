@@ -163,18 +163,23 @@ function openFiles(files) {
   if (ends(".yaml", ".yml") && !image) return busy(""), notice(`${files[0].name} is the description of a map: choose its picture too`);
   if (!image || ends(".yaml", ".yml")) return open();
   busy("");
-  const box = byId("pixel-box");
-  byId("pixel-open").onclick = () => {
-    const size = Number(byId("pixel").value);
-    byId("pixel").setAttribute("aria-invalid", String(!(size > 0)));
-    if (!(size > 0)) return;
-    box.close();
-    busy("opening …");
-    image.resolution = size;
-    open();
-  };
-  byId("pixel-drop").onclick = () => box.close();
-  box.showModal();
+  page.pictured = { files, image };
+  byId("pixel-box").showModal();
+}
+
+// Open the picture whose pixels are as large as was said.
+function openPicture() {
+  if (!sized()) return;
+  byId("pixel-box").close();
+  busy("opening …");
+  page.pictured.image.resolution = Number(byId("pixel").value);
+  request({ op: "open", files: page.pictured.files });
+}
+
+function sized() {
+  const right = Number(byId("pixel").value) > 0;
+  byId("pixel").setAttribute("aria-invalid", String(!right));
+  return right;
 }
 
 function picture() {
@@ -245,6 +250,9 @@ function listen() {
   });
   on("ask-open", "click", openOffered);
   on("ask-drop", "click", () => byId("ask-box").close());
+  on("pixel", "input", sized);
+  on("pixel-open", "click", openPicture);
+  on("pixel-drop", "click", () => byId("pixel-box").close());
   on("close-link", "click", () => byId("link-box").close());
   on("link-box", "close", () => (byId("copy").textContent = "Copy"));
   on("parameters", "submit", (event) => event.preventDefault());
