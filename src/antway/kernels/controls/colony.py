@@ -116,6 +116,33 @@ def shift(archive: Archive) -> None:
 
 
 @inner_kernel
+def vary(
+    out: NDArray[np.float64],
+    guide: NDArray[np.float64],
+    spread: NDArray[np.float64],
+    breath: float,
+    least: tuple[float, float],
+    block: int,
+    limits: RobotLimits,
+    state: State,
+) -> None:
+    """Draw a sequence around a guide, one normal number for each block and control, within the robot's limits.
+
+    Its standard deviation is `breath` times `spread`, float64[B, 2], by block and control, and no less than `least`.
+    """
+    holonomic = limits.drive == HOLONOMIC
+    slowest = -limits.v_max if holonomic else -limits.v_reverse
+    turn = limits.v_max if holonomic else limits.turn_rate
+    da, db = 0.0, 0.0
+    for k in range(len(out)):
+        if k % block == 0:
+            da = normal(state) * max(breath * spread[k // block, 0], least[0])
+            db = normal(state) * max(breath * spread[k // block, 1], least[1])
+        out[k, 0] = min(max(guide[k, 0] + da, slowest), limits.v_max)
+        out[k, 1] = min(max(guide[k, 1] + db, -turn), turn)
+
+
+@inner_kernel
 def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: State) -> None:
     """Draw one ant around a guide."""
     n = archive.used[0]
@@ -124,19 +151,9 @@ def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: S
         rank = int(abs(normal(state)) * colony.choosiness * len(archive.cost))
     guide = archive.order[rank]
     curious = uniform(state) < colony.curious
-    low_a = colony.wide_a if curious else colony.least_a
-    low_b = colony.wide_b if curious else colony.least_b
-    holonomic = limits.drive == HOLONOMIC
-    slowest = -limits.v_max if holonomic else -limits.v_reverse
-    turn = limits.v_max if holonomic else limits.turn_rate
-    da, db = 0.0, 0.0
-    for k in range(len(archive.ant)):
-        if k % colony.block == 0:
-            i = k // colony.block
-            da = normal(state) * max(colony.breath * archive.spread[guide, i, 0], low_a)
-            db = normal(state) * max(colony.breath * archive.spread[guide, i, 1], low_b)
-        archive.ant[k, 0] = min(max(archive.sequence[guide, k, 0] + da, slowest), limits.v_max)
-        archive.ant[k, 1] = min(max(archive.sequence[guide, k, 1] + db, -turn), turn)
+    least = (colony.wide_a, colony.wide_b) if curious else (colony.least_a, colony.least_b)
+    spread = archive.spread[guide]
+    vary(archive.ant, archive.sequence[guide], spread, colony.breath, least, colony.block, limits, state)
 
 
 @inner_kernel

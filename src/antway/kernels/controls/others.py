@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, below
-from antway.kernels.controls.colony import Archive, ColonySettings, insert, normal, take, take_seeds
+from antway.kernels.controls.colony import Archive, ColonySettings, insert, take, take_seeds, vary
 from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
 
 
@@ -27,24 +27,23 @@ class Averaging(NamedTuple):
 
 
 @kernel
-def _vary(
-    out: NDArray[np.float64],
-    guide: NDArray[np.float64],
-    spread: NDArray[np.float64],
+def _seed(
+    archive: Archive,
     block: int,
+    start: NDArray[np.float64],
     limits: RobotLimits,
-    state: State,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    weights: CostWeights,
 ) -> None:
-    """Draw a sequence around a guide, one normal number for each block and control."""
-    holonomic = limits.drive == HOLONOMIC
-    slowest = -limits.v_max if holonomic else -limits.v_reverse
-    turn = limits.v_max if holonomic else limits.turn_rate
-    da, db = 0.0, 0.0
-    for k in range(len(out)):
-        if k % block == 0:
-            da, db = normal(state) * spread[k // block, 0], normal(state) * spread[k // block, 1]
-        out[k, 0] = min(max(guide[k, 0] + da, slowest), limits.v_max)
-        out[k, 1] = min(max(guide[k, 1] + db, -turn), turn)
+    """Empty the archive, then take in the best sequence that it had and the seeds."""
+    last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
+    archive.used[0] = 0
+    if n > 0:
+        archive.ant[:] = last
+        take(archive, block, start, limits, dt, field, outlook, weights)
+    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
 
 
 @kernel
@@ -66,12 +65,7 @@ def average(
     the cross-entropy method (Rubinstein and Kroese 2004), whose spread is that of its elite.
     """
     mean, spread, block = averaging.mean, averaging.spread, colony.block
-    last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
-    archive.used[0] = 0
-    if n > 0:
-        archive.ant[:] = last
-        take(archive, block, start, limits, dt, field, outlook, weights)
-    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
+    _seed(archive, block, start, limits, dt, field, outlook, weights)
     mean[:] = archive.sequence[archive.order[0]]
     spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
     for _ in range(colony.rounds):
@@ -79,7 +73,7 @@ def average(
             if i == 0:
                 averaging.drawn[i] = mean
             else:
-                _vary(averaging.drawn[i], mean, spread, block, limits, state)
+                vary(averaging.drawn[i], mean, spread, 1.0, (0.0, 0.0), block, limits, state)
             known = start, limits, dt, field, outlook, weights, math.inf, archive.nothing
             averaging.cost[i] = judge(averaging.drawn[i], *known)
         order = np.argsort(averaging.cost[: colony.ants])
@@ -124,18 +118,13 @@ def restart(
 ) -> float:
     """Do as `forage`, but without an archive: each sequence is drawn anew around some seed, and the best of all is kept."""
     spread, block = averaging.spread, colony.block
-    last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
-    archive.used[0] = 0
-    if n > 0:
-        archive.ant[:] = last
-        take(archive, block, start, limits, dt, field, outlook, weights)
-    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
+    _seed(archive, block, start, limits, dt, field, outlook, weights)
     spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
     best = archive.cost[archive.order[0]]
     averaging.mean[:] = archive.sequence[archive.order[0]]
     for _ in range(colony.rounds * colony.ants):
         guide = archive.sequence[archive.order[below(state, archive.used[0])]]
-        _vary(archive.ant, guide, spread, block, limits, state)
+        vary(archive.ant, guide, spread, 1.0, (0.0, 0.0), block, limits, state)
         cost = judge(archive.ant, start, limits, dt, field, outlook, weights, best, archive.nothing)
         if cost < best:
             best = cost
