@@ -168,9 +168,10 @@ def stop_for(
 
 
 @bare_kernel
-def nearby(x: float, y: float, speed: float, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
+def nearby(x: float, y: float, a: float, b: float, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
     """Copy to `rows` the obstacles that a manoeuvre of one cycle and a stop could come near; return how many."""
     limits, n = robot.limits, 0
+    speed = math.hypot(a, b) if limits.drive == HOLONOMIC else abs(a)
     accelerates = limits.a_max < math.inf
     fastest = min(speed + limits.a_max * robot.dt, limits.v_max) if accelerates else limits.v_max
     if limits.drive != HOLONOMIC:

@@ -162,7 +162,7 @@ def passed_command(
     limits = robot.limits
     wheels = limits.drive != HOLONOMIC
     ca, cb = clip_twist(ca, cb, limits) if wheels else clip_velocity(ca, cb, limits)
-    near = rows[: nearby(x, y, abs(a) if wheels else math.hypot(a, b), robot, tracks, rows)]
+    near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
     free = near if robot.strict else near[:0]
     margin = margin_left(x, y, theta, robot)
     asked = abs(ca) if wheels else math.hypot(ca, cb)
@@ -206,7 +206,7 @@ def first_certified(
 ) -> int:
     """Return the first of `commands`, float64[N, 2], that passes as it is, or 0; else as `passed_command`."""
     wheels = robot.limits.drive != HOLONOMIC
-    near = rows[: nearby(x, y, abs(a) if wheels else math.hypot(a, b), robot, tracks, rows)]
+    near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
     margin = margin_left(x, y, theta, robot)
     for i in range(len(commands)):
         if wheels:
@@ -233,8 +233,7 @@ def passes(
     keep: NDArray[np.float64],
 ) -> bool:
     """Tell whether a command within the robot's limits passes as it is; parameters as in `passed_command`."""
-    wheels = robot.limits.drive != HOLONOMIC
-    near = rows[: nearby(x, y, abs(a) if wheels else math.hypot(a, b), robot, tracks, rows)]
+    near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
     return stop_for(x, y, theta, a, b, ca, cb, robot, margin_left(x, y, theta, robot), near, keep)
 
 
