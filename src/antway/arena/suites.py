@@ -17,7 +17,7 @@ from scipy.ndimage import label
 from antway import checks
 from antway.errors import BadParameter, CellBlocked
 from antway.kernels.base.rng import below, stream, uniform
-from antway.kernels.baselines.oracle import survivors
+from antway.kernels.baselines.oracle import first_contact
 from antway.search.sipp import Sipp
 from antway.tables import OF_FILES, SUITES
 from antway.world.motions import Pursue
@@ -256,17 +256,16 @@ def _arrival(t: NDArray[np.float64], xy: NDArray[np.float64], goal: XY, toleranc
 
 
 def _difficulty(scenario: Scenario, seed: int) -> float:
-    task, robot, chance = (
-        scenario.task,
-        scenario.robot,
-        Chance(seed_of("survival", seed)),
-    )  # this word draws the numbers: another would change them
+    """Return the share of robots at constant velocity, drawn by the seed, that touch nothing in `DRIVE` s."""
+    task, robot = scenario.task, scenario.robot
+    chance = Chance(seed_of("survival", seed))  # this word draws the numbers: another would change them
     inflated = task.grid.inflate(robot.radius)
     free = inflated.to_xy(np.argwhere(~inflated.blocked))
-    robots = np.empty((ROBOTS, 4))
-    for one in robots:
+    trajectories, terrain = scenario.world.timeline(seed, DRIVE).trajectories, terrain_of(task.grid)
+    times, alive = np.array([0.0, DRIVE]), 0
+    for _ in range(ROBOTS):
         angle = chance.turn()
-        one[:2] = free[chance.integer(0, len(free))]
-        one[2:] = robot.v_max * math.cos(angle), robot.v_max * math.sin(angle)
-    trajectories = scenario.world.timeline(seed, DRIVE).trajectories
-    return survivors(robots, robot.radius, DRIVE, terrain_of(task.grid), trajectories) / ROBOTS
+        start = free[chance.integer(0, len(free))]
+        end = start + np.array([math.cos(angle), math.sin(angle)]) * robot.v_max * DRIVE
+        alive += first_contact(times, np.array([start, end]), robot.radius, terrain, trajectories) == math.inf
+    return alive / ROBOTS

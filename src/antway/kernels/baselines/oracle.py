@@ -1,4 +1,4 @@
-"""The first contact of a robot on a given path, and how many robots at constant velocity touch something."""
+"""The first contact of a robot on a given path."""
 
 from __future__ import annotations
 
@@ -50,24 +50,3 @@ def first_contact(
         if contact < math.inf:
             return contact
     return math.inf
-
-
-@kernel
-def survivors(
-    robots: NDArray[np.float64],
-    robot_radius: float,
-    horizon: float,
-    terrain: Terrain,
-    trajectories: Trajectories,
-) -> int:
-    """Count the robots, float64[R, 4] rows of x, y (m), vx, vy (m/s), that touch nothing in `horizon` s at that velocity.
-
-    The other parameters are those of `first_contact`.
-    """
-    alive = 0
-    t, xy = np.array([0.0, horizon]), np.empty((2, 2))
-    for i in range(len(robots)):
-        xy[0] = robots[i, :2]
-        xy[1] = xy[0] + robots[i, 2:] * horizon
-        alive += first_contact(t, xy, robot_radius, terrain, trajectories) == math.inf
-    return alive
