@@ -235,12 +235,12 @@ def _segments(x: float, v: float, **more: float | bool) -> np.ndarray:
 
 
 def test_obstacles_turn_back_at_edges_until_one_is_seen_to_cross_them() -> None:
-    """At an edge a disc is mirrored, or goes on where edges are open; one that reaches beyond by half its radius tells."""
+    """At an edge a disc is mirrored, or goes on where edges are open; one whose centre is beyond the map tells."""
     closed, ended = _segments(7.0, 1.0), _segments(7.0, 1.0, edges=False)
     for rows, last, place in ((closed, -1.0, 4.4), (ended, 1.0, 11.0)):
         t0, t1, x, _, vx = rows[-1, :5]
         assert vx == last and t1 == 4.0 and x + vx * (t1 - t0) == pytest.approx(place)
-    for x, crosses in ((7.7, False), (7.8, False), (7.9, True), (8.6, True), (0.2, False), (0.1, True)):
+    for x, crosses in ((7.7, False), (7.9, False), (8.1, True), (8.6, True), (0.1, False), (-0.1, True)):
         for place in ((x, 4.0), (4.0, x)):
             assert crosses_edge(np.array([[*place, 1.0, 0.0, 0.3, 0.0, 0.0, 1.0]]), OPEN_EDGES) == crosses
     walled = Terrain(OPEN_EDGES.blocked.copy(), 0.0, 0.0, 0.2)
@@ -249,6 +249,18 @@ def test_obstacles_turn_back_at_edges_until_one_is_seen_to_cross_them() -> None:
     margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, False)
     n = predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, walled, NO_PREDICTIONS, out)
     assert out[n - 1, 4] == -1.0  # walls inside the map turn it back in any case
+
+
+def test_a_track_out_of_sight_crosses_no_edge() -> None:
+    """Where a track would be that is not seen any more says nothing of edges; where one is seen does."""
+    grid = Grid(np.zeros((40, 40), np.bool_), 0.2)
+    policy = AntwayPolicy()
+    policy.reset(Task(grid, RobotSpec(), (2.0, 4.0), (6.0, 4.0)), seed=1)
+    for k, seen in ((0, 7.5), (1, 7.6), (2, None), (8, None), (9, 8.1)):
+        assert policy.state.settings.tubes.edges
+        one = Tracks(np.array([3]), np.array([[seen, 1.0]]), np.array([[1.0, 0.0]]), np.array([0.3])) if seen else Tracks.none()
+        policy.act(Observation(0.1 * k, (2.0, 4.0), (0.0, 0.0), 0.0, one))
+    assert not policy.state.settings.tubes.edges
 
 
 def test_room_to_spare_grows_with_time_and_is_never_more_than_there_is() -> None:

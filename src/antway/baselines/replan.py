@@ -132,7 +132,8 @@ class Sipp(Follow):
             out = np.empty((16 * n + 1, 8))
             estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
             terrain = terrain_of(self.task.grid)
-            self.edges = self.edges and not crosses_edge(estimates, terrain)
+            seen = np.column_stack((o.tracks.xy, estimates[:, 2:]))  # not moved on to now: it may have turned back since
+            self.edges = self.edges and not crosses_edge(seen, terrain)
             margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, self.edges)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         body = o.tracks.radius + robot.radius

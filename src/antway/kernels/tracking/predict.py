@@ -47,11 +47,11 @@ def time_shift(margins: TubeMargins) -> float:
 
 @kernel
 def crosses_edge(estimates: NDArray[np.float64], terrain: Terrain) -> bool:
-    """Tell whether a track reaches beyond the map by more than half its radius: who does that does not turn back there."""
+    """Tell whether the centre of a track seen now is beyond the map: who goes there does not turn back at an edge."""
     rows, cols = terrain.blocked.shape
     for k in range(len(estimates)):
-        x, y, out = estimates[k, X] - terrain.x0, estimates[k, Y] - terrain.y0, 0.5 * estimates[k, RADIUS]
-        if min(x, y, cols * terrain.resolution - x, rows * terrain.resolution - y) < out:
+        x, y = estimates[k, X] - terrain.x0, estimates[k, Y] - terrain.y0
+        if min(x, y, cols * terrain.resolution - x, rows * terrain.resolution - y) < 0.0:
             return True
     return False
 
