@@ -6,6 +6,7 @@ wrong, the seconds of processor time that it took (less compilation), and by how
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import sys
@@ -86,7 +87,7 @@ def observation(case: dict[str, Any]) -> None:
     for k in range(5):
         one = case["seen"][k % len(case["seen"])]
         try:
-            tracks = Tracks(one["id"], *(np.reshape(one[part], shape) for part, shape in _SHAPES))
+            tracks = read_tracks(one["tracks"])
             seen = Observation(tracks=tracks, **{key: one[key] for key in _OWN})
             command = policy.act(seen)
             policy.explain()
@@ -99,7 +100,11 @@ def observation(case: dict[str, Any]) -> None:
         raise errors[0]
 
 
-_SHAPES = (("xy", (-1, 2)), ("velocity", (-1, 2)), ("radius", (-1,)))
+def read_tracks(given: dict[str, Any]) -> Tracks:
+    """Return the tracks of a case."""
+    return Tracks(given["id"], np.reshape(given["xy"], (-1, 2)), np.reshape(given["velocity"], (-1, 2)), given["radius"])
+
+
 _OWN = ("t", "xy", "velocity", "heading", "stamp", "turn_rate")
 
 
@@ -119,11 +124,8 @@ def message(case: dict[str, Any]) -> None:
         except BadInput:
             pass
         tracks = Tracks.none()
-        try:
-            marks = Tracks(one["id"], *(np.reshape(one[part], shape) for part, shape in _SHAPES))
-            _, tracks = convert.read_markers(convert.markers_message(marks, t))
-        except BadInput:
-            pass
+        with contextlib.suppress(BadInput):
+            _, tracks = convert.read_markers(convert.markers_message(read_tracks(one["tracks"]), t))
         pilot.scan = (t, tracks)
         x, y, yaw, vx, vy, rate = one["odometry"]
         twist = SimpleNamespace(linear=SimpleNamespace(x=vx, y=vy, z=0.0), angular=SimpleNamespace(x=0.0, y=0.0, z=rate))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import time
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,22 +122,59 @@ def test_a_guard_that_is_gone_means_stop() -> None:
     assert not os.path.exists(folder)
 
 
-def test_the_guard_ends_with_the_process_that_made_it() -> None:
-    """A robot's side that is killed leaves no process behind."""
+def told(path: str):
+    """A driver of motors that writes what it is told, and when, into a file."""
+
+    def drive(command: Command, seen: Observation) -> None:
+        with open(path, "a") as file:
+            file.write(json.dumps([time.monotonic(), seen.t, *(command.twist or command.velocity)]) + "\n")
+
+    return drive
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "inertia"])
+def test_the_guard_stops_the_robot_of_a_process_that_is_killed_and_ends(drive: str, tmp_path: Path) -> None:
+    """Who senses and plans is killed in the drive: the guard brakes at once, to a stand, and leaves nothing behind."""
     program = (
-        "import numpy as np, os\nfrom antway import Grid, RobotSpec, Task\n"
-        "from antway.policies.guard_process import GuardProcess\n"
-        "task = Task(Grid(np.zeros((9, 9), bool)), RobotSpec(), (2.0, 2.0), (6.0, 6.0))\n"
-        "guard = GuardProcess(task)\nprint(guard.process.pid, flush=True)\nos.kill(os.getpid(), 9)\n"
+        "import json, os, time\nfrom functools import partial\n"
+        "from antway import Command, Observation, Task, Tracks\nfrom antway.policies.guard_process import GuardProcess\n"
+        "from guard_drives import ROBOTS\nfrom test_guard_process import TASK, told\n"
+        f"task = Task(TASK.grid, ROBOTS[{drive!r}], TASK.start, TASK.goal)\n"
+        f"guard = GuardProcess(task, slack=0.1, emit=partial(told, {str(tmp_path / 'told')!r}))\n"
+        "number = guard.observe(Observation(1.0, (5.0, 5.0), (1.0, 0.0), 0.0, Tracks.none()))\n"
+        "assert guard.limit(number, Command((1.0, 0.0))).did == 'free'\n"
+        "print(json.dumps([guard.process.pid, guard.folder, time.monotonic()]), flush=True)\nos.kill(os.getpid(), 9)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
-    pid, until = int(done.stdout), time.monotonic() + 30.0
+    paths = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=os.environ | {"PYTHONPATH": paths}
+    )
+    (pid, folder, killed), until = json.loads(done.stdout), time.monotonic() + 30.0
     while os.path.exists(f"/proc/{pid}") and time.monotonic() < until:
         time.sleep(0.05)
-    assert not os.path.exists(f"/proc/{pid}")
+    assert not os.path.exists(f"/proc/{pid}") and not os.path.exists(folder)
+    sent = [json.loads(line) for line in (tmp_path / "told").read_text().splitlines()]
+    speeds = [abs(one[2]) for one in sent]
+    assert sent[0][1:] == [1.0, 1.0, 0.0] and speeds[1] < 1.0 and speeds[-1] == 0.0
+    assert all(b <= a for a, b in pairwise(speeds)) and sent[1][0] - killed < PERIOD
+    assert np.allclose(np.diff([one[1] for one in sent]), PERIOD)
 
 
-@pytest.mark.parametrize("wrong", [{"deadline": 0.0}, {"deadline": 2.0}, {"emit": 3}, {"mode": "x"}, {"task": None}])
+def test_a_guard_rests_when_it_is_told_to(process: GuardProcess) -> None:
+    """It does not brake on while the robot is told to stand by others, and answers the next observation."""
+    process.reset(TASK)
+    number = process.observe(seen(0.0, velocity=(1.0, 0.0)))
+    assert process.limit(number, Command((1.0, 0.0))).did == "free"
+    process.rest(number)
+    before = process.link.views["answer"][6]
+    time.sleep(3 * PERIOD)
+    assert process.link.views["answer"][6] == before
+    assert process.limit(process.observe(seen(1.0)), Command((0.5, 0.0))).did == "free"
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"deadline": 0.0}, {"deadline": 2.0}, {"slack": -1.0}, {"emit": 3}, {"mode": "x"}, {"task": None}]
+)
 def test_wrong_settings_raise(wrong: dict) -> None:
     """They are refused before a process starts, or end it."""
     with pytest.raises(BadInput):

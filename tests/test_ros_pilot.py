@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import time
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -13,13 +15,14 @@ import pytest
 from antway import Grid, Moves
 from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
+from antway.policies.guard_process import GuardProcess
 from antway.ros2 import nav2
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_within, tracking
-from antway.ros2.pilot import STAND, End, Goal, Pilot
+from antway.ros2.pilot import OK, STAND, End, Goal, Pilot
 from antway.ros2.settings import Settings, defaults, parameters, refused
 from antway.ros2.tours import find_tour
-from antway.world.policy import Tracks
+from antway.world.policy import Task, Tracks
 from common import cases, random_grid
 
 ROOM = Grid(np.zeros((40, 60), bool), 0.2)
@@ -454,3 +457,42 @@ def test_wheels_turn_to_the_goals_yaw() -> None:
         rate = answer.command.twist[1]
         heading, t = heading + 0.1 * rate, t + 0.1
     assert answer.end is End.ARRIVED and abs(heading - 2.0) <= 0.1
+
+
+# The guard's process
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs sockets of Unix")
+def test_the_guards_process_sends_what_the_pilot_says():
+    """With the guard's process the pilot drives as without it; when that is killed, it stands, says so, and never raises."""
+    task = Task(ROOM, settings().robot, (2.0, 2.0), (9.0, 6.0))
+    with GuardProcess(task, slack=0.05, mode=settings().policy["mode"]) as keeper:
+        guarded, plain = Pilot(settings(), keeper), Pilot(settings())
+        xy = (2.0, 2.0)
+        for pilot in (guarded, plain):
+            pilot.chart(ROOM)
+            pilot.go(Goal((9.0, 6.0), hurried=False))
+        for k in range(20):
+            t = 50.0 + 0.1 * k
+            tracks = Tracks(np.array([1]), np.array([[5.0, 6.0 - 0.05 * k]]), np.array([[0.0, -0.5]]), np.array([0.3]))
+            for pilot in (guarded, plain):
+                pilot.scan = (t, tracks)
+            answers = [pilot.hear(t, xy, plain.command.velocity, 0.0, t) for pilot in (guarded, plain)]
+            if answers[0].level == OK:  # this machine may be too slow for it
+                assert answers[0].reason == answers[1].reason
+                assert answers[0].command.velocity == pytest.approx(answers[1].command.velocity, abs=1e-12)
+                number = guarded.number
+                assert number > 0 and keeper.link.replied(number).command == answers[0].command
+            xy = tuple(a + 0.1 * v for a, v in zip(xy, answers[1].command.velocity, strict=True))
+        guarded.rest()
+        assert guarded.number == 0
+        time.sleep(0.3)
+        assert keeper.link.replied(number).did == "free", "it rests, and brakes no more"
+        keeper.process.kill()
+        keeper.process.wait()
+        for _ in range(2):
+            t += 0.1
+            guarded.scan = (t, NOBODY)
+            answer = guarded.hear(t, xy, (0.0, 0.0), 0.0, t)
+            assert not answer.drives and "guard's process" in answer.reason
+            guarded.policy = None  # and it cannot set out either

@@ -3,7 +3,7 @@
 Three sides share a file in memory. The robot's side writes what is seen; the planner's side writes the command it asks for; the
 guard's process answers each observation with the command that passes: the planner's, or, where none comes in time, the next one
 of the stop that the guard keeps certified. Nav2's collision monitor is the model. Where observations cease as well, because one
-process reads the sensors and plans, the guard brakes all the same.
+process reads the sensors and plans, the guard brakes all the same; where that process is gone, it stops the robot, then ends.
 
 Examples
 --------
@@ -31,6 +31,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -45,7 +46,8 @@ from antway.world.policy import Command, Observation, Policy, Task, Tracks
 MAX_TRACKS = 1024  # of an observation
 _PENDING = 128  # commands on their way to the robot
 _OBSERVATION = 13  # numbers of an observation without its tracks
-_SILENT = "silent"
+SILENT = "silent"
+_PATIENCE = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
 _PARTS = {  # what lies in the shared memory: type and shape
     "observation": ("<f8", (_OBSERVATION,)),
     "names": ("<i8", (MAX_TRACKS,)),
@@ -56,9 +58,11 @@ _PARTS = {  # what lies in the shared memory: type and shape
     "pending": ("<f8", (_PENDING, 2)),
     "asked": ("<f8", (5,)),
     "answer": ("<f8", (8,)),
+    "rest": ("<f8", (1,)),
 }
 _TRACKS = ("names", "xy", "velocity", "radius")
 _SIZE = sum(math.prod(shape) * 8 for _, shape in _PARTS.values())
+Driver = Callable[[Command, Observation], None]  # takes a command that passes, and what it answers, to the motors
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +119,14 @@ class Link:
             except OSError:
                 pass
 
-    def wait(self, until: float) -> None:
-        """Return when the bell rings, or at time `until` s of the steady clock."""
-        if self.poll.poll(max((until - time.monotonic()) * 1e3, 0.0)):
+    def wait(self, until: float) -> bool:
+        """Return when the bell rings, or at time `until` s of the steady clock; True if what else is polled has something."""
+        ready = self.poll.poll(max((until - time.monotonic()) * 1e3, 0.0))
+        if ready:
             with contextlib.suppress(OSError):
                 while True:
                     self.bell.recv(1)
+        return any(number != self.bell.fileno() for number, _ in ready)
 
     def _cleared(self, name: str) -> Any:
         view = self.views[name]
@@ -212,9 +218,12 @@ class GuardProcess:
     task : Task
     deadline : float
         Share in (0, 1) of the control period after which a planner that has not answered an observation counts as gone.
-    emit : str
-        module:function that the guard's process calls with each command that passes, as a driver of motors would; it is called
-        without arguments first, and returns what takes the commands. Empty: none.
+    slack : float
+        How much later than one control period after the last the next observation may come, before the guard brakes, s, >= 0.
+    emit : callable or None
+        Opens a driver of motors in the guard's process, where it is called once, without arguments; what it returns takes each
+        command that passes, and the observation that this answers. It travels by pickle: a function of a module, or a
+        `functools.partial` of one.
     guard : of `Guard`
         Its options: mode, timeout, hold, lookahead.
 
@@ -224,13 +233,24 @@ class GuardProcess:
 
     Notes
     -----
-    The process asks for a higher priority where it may. It ends with this object, or with the process that made it.
+    The process asks for a higher priority where it may. It ends with this object, or, once the robot stands, with the process
+    that made it.
     """
 
-    def __init__(self, task: Task, *, deadline: float = 0.7, emit: str = "", **guard: Any) -> None:
+    def __init__(
+        self,
+        task: Task,
+        *,
+        deadline: float = 0.7,
+        slack: float = 0.0,
+        emit: Callable[[], Driver] | None = None,
+        **guard: Any,
+    ) -> None:
         checks.instance("task", task, Task)
         self.deadline = checks.number("deadline", deadline, low=0.0, high=1.0, open_low=True)
-        checks.instance("emit", emit, str)
+        self.slack = checks.number("slack", slack, low=0.0, unit="s")
+        if emit is not None and not callable(emit):
+            raise BadParameter("emit", emit, "what can be called, or None")
         Guard(**guard)  # what it refuses is refused here
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
         self.folder = tempfile.mkdtemp(prefix="antway-", dir=shared)
@@ -239,7 +259,7 @@ class GuardProcess:
         command = [sys.executable, "-c", "from antway.policies.guard_process import main; main()"]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         try:
-            self._tell((self.folder, self.deadline, emit, guard, os.getpid()))
+            self._tell((self.folder, self.deadline, self.slack, emit, guard, os.getpid()))
             self.reset(task)
         except BaseException:
             self.close()
@@ -254,7 +274,8 @@ class GuardProcess:
         """Begin a new drive, and return when the guard is ready for it; observations count on."""
         assert self.process.stdout is not None
         self.task = task
-        self._tell(task)
+        with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready, either
+            self._tell(task)
         self.link.ring("guard")
         if not self.process.stdout.readline():
             raise BadParameter("task", task, "such that the guard's process takes it up")
@@ -275,17 +296,32 @@ class GuardProcess:
                 return found
             if time.monotonic() >= until:
                 twist = (0.0, 0.0) if self.task.robot.wheels and not self.task.robot.stepwise else None
-                return Answer(number, Command((0.0, 0.0), twist), _SILENT)
+                return Answer(number, Command((0.0, 0.0), twist), SILENT)
             self.link.wait(until)
+
+    def limit(self, number: int, command: Command | None) -> Answer:
+        """Return what passes of a command that a planner in this process asks for in answer to that observation."""
+        self.link.ask(number, command)
+        self.link.ring("guard")
+        return self.answer(number)
+
+    def rest(self, number: int) -> None:
+        """Let the guard be silent until the next observation: that of this number was the last before the robot stands."""
+        self.limit(number, None)
+        self.link.views["rest"][0] = number
+        self.link.ring("guard")
 
     def close(self) -> None:
         """End the process."""
-        self.process.kill()
-        self.process.wait()
+        self.link.views["rest"][0] = self.number
         for pipe in (self.process.stdin, self.process.stdout):
             if pipe is not None:
                 with contextlib.suppress(OSError):
                     pipe.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(_PATIENCE)
+        self.process.kill()
+        self.process.wait()
         self.link.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -312,11 +348,14 @@ def plan_for(folder: str, policy: Policy) -> None:
 class _Server:
     """The guard's process."""
 
-    def __init__(self, folder: str, deadline: float, emit: str, options: dict[str, Any], parent: int) -> None:
-        self.link, self.guard, self.deadline, self.parent = Link(folder, "guard"), Guard(**options), deadline, parent
-        self.emit = _function(emit)() if emit else None
-        self.number, self.last = 0, 0.0  # of the last observation, and when it came
-        self.seen: Observation | None = None
+    def __init__(
+        self, folder: str, deadline: float, slack: float, emit: Callable[[], Driver] | None, options: dict[str, Any], maker: int
+    ) -> None:
+        self.link, self.guard, self.deadline, self.slack = Link(folder, "guard"), Guard(**options), deadline, slack
+        self.link.poll.register(0, select.POLLIN)
+        self.emit, self.maker = None if emit is None else emit(), maker
+        self.number, self.due = 0, 0.0  # of the last observation, and when there should be something newer
+        self.seen: Observation | None = None  # the last observation; None while the robot rests
         self.task: Task | None = None
 
     def reset(self, task: Task) -> None:
@@ -330,48 +369,60 @@ class _Server:
         found = self.link.observed(self.number)
         self.number = self.number if found is None else found[0]
 
-    def turn(self) -> None:
+    def turn(self, task: Task) -> None:
         """Answer the next observation, or brake where none comes."""
-        assert self.task is not None
-        dt = self.task.robot.dt
         found = self.link.observed(self.number)
-        if found is None:
-            late = self.seen is not None and time.monotonic() >= self.last + dt
-            if late and self.seen is not None:
-                self.last += dt
-                self.seen = replace(self.seen, t=self.seen.t + dt)
-                self.give(self.guard.passed(self.seen, None))
-            else:
-                self.link.wait(self.last + dt if self.seen is not None else time.monotonic() + 1.0)
-            return
-        self.last = time.monotonic()
-        self.number, self.seen = found
-        until = self.last + self.deadline * dt
-        done, command = self.link.asked(self.number)
+        if found is not None:
+            self.answer(task, *found)
+        elif self.seen is None or self.link.views["rest"][0] == self.number:
+            self.seen = None
+            self.link.wait(time.monotonic() + 1.0)
+        elif time.monotonic() < self.due + self.slack:
+            self.link.wait(self.due + self.slack)
+        else:
+            self.brake(task)
+
+    def answer(self, task: Task, number: int, seen: Observation) -> None:
+        """Wait for the planner's command, for so long as it may take, and hand on what passes."""
+        now = time.monotonic()
+        until, self.due = now + self.deadline * task.robot.dt, now + task.robot.dt
+        self.number, self.seen = number, seen
+        done, command = self.link.asked(number)
         while not done and time.monotonic() < until:
-            self.link.wait(until)
-            done, command = self.link.asked(self.number)
+            called = self.link.wait(until)
+            done, command = self.link.asked(number)
+            if called:  # by the robot's side, whose task is over, or which is gone
+                break
         try:
-            passed = self.guard.limit(self.seen, command)
+            passed = self.guard.limit(seen, command)
         except BadInput:  # an observation that makes no sense
             self.guard.did = DID[2]
-            passed = self.guard.passed(replace(self.seen, stamp=-math.inf, heading=0.0), None)
+            passed = self.guard.passed(replace(seen, stamp=-math.inf, heading=0.0), None)
         self.give(passed)
+
+    def brake(self, task: Task) -> None:
+        """Hand on the next command of the stop: an observation is missing."""
+        assert self.seen is not None
+        self.due += task.robot.dt
+        self.seen = replace(self.seen, t=self.seen.t + task.robot.dt)
+        self.give(self.guard.passed(self.seen, None))
+
+    def leave(self) -> None:
+        """Stop the robot, if it drives: the process that made this one is gone."""
+        if self.task is None or self.seen is None or self.link.views["rest"][0] == self.number:
+            return
+        robot = self.task.robot
+        for _ in range(math.ceil((robot.stop_time + robot.latency) / robot.dt) + 2):
+            self.brake(self.task)
+            time.sleep(robot.dt)
 
     def give(self, passed: Command) -> None:
         """Hand on the command that passes."""
+        assert self.seen is not None
         self.link.reply(self.number, passed, self.guard.did)
         self.link.ring("robot")
         if self.emit is not None:
-            self.emit(passed)
-
-
-def _function(name: str) -> Any:
-    """Return the function module:name."""
-    from importlib import import_module
-
-    module, _, attribute = name.partition(":")
-    return getattr(import_module(module), attribute)
+            self.emit(passed, self.seen)
 
 
 def main() -> None:
@@ -381,11 +432,13 @@ def main() -> None:
     incoming, out = open(0, "rb", closefd=False), os.dup(1)  # noqa: SIM115 - for as long as the process lives
     os.dup2(2, 1)  # what anything prints is no answer
     server = _Server(*pickle.load(incoming))
-    while os.getppid() == server.parent:
+    while os.getppid() == server.maker:
         if server.task is not None and not select.select([incoming], [], [], 0.0)[0]:
-            server.turn()
+            server.turn(server.task)
         elif incoming.peek(1):
             server.reset(pickle.load(incoming))
             os.write(out, b"ready\n")
         else:
-            break  # the robot's side has ended
+            break
+    server.leave()
+    shutil.rmtree(server.link.folder, ignore_errors=True)

@@ -8,6 +8,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib.util import find_spec
 from typing import Any, TypeVar
 
@@ -25,8 +26,10 @@ from antway.errors import BadInput, BadMap, BadParameter
 from antway.grid import Grid
 from antway.planning import Problem, solve
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.guard_process import GuardProcess
 from antway.ros2 import convert, frames
 from antway.ros2.actions import Served
+from antway.ros2.driver import open_driver, stamp_twist, twist_type
 from antway.ros2.frames import Pose
 from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
@@ -36,7 +39,7 @@ from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
 from antway.ros2.settings import LASER, Settings, parameters
 from antway.ros2.tf import Transforms
 from antway.world.episode import run
-from antway.world.policy import Decision, Tracks
+from antway.world.policy import Decision, Task, Tracks
 from antway.world.scenario import Scenario
 from antway.world.world import World
 
@@ -114,7 +117,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         place = World(Grid(np.zeros((8, 8), bool)))
         run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
         solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
-        self.pilot, self.tracker = Pilot(settings), Tracker()
+        self.tracker = Tracker()
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; by the first scan that is forgotten
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
@@ -129,7 +132,10 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.parts.append((self.destroy_lifecycle_publisher, made))
             return made
 
-        self.cmd_vel = publisher("geometry_msgs/msg/TwistStamped" if settings.stamped else "geometry_msgs/msg/Twist", "cmd_vel")
+        self.cmd_vel = publisher(twist_type(settings.stamped), "cmd_vel")
+        self.pilot = Pilot(
+            settings, self._guard_process(Task(place.grid, settings.robot, (2.0, 2.0), (6.0, 6.0), **settings.task))
+        )
         self.plan = publisher("nav_msgs/msg/Path", "plan", LATCHED)
         self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", LATCHED)
         self.decisions = publisher("visualization_msgs/msg/MarkerArray", "decisions", LATCHED)
@@ -154,6 +160,18 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         for period, tick in ((settings.robot.dt, self._watch), (1.0, self._diagnose)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
         return TransitionCallbackReturn.SUCCESS
+
+    def _guard_process(self, task: Task) -> GuardProcess | None:
+        """Start the guard's process, if there is to be one, which sends commands to where this node sends its own."""
+        settings = self.settings
+        if not settings.guard_process:
+            return None
+        driver = partial(
+            open_driver, self.cmd_vel.topic_name, settings.base_frame if settings.stamped else None, settings.robot
+        )
+        made = GuardProcess(task, slack=settings.robot.dt / 2, emit=driver, mode=settings.policy["mode"])
+        self.parts.append((GuardProcess.close, made))
+        return made
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         """Begin to drive to goals."""
@@ -308,13 +326,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return False
         odometry, settings = self.pilot.odometry, self.settings
         t, _, velocity, heading = odometry if odometry is not None else (0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
-        twist = make("geometry_msgs/msg/Twist")
-        if answer.drives:
-            twist = convert.twist_message(answer.command, velocity, heading, settings.robot, make)
-        if settings.stamped:
-            header = convert.header_message(max(t, 0.0), settings.base_frame, make)
-            twist = make("geometry_msgs/msg/TwistStamped", header=header, twist=twist)
-        self.cmd_vel.publish(twist)
+        if not answer.drives:
+            self.pilot.rest()
+        if not (answer.drives and settings.guard_process):  # else the guard's process has sent it
+            twist = make("geometry_msgs/msg/Twist")
+            if answer.drives:
+                twist = convert.twist_message(answer.command, velocity, heading, settings.robot, make)
+            self.cmd_vel.publish(stamp_twist(twist, t, settings.base_frame if settings.stamped else None))
         self._say(answer.level, answer.reason)
         if answer.end is not None and self.done is not None:
             done, self.done, self.feed = self.done, None, None

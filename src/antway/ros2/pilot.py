@@ -15,6 +15,7 @@ from antway.kernels.base.geometry import wrap
 from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
+from antway.policies.guard_process import SILENT, GuardProcess
 from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
 from antway.ros2.markers import predictions
 from antway.ros2.path import corridor, keeps_within
@@ -76,11 +77,13 @@ class Goal:
 class Pilot:
     """Takes what comes from the robot, in the map's frame, and answers odometry with a command each control period.
 
-    The policy drives in a frame in which the map's yaw is 0; nothing of that shows outside.
+    The policy drives in a frame in which the map's yaw is 0; nothing of that shows outside. With a `keeper`, the guard's
+    process, commands go through that: it takes what passes to the robot itself, and brakes where none comes.
     """
 
-    def __init__(self, settings: Settings) -> None:
-        self.settings = settings
+    def __init__(self, settings: Settings, keeper: GuardProcess | None = None) -> None:
+        self.settings, self.keeper = settings, keeper
+        self.number = 0  # of the observation that the keeper has; 0 while it rests
         self.map: Grid | None = None
         self.inflated: tuple[Grid, Grid] | None = None
         self.goal: Goal | None = None
@@ -215,13 +218,39 @@ class Pilot:
             self.sent if len(self.sent) else None,
         )
         try:
+            self._observe(seen, t)
             command = self.policy.act(seen)
         except BadInput as wrong:
             return self._wait(t, ERROR, str(wrong))
         decision = self.policy.explain()
-        self._send(command.acts(seen, settings.robot))
-        self.command = Command(turn(self.frame[2], command.velocity), command.twist)
+        passed, did = self._passed(command)
+        if did == SILENT:
+            return self._wait(t, ERROR, "the guard's process is silent")
+        self._send(passed.acts(seen, settings.robot))
+        self.command = Command(turn(self.frame[2], passed.velocity), passed.twist)
+        if did == "braked" and decision.guard != did:
+            return Answer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
+
+    # The guard's process
+
+    def _observe(self, seen: Observation, t: float) -> None:
+        """Show the keeper what is seen, with the time `t` s of odometry's clock, before anything is planned."""
+        if self.keeper is not None:
+            self.number = self.keeper.observe(replace(seen, t=t, stamp=t + seen.stamp - seen.t))
+
+    def _passed(self, command: Command) -> tuple[Command, str]:
+        """Return what the keeper lets pass of a command, and what it did; the command as it is without one."""
+        if self.keeper is None:
+            return command, ""
+        answer = self.keeper.limit(self.number, command)
+        return answer.command, answer.did
+
+    def rest(self) -> None:
+        """Keep the keeper from braking on, for the robot is told to stand."""
+        if self.keeper is not None and self.number:
+            self.keeper.rest(self.number)
+            self.number = 0
 
     def _send(self, pair: XY) -> None:
         """Note a command that is on its way to the robot."""
@@ -249,10 +278,15 @@ class Pilot:
         if self.guard is None:
             self.guard = Guard()
             self.guard.reset(task)
+            if self.keeper is not None:
+                self.keeper.reset(task)
         try:
-            command = self.guard.limit(seen, Command(twist=(0.0, rate)))
+            self._observe(seen, t)
+            command, did = self._passed(self.guard.limit(seen, Command(twist=(0.0, rate))))
         except BadInput as wrong:
             return self._wait(t, ERROR, str(wrong))
+        if did == SILENT:
+            return self._wait(t, ERROR, "the guard's process is silent")
         self._send(command.acts(seen, settings.robot))
         self.command = Command((0.0, 0.0), command.twist)
         return Answer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
@@ -273,8 +307,13 @@ class Pilot:
         grid = self.grid
         if goal.path is not None:
             grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
-        policy = AntwayPolicy(**settings.policy)
-        policy.reset(Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task), 0)
+        policy, task = (
+            AntwayPolicy(**settings.policy),
+            Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task),
+        )
+        policy.reset(task, 0)
+        if self.keeper is not None:
+            self.keeper.reset(task)
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:

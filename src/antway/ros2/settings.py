@@ -41,6 +41,10 @@ _OWN: dict[str, tuple[Any, str]] = {
     "wait_timeout": (5.0, "s; follow_path fails when the robot must wait for map, odometry or obstacles for longer."),
     "progress_radius": (0.5, "m; follow_path fails when the robot does not get so far ..."),
     "progress_time": (20.0, "s; ... in so long."),
+    "guard_process": (
+        False,
+        "Run a guard in a process of its own, which sends the commands, and brakes when the node hangs or is killed.",
+    ),
     "stamped": (True, "Whether cmd_vel is a TwistStamped (stamped with the odometry that it answers) or a Twist."),
     "obstacles_type": ("visualization_msgs/msg/MarkerArray", f"Type of the messages on obstacles; {LASER} comes on scan."),
     "obstacles_converter": (
@@ -87,6 +91,7 @@ class Settings:
     wait_timeout: float
     progress_radius: float
     progress_time: float
+    guard_process: bool
     stamped: bool
     obstacles_type: str
     reader: Callable[[Any], Any] | None  # None for laser scans
@@ -127,7 +132,7 @@ class Settings:
             if isinstance(default, float)
         }
         radius = own.pop("obstacle_radius")
-        for name in ("autostart", "stamped"):
+        for name in ("autostart", "guard_process", "stamped"):
             checks.instance(name, values[name], bool)
         for name in ("frame", "base_frame"):
             if not checks.instance(name, values[name], str):
@@ -142,7 +147,10 @@ class Settings:
             map_occupied=checks.integer("map_occupied", values["map_occupied"], low=1, high=100),
             planner=checks.choice("planner", values["planner"], PLANNERS),
             reader=_reader(kind, values["obstacles_converter"], radius),
-            **{n: values[n] for n in ("autostart", "stamped", "frame", "base_frame", "planner_id", "controller_id")},
+            **{
+                n: values[n]
+                for n in ("autostart", "guard_process", "stamped", "frame", "base_frame", "planner_id", "controller_id")
+            },
             obstacles_type=kind,
             **own,
         )

@@ -1,0 +1,45 @@
+"""Sends commands to the robot's base from the guard's process, where a node of its own publishes them."""
+
+from __future__ import annotations
+
+import atexit
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+
+from antway.policies.guard_process import Driver
+from antway.ros2 import convert
+from antway.ros2.messages import load, make
+from antway.world.policy import Command, Observation, RobotSpec
+
+
+def twist_type(stamped: bool) -> str:
+    """Return the type of commands."""
+    return "geometry_msgs/msg/TwistStamped" if stamped else "geometry_msgs/msg/Twist"
+
+
+def stamp_twist(twist: object, t: float, frame: str | None) -> object:
+    """Return a twist in `frame` with the stamp `t` s; as it is where the frame is None."""
+    if frame is None:
+        return twist
+    return make("geometry_msgs/msg/TwistStamped", header=convert.header_message(max(t, 0.0), frame, make), twist=twist)
+
+
+def open_driver(topic: str, frame: str | None, robot: RobotSpec) -> Driver:
+    """Open a publisher of commands on `topic`; stamped ones in `frame`, others if it is None."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("antway_guard", enable_rosout=False, start_parameter_services=False)
+    publisher = node.create_publisher(load(twist_type(frame is not None)), topic, 10)
+
+    def drive(command: Command, seen: Observation) -> None:
+        """Publish a command; the frame in which it and the observation are given cancels out."""
+        twist = convert.twist_message(command, seen.velocity, seen.heading, robot, make)
+        publisher.publish(stamp_twist(twist, seen.t, frame))
+
+    def close() -> None:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+    atexit.register(close)
+    convert.twist_message(Command((0.1, 0.0)), (0.0, 0.0), 0.0, robot, make)  # compiles what it needs
+    return drive

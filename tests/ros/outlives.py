@@ -1,0 +1,94 @@
+"""Run in the ROS environment: a node that is stopped on the way, time and again, and at last killed; prints how it braked.
+
+The robot moves in real time. Arguments: how many times the node is stopped, the control period in s, the command of the node.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import rclpy
+from harness import Robot, end
+
+from antway import Grid
+from antway.world.policy import Observation, Tracks
+
+ENDS = ((2.0, 2.0), (18.0, 18.0))
+RATE = 20.0  # Hz, of odometry
+
+
+class Base(Robot):
+    """Drives as the newest command says, on wheels or in any direction, and notes when each came."""
+
+    def __init__(self) -> None:
+        super().__init__(pictures=False)
+        self.xy, self.heading, self.v, self.commands = np.array(ENDS[0]), math.pi / 4, (0.0, 0.0, 0.0), []
+        self.now = self.due = time.monotonic()
+
+    def on_twist(self, message) -> None:
+        super().on_twist(message)
+        linear, angular = message.twist.linear, message.twist.angular
+        self.v = linear.x, linear.y, angular.z
+        self.commands.append((time.monotonic(), math.hypot(linear.x, linear.y), abs(angular.z)))
+
+    def drive(self, true, patience: float) -> bool:
+        """Move and send what is sensed until `true()`; False if that does not come in so many s."""
+        until = time.monotonic() + patience
+        while not true():
+            rclpy.spin_once(self, timeout_sec=0.002)
+            now = time.monotonic()
+            (x, y, turn), dt, self.now = self.v, now - self.now, now
+            cos, sin = math.cos(self.heading), math.sin(self.heading)
+            self.xy = self.xy + dt * np.array([cos * x - sin * y, sin * x + cos * y])
+            self.heading = math.remainder(self.heading + dt * turn, 2 * math.pi)
+            if now >= self.due:
+                self.due += 1 / RATE
+                velocity = cos * x - sin * y, sin * x + cos * y
+                self.senses(Observation(now, tuple(self.xy.tolist()), velocity, self.heading, Tracks.none()), 0.0)
+            if now > until:
+                return False
+        return True
+
+
+def main(stops: int, period: float, command: list[str]) -> None:
+    rclpy.init()
+    node, rng = subprocess.Popen(command), np.random.default_rng(5)
+    robot, took, rest = Base(), [], []
+    try:
+        robot.meets()
+        robot.charts(Grid(np.zeros((40, 40), bool), 0.5))
+        for k in range(stops + 1):
+            goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
+            fast = lambda: bool(robot.commands) and robot.commands[-1][1] > 0.3  # noqa: E731
+            while not (robot.drive(fast, 5.0) and math.dist(goal, robot.xy) > 6.0):
+                goal = max(ENDS, key=lambda place: math.dist(place, robot.xy))
+                robot.go(goal)
+                robot.commands.clear()
+            robot.drive(lambda: False, float(rng.uniform(0.0, 2 * period)))
+            os.kill(node.pid, signal.SIGSTOP if k < stops else signal.SIGKILL)
+            before, ended = robot.commands[-1], time.monotonic()
+            robot.commands.clear()
+            robot.drive(lambda: len(robot.commands) > 1 and robot.commands[-1][1:] == (0.0, 0.0), 10.0)
+            later = [one for one in robot.commands if one[0] > ended + 0.005 or one[1] < before[1]]
+            took.append(later[0][0] - ended if later else math.inf)
+            rest.append([speed for _, speed, _ in [before, *later]])
+            if k < stops:
+                os.kill(node.pid, signal.SIGCONT)
+                robot.commands.clear()
+        node.wait()
+        robot.drive(lambda: robot.count_publishers("cmd_vel") == 0, 30.0)
+        left = robot.count_publishers("cmd_vel")
+    finally:
+        node.kill()
+        node.wait()
+    end(robot, took=took, speeds=rest, left=left)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), float(sys.argv[2]), sys.argv[3:])
