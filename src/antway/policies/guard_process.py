@@ -47,7 +47,7 @@ MAX_TRACKS = 1024  # of an observation
 _PENDING = 128  # commands on their way to the robot
 _OBSERVATION = 13  # numbers of an observation without its tracks
 SILENT = "silent"
-_PATIENCE = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
+_TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
 _PARTS = {  # what lies in the shared memory: type and shape
     "observation": ("<f8", (_OBSERVATION,)),
     "names": ("<i8", (MAX_TRACKS,)),
@@ -319,7 +319,7 @@ class GuardProcess:
                 with contextlib.suppress(OSError):
                     pipe.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
-            self.process.wait(_PATIENCE)
+            self.process.wait(_TIMEOUT)
         self.process.kill()
         self.process.wait()
         self.link.close()
