@@ -90,7 +90,35 @@ def _naive_cost(
         px, py, left = outlook.plan[k].tolist()
         value = max(_bilinear(field.time, x, y, field.time_frame), 0.0, left + w.off_plan * math.hypot(x - px, y - py))
         cost += w.progress * value
-    return cost + value
+    return cost + value + _naive_lost(now, limits, field)
+
+
+def _naive_lost(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -> float:
+    """Time lost to ramps and turns, driven in small steps: on a ramp to full speed, and turning while at full speed."""
+    x, y, theta, a, b = state
+    cell, h = 1.0 / field.time_frame[2], 1e-4
+    down = [
+        _bilinear(field.time, x - dx, y - dy, field.time_frame) - _bilinear(field.time, x + dx, y + dy, field.time_frame)
+        for dx, dy in ((cell, 0.0), (0.0, cell))
+    ]
+    to_go = max(_bilinear(field.time, x, y, field.time_frame), 0.0)
+
+    def ramp(speed: float, top: float) -> float:
+        left, t = to_go * limits.v_max, 0.0
+        while left > 0.0:
+            left, t, speed = left - speed * h, t + h, min(speed + limits.a_max * h, top)
+        return t - to_go
+
+    if not limits.drive:
+        return ramp(float(np.array([a, b]) @ down / np.hypot(*down)), limits.v_max)
+    lost = []
+    for sign, top in ((1.0, limits.v_max), (-1.0, limits.v_reverse)):
+        course = sign * np.array([math.cos(theta), math.sin(theta)])
+        off, turned = math.acos(min(max(float(course @ down / np.hypot(*down)), -1.0), 1.0)), 0.0
+        while off > 0.0:
+            turned, off = turned + h * (1.0 - math.cos(off)), off - limits.turn_rate * h
+        lost.append(ramp(sign * a, top) + turned)
+    return min(lost)
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])

@@ -177,6 +177,44 @@ def _met(
     return cost
 
 
+@inner_kernel
+def _speeding_up(along: float, top: float, to_go: float, v_max: float, a_max: float) -> float:
+    """Time in s that is lost until wheels at `along` m/s drive at `top` m/s, over a path of `to_go` s at `v_max` m/s."""
+    far, lack = to_go * v_max, max(top - along, 0.0)
+    if 2.0 * a_max * far >= top * top - along * along:
+        return 0.5 * lack * lack / (a_max * top) + far / top - to_go
+    return (math.sqrt(along * along + 2.0 * a_max * far) - along) / a_max - to_go
+
+
+@bare_kernel
+def lost_time(
+    x: float, y: float, c: float, s: float, a: float, b: float, to_go: float, field: StaticField, limits: RobotLimits
+) -> float:
+    """Time in s that a robot loses to ramps and turns against the static time `to_go`, as it drives and points at the end.
+
+    It turns on the way, at full rate: of the angle phi to the steepest descent that costs (phi - sin phi) / rate. Or wheels
+    drive there in reverse, if that takes less.
+    """
+    e = 1.0 / field.time_frame[2]
+    gx = sample(field.time, x - e, y, field.time_frame) - sample(field.time, x + e, y, field.time_frame)
+    gy = sample(field.time, x, y - e, field.time_frame) - sample(field.time, x, y + e, field.time_frame)
+    steep = math.hypot(gx, gy)
+    if steep < 1e-9 or to_go <= 0.0:
+        return 0.0
+    gx, gy = gx / steep, gy / steep
+    if limits.drive == HOLONOMIC:
+        return _speeding_up(a * gx + b * gy, limits.v_max, to_go, limits.v_max, limits.a_max)
+    ahead, radius = c * gx + s * gy, max(limits.turning_radius, 1e-9)
+    phi = math.acos(min(max(ahead, -1.0), 1.0))
+    lost = _speeding_up(a, limits.v_max, to_go, limits.v_max, limits.a_max)
+    lost += (phi - math.sin(phi)) / min(limits.turn_rate, limits.v_max / radius)
+    if limits.v_reverse > 0.0:
+        phi = math.pi - phi
+        back = _speeding_up(-a, limits.v_reverse, to_go, limits.v_max, limits.a_max)
+        lost = min(lost, back + (phi - math.sin(phi)) / min(limits.turn_rate, limits.v_reverse / radius))
+    return lost
+
+
 @bare_kernel
 def judge(
     controls: NDArray[np.float64],
@@ -202,7 +240,8 @@ def judge(
     Notes
     -----
     The time to go from (x, y) at a time is the static one, or what the plan still takes from where it is by then, and the path
-    there, if that is more: behind a moving obstacle the map's time promises too much. A rollout that reaches the goal ends.
+    there, if that is more: behind a moving obstacle the map's time promises too much. At the end of the sequence comes what
+    the robot will lose to ramps and turns. A rollout that reaches the goal ends.
     """
     x, y, a, b = state[SX], state[SY], state[A], state[B]
     c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
@@ -230,7 +269,7 @@ def judge(
         value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))
         cost += w.progress * value
         if k == steps - 1:
-            return cost + value
+            return cost + value + lost_time(x, y, c, s, a, b, to_go, field, limits)
         left = steps - 1 - k
         end = max(to_go - left * dt, 0.0)
         if cost + end + w.progress * left * 0.5 * (to_go + end) > limit:
