@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import time
 
 import numpy as np
 import pytest
@@ -133,3 +134,26 @@ def test_spoilt_bags_are_refused_or_read(tmp_path, storage):
         (tmp_path / "bag" / "metadata.yaml").write_bytes(data)
         with contextlib.suppress(BadInput):
             load_bag_map(tmp_path / "bag")
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        "a0: &a0 [x, x]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)),
+        "b0: &b0 {x: 1}\n" + "".join(f"b{i}: &b{i}\n  <<: [{', '.join([f'*b{i - 1}'] * 50)}]\n" for i in range(1, 7)),
+        "deep: " + "[" * 50_000 + "\n",
+        "  " * 300 + "\n".join("  " * i + f"k{i}:" for i in range(300)) + " 1\n",
+        "long: [" + "x, " * 60_000 + "]\n",
+        "qos: '" + "[" * 5000 + "'\n",
+    ],
+    ids=["lists", "merges", "deep", "indented", "long", "within a text"],
+)
+def test_bombs_in_metadata_are_refused_before_they_go_off(tmp_path, bomb):
+    """References to references, which took minutes, and depth, which took a square of itself: refused at once, typed."""
+    save_bag(sample_trace(steps=4), tmp_path / "bag", storage="sqlite3")
+    about = tmp_path / "bag" / "metadata.yaml"
+    about.write_text(bomb + about.read_text())
+    started = time.process_time()
+    with pytest.raises(BadInput):
+        load_bag_map(tmp_path / "bag")
+    assert time.process_time() - started < 5.0

@@ -1,7 +1,8 @@
 """The one way in which files of others are read: what reading may cost is known beforehand, and is not exceeded.
 
-Bytes taken in are bounded by `opened`, bytes unpacked by `Unpacked`, depth and number of lists by `check_nesting`; numbers in
-text are read a block at a time, so that memory follows from these. The table of all limits is docs/limits.md.
+Bytes taken in are bounded by `opened`, bytes unpacked by `Unpacked`, depth and number of lists by `check_nesting` and
+`check_yaml`; numbers in text are read a block at a time, so that memory follows from these. The table of all limits is
+docs/limits.md.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from antway.errors import BadInput, BadMap, TooLarge
 from antway.limits import MAX_DEPTH, MAX_LISTS
 
 _DOTTED = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH},}}")
+_PLAIN_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)")
 _BLOCK = 2**20  # bytes of text that are split into words at a time
 
 
@@ -130,6 +133,45 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
         raise TooLarge("key", deep[0], f"of at most {MAX_DEPTH} dotted parts", where=where)
     check_nesting(text, MAX_DEPTH, MAX_LISTS, where)
     return tomllib.loads(text)
+
+
+def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int, error: type[BadInput] = BadMap) -> list[str]:
+    """Parse YAML, without making objects of it; returns its scalars.
+
+    Raises
+    ------
+    TooLarge
+        If there are more pieces, lists within lists or references than this; few references can stand for endless values.
+    error
+        If it is not well-formed, or asks for objects by tags.
+    """
+    letters = np.frombuffer(data, dtype=np.uint8)
+    nested = np.cumsum(np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}")))
+    if nested.max(initial=0) > depth:  # parsers take a square of the depth before they say anything
+        raise TooLarge("YAML depth", int(nested.max()), f"at most {depth}", where=where)
+    deep = references = 0
+    scalars = []
+    try:
+        for count, event in enumerate(yaml.parse(data, Loader=yaml.SafeLoader)):
+            deep += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            references += isinstance(event, yaml.AliasEvent)
+            for name, value, most in (
+                ("YAML events", count, events),
+                ("YAML depth", deep, depth),
+                ("YAML aliases", references, aliases),
+            ):
+                if value > most:
+                    raise TooLarge(name, value, f"at most {most}", where=where)
+            tag = getattr(event, "tag", None)
+            if tag not in (None, "!") and not _PLAIN_TAG.fullmatch(tag):
+                raise error("YAML tag", tag, "none: plain YAML, which makes no objects", where=where)
+            if isinstance(event, yaml.ScalarEvent):
+                scalars.append(event.value)
+    except BadInput:
+        raise
+    except (yaml.YAMLError, OverflowError, ValueError) as fault:
+        raise error("YAML", str(fault), "well-formed", where=where) from None
+    return scalars
 
 
 def numbers_in(

@@ -19,11 +19,11 @@ import yaml
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadInput, BadMap, BadParameter, TooLarge
+from antway.errors import BadInput, BadMap, BadParameter
 from antway.grid import Grid
 from antway.maps.image import pgm, read_grey
 from antway.maps.limits import DEFAULT, Limits, as_path
-from antway.reading import opened
+from antway.reading import check_yaml, opened
 
 UNKNOWN_GREY, FREE_GREY = 205, 254  # what map_saver writes
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", re.ASCII)
@@ -136,29 +136,10 @@ def _describe(path: Path, limits: Limits) -> _Description:
 
 def _fields(data: bytes, where: str, limits: Limits) -> dict[str, object]:
     """Read the top of a YAML mapping as texts, lists of texts, or None for what is neither; makes no objects."""
-    depth = aliases = 0
-    letters = np.frombuffer(data, dtype=np.uint8)
-    nested = np.cumsum(np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}")))
-    if nested.max(initial=0) > limits.yaml_depth:  # PyYAML takes a square of the depth before it says anything
-        raise TooLarge("YAML depth", int(nested.max()), f"at most {limits.yaml_depth}", where=where)
+    check_yaml(data, where, events=limits.yaml_events, depth=limits.yaml_depth, aliases=limits.yaml_aliases)
     try:
-        for count, event in enumerate(yaml.parse(data, Loader=yaml.SafeLoader)):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            aliases += isinstance(event, yaml.AliasEvent)
-            for name, value, most in (
-                ("YAML events", count, limits.yaml_events),
-                ("YAML depth", depth, limits.yaml_depth),
-                ("YAML aliases", aliases, limits.yaml_aliases),
-            ):
-                if value > most:
-                    raise TooLarge(name, value, f"at most {most}", where=where)
-            tag = getattr(event, "tag", None)
-            if tag not in (None, "!") and not re.fullmatch(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)", tag):
-                raise BadMap("YAML tag", tag, "none: a map is plain YAML and makes no objects", where=where)
         top = yaml.compose(data, Loader=yaml.SafeLoader)
-    except BadInput:
-        raise
-    except (yaml.YAMLError, OverflowError, ValueError) as fault:
+    except (yaml.YAMLError, OverflowError, ValueError) as fault:  # two documents, a reference to nothing
         raise BadMap("YAML", str(fault), "well-formed", where=where) from None
     if not isinstance(top, yaml.MappingNode):
         raise BadMap("YAML", data[:40], "a mapping with image, resolution, origin and so on", where=where)

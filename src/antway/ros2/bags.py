@@ -24,16 +24,19 @@ from rosbags.typesys import Stores, get_typestore
 from antway import checks
 from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.grid import Grid
-from antway.reading import is_folder
+from antway.reading import check_yaml, is_file, is_folder, read_bytes
 from antway.ros2 import convert
 from antway.world.policy import Command, RobotSpec, Tracks
 from antway.world.trace import Trace
 
 T = TypeVar("T")
 MAX_BYTES = 2**30  # of a bag
+MAX_METADATA = 2**20  # bytes of its metadata.yaml
+_YAML = {"events": 50_000, "depth": 16, "aliases": 8}  # that its metadata may have
 MAX_MESSAGES = 1_000_000  # that are read of one topic
 STORES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
+_PLAIN = 40  # characters of a text that holds nothing else
 _KINDS = {
     "/map": "nav_msgs/msg/OccupancyGrid",
     "/odom": "nav_msgs/msg/Odometry",
@@ -178,6 +181,12 @@ def _read(
     size = sum(file.stat().st_size for file in Path(path).iterdir() if file.is_file()) if is_folder(Path(path)) else 0
     if size > MAX_BYTES:
         raise TooLarge("bag", f"{size} bytes", f"at most {MAX_BYTES} bytes", where=where)
+    if is_file(Path(path) / "metadata.yaml"):
+        for text in check_yaml(
+            read_bytes(Path(path) / "metadata.yaml", MAX_METADATA, error=error), where, error=error, **_YAML
+        ):
+            if len(text) > _PLAIN:  # the settings of a topic may be YAML within a text
+                check_yaml(text.encode(), where, error=error, **_YAML)
     found = []
     try:
         with AnyReader([Path(path)], default_typestore=_TYPES) as reader:
