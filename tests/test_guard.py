@@ -55,7 +55,14 @@ class Chasers:
 
 
 def play(
-    seed: int, steps: int, a_max: float, kind: str, surge: float, stale: float = 0.0, accel: float = math.inf
+    seed: int,
+    steps: int,
+    a_max: float,
+    kind: str,
+    surge: float,
+    stale: float = 0.0,
+    accel: float = math.inf,
+    names: tuple[int, ...] = (0, 1, 2, 3, 4),
 ) -> dict[str, int]:
     """Play one robot, policy after policy, against chasers; returns how often what happened."""
     rng = np.random.default_rng(seed)
@@ -76,7 +83,7 @@ def play(
         discs.choose(t, xy, velocity)
         if rng.random() >= stale:
             stamp = t
-            seen = Tracks(np.arange(5), discs.xy.copy(), discs.velocity.copy(), discs.radius)
+            seen = Tracks(np.array(names), discs.xy.copy(), discs.velocity.copy(), discs.radius)
         nearest = discs.xy[int(np.argmin(np.hypot(*(discs.xy - xy).T)))] - xy
         towards = nearest / max(math.hypot(*nearest), 1e-9)
         wanted = {
@@ -129,6 +136,14 @@ def test_the_promise_holds_where_velocities_change_no_faster_than_told(a_max: fl
 def test_the_promise_holds_with_lost_scans(a_max: float, kind: str) -> None:
     """With half of the scans lost the promise stands: old tracks count as far as they could have come since."""
     announced = play(2, cases(400, 12_500), a_max, kind, 0.5, stale=0.5)
+    assert announced["moving"] > 20
+
+
+@pytest.mark.parametrize("names", [(7, 7, 7, 7, 7), (2, 7, 7, 2, 3)])
+@pytest.mark.parametrize(("a_max", "kind"), ROBOTS)
+def test_the_promise_holds_where_tracks_share_numbers(a_max: float, kind: str, names: tuple[int, ...]) -> None:
+    """D3: in 60 episodes against chasers that a tracker gives the same numbers, a moving robot touches nothing."""
+    announced = play(4, 40 * cases(8, 1000), a_max, kind, math.inf, names=names)
     assert announced["moving"] > 20
 
 

@@ -435,6 +435,52 @@ def test_nobody_waits_for_what_others_export(monkeypatch: pytest.MonkeyPatch) ->
         asyncio.run(check())
 
 
+def test_two_tabs_of_a_million_steps_a_second_keep_no_third_waiting() -> None:
+    """D11: two tabs play with a control period of 1e-6 s; a third opens, edits and steps meanwhile, which once took 21 s."""
+    room = "map = 'm.txt'\nstart = [1.5, 1.5]\ngoal = [8.5, 8.5]\nhorizon = 0.9\n[robot]\ndt = 1e-6\n"
+    cells = ("." * 10 + "\n") * 10
+    files = [
+        {"name": name, "data": base64.b64encode(text.encode()).decode()} for name, text in (("s.toml", room), ("m.txt", cells))
+    ]
+    with served() as port:
+
+        async def check() -> None:
+            async with live(port, TOKEN) as one, live(port, TOKEN) as two:
+                stop = asyncio.Event()
+
+                async def play(wire: ClientConnection) -> float:
+                    await frame(wire)
+                    await wire.send(json.dumps({"op": "open", "files": files}))
+                    while json.loads(await asyncio.wait_for(wire.recv(), 60))["kind"] != "scene":
+                        pass
+                    await wire.send('{"op":"play","on":true}')
+                    now = await frame(wire)
+                    ready.release()
+                    while not stop.is_set():
+                        now = await frame(wire)
+                    return float(now["views"][0]["t"])
+
+                ready = asyncio.Semaphore(0)
+                busy = [asyncio.create_task(play(wire)) for wire in (one, two)]
+                for _ in busy:
+                    await ready.acquire()
+                times = []
+                async with live(port, TOKEN) as wire:
+                    await frame(wire)
+                    for step in range(1, 11):
+                        started = time.perf_counter()
+                        await wire.send('{"op":"step"}')
+                        while (await frame(wire))["views"][0]["t"] < 0.1 * step - 0.05:
+                            pass
+                        times.append(time.perf_counter() - started)
+                stop.set()
+                played = await asyncio.gather(*busy)
+                assert min(played) > 0.0, "they play on"
+                assert max(times) < 40 * player.SLICE, times
+
+        asyncio.run(check())
+
+
 def test_no_more_tabs_open_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of twelve tabs that open at the same moment, as many get a session as there are, and a place that is left is given on."""
     from antway.web import server
