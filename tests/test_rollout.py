@@ -11,8 +11,9 @@ import pytest
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, run
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.colony import forage, shift
+from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.others import average, restart
-from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, beyond_walls, judge, wall_distance
+from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
@@ -23,6 +24,9 @@ from antway.world.world import Obstacle
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
 HOLONOMIC = RobotSpec(a_max=1.0)
+CORNERS = (-0.3, -0.2), (0.5, -0.2), (0.5, 0.2), (-0.3, 0.2)
+LONG = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, footprint=CORNERS)
+BOXES = RobotSpec(a_max=1.0, footprint=CORNERS)
 
 
 def _task(robot: RobotSpec) -> Task:
@@ -48,6 +52,15 @@ def _bilinear(field: np.ndarray, x: float, y: float, frame: np.ndarray) -> float
     return sum(share * float(field[cell]) for cell, share in weights.items())
 
 
+def _from_footprint(point: np.ndarray) -> float:
+    """Distance in m of a point in the robot's frame from the footprint `CORNERS`, edge by edge; 0 within it."""
+    edges = [(np.array(p), np.array(q)) for p, q in zip(CORNERS, CORNERS[1:] + CORNERS[:1])]
+    if all((q - p)[0] * (point - p)[1] >= (q - p)[1] * (point - p)[0] for p, q in edges):
+        return 0.0
+    along = [min(max((point - p) @ (q - p) / ((q - p) @ (q - p)), 0.0), 1.0) for p, q in edges]
+    return min(math.dist(point, p + share * (q - p)) for share, (p, q) in zip(along, edges))
+
+
 def _naive_cost(
     controls: np.ndarray,
     state: np.ndarray,
@@ -62,8 +75,15 @@ def _naive_cost(
     for k, (ca, cb) in enumerate(controls.tolist()):
         now = drive_cycle(*now, ca, cb, limits, dt)
         x, y, theta, a, b = now
+        theta = theta if limits.drive else float(state[2])  # without wheels a footprint keeps its heading
         decay = math.exp(-w.decay * k * dt)
         wall = _bilinear(field.wall, x, y, field.wall_frame)
+        turn = np.array([[math.cos(theta), math.sin(theta)], [-math.sin(theta), math.cos(theta)]])
+        if len(field.discs):
+            centres = [x, y] + field.discs[:, :2] @ turn
+            wall = max(
+                wall, min(_bilinear(field.wall, *at, field.wall_frame) + less for at, less in zip(centres, field.discs[:, 2]))
+            )
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         speed = abs(a) if limits.drive else math.hypot(a, b)
@@ -74,6 +94,8 @@ def _naive_cost(
         late = w.stopping_time + speed / limits.brake_max
         for cx, cy, contact, wished, top, vx, vy, straight, likely in outlook.disc[k, : outlook.near[k]].tolist():
             away = math.hypot(x - cx, y - cy)
+            if len(field.discs):
+                away = _from_footprint(turn @ [cx - x, cy - y]) + field.box[4]
             cost += w.near * max(wished - away, 0.0)
             if away < likely:
                 cost += decay * w.risk * min((likely - away) / (likely - contact), 1.0) ** 2
@@ -121,7 +143,20 @@ def _naive_lost(state: tuple[float, ...], limits: RobotLimits, field: StaticFiel
     return min(lost)
 
 
-@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+@pytest.mark.parametrize("robot", [LONG, BOXES], ids=["wheels", "holonomic"])
+def test_discs_cover_the_footprint_and_are_no_larger_than_they_must(robot: RobotSpec) -> None:
+    """Each point of the footprint is in a disc; none reaches beyond the footprint by more than a tenth of a metre."""
+    field = _colony(robot).field
+    radius = robot.radius - field.discs[:, 2]
+    body = np.stack(np.meshgrid(np.linspace(-0.3, 0.5, 41), np.linspace(-0.2, 0.2, 21)), -1).reshape(-1, 2)
+    away = np.hypot(*(body[:, None] - field.discs[:, :2]).transpose(2, 0, 1))
+    assert ((away <= radius + 1e-9).any(axis=1)).all()
+    assert (np.abs(field.discs[:, 1]) + radius < 0.3).all() and (field.discs[:, 0] + radius < 0.6).all()
+
+
+@pytest.mark.parametrize(
+    "robot", [WHEELS, HOLONOMIC, LONG, BOXES], ids=["wheels", "holonomic", "long wheels", "long holonomic"]
+)
 def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     colony, rng = _colony(robot), np.random.default_rng(5)
     steps = len(colony.outlook.near)

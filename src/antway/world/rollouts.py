@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits
-from antway.kernels.controls.rollout import StaticField, beyond_walls, wall_distance
+from antway.kernels.controls.fields import beyond_walls, wall_distance
+from antway.kernels.controls.rollout import StaticField
 from antway.kernels.robot.motion import delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
@@ -18,6 +19,7 @@ from antway.world.robots import RobotSpec
 _NODE = 0.05  # m; distances to walls are exact at nodes no farther apart
 _NODES = 4_000_000  # at most
 _LAYERS = 4  # cells by which the time to the goal is continued into walls
+_DISCS = 8  # at most, that cover a footprint's longer side
 _FAST = 1e3  # m/s^2, rad/s^2: as good as at once
 
 RobotState = tuple[float, float, float, float, float]
@@ -66,4 +68,19 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
         time,
         np.array([x + size / 2, y + size / 2, 1.0 / size]),
         np.array([*goal, tolerance]),
+        *_body(robot),
     )
+
+
+def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a box that holds the footprint, and discs that cover it: `StaticField.box` and `StaticField.discs`."""
+    (x0, y0), (x1, y1) = robot.corners.min(axis=0), robot.corners.max(axis=0)
+    box = np.array([x0, x1, y0, y1, robot.radius])
+    if robot.footprint is None:
+        return box, np.empty((0, 3))
+    edge = min(x1 - x0, y1 - y0) / 2.0
+    m, n = (min(max(round(side / edge), 1), _DISCS) for side in (x1 - x0, y1 - y0))
+    radius = math.hypot((x1 - x0) / m, (y1 - y0) / n) / 2.0
+    xs, ys = x0 + (np.arange(m) + 0.5) * (x1 - x0) / m, y0 + (np.arange(n) + 0.5) * (y1 - y0) / n
+    discs = [(x, y, robot.radius - radius) for x in xs for y in ys]
+    return box, np.array(discs)

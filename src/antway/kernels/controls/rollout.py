@@ -24,6 +24,10 @@ class StaticField(NamedTuple):
     time: NDArray[np.float32]  # [H, W] s at the cells' centres
     time_frame: NDArray[np.float64]
     goal: NDArray[np.float64]  # x, y and tolerance, m
+    box: NDArray[np.float64]  # [5] low and high x and y in the robot's frame of a box that holds its footprint, and the radius
+    # of the disc round (0, 0) that does, m
+    discs: NDArray[np.float64]  # [D, 3] x, y of discs that cover that box, and by how much smaller they are than that one, m;
+    # none if the robot is a disc
 
 
 class Outlook(NamedTuple):
@@ -122,6 +126,30 @@ def step(
 
 
 @inner_kernel
+def _clearance(x: float, y: float, c: float, s: float, enough: float, field: StaticField) -> float:
+    """Distance to walls in m, of the disc that holds the robot; below `enough` that of its smaller discs, if it is more."""
+    wall = sample(field.wall, x, y, field.wall_frame)
+    if wall >= enough or len(field.discs) == 0:
+        return wall
+    least = math.inf
+    for i in range(len(field.discs)):
+        dx, dy = field.discs[i, 0], field.discs[i, 1]
+        there = sample(field.wall, x + c * dx - s * dy, y + s * dx + c * dy, field.wall_frame) + field.discs[i, 2]
+        least = min(least, there)
+    return max(wall, least)
+
+
+@inner_kernel
+def _away(dx: float, dy: float, c: float, s: float, box: NDArray[np.float64]) -> float:
+    """Distance in m from the robot's body to a place (-dx, -dy) from its centre, and its radius: as if it were a disc."""
+    ahead, left = -(c * dx + s * dy), s * dx - c * dy
+    out = max(box[0] - ahead, ahead - box[1], 0.0)
+    side = max(box[2] - left, left - box[3], 0.0)
+    away: float = math.hypot(out, side) + box[4]
+    return away
+
+
+@inner_kernel
 def _met(
     x: float,
     y: float,
@@ -129,15 +157,15 @@ def _met(
     s: float,
     a: float,
     b: float,
-    brake: float,
-    wheels: bool,
+    limits: RobotLimits,
     k: int,
     decay: float,
+    field: StaticField,
     outlook: Outlook,
     w: CostWeights,
 ) -> float:
     """Cost of the obstacles at the end of step k: contacts, close passes, and a stop from here that one could cut off."""
-    cost = 0.0
+    cost, wheels, brake = 0.0, limits.drive != HOLONOMIC, limits.brake_max
     speed = abs(a) if wheels else math.hypot(a, b)
     sx, sy, late = x, y, 0.0
     guarded = w.stop > 0.0 and speed > 1e-3
@@ -154,7 +182,7 @@ def _met(
         dx, dy = x - disc[CENTRE_X], y - disc[CENTRE_Y]
         square = dx * dx + dy * dy
         if square < max(disc[WISHED] * disc[WISHED], disc[LIKELY] * disc[LIKELY]):
-            distance = math.sqrt(square)
+            distance = math.sqrt(square) if len(field.discs) == 0 else _away(dx, dy, c, s, field.box)
             cost += w.near * max(disc[WISHED] - distance, 0.0)
             if distance < disc[LIKELY]:
                 share = min((disc[LIKELY] - distance) / (disc[LIKELY] - disc[CONTACT]), 1.0)
@@ -246,18 +274,17 @@ def judge(
     x, y, a, b = state[SX], state[SY], state[A], state[B]
     c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
     steps, rows = len(controls), len(path)
-    wheels = limits.drive != HOLONOMIC
     cost, decay = 0.0, 1.0
     slower = math.exp(-w.decay * dt)
     for k in range(steps):
         x, y, c, s, a, b = step(x, y, c, s, a, b, controls[k, 0], controls[k, 1], limits, dt)
         if k < rows:
             path[k, 0], path[k, 1] = x, y
-        wall = sample(field.wall, x, y, field.wall_frame)
+        wall = _clearance(x, y, c, s, w.wall_margin, field)
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         if outlook.near[k] > 0:
-            cost += _met(x, y, c, s, a, b, limits.brake_max, wheels, k, decay, outlook, w)
+            cost += _met(x, y, c, s, a, b, limits, k, decay, field, outlook, w)
         decay *= slower
         gx, gy = x - field.goal[0], y - field.goal[1]
         if gx * gx + gy * gy < field.goal[2] * field.goal[2]:
@@ -364,83 +391,3 @@ def spread_plan(
             plan[k, 0] = knots[i - 1, 1] + u * (knots[i, 1] - knots[i - 1, 1])
             plan[k, 1] = knots[i - 1, 2] + u * (knots[i, 2] - knots[i - 1, 2])
         plan[k, 2] = arrival - t - trust
-
-
-@kernel
-def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) -> NDArray[np.float32]:
-    """Exact distance in m from each node of a lattice to the nearest blocked cell, a closed square, or edge of the map.
-
-    The lattice has `factor` nodes to a cell's edge, its first at the map's corner. The nearest point of a square to a node is
-    a node itself, so that the distance transform over nodes is exact (Felzenszwalb and Huttenlocher, Theory of Computing 2012).
-    """
-    rows, cols = blocked.shape[0] * factor + 1, blocked.shape[1] * factor + 1
-    far = float(rows + cols) ** 2
-    square = np.full((rows, cols), far)
-    square[0, :] = square[-1, :] = 0.0
-    square[:, 0] = square[:, -1] = 0.0
-    for i in range(blocked.shape[0]):
-        for j in range(blocked.shape[1]):
-            if blocked[i, j]:
-                square[i * factor : (i + 1) * factor + 1, j * factor : (j + 1) * factor + 1] = 0.0
-    n = max(rows, cols)
-    at, value = np.empty(n, np.int64), np.empty(n)
-    edge = np.empty(n + 1)
-    for i in range(rows):
-        _envelope(square[i], at, value, edge)
-    for j in range(cols):
-        _envelope(square[:, j], at, value, edge)
-    return (np.sqrt(square) * (resolution / factor)).astype(np.float32)
-
-
-@kernel
-def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[np.float64], edge: NDArray[np.float64]) -> None:
-    """Replace f(q) by min over p of (p - q)^2 + f(p): the lower envelope of parabolas."""
-    n = len(line)
-    k = 0
-    at[0], edge[0], edge[1] = 0, -np.inf, np.inf
-    for q in range(1, n):
-        value[q] = 0.0
-        while True:
-            p = at[k]
-            cut = ((line[q] + q * q) - (line[p] + p * p)) / (2.0 * (q - p))
-            if cut > edge[k]:
-                break
-            k -= 1
-        k += 1
-        at[k], edge[k], edge[k + 1] = q, cut, np.inf
-    k = 0
-    for q in range(n):
-        value[q] = line[q]
-    for q in range(n):
-        while edge[k + 1] < q:
-            k += 1
-        line[q] = (q - at[k]) ** 2 + value[at[k]]
-
-
-@kernel
-def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArray[np.float32]:
-    """Continue a field of times, infinite in walls, into them, `step` s a cell, so that it can be interpolated near them."""
-    rows, cols = field.shape
-    out = field.copy()
-    top = 0.0
-    for i in range(rows):
-        for j in range(cols):
-            if math.isfinite(field[i, j]):
-                top = max(top, field[i, j])
-    for _ in range(layers):
-        before = out.copy()
-        for i in range(rows):
-            for j in range(cols):
-                if math.isinf(before[i, j]):
-                    best = math.inf
-                    for di in range(-1, 2):
-                        for dj in range(-1, 2):
-                            r, c = i + di, j + dj
-                            if 0 <= r < rows and 0 <= c < cols and math.isfinite(before[r, c]):
-                                best = min(best, before[r, c] + step * math.hypot(di, dj))
-                    out[i, j] = best
-    for i in range(rows):
-        for j in range(cols):
-            if math.isinf(out[i, j]):
-                out[i, j] = top + layers * step
-    return out.astype(np.float32)
