@@ -1,6 +1,7 @@
 """Colonies on the TSP beside other people's, and the quality they must hold.
 
-Run as `python benchmarks/colonies.py [--quality] [--search] [--immune] [--seeds N] [--seconds S] [--out FILE]`. Without a flag:
+Run as `python benchmarks/colonies.py [--quality] [--search] [--immune] [--tsplib FOLDER] [--seeds N] [--seconds S] [--out F]`.
+`--tsplib` plays a folder's instances of 500 to 2,400 cities with 3-opt for S s, beside ACOTSP if installed. Without a flag:
 ants a second and gap at equal time against acopy, colonyx, scikit-opt and Stuetzle's ACOTSP (the C program `acotsp`), as far as
 they are installed, as ratios in this run. aco-routing walks graphs, see walk.py.
 Instances are read from ../shared/data/tsplib. Prints tables, writes JSON.
@@ -239,6 +240,36 @@ def searched(seeds: int, only: list[str]) -> Rows:
     return rows
 
 
+def tsplib(folder: Path, seconds: float, seeds: int, only: list[str]) -> Rows:
+    """Mean gap after so many seconds of one thread's processor time, and that of ACOTSP (MMAS with 3-opt, 25 ants, rho 0.8)."""
+    rows: Rows = []
+    command = shutil.which("acotsp")
+    for file in sorted(folder.glob("*.tsp")):
+        problem = load_tsp(file)
+        if not 500 <= problem.size <= 2400 or problem.optimum is None or (only and problem.name not in only):
+            continue
+        gaps, peer = [], []
+        for seed in range(seeds):
+            stop, started = threading.Event(), time.process_time()
+
+            def watch(_tours: int, _best: float, _seconds: float) -> None:
+                if time.process_time() - started >= seconds:  # noqa: B023
+                    stop.set()  # noqa: B023
+
+            options = {"local_search": "3opt", "seconds": np.inf, "seed": seed, "progress": watch, "cancel": stop}
+            gaps.append(100.0 * (solve_tsp(problem, **options).length / problem.optimum - 1.0))
+            if command is not None:
+                words = [command, "-i", str(file.resolve()), "-x", "-l", "3", "-r", "1", "-e", "0.2", "-t", str(seconds)]
+                with tempfile.TemporaryDirectory() as out:
+                    subprocess.run([*words, "-o", str(int(problem.optimum))], cwd=out, check=True, capture_output=True)
+                    found = re.findall(r"^Best:\s+(\d+)", (Path(out) / f"best.{problem.name}").read_text(), re.MULTILINE)
+                peer.append(100.0 * (float(found[0]) / problem.optimum - 1.0))
+        theirs = round(float(np.mean(peer)), 3) if peer else None
+        rows.append({"instance": problem.name, "gap %": round(float(np.mean(gaps)), 3), "ACOTSP %": theirs})
+        print(rows[-1], flush=True)
+    return rows
+
+
 def immune(seeds: int) -> Rows:
     """The immune operator and its parts, off and on, at equal tours and at equal time."""
     plain = Immune(vaccinated=0.0, temperature=0.0, overlap=1.0, timeout=0)
@@ -272,6 +303,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     for flag in ("quality", "search", "immune"):
         parser.add_argument(f"--{flag}", action="store_true")
+    parser.add_argument("--tsplib", type=Path)
     parser.add_argument("--only", nargs="*", default=[], help="instances (or rules, of --quality)")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=2.0)
@@ -282,6 +314,8 @@ def main() -> None:
         tables["no local search, 10,000 n tours"] = quality(options.seeds, options.only)
     if options.search:
         tables["3-opt"] = searched(options.seeds, options.only)
+    if options.tsplib is not None:
+        tables["TSPLIB, 3-opt, one thread"] = tsplib(options.tsplib, options.seconds, options.seeds, options.only)
     if options.immune:
         tables["immune operator, eil51"] = immune(options.seeds)
     if not tables:

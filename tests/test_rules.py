@@ -43,10 +43,10 @@ STEPS = [
         RankBasedAntSystem(ranks=3, persistence=Constant(0.9)),
         [0.9 + A + 5 * B, 0.9 + 5 * B, 0.9 + A, 0.9 + A, 0.9 + 5 * B, 0.9 + A + 5 * B],
     ),
-    # tau_max = 1 / (0.02 * 14) = 3.571 and tau_min = tau_max (1 - p) / (0.5 p), p = 0.05 ** 0.25 = 0.4729:
+    # tau_max = 1 / (0.02 * 14) = 3.571 and tau_min = tau_max (1 - p) / ((4 / 2 - 1) p), p = 0.05 ** 0.25 = 0.4729:
     # above tau_max, and so equal to it.
     (MaxMinAntSystem(persistence=Constant(0.98)), [1 / 0.28] * 6),
-    # p = 0.99 ** 0.25: tau_min = 3.571 * 0.00251 / 0.49874 = 0.018.
+    # p = 0.99 ** 0.25: tau_min = 3.571 * 0.00251 / 0.99749 = 0.009.
     (MaxMinAntSystem(p_best=0.99, persistence=Constant(0.98)), [0.98 + B, 0.98 + B, 0.98, 0.98, 0.98 + B, 0.98 + B]),
     (AntColonySystem(persistence=Constant(0.9)), [0.9 + 0.1 * B, 0.9 + 0.1 * B, 1.0, 1.0, 0.9 + 0.1 * B, 0.9 + 0.1 * B]),
 ]
@@ -76,12 +76,12 @@ def test_one_step_by_hand(rule, expected):
     assert np.abs([tau[frozenset(pair)] for pair in PAIRS] - np.array(expected)).max() <= 1e-12
 
 
-@pytest.mark.parametrize("name", RULES)
-def test_many_steps_like_the_twin(name):
+@pytest.mark.parametrize("rule", [*RULES, MaxMinAntSystem(choices=3.0)], ids=str)
+def test_many_steps_like_the_twin(rule):
     """Over 60 cycles of random tours each rule's pheromone follows the naive one, to a relative 1e-12."""
     dice = np.random.default_rng(3)
     places = dice.random((7, 2))
-    colony = Colony(Tsp(places), make_rule(name, ants=4), candidates=6)
+    colony = Colony(Tsp(places), make_rule(rule, ants=4), candidates=6)
     tau, best = pheromone(colony), (np.inf, None)
     for cycle in range(60):
         tours = [dice.permutation(7).tolist() for _ in range(4)]
@@ -137,12 +137,12 @@ def test_roulette_frequencies(q0, came):
 
 
 def test_local_update_of_acs():
-    """ACS: an edge taken by one ant keeps (1 - xi) tau + xi tau_0, at both ends."""
+    """ACS: an edge taken by one ant keeps (1 - xi) tau + xi tau_0, at both ends, the edge that closes its tour as well."""
     colony = colony_of(AntColonySystem(xi=0.25, ants=1), ants=1)
     first = colony.state.record[kernel.TAU_0]
     (tour,) = colony.ask().tolist()
     tau = pheromone(colony)
-    taken = {frozenset(pair) for pair in pairwise(tour)}
+    taken = {frozenset(pair) for pair in pairwise([*tour, tour[0]])}
     for edge, value in tau.items():
         assert abs(value - (0.75 + 0.25 * first if edge in taken else 1.0)) <= 1e-12
 
@@ -160,6 +160,7 @@ def test_local_update_of_acs():
         (MaxMinAntSystem, {"p_best": 1.0}),
         (MaxMinAntSystem, {"schedule": ((1, 5),)}),
         (MaxMinAntSystem, {"restart": -1}),
+        (MaxMinAntSystem, {"choices": 1.0}),
         (AntColonySystem, {"q0": 1.5}),
         (AntColonySystem, {"xi": "much"}),
     ],

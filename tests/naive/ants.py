@@ -112,6 +112,6 @@ def step(rule, tau, tours, lengths, cycle, best):
     if kind == "MaxMinAntSystem":
         high = rule.q / ((1 - rule.persistence.rho) * best[0])
         p = rule.p_best ** (1 / n)
-        low = min(high, high * (1 - p) / ((0.5 * (n - 1) - 1) * p))
+        low = min(high, high * (1 - p) / (((rule.choices or 0.5 * n) - 1) * p))
         tau = {e: min(max(v, low), high) for e, v in tau.items()}
     return tau

@@ -76,7 +76,7 @@ class Colony:
         checks.integer("candidates", candidates, low=1)
         if instance.size < 4:
             raise BadParameter("instance.size", instance.size, "at least 4 cities")
-        self.cities = instance.cities(candidates)
+        self.cities = instance.cities(candidates, by_quadrant=options.breadth >= 0)
         n, k = self.cities.near.shape
         m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 100))
         self.numbers = self.rule.numbers(m)

@@ -213,7 +213,7 @@ class Trail:
         for part in parts(len(visibility), clock):
             moves += int(np.count_nonzero(visibility[part]))
             cells += int(np.count_nonzero(visibility[part].any(axis=1)))
-        self._choices = moves / max(cells, 1)
+        self._choices = self.numbers.choices or moves / max(cells, 1)
         self.low, self.high = self._limits()
         limited = self.numbers.p_best > 0
         self.first = self.high if limited else rule.initial(ants, max(round(graph.bound), 1), graph.bound)

@@ -16,13 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, Trail, crop, plan_of
 from antway.ants.immune import Immune, Immunity
-from antway.ants.persistence import Persistence
-from antway.ants.rules import Rule, make_rule
+from antway.ants.persistence import Constant, Persistence
+from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.errors import BadParameter
 from antway.kernels.colony.grid_walk import entropy
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 
 BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # the default by heuristic, see `explore`
+# A colony of few cycles has to forget fast: with the usual 0.98 more than a third of the first pheromone is left after 50.
+MMAS_ON_GRIDS = MaxMinAntSystem(persistence=Constant(0.8))
 Window = tuple[int, int, int, int]  # (row, col, rows, columns)
 
 
@@ -136,7 +138,8 @@ def explore(
     budget : Budget
         Its cycles, if any, stand in place of `cycles`.
     rule : str or Rule
-        as, eas, rank, mmas, acs, or a rule of `antway.ants.rules`; `persistence`, `ants`, `alpha`, `beta` change it.
+        as, eas, rank, mmas, acs, or a rule of `antway.ants.rules`; `persistence`, `ants`, `alpha`, `beta` change it. The name
+        mmas stands for `MMAS_ON_GRIDS`.
     persistence : Persistence or None
         How much pheromone outlives a cycle; None: as the rule has it.
     ants : int or None
@@ -193,7 +196,7 @@ def explore(
     checks.choice("heuristic", heuristic, BETA)
     if isinstance(rule, str) and beta is None:
         beta = BETA[heuristic]
-    colony = make_rule(rule, persistence=persistence, ants=ants, alpha=alpha, beta=beta)
+    colony = make_rule(MMAS_ON_GRIDS if rule == "mmas" else rule, persistence=persistence, ants=ants, alpha=alpha, beta=beta)
     number = colony.ants or 50
     checks.integer("ants * cycles", number * cycles, high=2**31 - 2)
     checks.integer("threads", threads, low=1, high=256)

@@ -114,6 +114,9 @@ class MaxMinAntSystem:
         From `cycle` on, the best so far deposits every so many cycles, in the others the cycle's best; the first is cycle 0.
     p_best : float
         In (0, 1).
+    choices : float or None
+        Alternatives at each step on average, > 1, on which tau_min rests; None: n / 2 of n cities, as in the book, or the moves
+        out of a cell on average.
     restart : int
         Pheromone goes back to tau_max and the search begins anew (the best is kept) after so many cycles without a better
         solution since the last restart; 0: never.
@@ -124,6 +127,7 @@ class MaxMinAntSystem:
     beta: float = 2.0
     q: float = 1.0
     p_best: float = 0.05
+    choices: float | None = None
     schedule: tuple[tuple[int, int], ...] = ((0, 25),)
     restart: int = 1000
     persistence: Persistence = field(default=Constant(0.98))
@@ -131,6 +135,8 @@ class MaxMinAntSystem:
     def __post_init__(self) -> None:
         _check(self)
         object.__setattr__(self, "p_best", checks.number("p_best", self.p_best, low=1e-300, high=1.0 - 1e-9))
+        if self.choices is not None:
+            object.__setattr__(self, "choices", checks.number("choices", self.choices, low=1.0, open_low=True))
         checks.integer("restart", self.restart, low=0)
         allowed = "(cycle, every) pairs of rising cycles from 0"
         pairs = [checks.sequence("schedule", pair, allowed) for pair in checks.sequence("schedule", self.schedule, allowed)]
@@ -143,9 +149,8 @@ class MaxMinAntSystem:
     def numbers(self, ants: int) -> Numbers:
         schedule = np.array(self.schedule, dtype=np.int64)
         deposit_weight = (np.arange(ants) == 0).astype(np.float64)
-        return _numbers(
-            self, deposit_weight=deposit_weight, elite=1.0, schedule=schedule, p_best=self.p_best, restart=self.restart
-        )
+        limits = {"p_best": self.p_best, "choices": self.choices or 0.0}
+        return _numbers(self, deposit_weight=deposit_weight, elite=1.0, schedule=schedule, restart=self.restart, **limits)
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
         return self.q / length
@@ -220,6 +225,7 @@ def _numbers(rule: Any, **own: Any) -> Numbers:
         "elite": 0.0,
         "schedule": _NO_SCHEDULE,
         "p_best": 0.0,
+        "choices": 0.0,
         "restart": 0,
         "q0": 0.0,
         "xi": 0.0,

@@ -25,8 +25,11 @@ from antway.planning import Budget
 
 # The local searches: candidates tried for a third edge, and cities in the part that a move displaces (None: all).
 _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3), "3opt": (5, None)}
-# With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule).
-MMAS_WITH_SEARCH = MaxMinAntSystem(persistence=Constant(0.8), schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1)))
+# With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule);
+# with 7 choices tau_min is tau_max / (2 n), as in ACOTSP.
+MMAS_WITH_SEARCH = MaxMinAntSystem(
+    persistence=Constant(0.8), choices=7.0, schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1))
+)
 # Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
 _TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
 _FOCUSED_FROM = 2000  # cities from which changing a tour beats building one anew

@@ -25,7 +25,9 @@ OPTIMA = {
     "rd100": 7910, "eil101": 629, "lin105": 14379, "pr107": 44303, "ch130": 6110, "d198": 15780, "kroA200": 29368,
     "a280": 2579, "lin318": 42029, "pcb442": 50778, "att48": 10628, "att532": 27686, "ulysses16": 6859, "ulysses22": 7013,
     "rat783": 8806, "pr1002": 259045, "pcb1173": 56892, "d1291": 50801, "fl1577": 22249, "pr2392": 378032, "gr17": 2085,
-    "d15112": 1573084,
+    "d15112": 1573084, "rat575": 6773, "u574": 36905, "p654": 34643, "d657": 48912, "u724": 41910, "u1060": 224094,
+    "vm1084": 239297, "rl1304": 252948, "rl1323": 270199, "nrw1379": 56638, "fl1400": 20127, "u1432": 152970, "d1655": 62128,
+    "vm1748": 336556, "u1817": 57201, "rl1889": 316536, "d2103": 80450, "u2152": 64253, "u2319": 234256,
 }  # fmt: skip
 _KINDS = {
     "MATRIX": kernel.MATRIX,
@@ -34,6 +36,7 @@ _KINDS = {
     "ATT": kernel.ATT,
     "EUCLID": kernel.EUCLID,
 }
+_BLOCK = 8192  # cities whose surroundings are looked at together
 _MATRIX_UP_TO = 1_000  # cities up to which looking distances up is faster than computing them
 
 
@@ -106,8 +109,11 @@ class Tsp:
         """Return the length of the closed tour `order`, a permutation of the cities 0 ... n - 1."""
         return float(kernel.length(self.cities(1), permutation("order", order, self.size)))
 
-    def cities(self, candidates: int) -> kernel.Cities:
-        """Return what kernels take: the distances and each city's `candidates` nearest others (k-d tree, or whole rows)."""
+    def cities(self, candidates: int, *, by_quadrant: bool = False) -> kernel.Cities:
+        """Return what kernels take: the distances and each city's `candidates` nearest others (k-d tree, or whole rows).
+
+        With `by_quadrant` four fifths of them are the nearest in each quadrant around the city, where there are places.
+        """
         n = self.size
         k = min(candidates, n - 1)
         none = np.empty((0, 0))
@@ -119,6 +125,8 @@ class Tsp:
             )
         elif k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
+        elif by_quadrant:
+            near = _around(xy, k)
         else:
             found = np.asarray(cKDTree(xy).query(xy, k + 1)[1])
             # Among cities in one place the tree need not put the city itself first, nor name it at all.
@@ -135,6 +143,30 @@ class Tsp:
             kind, matrix = kernel.MATRIX, kernel.gaps(kind, xy, none, np.tile(np.arange(n, dtype=np.uint32), (n, 1)))
         span = matrix.max(initial=0.0) if matrix.size else float(np.hypot(*np.ptp(xy, axis=0)))
         return kernel.Cities(kind, xy, matrix, near, gap, 1e-12 * float(span), kernel.backs(near))
+
+
+def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
+    """Return k others for each city, int64[n, k]: the k // 5 nearest in each quadrant, then the nearest of the rest.
+
+    A quadrant is searched among the 12 k nearest cities. Where cities lie in clusters or in rows, all nearest ones are of the
+    city's own cluster or row, and a tour needs edges that lead out of it.
+    """
+    n = len(xy)
+    tree, many = cKDTree(xy), min(n - 1, 12 * k) + 1
+    near = np.empty((n, k), dtype=np.int64)
+    for first in range(0, n, _BLOCK):
+        part = np.arange(first, min(first + _BLOCK, n))
+        found = np.asarray(tree.query(xy[part], many)[1])
+        dx, dy = np.moveaxis(xy[found] - xy[part, None], -1, 0)
+        quadrant = np.select([(dx > 0) & (dy >= 0), (dx <= 0) & (dy > 0), (dx < 0) & (dy <= 0)], [0, 1, 2], 3)
+        own = found == part[:, None]
+        key = np.tile(np.arange(many), (len(part), 1)) + many
+        for number in range(4):
+            members = (quadrant == number) & ~own
+            key[members & (np.cumsum(members, axis=1) <= k // 5)] -= many
+        key[own] = 3 * many
+        near[part] = np.take_along_axis(found, np.argsort(key, axis=1)[:, :k], 1)
+    return near
 
 
 def permutation(field: str, order: object, n: int) -> NDArray[np.uint32]:

@@ -27,6 +27,7 @@ class Numbers(NamedTuple):
         np.int64
     ]  # [s, 2] MMAS: from this cycle on, the best so far deposits in place of `deposit_weight` every so many cycles
     p_best: float  # MMAS: > 0 where pheromone has limits
+    choices: float  # MMAS: alternatives at each step on average; 0: as many as the problem has
     restart: int  # MMAS: cycles without a better solution before pheromone is reset; 0: never
     q0: float  # ACS: probability of taking the best edge
     xi: float  # ACS: share of tau_0 in the local update

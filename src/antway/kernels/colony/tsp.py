@@ -158,6 +158,10 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
             total += least
         order[t], left[j] = j, 0.0
         i = j
+    if xi > 0.0:  # the edge that closes the tour is taken, too
+        c = column(near, i, order[0])
+        if c >= 0:
+            local_update(cities, colony, numbers, i, c)
     return total + distance(cities.kind, cities.xy, cities.matrix, i, order[0])
 
 
@@ -223,7 +227,7 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
             deposit(near, tau, colony.bests[1], 1.0, numbers.elite * numbers.q / best)
     if numbers.p_best > 0.0:
         rho = persistence(numbers.persistence_rule, 1.0, 0.0, since, excess)
-        low, high = limits(numbers, rho, best, near.shape[0], 0.5 * near.shape[1])
+        low, high = limits(numbers, rho, best, near.shape[0], numbers.choices or 0.5 * near.shape[0])
         record[TAU_MIN], record[TAU_MAX] = low, high
         if numbers.restart > 0 and t - record[IMPROVED] >= numbers.restart:
             tau[:] = high
