@@ -50,16 +50,16 @@ def neighbours(kind: np.ndarray, row: int, col: int) -> list[tuple[int, int, flo
     return near
 
 
-def relaxed(kind: np.ndarray, gain: float) -> np.ndarray:
+def relaxed(kind: np.ndarray, slope: float, diagonal: float) -> np.ndarray:
     """Fixed point of Glasius' relaxation: one linear equation a cell, solved at once. 0 free, 1 closed, 2 target."""
-    n, weight = kind.size, gain / (4 + 4 / math.sqrt(2))
+    n = kind.size
     a, b = np.eye(n), np.zeros(n)
     for row, col in np.ndindex(kind.shape):
         i = row * kind.shape[1] + col
         b[i] = kind[row, col] == 2
         if kind[row, col] == 0:
             for r, c, d in neighbours(kind, row, col):
-                a[i, r * kind.shape[1] + c] -= weight / d
+                a[i, r * kind.shape[1] + c] -= slope * (1.0 if d == 1 else diagonal)
     return np.linalg.solve(a, b).reshape(kind.shape)
 
 

@@ -11,12 +11,13 @@ from antway import checks
 from antway.baselines.look_ahead import short_of_walls
 from antway.baselines.replan import STOP, now
 from antway.grid import Cell
-from antway.kernels.baselines.neural import CLOSED, FREE, TARGET, ascend, relax, shunt, stamp
+from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, ascend, relax, shunt, stamp
 from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
 SETTLED = 1e-6  # largest relative change in a sweep of an activity that has come to rest
 MOST = 10_000  # sweeps before an episode
+TRANSFERS = {"mean": DIAGONAL, "glasius": 1.0}  # how much a diagonal neighbour counts
 
 
 class Neural:
@@ -137,27 +138,34 @@ class Neural:
 
 
 class Glasius(Neural):
-    """Climb the activity of a bounded relaxation: 1 at the goal, 0 in closed cells, elsewhere below the mean of the neighbours.
+    """Climb the activity of a bounded relaxation: 1 at the goal, 0 in closed cells, else less than its neighbours' mean.
 
-    Each cell goes to `gain` times the mean of its 8 neighbours, weighted by 1 / distance. What is closed, and what else there
-    is, as in `Neural`; activity falls by a third a cell in the open and by a factor of 7 in a corridor one cell wide.
+    With `transfer` "mean" each cell goes to `gain` times the mean of its 8 neighbours, weighted by 1 / distance: activity falls
+    by a third a cell in the open and by a factor of 7 in a corridor one cell wide. With "glasius" it goes to g of the plain sum
+    of its 8 neighbours: g(x) = 0 for x < 0, `gain` x / 8 up to 1, then 1. A diagonal neighbour then counts as much as a
+    straight one. What is closed, and what else there is, as in `Neural`.
 
     Parameters
     ----------
     gain : float
         In (0, 1).
+    transfer : str
+        "mean" or "glasius".
     sweeps, margin
         As in `Neural`.
 
     Notes
     -----
-    Glasius, Komoda, Gielen: Neural network dynamics for path planning and obstacle avoidance, Neural Networks 8(1), 1995.
+    Glasius, Komoda, Gielen: Neural network dynamics for path planning and obstacle avoidance, Neural Networks 8(1), 1995. Their
+    g has some slope beta; any below 1 / 8, the number of neighbours, has one state of rest, and keeps all but the goal below 1.
     """
 
-    def __init__(self, *, gain: float = 0.95, sweeps: int = 8, margin: float = 0.1) -> None:
+    def __init__(self, *, gain: float = 0.95, transfer: str = "mean", sweeps: int = 8, margin: float = 0.1) -> None:
         self.gain = checks.number("gain", gain, low=0.0, high=1 - 1e-6, open_low=True)
+        self.transfer = checks.choice("transfer", transfer, TRANSFERS)
         self._common(sweeps, margin)
 
     def _sweep(self, kind: NDArray[np.uint8], rest: bool = False) -> float:
         self.order += 1
-        return relax(self.x, kind, self.gain, self.order & 3)
+        diagonal = TRANSFERS[self.transfer]
+        return relax(self.x, kind, self.gain / (4.0 + 4.0 * diagonal), diagonal, self.order & 3)

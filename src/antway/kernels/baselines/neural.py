@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 
 FREE, CLOSED, TARGET = 0, 1, 2
-_DIAGONAL = 1.0 / math.sqrt(2.0)
+DIAGONAL = 1.0 / math.sqrt(2.0)
 
 
 @kernel
@@ -75,7 +75,7 @@ def shunt(
         row = i if order & 1 == 0 else rows - 1 - i
         for j in range(1, cols - 1):
             col = j if order & 2 == 0 else cols - 1 - j
-            excited = mu * _around(x, kind, row, col) + (drive if kind[row, col] == TARGET else 0.0)
+            excited = mu * _around(x, kind, row, col, DIAGONAL) + (drive if kind[row, col] == TARGET else 0.0)
             inhibited = drive if kind[row, col] == CLOSED else 0.0
             rate = decay + excited + inhibited
             rest = (upper * excited - lower * inhibited) / rate
@@ -87,13 +87,13 @@ def shunt(
 
 
 @kernel
-def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], gain: float, order: int) -> float:
-    """Set each cell to `gain` times the mean of its neighbours weighted by 1 / distance; targets to 1, closed cells to 0.
+def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagonal: float, order: int) -> float:
+    """Set each cell to `slope` times its neighbours' sum, diagonal ones `diagonal` times; targets to 1, closed cells to 0.
 
-    The parameters are those of `shunt`; 0 < gain < 1 keeps activity within [0, 1].
+    The parameters are those of `shunt`; 0 < slope < 1 / (4 + 4 diagonal) keeps activity within [0, 1].
     """
     rows, cols = x.shape
-    change, weight = 0.0, gain / (4.0 + 4.0 * _DIAGONAL)
+    change = 0.0
     for i in range(1, rows - 1):
         row = i if order & 1 == 0 else rows - 1 - i
         for j in range(1, cols - 1):
@@ -101,7 +101,7 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], gain: float, order: i
             if kind[row, col] == TARGET:
                 new = 1.0
             else:
-                new = 0.0 if kind[row, col] == CLOSED else weight * _around(x, kind, row, col)
+                new = 0.0 if kind[row, col] == CLOSED else slope * _around(x, kind, row, col, diagonal)
             if new != x[row, col]:
                 change = max(change, abs(new - x[row, col]) / max(new, x[row, col]))
                 x[row, col] = new
@@ -109,15 +109,15 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], gain: float, order: i
 
 
 @kernel
-def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int) -> float:
-    """Sum of the positive activities of the neighbours, each over its distance; diagonal ones if `_linked`."""
+def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, weight: float) -> float:
+    """Sum of the positive activities of the neighbours; diagonal ones `weight` times, if `_linked`."""
     straight = max(x[row - 1, col], 0.0) + max(x[row, col - 1], 0.0) + max(x[row, col + 1], 0.0) + max(x[row + 1, col], 0.0)
     diagonal = 0.0
     for r in (row - 1, row + 1):
         for c in (col - 1, col + 1):
             if x[r, c] > 0.0 and _linked(kind, row, col, r, c):
                 diagonal += x[r, c]
-    total: float = straight + _DIAGONAL * diagonal
+    total: float = straight + weight * diagonal
     return total
 
 
