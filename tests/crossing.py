@@ -50,11 +50,12 @@ def colony(
     stopping_time=0.0,
     seed=1,
     states=1 << 16,
+    distance_weight=0.0,
 ):
-    """Search a local problem; returns memory, end state, arrival, bound."""
+    """Search a local problem; returns memory, end state, cost, bound."""
     cells = context.field.size
     memory = make_memory(cells, states, 1 << 18)
-    settings = spacetime.ColonySettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0)
+    settings = spacetime.ColonySettings(leg_cells, BETAS, SLACK, minimum_improvement, 1.0, distance_weight)
     end, arrival, bound = spacetime.search(
         memory, make_trails(cells), context, Predictions(segments, stopping_time, np.empty(2)), settings, x, y, 0.0, horizon,
         math.inf, expansions, np.array([seed], np.uint64),

@@ -49,6 +49,16 @@ def room(*obstacles: Obstacle, grid: Grid = ROOM, **changes) -> Scenario:
     return Scenario(World(grid, obstacles), (1.0, 2.5), (9.0, 2.5), through_walls=True, **changes)
 
 
+def test_a_weight_on_distance_makes_the_robot_wait() -> None:
+    """Least time goes round a disc that comes; where each metre costs 20 s, the robot waits, and drives less for longer."""
+    disc = Obstacle(0.4, Line((5.1, 0.6), (5.1, 5.5), 0.45, delay=0.0))
+    soon, short = (run(room(disc), make_policy("antway", distance_weight=weight)) for weight in (0.0, 20.0))
+    for result in (soon, short):
+        check_episode(result)
+        assert result.reached
+    assert short.length < soon.length - 0.01 and short.time > soon.time + 0.1
+
+
 def test_crowds_are_crossed_and_decisions_make_sense() -> None:
     """In every small crowd the robot reaches its goal, the verifier agrees, and every decision has what it must."""
     for seed in range(cases(12, 300)):

@@ -146,6 +146,28 @@ def test_colony_reaches_the_exact_optimum() -> None:
     assert solved > 0
 
 
+def test_a_weight_on_metres_finds_shorter_paths_that_cost_less() -> None:
+    """With a weight on metres a path costs what the search says or less, is no longer, and seldom costs more than without."""
+    rng, shorter, dearer = np.random.default_rng(8), 0, 0
+    for _ in range(runs := cases(60, 2000)):
+        grid, _, start, _, context, segments = local_problem(rng)
+        (x, y), predictions, knots = grid.centre(start), Predictions(segments, 0.0, WORK), np.empty((600, 3))
+        spent = []
+        for weight in (0.0, 5.0):
+            memory, end, cost, bound = colony(context, segments, x, y, distance_weight=weight)
+            n = 0 if end < 0 else trace_back(memory, context, predictions, x, y, end, 20.0, 40.0, knots)
+            metres = float(np.hypot(*np.diff(knots[:n, 1:], axis=0).T).sum())
+            if n:
+                assert bound - 1e-6 <= knots[n - 1, 0] + weight * metres <= cost + 1e-6
+                assert first_conflict(knots[:n], 0.0, predictions) == math.inf
+            spent.append((n > 0, metres, float(knots[n - 1, 0]) + 5.0 * metres))
+        assert spent[0][0] == spent[1][0]
+        if spent[0][0]:
+            shorter += spent[1][1] < spent[0][1] - 1e-6
+            dearer += spent[1][2] > spent[0][2] + 0.011
+    assert shorter >= 0.1 * runs and dearer <= 0.05 * runs
+
+
 def test_motions_keep_clear_of_everything() -> None:
     """What is read from the colony's memory, and its any-angle shortening, touch nothing and never arrive later."""
     rng = np.random.default_rng(6)

@@ -152,20 +152,38 @@ def _look(
     budget: int,
     state: State,
 ) -> bool:
-    """Send ants for a plan that arrives before `limit` s; one that is found becomes the plan in use."""
+    """Send ants for a plan that costs less than `limit` s; one that is found becomes the plan in use."""
     (x, y), horizon = xy, now + settings.horizon
-    end, arrival, plan.state[BOUND] = search(
+    end, cost, plan.state[BOUND] = search(
         memory, trails, context, predictions, settings.colony, x, y, now, horizon, limit, budget, state
     )
     if end < 0:
         return False
     m = trace_back(memory, context, predictions, x, y, end, horizon, horizon + settings.horizon, plan.scratch)
     late = plan.scratch[m - 1, 0]
+    arrival = cost
+    if settings.colony.distance_weight > 0.0:
+        rest = context.field[memory.cell[end]]
+        arrival -= memory.toll[end] + settings.colony.distance_weight * context.speed * rest
     n = shorten(context, predictions, plan.scratch, m, plan.knots)
     plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
     plan.state[PLANNED] += 1
     evaporate(trails, now, settings.low, settings.high, plan.state[PLANNED])
     return True
+
+
+@kernel
+def _owed(context: PlanningContext, settings: Settings, plan: Plan, now: float) -> float:
+    """Return what the metres of the plan in use cost from now on to the goal beside their time, s."""
+    n = int(plan.state[COUNT])
+    if settings.colony.distance_weight == 0.0 or n == 0:
+        return 0.0
+    x, y, knot = place_at(plan.knots, n, now)
+    metres = max(plan.state[ARRIVAL] - plan.knots[n - 1, 0], 0.0) * context.speed
+    for i in range(knot, n):
+        metres += math.hypot(plan.knots[i, 1] - x, plan.knots[i, 2] - y)
+        x, y = plan.knots[i, 1], plan.knots[i, 2]
+    return float(settings.colony.distance_weight * metres)
 
 
 @kernel
@@ -207,12 +225,14 @@ def cycle(
             spare, _ = _still_good(s, plan, roomy, now, x, y)
             before, left = plan.state[ARRIVAL], max(s.spare_worth - plan.state[SPENT], 0.0)
             limit = before + (-s.hysteresis if spare else left) if valid or grazes else math.inf
+            limit += _owed(context, s, plan, now)
             found = _look(memory, trails, context, s, plan, roomy, now, xy, limit, budget, state)
             if found and (valid or grazes):
                 plan.state[SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
         limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
         if found or spare:
             limit, budget = plan.state[ARRIVAL] - s.spare_worth, s.improvement_expansions
+        limit += _owed(context, s, plan, now)
         if _look(memory, trails, context, s, plan, predictions, now, xy, limit, budget, state):
             found = True
         plan.state[LOOK] = now + _PAUSE

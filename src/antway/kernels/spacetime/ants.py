@@ -27,6 +27,7 @@ from antway.kernels.spacetime.memory import (
     LEGS,
     STATE_COUNT,
     Memory,
+    keep_earlier,
     leave,
     note_box,
     open_cell,
@@ -48,7 +49,8 @@ class ColonySettings(NamedTuple):
     betas: NDArray[np.float64]  # [B] 1/s; greed of ants 0, 1, ... in turn
     slack: NDArray[np.float64]  # [B] s; an ant gives up when the cost of its path has grown by more
     minimum_improvement: float  # s; a path counts as better only by more than this
-    amount: float  # s; Q of the deposit Q / L on a path better than all before, L its duration in s; 0: no pheromone
+    amount: float  # s; Q of the deposit Q / L on a path better than all before, L its cost in s; 0: no pheromone
+    distance_weight: float  # s/m; what a metre costs beside the time that it takes
 
 
 class _Origin(NamedTuple):
@@ -61,6 +63,7 @@ class _Origin(NamedTuple):
     here: float  # s; time to the goal if nothing moved
     legs: np.uint64  # bits of the first moves
     longest_move: float  # m
+    toll: float  # what a second of driving costs beside itself: the weight of a metre times the speed
     time: NDArray[np.float64]  # [K] s; duration of each move
 
 
@@ -70,13 +73,15 @@ class _Steps(NamedTuple):
     base: np.int64
     offset: NDArray[np.int64]  # [K]
     time: NDArray[np.float64]  # [K]
+    spent: float  # s; what the metres so far cost
+    toll: float  # see `_Origin`
 
 
 class _Choices(NamedTuple):
     """Scratch: the moves that promise something, what they promise, and their weights."""
 
     move: NDArray[np.int64]  # [LEGS]
-    cost: NDArray[np.float64]  # [LEGS] s; arrival at the goal at the earliest
+    cost: NDArray[np.float64]  # [LEGS] s; arrival at the goal at the earliest, and what the metres cost
     weight: NDArray[np.float64]  # [LEGS]
 
 
@@ -92,9 +97,9 @@ def _expand(
     x: float,
     y: float,
 ) -> int:
-    """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what is earlier than known.
+    """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what costs less than known.
 
-    Returns the first state that is reached earlier than before, or -1.
+    Where metres cost nothing that is what is earlier. Returns the first state that is reached so, or -1.
     """
     soonest = -1
     gx, gy = centre(context, cell)
@@ -103,26 +108,29 @@ def _expand(
     memory.counter[EXPANSIONS] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
-    limit = min(memory.high[s], origin.horizon)
+    limit, toll = min(memory.high[s], origin.horizon), memory.toll[s] + origin.toll * duration
     for c in range(memory.first[cell], memory.first[cell] + memory.intervals[cell]):
         if memory.high[c] <= since + duration:
             continue
         soon = max(since, memory.low[c] - duration)
         if soon > limit:
             break
-        if soon + duration >= memory.arrival[c] - TOUCH:
+        known = memory.arrival[c] + memory.toll[c]
+        if soon + duration + toll >= known - TOUCH:
             continue
         depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, predictions)
         if depart == math.inf:
             break
         arrival = depart + duration
-        if arrival < memory.high[c] and arrival < memory.arrival[c] - TOUCH:
+        if arrival < memory.high[c] and arrival + toll < known - TOUCH:
+            if arrival > memory.arrival[c] and not keep_earlier(memory, c):
+                continue
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
-            memory.tried[c] = np.uint64(0)
-            push(memory, arrival + context.field[cell], c)
+            memory.tried[c], memory.toll[c] = np.uint64(0), toll
+            push(memory, arrival + context.field[cell] + (toll + origin.toll * context.field[cell]), c)
             if soonest < 0:
                 soonest = c
-    if soonest >= 0:
+    if soonest >= 0 and origin.toll == 0.0:  # with a toll, one who comes later may gain something
         memory.latest[cell] = memory.arrival[memory.first[cell] : memory.first[cell] + memory.intervals[cell]].max()
     return soonest
 
@@ -171,7 +179,7 @@ def _weigh(
     scented: bool,
     choices: _Choices,
 ) -> tuple[int, float]:
-    """Write those of `moves`, bits, that promise to arrive before `limit`, their promises and weights by Eq. (1).
+    """Write those of `moves`, bits, that promise to cost less than `limit`, their promises and weights by Eq. (1).
 
     An ant that comes to a cell no earlier than others came gains nothing there. `promised` is what the present state promises.
     Returns how many moves there are and the sum of their weights.
@@ -183,7 +191,7 @@ def _weigh(
         k = ctz(moves)
         moves &= moves - np.uint64(1)
         target, then = base + offset[k], now + time[k]
-        move[n], cost[n] = k, then + context.field[target]
+        move[n], cost[n] = k, then + context.field[target] + (steps.spent + steps.toll * (time[k] + context.field[target]))
         if (cost[n] < limit) & ((memory.stamp[target] != memory.counter[GENERATION]) | (then < memory.latest[target])):
             n += 1
     trail = edge(trails, int(base), 0, now)
@@ -230,11 +238,13 @@ def _step(
     cell, now = memory.cell[s], memory.arrival[s]
     memory.counter[ANT_STEPS] += 1
     if s == 0:
-        steps, untried = _Steps(np.int64(0), memory.leg_cell, memory.leg_time), origin.legs & ~memory.tried[0]
-        n, total = _weigh(memory, trails, context, steps, untried, now, now + origin.here, beta, limit, False, choices)
+        steps = _Steps(np.int64(0), memory.leg_cell, memory.leg_time, 0.0, origin.toll)
+        promised, untried = now + origin.here + origin.toll * origin.here, origin.legs & ~memory.tried[0]
+        n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, False, choices)
     else:
-        steps, untried = _Steps(np.int64(cell), context.offset, origin.time), context.legal[cell] & ~memory.tried[s]
-        promised = now + context.field[cell]
+        steps = _Steps(np.int64(cell), context.offset, origin.time, memory.toll[s], origin.toll)
+        untried, field = context.legal[cell] & ~memory.tried[s], context.field[cell]
+        promised = now + field + (memory.toll[s] + origin.toll * field)
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, trails.mark[cell], choices)
     x, y = (origin.x, origin.y) if s == 0 else centre(context, cell)
     then = -1
@@ -277,7 +287,11 @@ def search(
     max_expansions: int,
     state: State,
 ) -> tuple[int, float, float]:
-    """Send ants from (x, y) at t0; returns (best end state or -1, its arrival at the goal, a lower bound on any), in s.
+    """Send ants from (x, y) at t0; returns (best end state or -1, its cost, a lower bound on any), in s.
+
+    A path costs its arrival at the goal and, where the settings weigh distance, so much for each metre. With a weight the
+    memory keeps the cheapest path to each state, which need not be the best one to go on from: the bound is then what a path
+    costs if nothing moves.
 
     Parameters
     ----------
@@ -287,7 +301,7 @@ def search(
     horizon : float
         Absolute time after which obstacles are forgotten: a path that ends then is charged the field from there.
     limit : float
-        Arrival that has to be bettered (that of the plan in use), s; infinite for none.
+        Cost that has to be bettered (that of the plan in use), s; infinite for none.
     max_expansions : int
         Moves tested in all.
     state : uint64[1]
@@ -306,22 +320,24 @@ def search(
     here = math.inf
     for k in range(legs):
         here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])
-    if here == math.inf or t0 + here >= limit - settings.minimum_improvement:
-        return -1, limit, t0 + here
+    toll = settings.distance_weight * context.speed
+    least = t0 + here + toll * here
+    if here == math.inf or least >= limit - settings.minimum_improvement:
+        return -1, limit, least
     # Step 2: the intervals in which the robot can stand where it is.
     for p in range(len(predictions.segments)):
         note_box(memory, predictions.segments, p)
     open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, predictions.segments)
     if memory.counter[STATE_COUNT] == 0 or memory.low[0] > t0:
-        return -1, math.inf, t0 + here
+        return -1, math.inf, least
     choices = _Choices(np.empty(LEGS, np.int64), np.empty(LEGS), np.empty(LEGS))
     time, bits = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, time)
+    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, toll, time)
     memory.counter[STATE_COUNT] = 1  # the start's later intervals cannot be reached without leaving it
     memory.arrival[0], memory.parent[0] = t0, -1
-    push(memory, t0 + here, 0)
+    push(memory, least, 0)
     # Steps 4 to 7: ants, one after the other, until no promise betters the best path or the budget is spent.
-    best, best_cost, bound = -1, limit, t0 + here
+    best, best_cost, bound = -1, limit, least
     ant = 0
     while memory.counter[EXPANSIONS] < max_expansions and memory.counter[STATE_COUNT] < len(memory.cell) - 64:
         bound = _promise(memory)
@@ -336,8 +352,9 @@ def search(
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until obstacles are forgotten can go on along the field then.
             done = now if cell == context.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
-            if cell >= 0 and done + context.field[cell] < best_cost - settings.minimum_improvement:
-                best, best_cost = s, done + context.field[cell]
+            cost = done + context.field[cell] + (memory.toll[s] + toll * context.field[cell]) if cell >= 0 else math.inf
+            if cost < best_cost - settings.minimum_improvement:
+                best, best_cost = s, cost
                 deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
             if cell == context.goal or now >= horizon:
                 memory.key[s] = math.inf
@@ -358,4 +375,4 @@ def search(
                 break
             s = then
     # A path that would gain less than the minimum improvement was passed over, so the bound lies as much lower.
-    return best, best_cost, max(min(bound, best_cost - settings.minimum_improvement), t0 + here)
+    return best, best_cost, max(min(bound, best_cost - settings.minimum_improvement), least) if toll == 0.0 else least

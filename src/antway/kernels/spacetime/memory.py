@@ -38,6 +38,7 @@ class Memory(NamedTuple):
     high: NDArray[np.float64]
     arrival: NDArray[np.float64]  # [STATES] earliest so far, s
     depart: NDArray[np.float64]  # [STATES] when the parent was left for it, s
+    toll: NDArray[np.float64]  # [STATES] what the metres of the path cost beside its time, s
     parent: NDArray[np.int32]  # [STATES]
     tried: NDArray[np.uint64]  # [STATES] moves tried at the present arrival
     key: NDArray[np.float64]  # [STATES] least cost that its untried moves promise, s; infinite if there are none
@@ -112,13 +113,33 @@ def open_cell(
             s = memory.counter[STATE_COUNT]
             memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
             memory.arrival[s] = memory.key[s] = math.inf
-            memory.tried[s] = np.uint64(0)
+            memory.tried[s], memory.toll[s] = np.uint64(0), 0.0
             memory.counter[STATE_COUNT] += 1
         if i < n:
             since = max(since, highs[i])
     if cell >= 0:
         memory.intervals[cell] = memory.counter[STATE_COUNT] - start
         memory.latest[cell] = math.inf if memory.counter[STATE_COUNT] > start else -math.inf
+
+
+@bare_kernel
+def keep_earlier(memory: Memory, s: int) -> bool:
+    """Give what is known of state s to a new state, so that s can be reached later and at less cost; False if memory is full.
+
+    Paths on from s go on from where they came, the new state: what comes later to s may be too late for them.
+    """
+    new = memory.counter[STATE_COUNT]
+    if new >= len(memory.cell):
+        return False
+    memory.counter[STATE_COUNT] += 1
+    memory.cell[new], memory.low[new], memory.high[new] = memory.cell[s], memory.low[s], memory.high[s]
+    memory.arrival[new], memory.depart[new], memory.toll[new] = memory.arrival[s], memory.depart[s], memory.toll[s]
+    memory.parent[new], memory.tried[new] = memory.parent[s], memory.tried[s]
+    for other in range(new):
+        if memory.parent[other] == s:
+            memory.parent[other] = new
+    push(memory, memory.key[s], new)
+    return True
 
 
 @bare_kernel

@@ -80,6 +80,8 @@ class AntwayPolicy:
         EIGHT, SIXTEEN or THIRTY_TWO.
     deposit : float
         Q of the deposit Q / L on a path that is better than all before, s; 0 switches pheromone off.
+    distance_weight : float
+        s/m, >= 0; what a metre costs beside its time (least distance against least time); 0 for robots with inertia.
     guard : bool
         Whether commands pass the guard.
     controls : ControlOptions or None
@@ -106,6 +108,7 @@ class AntwayPolicy:
         improvement_expansions: int = 400,
         moves: Moves = Moves.THIRTY_TWO,
         deposit: float = 20.0,
+        distance_weight: float = 0.0,
         guard: bool = True,
         controls: ControlOptions | None = None,
         mode: str = "least-harm",
@@ -122,6 +125,7 @@ class AntwayPolicy:
             raise BadParameter("moves", moves.value, "eight, sixteen or thirty-two")
         self.moves = moves
         self.deposit = checks.number("deposit", deposit, low=0.0, unit="s")
+        self.distance_weight = checks.number("distance_weight", distance_weight, low=0.0, high=1e3, unit="s/m")
         self.controls = ControlOptions() if controls is None else checks.instance("controls", controls, ControlOptions)
         self.mode = checks.choice("mode", mode, MODES)
         self.guard = Guard(mode=mode) if checks.instance("guard", guard, bool) else None
@@ -158,6 +162,8 @@ class AntwayPolicy:
         paces = self._paces(context, settings, robot)
         controls = None
         if has_inertia(robot):
+            if self.distance_weight > 0.0:
+                raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia")
             context = self._away_from_walls(context, task, goal)
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
@@ -165,6 +171,7 @@ class AntwayPolicy:
             controls = ControlColony(self.controls, task, context.field.reshape(grid.shape), seed, swerve)
         if self.guard:
             self.guard.reset(task)
+        empty = np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0])
         self.state = State(
             task=task,
             terrain=terrain_of(grid),
@@ -173,13 +180,7 @@ class AntwayPolicy:
             context=context,
             memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
-            plan=Plan(
-                np.empty((_KNOTS, 3)),
-                np.empty((_KNOTS, 3)),
-                np.empty((SEGMENTS, 8)),
-                np.empty((SEGMENTS, 8)),
-                np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            ),
+            plan=Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.empty((SEGMENTS, 8)), np.empty((SEGMENTS, 8)), empty),
             crowd=Crowd(
                 np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)), np.zeros((256, 8))
             ),
@@ -246,6 +247,7 @@ class AntwayPolicy:
                 slack=np.array([9.0, 0.0, 0.05, 0.2]),
                 minimum_improvement=self.minimum_improvement,
                 amount=self.deposit,
+                distance_weight=self.distance_weight,
             ),
         )
 

@@ -129,6 +129,7 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         high=np.zeros(states),
         arrival=np.zeros(states),
         depart=np.zeros(states),
+        toll=np.zeros(states),
         parent=ints(states),
         tried=np.zeros(states, np.uint64),
         key=np.zeros(states),
