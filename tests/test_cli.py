@@ -234,6 +234,16 @@ def test_a_warning_is_one_line(antway: Any) -> None:
     assert status == 0 and len(warned) == 1 and "205" in warned[0] and json.loads(out)["status"] == "found"
 
 
+def test_two_runs_of_a_seed_write_the_same_files(antway: Any, tmp_path: Path) -> None:
+    """C31: `run --out` of the same seed writes the same bytes, whatever ran before, but for what took how long."""
+    for folder, before in (("one", 2), ("two", 5)):
+        antway("run", "paper", "--policy", "antway", "--seed", before, "--json")
+        assert antway("run", "paper", "--policy", "antway", "--seed", 3, "--out", tmp_path / folder)[0] == 0
+    one, two = ({file.name: file.read_bytes() for file in (tmp_path / name).iterdir()} for name in ("one", "two"))
+    assert len(one) >= 9 and one.keys() == two.keys()
+    assert [name for name in sorted(one) if one[name] != two[name]] == ["timings.json"]
+
+
 def test_an_episode_and_its_views(antway: Any, tmp_path: Path) -> None:
     """`run` prints the numbers of an episode and writes its files, and `view` turns the trace into each format."""
     status, out, _ = antway("run", "paper", "--policy", "paper", "--seed", 1, "--out", tmp_path, "--json")

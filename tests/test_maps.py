@@ -225,9 +225,10 @@ def test_occupancy_between_free_and_certain(tmp_path):
     (tmp_path / "a.yaml").write_text(
         "image: a.pgm\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\nmode: raw\n"
     )
+    (tmp_path / "b.txt").write_text("..\n@.\n")
     for occupied, blocked in ((100, [0, 0, 0, 1]), (99, [0, 0, 1, 1]), (50, [0, 1, 1, 1])):
         assert load_map(tmp_path / "a.yaml", occupied=occupied).blocked.astype(int).tolist() == [blocked]
     with pytest.raises(BadParameter, match="occupied"):
         load_map(tmp_path / "a.yaml", occupied=0)
     with pytest.raises(BadParameter, match="occupied"):
-        load_map("paper", occupied=50)
+        load_map(tmp_path / "b.txt", occupied=50)

@@ -67,6 +67,16 @@ def test_the_policy_allows_only_the_pages_own_script_and_style() -> None:
     assert not re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", page)
 
 
+def test_the_page_holds_what_the_policy_predicted() -> None:
+    """Each decision's prediction is on the page as the policy made it, whatever the obstacles did later."""
+    trace = sample_trace(150, 3)
+    for record, (_, decision) in zip(data_of(replay_page(trace))["decisions"], trace.decisions, strict=True):
+        assert ("predicted" in record) == (decision.predicted is not None)
+        if decision.predicted is not None:
+            rows = np.frombuffer(base64.b64decode(record["predicted"]), "<f4").reshape(-1, 7)
+            assert (rows == decision.predicted).all()
+
+
 def test_the_same_trace_gives_the_same_page() -> None:
     """Two pages of one trace are equal byte for byte."""
     assert replay_page(sample_trace(40, 2)) == replay_page(sample_trace(40, 2))

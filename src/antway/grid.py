@@ -92,6 +92,9 @@ class Grid:
         Pose of the outer corner of cell (0, 0) in m, m, rad.
     unknown : bool[H, W] or None
         True where a blocked cell is blocked only because nothing is known of it.
+    top_first : bool
+        Whether figures and pages show row 0 on top, so that y points down: what is drawn in a picture or in letters looks as
+        drawn. Nothing else depends on it, equality included.
 
     Raises
     ------
@@ -109,6 +112,7 @@ class Grid:
     resolution: float = 1.0
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     unknown: NDArray[np.bool_] | None = field(default=None)
+    top_first: bool = False
 
     def __post_init__(self) -> None:
         blocked = _bool_array("blocked", self.blocked)
@@ -119,6 +123,7 @@ class Grid:
         for name, value in (("origin[0]", x), ("origin[1]", y)):
             checks.number(name, value, low=-1e9, high=1e9, unit="m")
         set_(self, "origin", (x, y, yaw))
+        checks.instance("top_first", self.top_first, bool)
         if self.unknown is not None:
             unknown = _bool_array("unknown", self.unknown)
             if unknown.shape != blocked.shape:
@@ -148,7 +153,7 @@ class Grid:
 
     def __reduce__(self) -> tuple[object, ...]:
         # A copy or an unpickled grid is made by the constructor, so that its arrays are read-only too.
-        return Grid, (self.blocked, self.resolution, self.origin, self.unknown)
+        return Grid, (self.blocked, self.resolution, self.origin, self.unknown, self.top_first)
 
     def contains(self, cell: Cell) -> bool:
         """Tell whether `cell` lies on the map."""

@@ -23,6 +23,7 @@ from antway.tables import SHIPPED_SCENES, names
 __all__ = ["GreyTrapWarning", "Limits", "ResolutionWarning", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
 
 PICTURES = (".png", ".pgm")  # formats whose users have a resolution in mind that the file does not hold
+_DRAWN = (*PICTURES, ".txt", ".map")  # formats that show what the map looks like, their first line on top
 _READ: dict[str, Callable[[Path, Limits], Grid]] = {
     ".yaml": ros.read,
     ".yml": ros.read,
@@ -61,7 +62,8 @@ def load_map(
     ----------
     path : str or path
         The file, or the name of a shipped scene such as "office" for its map. Row 0 of the grid is the last line of a ROS map
-        (lowest y) and the first line of every other.
+        (lowest y) and the first line of every other. Figures and pages show a picture, `.txt` or `.map` as drawn, row 0 on top,
+        where y points down (`Grid.top_first`), and any other map with y up; `replace(grid, top_first=False)` shows it so, too.
     resolution : float, optional
         Edge of a cell in m, for formats that hold none; 1 where not given, which is said aloud for pictures.
     origin : (x, y, yaw), optional
@@ -122,7 +124,7 @@ def load_map(
             ResolutionWarning,
             stacklevel=2,
         )
-    return replace(grid, resolution=place.resolution, origin=place.origin)
+    return replace(grid, resolution=place.resolution, origin=place.origin, top_first=kind in _DRAWN)
 
 
 def save_map(grid: Grid, path: str | PathLike[str]) -> None:

@@ -32,4 +32,4 @@ def shipped(name: object, *, map_file: bool = False) -> Path | None:
     if not isinstance(name, str | Path) or str(name) not in SHIPPED_SCENES or Path(name).is_file():
         return None
     file = scene(str(name))
-    return next(map_ for map_ in map(file.with_suffix, (".yaml", ".txt")) if map_.exists()) if map_file else file
+    return file.with_suffix(".yaml") if map_file else file

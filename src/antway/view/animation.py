@@ -91,10 +91,16 @@ class _Painter:
         self.width = width
         self.scale = width * SUPER / (cols * trace.task.grid.resolution)
         self.x, self.y, _ = trace.task.grid.origin
+        self.top_first = trace.task.grid.top_first
         self.font = ImageFont.load_default(15 * SUPER)
 
     def at(self, point: XY) -> tuple[float, float]:
-        return (float(point[0]) - self.x) * self.scale, self.height * SUPER - (float(point[1]) - self.y) * self.scale
+        y = (float(point[1]) - self.y) * self.scale
+        return (float(point[0]) - self.x) * self.scale, y if self.top_first else self.height * SUPER - y
+
+    def upright(self, cells: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Return values by cell, [H, W, ...], top line first."""
+        return cells if self.top_first else np.flipud(cells)
 
     def disc(self, draw: ImageDraw.ImageDraw, centre: XY, radius: float, fill: str | None, edge: str, width: int = 2) -> None:
         (x, y), r = self.at(centre), max(radius * self.scale, 3.0 * SUPER)
@@ -148,7 +154,7 @@ def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.I
     size = (painter.width * SUPER, painter.height * SUPER)
     picture = Image.new("RGB", (size[0], size[1] + CAPTION * SUPER), "white")
     reduce = Image.Resampling.BOX if max(grid.shape) > max(size) else Image.Resampling.NEAREST
-    picture.paste(Image.fromarray(np.flipud(shade)).resize(size, reduce), (0, 0))
+    picture.paste(Image.fromarray(painter.upright(shade)).resize(size, reduce), (0, 0))
     draw = ImageDraw.Draw(picture)
     if shortest is not None and len(shortest.cells) > 1:
         painter.dashes(draw, shortest.xy(grid), style.INK, 6)
@@ -191,9 +197,9 @@ def _paste_pheromone(
     grid = trace.task.grid
     height, width = amount.shape
     cell = grid.resolution
-    left, top = painter.at((painter.x + col * cell, painter.y + (row + height) * cell))
+    left, top = painter.at((painter.x + col * cell, painter.y + (row if grid.top_first else row + height) * cell))
     size = (max(1, round(width * cell * painter.scale)), max(1, round(height * cell * painter.scale)))
-    alpha = Image.fromarray(np.flipud(share * 200).astype(np.uint8)).resize(size, Image.Resampling.NEAREST)
+    alpha = Image.fromarray(painter.upright((share * 200).astype(np.uint8))).resize(size, Image.Resampling.NEAREST)
     picture.paste("#5E3C99", (round(left), round(top)), alpha)
 
 

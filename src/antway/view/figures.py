@@ -321,7 +321,7 @@ def _draw_numbers(axes: Axes, trace: Trace, step: int) -> None:
     inches = axes.get_position().width * style.width_of(axes)
     apart, kept = 0.14 / inches * float(np.ptp(axes.get_xlim())), np.empty((0, 2))  # one takes that much, in inches
     for k, place in enumerate(trace.obstacle_xy[step]):
-        at = place + np.array([0.0, trace.obstacle_radius[k]])
+        at = place + np.array([0.0, -trace.obstacle_radius[k] if trace.task.grid.top_first else trace.obstacle_radius[k]])
         if (np.abs(kept - at) > apart).any(axis=1).all():
             kept = np.vstack((kept, at))
             look: dict[str, Any] = {"color": style.RED, "fontsize": 7.5, "fontweight": "bold", "zorder": 7, "clip_on": True}

@@ -129,6 +129,7 @@ def map_record(grid: Grid, pack: Callable[[NDArray[np.bool_]], str]) -> dict[str
         "resolution": grid.resolution,
         "x": grid.origin[0],
         "y": grid.origin[1],
+        "top_first": grid.top_first,
         "blocked": pack(grid.blocked if grid.unknown is None else grid.blocked & ~grid.unknown),
         "unknown": None if grid.unknown is None else pack(grid.unknown),
     }
@@ -159,6 +160,7 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
         "gap": _number(decision.gap),
         "guard": decision.guard,
         "pheromone": heap,
+        "predicted": None if decision.predicted is None or not len(decision.predicted) else _pack(decision.predicted, "<f4"),
     }
     return {key: value for key, value in record.items() if value not in (None, "", [])}
 
@@ -176,7 +178,7 @@ class _Box:
         return _pack(np.round((points - self.low) / self.size * 65535), "<u2")
 
 
-def _pack(values: NDArray[np.float64], dtype: str) -> str:
+def _pack(values: NDArray[np.floating[Any]], dtype: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values).astype(dtype).tobytes()).decode()
 
 

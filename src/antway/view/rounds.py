@@ -36,7 +36,7 @@ def rounds_figure(trace: Trace, *, title: str = "") -> Figure:
     fig = style.figure(max(width, 6.4), height + below)
     axes, times = fig.subplots(2, 1, height_ratios=(height - 1.0, below))
     style.draw_map(axes, trace.task.grid)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    style.show_box(axes, trace.task.grid, low.tolist(), high.tolist())
     for k in range(len(trace.obstacle_id)):
         label = "tracks of what moves" if k == 0 else None
         axes.plot(*trace.obstacle_xy[:, k].T, color=style.RED, linewidth=0.7, alpha=0.45, label=label, zorder=2)

@@ -127,11 +127,17 @@ def draw_map(axes: Axes, grid: Grid) -> None:
         for k in range(1, rows):
             axes.plot([0, size[0]], [k * grid.resolution] * 2, **lines)
     low, high = _corners(grid)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    axes.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    show_box(axes, grid, low, high)
     shape = (high[1] - low[1]) / (high[0] - low[0])
     ticks: tuple[tuple[Literal["x", "y"], float], ...] = (("x", 5.6 / max(1.0, shape)), ("y", 5.6 * min(1.0, shape)))
     for axis, inches in ticks:
         axes.locator_params(axis, nbins=max(1, min(8, int(2.2 * inches))), steps=[1, 2, 5, 10])
+
+
+def show_box(axes: Axes, grid: Grid, low: Sequence[float], high: Sequence[float]) -> None:
+    """Show the part of a map from `low` to `high`, (x, y) in m, its row 0 on top if the map is drawn so."""
+    axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]) if grid.top_first else (low[1], high[1]))
 
 
 def width_of(axes: Axes) -> float:

@@ -50,7 +50,7 @@ def plan_tour_figure(tour: TourPlan, *, title: str = "") -> Figure:
     else:
         axes = fig.subplots()
     style.draw_map(axes, task.grid)
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    style.show_box(axes, task.grid, low.tolist(), high.tolist())
     for k, route in enumerate(tour.routes):
         _draw_route(axes, tour, route, k)
     _draw_stops(axes, tour, visits, 72 * (width - 0.8) / float(high[0] - low[0]))

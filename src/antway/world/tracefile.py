@@ -66,6 +66,7 @@ def to_json(trace: Trace, *, timing: bool = False) -> str:
                 "origin": list(grid.origin),
                 "blocked": _pack(grid.blocked),
                 "unknown": None if grid.unknown is None else _pack(grid.unknown),
+                **({"top_first": True} if grid.top_first else {}),
             },
             "robot": {name: getattr(task.robot, name) for name in _ROBOT} | _dynamics(task.robot),
             "start": list(task.start),
@@ -219,6 +220,7 @@ class _Reader:
                     self.real("task.grid.resolution", grid["resolution"]),
                     tuple(self.real("task.grid.origin", part) for part in _list(grid["origin"])),  # type: ignore[arg-type]
                     None if grid["unknown"] is None else self.unpack("task.grid.unknown", grid["unknown"], "|b1", 2),
+                    grid.get("top_first", False),
                 ),
                 robot=RobotSpec(**values),
                 start=parts["start"],

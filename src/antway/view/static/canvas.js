@@ -1,5 +1,5 @@
 // Draws a map and one moment of an episode on a canvas; keeps nothing but the view (pan and zoom), the map and the colours.
-// Distances are in metres, y points up. A moment is a plain object, all of it optional but the robot:
+// Distances are in metres, y points up, or down on a map that is drawn so (top_first). A moment is a plain object, all of it optional but the robot:
 //   robot {x, y, heading, radius, range, occlusion}, start [x, y], goal [x, y], tolerance, trail, global [[x, y], ...],
 //   stops [{at, number, done, late}], planned [[x, y], ...], target [x, y], obstacles [{id, x, y, vx, vy, radius, sensed, focus}], and what layers.js draws:
 //   tubes, trails, pheromone, field {mask, row, col, height, width}, braking. A mask is an image whose alpha is the amount; its
@@ -41,7 +41,7 @@ class Stage {
     this.tints.clear();
   }
 
-  // map {rows, cols, resolution, x, y, blocked, unknown}: masks, and the outer corner of cell (0, 0).
+  // map {rows, cols, resolution, x, y, top_first, blocked, unknown}: masks, the outer corner of cell (0, 0), and whether row 0 is on top.
   setMap(map) {
     this.change(map);
     this.fit();
@@ -79,9 +79,14 @@ class Stage {
     return this.zoom * margin * Math.min(this.canvas.width / (cols * resolution), this.canvas.height / (rows * resolution));
   }
 
+  // 1 where y points up on the screen, -1 where it points down.
+  get up() {
+    return this.map.top_first ? -1 : 1;
+  }
+
   toScreen([x, y]) {
     const s = this.scale;
-    return [this.canvas.width / 2 + (x - this.centre[0]) * s, this.canvas.height / 2 - (y - this.centre[1]) * s];
+    return [this.canvas.width / 2 + (x - this.centre[0]) * s, this.canvas.height / 2 - this.up * (y - this.centre[1]) * s];
   }
 
   // Metres of a point given in pixels of the page relative to the canvas.
@@ -90,8 +95,26 @@ class Stage {
     const s = this.scale;
     return [
       this.centre[0] + (left * ratio - this.canvas.width / 2) / s,
-      this.centre[1] - (top * ratio - this.canvas.height / 2) / s,
+      this.centre[1] - (this.up * (top * ratio - this.canvas.height / 2)) / s,
     ];
+  }
+
+  // Left, top, width and height in pixels of a rectangle of cells.
+  boxOf(row, col, height, width) {
+    const { resolution, x, y } = this.map;
+    const [left, top] = this.toScreen([x + col * resolution, y + (this.up > 0 ? row + height : row) * resolution]);
+    return [left, top, width * resolution * this.scale, height * resolution * this.scale];
+  }
+
+  // Draw a mask, whose first row is the highest y, over a rectangle of pixels.
+  drawMask(mask, colour, [left, top, width, height]) {
+    const c = this.context;
+    c.save();
+    c.imageSmoothingEnabled = false;
+    c.translate(left, this.up > 0 ? top : top + height);
+    c.scale(1, this.up);
+    c.drawImage(this.tinted(mask, colour), 0, 0, width, height);
+    c.restore();
   }
 
   // Zoom by a factor about a point of the page, which stays where it is.
@@ -134,15 +157,14 @@ class Stage {
   }
 
   drawMap() {
-    const { rows, cols, resolution, x, y, blocked, unknown } = this.map;
+    const { rows, cols, resolution, blocked, unknown } = this.map;
     const c = this.context;
-    const [left, top] = this.toScreen([x, y + rows * resolution]);
-    const [width, height] = [cols * resolution * this.scale, rows * resolution * this.scale];
+    const box = this.boxOf(0, 0, rows, cols);
+    const [left, top, width, height] = box;
     c.fillStyle = this.colour.floor;
     c.fillRect(left, top, width, height);
-    c.imageSmoothingEnabled = false;
-    if (unknown) c.drawImage(this.tinted(unknown, this.colour.unknown), left, top, width, height);
-    c.drawImage(this.tinted(blocked, this.colour.wall), left, top, width, height);
+    if (unknown) this.drawMask(unknown, this.colour.unknown, box);
+    this.drawMask(blocked, this.colour.wall, box);
     const cell = resolution * this.scale;
     if (cell > 9 * this.unit && Math.max(rows, cols) <= 200) {
       c.beginPath();
@@ -189,7 +211,7 @@ class Stage {
     this.stroke(this.colour.floor, 1.5);
     c.beginPath();
     c.moveTo(sx, sy);
-    c.lineTo(sx + r * Math.cos(heading), sy - r * Math.sin(heading));
+    c.lineTo(sx + r * Math.cos(heading), sy - this.up * r * Math.sin(heading));
     this.stroke("#ffffff", 2);
   }
 

@@ -5,16 +5,13 @@ const RAYS = 720; // of the outline of what is sensed
 
 // An image of amounts, {mask, row, col, height, width} in cells, in one colour.
 function drawAmounts(stage, { mask, row, col, height, width }, colour, framed) {
-  const { resolution, x, y } = stage.map;
   const c = stage.context;
-  const [left, top] = stage.toScreen([x + col * resolution, y + (row + height) * resolution]);
-  const size = [width * resolution * stage.scale, height * resolution * stage.scale];
-  c.imageSmoothingEnabled = false;
-  c.drawImage(stage.tinted(mask, colour), left, top, ...size);
+  const box = stage.boxOf(row, col, height, width);
+  stage.drawMask(mask, colour, box);
   if (!framed) return;
   c.strokeStyle = colour;
   c.lineWidth = stage.unit;
-  c.strokeRect(left, top, ...size);
+  c.strokeRect(...box);
 }
 
 // What each sensed obstacle sweeps in the next seconds as predicted, {radius, growth, path [[s, x, y], ...]}, paler with time.
@@ -32,6 +29,7 @@ function drawTubes(stage, tubes) {
 }
 
 function sweep(stage, path, { radius, growth, path: knots }, until) {
+  if (knots[0][0] > until) return;
   let before = null;
   for (let i = 0; i < knots.length && (i === 0 || knots[i - 1][0] < until); i++) {
     let [t, x, y] = knots[i];

@@ -19,7 +19,10 @@ class View {
     this.obstacleXY = this.points(data.obstacles.xy); // [step * count + k]
     this.sensed = new Uint8Array(bytes(data.obstacles.sensed)); // one bit each, in the same order
     this.global = data.global ? this.points(data.global) : [];
-    for (const decision of data.decisions) if (decision.path) decision.path = this.points(decision.path);
+    for (const decision of data.decisions) {
+      if (decision.path) decision.path = this.points(decision.path);
+      if (decision.predicted) decision.predicted = new Float32Array(bytes(decision.predicted)); // [7 * part + column]
+    }
     this.driven = [0];
     for (let i = 1; i <= this.last; i++) {
       const [a, b] = [this.robotXY[i - 1], this.robotXY[i]];
@@ -78,8 +81,7 @@ class View {
       return { id, x: ox, y: oy, vx: velocity[0], vy: velocity[1], radius: data.obstacles.radius[k], sensed: this.isSensed(i, k), focus };
     });
     const range = data.robot.range ?? Infinity;
-    const seen = obstacles.filter((o) => o.sensed);
-    const tubes = seen.map((o) => ({ radius: o.radius, growth: 0, path: [[0, o.x, o.y], [HORIZON, o.x + o.vx * HORIZON, o.y + o.vy * HORIZON]] }));
+    const tubes = predicted(decision?.predicted ?? [], time);
     return {
       step: i, decision, obstacles, start: data.start, goal: data.goal, tolerance: data.tolerance,
       stops: (data.stops ?? []).map(({ at, end, late }, k) => ({ at, late, number: k + 1, done: end != null && end <= time })),
@@ -95,6 +97,19 @@ class View {
     masks.forEach((mask, i) => (pheromone[i].mask = mask));
     this.stage.setMap({ ...map, blocked, unknown });
   }
+}
+
+// What the policy took obstacles to sweep, from `time` on, as layers.js draws it. Rows: from, to, place and velocity then, radius.
+function predicted(rows, time) {
+  const tubes = [];
+  for (let i = 0; i < rows.length; i += 7) {
+    const [from, to, x, y, vx, vy, radius] = rows.slice(i, i + 7);
+    const [start, end] = [Math.max(from, time), Math.min(to, time + HORIZON)];
+    if (start >= end) continue;
+    const path = [start, end].map((t) => [t - time, x + vx * (t - from), y + vy * (t - from)]);
+    tubes.push({ radius, growth: 0, path });
+  }
+  return tubes;
 }
 
 const image = async (source) => {
@@ -257,7 +272,11 @@ function drawRibbon() {
 }
 
 function build() {
-  const available = { global: views[0].global.length > 0, pheromone: views.some(({ data }) => data.pheromone.length > 0) };
+  const available = {
+    global: views[0].global.length > 0,
+    pheromone: views.some(({ data }) => data.pheromone.length > 0),
+    prediction: views.some(({ data }) => data.decisions.some((decision) => decision.predicted)),
+  };
   byId("layers").replaceChildren(...SHOWN.map(({ key, label, swatch }, i) => {
     const row = document.createElement("label");
     const box = document.createElement("input");

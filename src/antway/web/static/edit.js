@@ -55,7 +55,7 @@ class Editor {
 
   // The arrow keys move the cursor, Enter applies the tool there; the hand puts the goal there, and the start with Shift.
   key(view, event) {
-    const step = { ArrowUp: [1, 0], ArrowDown: [-1, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
+    const step = { ArrowUp: [view.stage.up, 0], ArrowDown: [-view.stage.up, 0], ArrowLeft: [0, -1], ArrowRight: [0, 1] }[event.key];
     if (event.ctrlKey || event.altKey || event.metaKey || !(step || (event.key === "Enter" && this.cursor))) return;
     event.preventDefault();
     event.stopPropagation();
@@ -121,7 +121,7 @@ class Editor {
     if (gesture.kind === "end") gesture.xy = xy;
     if (gesture.kind === "paint") this.stroke(gesture, xy);
     if (gesture.kind === "obstacle") {
-      const [dx, dy] = [point[0] - gesture.from[0], gesture.from[1] - point[1]];
+      const [dx, dy] = [point[0] - gesture.from[0], gesture.view.stage.up * (gesture.from[1] - point[1])];
       const far = Math.hypot(dx, dy);
       const speed = far < 6 ? 0 : Math.min(1, far / FULL) * page.scene.fastest;
       gesture.velocity = far ? [(dx / far) * speed, (dy / far) * speed] : [0, 0];
@@ -165,23 +165,18 @@ class Editor {
     if (gesture?.kind === "obstacle") this.drawThrow(stage, gesture);
     if (gesture?.kind === "waypoints") this.drawWaypoints(stage, gesture);
     if (this.cursor?.view.stage !== stage) return;
-    const { resolution, x, y } = this.page.scene.map;
-    const [row, col] = this.cursor.cell;
-    const [left, top] = stage.toScreen([x + col * resolution, y + (row + 1) * resolution]);
     const c = stage.context;
     c.beginPath();
-    c.rect(left, top, resolution * stage.scale, resolution * stage.scale);
+    c.rect(...stage.boxOf(...this.cursor.cell, 1, 1));
     stage.stroke(stage.colour.floor, 5);
     stage.stroke(stage.colour.ink, 2.5);
   }
 
   drawCells(stage, { blocked, cells }) {
-    const { resolution, x, y } = this.page.scene.map;
-    const size = resolution * stage.scale;
     stage.context.fillStyle = blocked ? stage.colour.wall : stage.colour.floor;
     for (const [row, col] of cells.values()) {
-      const [left, top] = stage.toScreen([x + col * resolution, y + (row + 1) * resolution]);
-      stage.context.fillRect(left, top, size + 0.5, size + 0.5);
+      const [left, top, width, height] = stage.boxOf(row, col, 1, 1);
+      stage.context.fillRect(left, top, width + 0.5, height + 0.5);
     }
   }
 
@@ -204,7 +199,7 @@ class Editor {
     const speed = Math.hypot(...velocity);
     const [sx, sy] = stage.toScreen(xy);
     const far = (FULL * stage.unit) / this.page.scene.fastest;
-    const [ex, ey] = [sx + velocity[0] * far, sy - velocity[1] * far];
+    const [ex, ey] = [sx + velocity[0] * far, sy - stage.up * velocity[1] * far];
     c.beginPath();
     c.moveTo(sx, sy);
     c.lineTo(ex, ey);

@@ -27,7 +27,7 @@ function takeScene(scene) {
     const packed = bits(map[name]);
     map[name] = mask(map.rows, map.cols, (i) => ((packed[i >> 3] >> (i & 7)) & 1) * 255);
   }
-  const sameMap = page.scene && ["rows", "cols", "resolution", "x", "y"].every((key) => page.scene.map[key] === map[key]);
+  const sameMap = page.scene && ["rows", "cols", "resolution", "x", "y", "top_first"].every((key) => page.scene.map[key] === map[key]);
   page.scene = scene;
   page.field = scene.field && shadeMask(scene.field, 150);
   page.pending = null;

@@ -1,0 +1,92 @@
+"""A map that was drawn, in a picture or in letters, is shown as drawn: in figures, animations, pages; a ROS map with y up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from antway import Grid, RobotSpec, load_map, save_map
+from antway.view import style
+from antway.view.animation import write_animation
+from antway.view.notebook import grid_figure
+from antway.view.replay import replay_page, write_replay
+from antway.world.trace import Trace
+from browser import DESKTOP, chromium, needs_browser, opened
+from sample import sample_trace
+
+DRAWN = "@@@@@@@@@@\n" + 7 * "..........\n" + "@.........\n"  # a wall along the first line, one cell in the last
+
+
+@pytest.fixture
+def grid(tmp_path: Path) -> Grid:
+    file = tmp_path / "m.txt"
+    file.write_text(DRAWN)
+    return load_map(file)
+
+
+def on_map(grid: Grid) -> Trace:
+    """An episode without obstacles, drawn on that map."""
+    trace = sample_trace(20, 0)
+    cells = replace(grid, resolution=2.0)
+    task = replace(trace.task, grid=cells, robot=RobotSpec(radius=0.1), start=(3.0, 9.0), goal=(17.0, 9.0))
+    return replace(trace, task=task, xy=np.linspace((3.0, 9.0), (17.0, 9.0), 21), decisions=())
+
+
+def walls(picture: np.ndarray) -> tuple[float, float]:
+    """How much of the upper and of the lower half of a picture is as dark as walls."""
+    grey = picture[..., :3].mean(axis=2) < 110
+    half = len(grey) // 2
+    return float(grey[:half].mean()), float(grey[half:].mean())
+
+
+def pixels(file: Path) -> np.ndarray:
+    with Image.open(file) as picture:
+        return np.asarray(picture.convert("RGB"))
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".map", ".png", ".pgm", ".npy", ".yaml"])
+def test_what_was_drawn_keeps_row_0_on_top(tmp_path: Path, grid: Grid, suffix: str) -> None:
+    """Pictures and letters are shown as drawn, arrays and ROS maps with y up; the cells are the same either way."""
+    file = tmp_path / f"other{suffix}"
+    save_map(grid, file)
+    found = load_map(file, **({} if suffix == ".yaml" else {"resolution": 1.0}))
+    assert found == grid and found.top_first == (suffix not in (".npy", ".yaml"))
+    assert found.inflate(0.4).top_first == found.top_first
+
+
+@pytest.mark.parametrize("top_first", [True, False])
+def test_figures_and_animations_show_it_so(tmp_path: Path, grid: Grid, top_first: bool) -> None:
+    """The wall of row 0 is in the upper half of a figure and of each frame, or in the lower half where y points up."""
+    shown = replace(grid, top_first=top_first)
+    figure = tmp_path / "f.png"
+    style.save(grid_figure(shown), figure)
+    file = write_animation(on_map(shown), tmp_path / "a.gif", width=200)
+    for name, part in ((figure, slice(None)), (file, slice(0, 180))):
+        upper, lower = walls(pixels(name)[part])
+        assert (upper > 3 * lower) == top_first and (lower > 3 * upper) != top_first
+
+
+def test_a_trace_keeps_it(tmp_path: Path, grid: Grid) -> None:
+    """A trace written and read again is shown in the same way, and one that shows y up says nothing of it."""
+    trace = on_map(grid)
+    trace.save(tmp_path / "t.json")
+    assert Trace.load(tmp_path / "t.json").task.grid.top_first
+    assert "top_first" not in (sample_trace(20, 0).save(tmp_path / "u.json") or (tmp_path / "u.json").read_text())
+
+
+@needs_browser
+@pytest.mark.parametrize("top_first", [True, False])
+def test_the_page_shows_it_so(tmp_path: Path, grid: Grid, top_first: bool) -> None:
+    """On the page the wall of row 0 is on top as well, and a place on the screen is the place in the world that it shows."""
+    trace = on_map(replace(grid, top_first=top_first))
+    assert f'"top_first":{str(top_first).lower()}' in replay_page(trace)
+    with chromium() as browser:
+        page, complaints = opened(browser, write_replay(trace, tmp_path / "r.html").as_uri(), ("file:", "data:"), **DESKTOP)
+        shot: Any = page.locator("#stage").screenshot(path=tmp_path / "s.png")
+        upper, lower = walls(pixels(tmp_path / "s.png"))
+        assert shot and complaints == [] and (upper > 2 * lower) == top_first and (lower > 2 * upper) != top_first
