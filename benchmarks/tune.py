@@ -1,9 +1,9 @@
 """Choose the options of the baselines by grid search, on episodes that no table counts.
 
-Run as `python benchmarks/tune.py [--robot NAME] [BASELINE ...]`. Every combination of a baseline's options plays the suite
-`synthetic`, one episode of each of its 18 groups, numbered from 10,000 on; the best quarter plays three more. The winner
-reached the goal most often and, among equals, in the least time over the clairvoyant optimum. Prints the best five and writes
-them to benchmarks/out/tune.json.
+Run as `python benchmarks/tune.py [--robot NAME] [--groups A,B] [--more N] [BASELINE ...]`. Every combination of a baseline's
+options plays the suite `synthetic`, one episode of each of its 18 groups, or of those given, numbered from 10,000 on; the best
+quarter, three at least, plays N more. The winner reached the goal most often and, among equals, in the least time over the
+clairvoyant optimum. Prints the best five and writes them to benchmarks/out/tune.json.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ ON_WHEELS: dict[str, dict[str, tuple[object, ...]]] = {
 }
 
 
-def tune(baseline: str, robot: str) -> list[tuple[str, Summary]]:
+def tune(baseline: str, robot: str, groups: tuple[str, ...], more: int) -> list[tuple[str, Summary]]:
     """Return the candidates of the second round, best first."""
     options = (ON_WHEELS if robot else GRIDS)[baseline]
     suite = f"synthetic on {robot_name(robot)}" if robot else "synthetic"
     specs = [f"{baseline}/" + "/".join(map("{}={}".format, options, values)) for values in product(*options.values())]
     rows: dict[str, list[Row]] = {spec: [] for spec in specs}
-    for low, high, kept in ((0, 1, len(specs)), (1, 4, max(3, len(specs) // 4))):
+    for low, high, kept in ((0, 1, len(specs)), (1, 1 + more, max(3, len(specs) // 4))):
         specs = sorted(specs, key=lambda spec: _score(rows[spec]))[:kept]
         for number in range(FIRST + low, FIRST + high):
-            for group in load_suite("synthetic").groups:
+            for group in groups:
                 episode = Episode("synthetic", suite, group, number, robot)
                 for spec in specs:
                     rows[spec].append(play(Job(episode, spec))[0])
@@ -63,12 +63,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("baselines", nargs="*", metavar="BASELINE", help=f"{', '.join(GRIDS)}; all of them without any")
     parser.add_argument("--robot", default="", help=f"a robot on wheels, for {', '.join(ON_WHEELS)}")
+    parser.add_argument("--groups", default="", help="of suite synthetic, separated by commas; all if left out")
+    parser.add_argument("--more", type=int, default=3, help="episodes of each group that the best play beyond the first")
     arguments = parser.parse_args()
+    groups = tuple(arguments.groups.split(",")) if arguments.groups else load_suite("synthetic").groups
     wanted = arguments.baselines or list(ON_WHEELS if arguments.robot else GRIDS)
     out = Path(__file__).parent / "out" / "tune.json"
     found = json.loads(out.read_text()) if out.exists() else {}
     for baseline in wanted:
-        best = tune(baseline, arguments.robot)[:5]
+        best = tune(baseline, arguments.robot, groups, arguments.more)[:5]
         for spec, one in best:
             print(f"{spec}: {100 * one.success:.1f} % of {one.episodes}, {one.time_ratio:.3f} of the optimum", flush=True)
         found[f"{baseline} {arguments.robot}".strip()] = {

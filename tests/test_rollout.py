@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, RobotSpec, Scenario, World, run
+from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, load_scenario, run
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
@@ -20,6 +20,7 @@ from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import make_context
 from antway.world.motions import Line
 from antway.world.policy import Task
+from antway.world.robots import load_robot
 from antway.world.world import Obstacle
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
@@ -108,7 +109,7 @@ def _naive_cost(
             short = max(min(contact + top * late - far, reach - drifted), 0.0)
             cost += w.stop * short * (3.0 if k == 0 else decay)
         if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2]:
-            return cost
+            return cost - (len(controls) - 1 - k) * dt
         px, py, left = outlook.plan[k].tolist()
         value = max(_bilinear(field.time, x, y, field.time_frame), 0.0, left + w.off_plan * math.hypot(x - px, y - py))
         cost += w.progress * value
@@ -189,6 +190,18 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         for k in range(steps):
             now = drive_cycle(*now, *controls[k].tolist(), colony.limits, robot.dt)
         assert path[-1] == pytest.approx(now[:2], abs=2e-3)
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotSpec) -> None:
+    """A second is a second, before the end of the rollout too: else robots dawdle in front of the goal."""
+    colony = _colony(robot)
+    colony.state[:] = 7.7, 4.1, 0.0, 0.5, 0.0
+    known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights._replace(progress=0.0)
+    fast, slow = (np.full((len(colony.outlook.near), 2), (speed, 0.0)) for speed in (1.0, 0.5))
+    costs = [judge(one, *known, math.inf, np.empty((0, 2))) for one in (fast, slow)]
+    assert costs[1] - costs[0] == pytest.approx(1.0 / 0.5 - (1.0 + 0.125), abs=robot.dt)  # 1 m to go
+    assert costs == pytest.approx([_naive_cost(one, *known) for one in (fast, slow)])
 
 
 def test_distances_to_walls_are_exact_at_the_nodes() -> None:
@@ -290,3 +303,10 @@ def test_latency_is_driven_with() -> None:
 def test_options_of_another_kind_are_refused() -> None:
     with pytest.raises(BadParameter):
         AntwayPolicy(controls=3)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("robot", "seed"), [("jackal", 0), ("turtlebot4", 2)])
+def test_robots_keep_room_from_walkers_who_may_turn_back(robot: str, seed: int) -> None:
+    """One walks straight for so long that its predictions hold to a hair, and then turns towards the robot at a corner."""
+    result = run(load_scenario("office").driven_by(load_robot(robot)), AntwayPolicy(), seed=seed)
+    assert result.outcome is Outcome.REACHED

@@ -182,8 +182,9 @@ def take_seeds(
     outlook: Outlook,
     weights: CostWeights,
 ) -> None:
-    """Judge the sequences to begin with: turn and go, reverse, stop, down the field, along the plan."""
-    for i in range(28 + 8):
+    """Judge the sequences to begin with: turn and go, reverse, stop, down the field, aside of it, along the plan."""
+    steps = len(archive.ant)
+    for i in range(36 + 6):
         if i < 24:
             speed = limits.v_max if i % 2 == 0 else 0.5 * limits.v_max
             turn_and_go(archive.ant, start, limits, dt, start[HEADING] + (i // 2) * math.pi / 6.0, speed)
@@ -194,9 +195,13 @@ def take_seeds(
         elif i == 27:
             archive.ant[:] = 0.0
         elif i < 30:
-            downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max)
+            downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max, 0.0, 0)
+        elif i < 36:  # past something, on its left or on its right
+            aside = 0.25 if i < 34 else 0.7
+            until = steps // 2 if 32 <= i < 34 else steps // 4
+            downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max, aside if i % 2 == 0 else -aside, until)
         elif outlook.plan[0, 2] > -math.inf:
-            along_plan(archive.ant, start, limits, dt, outlook, 3 if i < 33 else 6, 4 * (i % 3))
+            along_plan(archive.ant, start, limits, dt, outlook, 3 if i < 39 else 6, 4 * (i % 3))
         else:
             continue
         take(archive, block, start, limits, dt, field, outlook, weights)

@@ -290,7 +290,7 @@ def judge(
         if gx * gx + gy * gy < field.goal[2] * field.goal[2]:
             for j in range(k + 1, rows):
                 path[j, 0], path[j, 1] = x, y
-            return cost
+            return cost - (steps - 1 - k) * dt
         to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
         px, py = x - outlook.plan[k, 0], y - outlook.plan[k, 1]
         value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))
@@ -298,8 +298,8 @@ def judge(
         if k == steps - 1:
             return cost + value + lost_time(x, y, c, s, a, b, to_go, field, limits)
         left = steps - 1 - k
-        end = max(to_go - left * dt, 0.0)
-        if cost + end + w.progress * left * 0.5 * (to_go + end) > limit:
+        ahead = min(left, to_go / dt)  # steps at least until the goal
+        if cost + to_go - left * dt + w.progress * ahead * (to_go - 0.5 * ahead * dt) > limit:
             return math.inf
     return cost
 

@@ -76,8 +76,13 @@ def downhill(
     field: StaticField,
     distance: float,
     speed: float,
+    aside: float,
+    until: int,
 ) -> None:
-    """Write the sequence that follows the time to the goal down, steering to where that leads `distance` m on."""
+    """Write the sequence that follows the time to the goal down, steering to where that leads `distance` m on.
+
+    In the first `until` steps it steers `aside` m to the left of that, or to the right if that is below 0.
+    """
     x, y, heading, a, b = state[SX], state[SY], state[HEADING], state[A], state[B]
     e = 0.1
     for k in range(len(ant)):
@@ -89,6 +94,9 @@ def downhill(
             if steep < 1e-9:
                 break
             px, py, gone = px - e * gx / steep, py - e * gy / steep, gone + e
+        if k < until and gone > 0.0:
+            dx, dy = (px - x) / gone, (py - y) / gone
+            px, py = px - aside * dy, py + aside * dx
         x, y, heading, a, b = _follow(x, y, heading, a, b, px, py, speed, limits, dt)
         ant[k, 0], ant[k, 1] = a, b
 

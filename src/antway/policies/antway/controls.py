@@ -23,6 +23,7 @@ from antway.world.rollouts import RobotState, commanded, finite_limits, static_f
 _DISCS = 64  # at most, near one another at one time
 _WRONG = 0.05  # m/s; how wrong velocities are taken to be foretold before any was compared
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
+_NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
 _ALIKE = 0.3  # m; paths no farther apart are one
 
 
@@ -41,12 +42,14 @@ class ControlOptions:
         archive's mean distance; the share `curious` of them farther.
     progress, off_plan, trust : float
         Weight of the time to go at each step; s for each m off the plan; by how much s the plan's arrival may be bettered.
+    unsure : float
+        m/s; velocities of obstacles that may swerve are taken to be at least so wrong, however well they were foretold.
     margin, wished, near : float
         Room kept to obstacles, room wished for beyond, and s for each m less at each step.
     risk, spread, spread_time, late : float
         s where contact begins, at each step; it falls with the square to nothing at so many standard deviations of where a
         track will be (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken as they will be `late` s
-        after, for a robot with inertia cannot answer at once.
+        after, for a robot with inertia cannot answer at once; both are longer for robots slower than 0.8 m/s.
     wall_margin : float
         Room kept to walls.
     contact, decay : float
@@ -70,8 +73,9 @@ class ControlOptions:
     curious: float = 0.15
     progress: float = 0.02
     off_plan: float = 0.5
-    trust: float = 1.0
-    margin: float = 0.03
+    trust: float = 0.3
+    unsure: float = 0.12
+    margin: float = 0.01
     wished: float = 0.05
     near: float = 0.2
     risk: float = 6.0
@@ -125,6 +129,8 @@ class ControlColony:
             wide_b=0.35 * turn,
         )
         self.foretold, self.known, self.pool = np.zeros((128, foretold.COLUMNS)), 0, np.array([_WRONG])
+        self.slowness = max(_NIMBLE / robot.v_max, 1.0)
+        self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
         self.averaging = None
         if o.search != "ants":
             self.averaging = Averaging(
@@ -173,7 +179,7 @@ class ControlColony:
         sigma, wrong = np.empty((n, 2)), np.empty(n)
         arguments = self.foretold, self.known, self.pool, estimates, t, segments, wrong
         self.known = entry(foretold.foretold, *arguments)(*arguments)
-        sigma[:, 0], sigma[:, 1] = estimates[:, SIGMA], wrong
+        sigma[:, 0], sigma[:, 1] = estimates[:, SIGMA], np.maximum(wrong, self.unsure)
         return sigma
 
     def act(
@@ -213,7 +219,7 @@ class ControlColony:
             self.state,
             self.robot.v_max,
             self.braking,
-            Margins(o.margin, o.wished, o.spread, o.spread_time, o.late),
+            Margins(o.margin, o.wished, o.spread, self.slowness * o.spread_time, self.slowness * o.late),
             self.speed_bound,
             self.growth,
         )
