@@ -21,7 +21,7 @@ from dataclasses import replace
 from antway import Command, Decision, Observation, Policy, Scenario, Task, check_episode, make_policy, run
 from antway.arena.causes import by_cause, with_cause
 from antway.arena.store import Row
-from antway.arena.suites import Episode, build, facts, load_suite
+from antway.arena.suites import Episode, build, episodes, facts
 from antway.version import __version__
 from antway.world.motions import Waypoints
 
@@ -102,18 +102,19 @@ def main() -> None:
     parser.add_argument("--groups", default="", help="separated by commas; all if left out")
     parser.add_argument("--policies", default="antway,sipp/predictions=mirrored", help="separated by commas")
     parser.add_argument("--change", choices=CHANGES, default="none")
+    parser.add_argument("--robot", default="", help="which robot drives, as in `antway bench`; else the suite's own")
     parser.add_argument("--check", action="store_true", help="check every episode by check_episode")
     options = parser.parse_args()
-    suite, names = load_suite(options.suite), options.policies.split(",")
+    named, names = episodes(options.suite, 1, options.robot), options.policies.split(",")
     print(
         "| group | policy | episodes | success, % | contacts moving + standing | time / optimum | time, s | beside the last |"
     )
     print("|---|---|--:|--:|--:|--:|--:|--:|")
     failures: list[Row] = []
-    for group in options.groups.split(",") if options.groups else suite.groups:
+    for group in options.groups.split(",") if options.groups else [one.group for one in named]:
         rows: dict[str, list[Row]] = {name: [] for name in names}
         for number in range(options.first, options.first + options.episodes):
-            episode = Episode(options.suite, suite.name, group, number)
+            episode = Episode(options.suite, named[0].suite, group, number, options.robot)
             for row in play(episode, names, options.change, options.check):
                 rows[row.policy].append(row)
         base = {row.episode: row for row in rows[names[-1]]}
