@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import antway
+from antway import warmup
 
 PROGRAM = """
 from antway.kernels.base import cache
@@ -129,3 +130,55 @@ def test_compile_time_is_in_no_cycle(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "slow.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
     cycle, compiled = map(float, done.stdout.split())
     assert compiled > 0.05 and cycle < 0.5 * compiled
+
+
+BOTH = """
+from antway.kernels.base.jit import kernel
+
+@kernel
+def more(x):
+    return x + 1.0
+
+@kernel
+def twice(x):
+    return 2.0 * more(x)
+
+print(twice(1.0), more(1.0))
+"""
+
+
+def test_a_kernel_may_be_called_by_kernels_and_from_python(tmp_path: Path) -> None:
+    """Compiled, found on disk, and without what Python needs where only kernels call it: the answers are the same."""
+    (tmp_path / "both.py").write_text(BOTH)
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": "1"}
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "both.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
+        assert done.stdout.split() == ["4.0", "2.0"]
+    kept = {path.name.split("-")[0] for path in (tmp_path / "cache").rglob("*.inner.nbi")}
+    assert kept == {"both.more"}
+
+
+@pytest.mark.parametrize(("policy", "compiled", "started"), [("antway", False, 1), ("antway", True, 0), ("paper", False, 0)])
+def test_a_first_run_compiles_in_two_processes(
+    policy: str, compiled: bool, started: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other process is started where the kernels are not there yet, and is gone when the episode is over."""
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def popen(command: list[str], env: dict[str, str]) -> subprocess.Popen[bytes]:
+        assert "late()" in command[-1] and env["ANTWAY_QUIET"] == "1"
+        processes.append(real([sys.executable, "-c", "import time; time.sleep(600)"]))
+        return processes[-1]
+
+    real = subprocess.Popen
+    monkeypatch.setattr(warmup, "is_compiled", lambda folder, kernel: compiled)
+    monkeypatch.setattr(warmup.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(warmup.subprocess, "Popen", popen)
+    with warmup.compiling_beside(policy):
+        assert len(processes) == started
+    assert all(process.poll() is not None for process in processes)
+
+
+def test_what_an_episode_needs_late_can_be_compiled() -> None:
+    """What the other process does is done without an error, whatever is compiled already."""
+    warmup.late()

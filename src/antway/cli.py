@@ -200,8 +200,9 @@ def run_command(
     """Take a robot through a scenario; exit status 5 on a contact, 4 if time ran out, 1 if the policy raised."""
     from antway import check_episode, run
     from antway.demo import explained, scene, summary, write_episode
+    from antway.warmup import compiling_beside
 
-    with working("running"):
+    with working("running"), compiling_beside(policy):
         place = scene(scenario)
         if robot is not None:
             from antway.world.robots import load_robot

@@ -11,7 +11,17 @@ from typing import Self
 
 
 class AntwayError(Exception):
-    """Whatever antway raises on purpose."""
+    """Whatever antway raises on purpose.
+
+    Examples
+    --------
+    >>> from antway import load_map
+    >>> try:
+    ...     load_map("offce")
+    ... except AntwayError as error:
+    ...     print(type(error).__name__)
+    BadMap
+    """
 
 
 class BadInput(AntwayError, ValueError):
@@ -58,11 +68,27 @@ def _rebuild(kind: type[BadInput], field: str, value: object, allowed: str, wher
 
 
 class BadMap(BadInput):
-    """A map file or message that cannot be read as a map."""
+    """A map file or message that cannot be read as a map.
+
+    Examples
+    --------
+    >>> from antway import load_map
+    >>> load_map("offce")  # doctest: +IGNORE_EXCEPTION_DETAIL
+    Traceback (most recent call last):
+    antway.errors.BadMap: no such map
+    """
 
 
 class BadScenario(BadInput):
-    """A scenario, track or trace that cannot be read, or whose parts do not fit together."""
+    """A scenario, track or trace that cannot be read, or whose parts do not fit together.
+
+    Examples
+    --------
+    >>> from antway import load_scenario
+    >>> load_scenario("ofice")  # doctest: +IGNORE_EXCEPTION_DETAIL
+    Traceback (most recent call last):
+    antway.errors.BadScenario: no such file or scene
+    """
 
 
 class BadResults(BadInput):
@@ -70,23 +96,64 @@ class BadResults(BadInput):
 
 
 class BadParameter(BadInput):
-    """A number, name or array outside what it may be."""
+    """A number, name or array outside what it may be.
+
+    Examples
+    --------
+    >>> from antway import Budget
+    >>> Budget(seconds=-1)
+    Traceback (most recent call last):
+    antway.errors.BadParameter: seconds = -1: must be a number >= 0 (s)
+    """
 
 
 class OutOfBounds(BadInput):
-    """A cell or point outside the map."""
+    """A cell or point outside the map.
+
+    Examples
+    --------
+    >>> from antway import load_map
+    >>> load_map("office").cell_at((-1.0, 3.0))  # doctest: +IGNORE_EXCEPTION_DETAIL
+    Traceback (most recent call last):
+    antway.errors.OutOfBounds: outside the map
+    """
 
 
 class CellBlocked(BadInput):
-    """A start or goal that stands in an obstacle."""
+    """A start or goal that stands in an obstacle.
+
+    Examples
+    --------
+    >>> from antway import load_map, plan
+    >>> plan(load_map("office"), (0.05, 0.05), (22.0, 12.5))  # doctest: +IGNORE_EXCEPTION_DETAIL
+    Traceback (most recent call last):
+    antway.errors.CellBlocked: the start is in a wall
+    """
 
 
 class TooLarge(BadInput):
-    """An input larger than the limit for its kind; refused before any memory is taken for it."""
+    """An input larger than the limit for its kind; refused before any memory is taken for it.
+
+    Examples
+    --------
+    >>> from antway import Grid, errors, limits
+    >>> issubclass(TooLarge, errors.BadInput)
+    True
+    """
 
 
 class InvalidPlan(AntwayError):
-    """A plan or episode that breaks a rule; holds every violation found."""
+    """A plan or episode that breaks a rule; holds every violation found.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from antway import Problem, check_plan, load_map, solve
+    >>> problem = Problem(load_map("office"), (30, 15), (125, 220))
+    >>> check_plan(problem, replace(solve(problem), length=1.0))  # doctest: +IGNORE_EXCEPTION_DETAIL
+    Traceback (most recent call last):
+    antway.errors.InvalidPlan: the length is another one
+    """
 
     def __init__(self, violations: list[str]) -> None:
         self.violations = tuple(violations)

@@ -88,7 +88,16 @@ def standing_cell(name: str, xy: Iterable[float], grid: Grid, inflated: Grid, ra
 
 
 class Status(Enum):
-    """How a search ended: with a path, with the proof that there is none, or out of budget (a path found so far is kept)."""
+    """How a search ended: with a path, with the proof that there is none, or out of budget (a path found so far is kept).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from antway import Grid, Problem, solve
+    >>> wall = Grid(np.array([[False, True, False]]), 1.0)
+    >>> solve(Problem(wall, (0, 0), (0, 2))).status is Status.NO_PATH
+    True
+    """
 
     FOUND = "found"
     NO_PATH = "no-path"
@@ -176,6 +185,12 @@ class Plan:
         along it, each a neighbour of eight of the one before, and `length` is that of the polyline.
     grid : Grid or None
         The map asked about, for pictures.
+
+    Examples
+    --------
+    >>> from antway import load_map, plan
+    >>> plan(load_map("office"), (1.5, 3.0), (22.0, 12.5), robot_radius=0.25)
+    Plan(found, 26.017 m, 233 cells, optimal)
     """
 
     status: Status
@@ -229,7 +244,14 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedPath:
-    """A path in time: at `t[i]` s (increasing) at `xy[i]` m, straight and at constant speed in between."""
+    """A path in time: at `t[i]` s (increasing) at `xy[i]` m, straight and at constant speed in between.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> TimedPath(np.array([0.0, 2.0]), np.array([[0.0, 0.0], [4.0, 2.0]])).at(1.0)
+    (2.0, 1.0)
+    """
 
     t: NDArray[np.float64]
     xy: NDArray[np.float64]

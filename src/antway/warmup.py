@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context
 
 from antway import checks
+from antway.kernels.base.cache import is_compiled
 from antway.tables import PLANNERS, POLICIES, WARM
 
 KINDS = WARM
@@ -45,6 +50,50 @@ def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple
         running = [pool.submit(_timed, name, argument) for name, argument in tasks]
         for done in as_completed(running):
             yield done.result()
+
+
+@contextmanager
+def compiling_beside(policy: str) -> Iterator[None]:
+    """Play the first episode of policy antway within: another process compiles at once what it needs late.
+
+    What both need is compiled by the one that needs it first, and found on disk by the other. Where the kernels are there
+    already, for other policies, and on one core nothing is started.
+    """
+    if policy != "antway" or is_compiled("", "crossing.cycle") or (os.cpu_count() or 1) < 2:
+        yield
+        return
+    quiet = os.environ | {"ANTWAY_QUIET": "1"}
+    beside = subprocess.Popen([sys.executable, "-c", "from antway.warmup import late; late()"], env=quiet)
+    try:
+        yield
+    finally:
+        beside.terminate()
+        beside.wait()
+
+
+def late() -> None:
+    """Compile what an episode of policy antway needs after its first cycle: the shortest path, then what else could be done."""
+
+    from antway import Moves, Problem, load_map, load_scenario, solve
+    from antway.policies.antway.alternatives import Situation, manner
+    from antway.policies.antway.policy import AntwayPolicy
+    from antway.world.episode import Episode
+
+    solve(Problem(load_map("office").inflate(0.25), (20, 20), (100, 200), Moves.EIGHT), "anyangle")
+    policy = AntwayPolicy()
+    episode = Episode(load_scenario("office"), policy, seed=0)
+    s = policy._state
+    estimates, courses = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
+    estimates[0, :2] = s.task.start[0] + 2.0, s.task.start[1]
+    situation = Situation(
+        s.context, s.settings, s.terrain, 0.0, 0.0, s.task.start, estimates, courses, s.plan.segments[:0].copy()
+    )
+    path, segments = situation.straight(), situation.segments_of(0)
+    if path is not None and len(segments):
+        situation.conflict(path, segments)
+        situation.cost(path)
+        manner("crossing", (1.0, 0.0), path, segments, 0.0)
+    episode.stage.drive(0.0, 0.0)
 
 
 def _timed(name: str, argument: str) -> tuple[str, float]:

@@ -243,7 +243,7 @@ def described(kind: type) -> dict[str, str]:
     Examples
     --------
     >>> described(RobotSpec)["dt"]
-    'Control period in s, > 0.'
+    'Control period in s, >= 1e-6.'
     """
     found: dict[str, str] = {}
     for keys, _, text in re.findall(

@@ -65,6 +65,13 @@ class EpisodeResult:
         The stops, if the scenario has any, and how they were visited.
     order_ms : float64[M]
         Wall time of each decision on the order of the stops, ms.
+
+    Examples
+    --------
+    >>> from antway import load_scenario, run
+    >>> result = run(load_scenario("paper"), "follow", horizon=1.0)
+    >>> result.reached, result.reason
+    (False, 'the horizon of 1 s came first')
     """
 
     outcome: Outcome

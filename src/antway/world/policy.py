@@ -50,6 +50,13 @@ class Task:
     ------
     BadParameter, OutOfBounds
         Whether the robot has room at the ends is for `Scenario` and for policies to say.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from antway import Grid, RobotSpec
+    >>> Task(Grid(np.zeros((40, 60), bool), 0.1), RobotSpec(radius=0.2), (1.0, 1.0), (5.0, 3.0)).goal
+    (5.0, 3.0)
     """
 
     grid: Grid
@@ -169,6 +176,14 @@ class Observation:
     ------
     BadParameter
         For what is no number, or no pair of numbers; what the numbers may be is checked where they are used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from antway import Tracks
+    >>> nobody = Tracks(np.zeros(0, int), np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    >>> Observation(0.0, (1.0, 1.0), (0.5, 0.0), 0.0, nobody).speed
+    0.5
     """
 
     t: float  # s
@@ -229,6 +244,13 @@ class Command:
         m/s in the world's frame: for holonomic robots, and for wheels where `twist` is None.
     twist : (v, omega) or None
         For wheels: speed along the heading in m/s, negative in reverse, and turn rate in rad/s.
+
+    Examples
+    --------
+    >>> Command((0.5, 0.0)).velocity
+    (0.5, 0.0)
+    >>> Command(twist=(0.4, -0.2)).twist  # wheels: 0.4 m/s, turning right
+    (0.4, -0.2)
     """
 
     velocity: XY = (0.0, 0.0)
@@ -293,6 +315,12 @@ class Decision:
     predicted : float32[P, 7] or None
         Where the policy takes the tracks to go, for pictures: rows (t0, t1, x, y, vx, vy, radius), each a disc of `radius` m
         that moves uniformly from (x, y) m with (vx, vy) m/s from t0 to t1 s.
+
+    Examples
+    --------
+    >>> decision = Decision("wait", "someone crosses from the left", obstacle=3, encounter="crossing-left")
+    >>> decision.action, decision.obstacle
+    ('wait', 3)
     """
 
     action: str
@@ -316,7 +344,22 @@ class Decision:
 
 
 class Policy(Protocol):
-    """What steers a robot. One instance plays one episode at a time; `reset` begins each."""
+    """What steers a robot. One instance plays one episode at a time; `reset` begins each.
+
+    Examples
+    --------
+    >>> from antway import Command, Decision, load_scenario, run
+    >>> class Straight:
+    ...     def reset(self, task, seed):
+    ...         self.task = task
+    ...     def act(self, observation):
+    ...         (x, y), (gx, gy) = observation.xy, self.task.goal
+    ...         return Command((0.1 * (gx - x), 0.1 * (gy - y)))
+    ...     def explain(self):
+    ...         return Decision("follow", "straight to the goal, whatever is in between")
+    >>> run(load_scenario("office"), Straight(), horizon=1.0).outcome.value
+    'timeout'
+    """
 
     def reset(self, task: Task, seed: int) -> None:
         """Forget everything and prepare for `task`."""

@@ -65,6 +65,14 @@ class Scenario:
     Raises
     ------
     BadParameter, BadScenario, OutOfBounds, CellBlocked, TooLarge
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from antway import Grid, World
+    >>> scenario = Scenario(World(Grid(np.zeros((40, 60), bool), 0.1)), (1.0, 1.0), (5.0, 3.0))
+    >>> scenario.task.goal
+    (5.0, 3.0)
     """
 
     world: World

@@ -26,6 +26,12 @@ class Outcome(Enum):
 
     A contact is `HIT_MOVING` if the robot moved at that instant, `HIT_STANDING` if it was at rest. `TIMEOUT`: the horizon
     came first. `ERROR`: the policy failed; the robot was braked.
+
+    Examples
+    --------
+    >>> from antway import load_scenario, run
+    >>> run(load_scenario("paper"), "follow", horizon=1.0).outcome is Outcome.TIMEOUT
+    True
     """
 
     REACHED = "reached"

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
-from numba import njit, typeof, types
+from numba import typeof
 from numba.core import event
 
 from antway.kernels.base.cache import cache_folder
+from antway.kernels.base.dispatch import for_kernels_and_python
 
 F = TypeVar("F", bound=Callable[..., object])
 config: Any = numba.config
@@ -57,28 +58,15 @@ def compile_seconds() -> float:
 
 
 def _compiled(function: F, **options: bool) -> F:
+    settings = {"nogil": True, "error_model": "numpy", **options}
     before = config.CACHE_DIR
     config.CACHE_DIR = before or _CACHE  # for this kernel alone: other packages keep theirs where they did
     try:
-        compiled = njit(cache=True, nogil=True, error_model="numpy", **options)(function)  # type: ignore[call-overload]
+        if config.DISABLE_JIT:
+            return function
+        return cast(F, for_kernels_and_python(function, settings))
     finally:
         config.CACHE_DIR = before
-    if hasattr(compiled, "get_call_template"):
-        template = compiled.get_call_template
-        compiled.get_call_template = lambda args, kws: template(
-            tuple(map(_plain, args)), {name: _plain(kind) for name, kind in kws.items()}
-        )
-    return cast(F, compiled)
-
-
-def _plain(kind: Any) -> Any:
-    """Return the type for which a kernel is compiled that another one calls: int64 for shorter integers and written numbers.
-
-    Numba would compile it once more for each, at a second or two.
-    """
-    if isinstance(kind, types.IntegerLiteral) or kind in (types.int32, types.int16, types.int8):
-        return types.int64
-    return kind
 
 
 def kernel(function: F) -> F:

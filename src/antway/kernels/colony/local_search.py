@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.tour import Cities, Ids, Index, distance
 
 HEAD, SIZE, LOGGED = range(3)
@@ -237,5 +238,5 @@ def improve(cities: Cities, search: Search, order: Ids, breadth: int, longest: i
     for city in order:
         push(search, city)
     gain = settle(cities, search, breadth, longest)
-    order[:] = search.order
+    copy_row(search.order, order)
     return gain

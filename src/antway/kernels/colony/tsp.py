@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.local_search import LOGGED, Search, flip, improve, push, set_tour, settle, undo, workspace
 from antway.kernels.colony.pheromone import Numbers, best_deposits, clip, evaporate, limits, persistence
 from antway.kernels.colony.tour import Cities, Floats, Ids, Index, column, distance
@@ -203,11 +204,11 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
     better: bool = shortest < record[BEST]
     if better:
         record[BEST] = shortest
-        colony.bests[0] = colony.orders[first]
+        copy_row(colony.orders[first], colony.bests[0])
     if shortest < record[BEST_SINCE]:
         record[BEST_SINCE] = shortest
         record[IMPROVED] = t
-        colony.bests[1] = colony.orders[first]
+        copy_row(colony.orders[first], colony.bests[1])
     best = max(record[BEST_SINCE], 1e-300)
     excess = max(shortest, 1e-300) / best - 1.0
     since = t - int(record[RESTARTED])
@@ -253,14 +254,14 @@ def build(
         if plan.attempts > 0 and not plan.anew and colony.record[CYCLE] > 0:
             set_tour(search, order)
             colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
-            order[:] = search.order
+            copy_row(search.order, order)
             continue
         colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
         if plan.breadth >= 0:
             colony.lengths[ant] -= improve(cities, whole, order, plan.breadth, plan.longest)
             if plan.anew:
                 colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
-                order[:] = search.order
+                copy_row(search.order, order)
 
 
 @bare_kernel

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import TOUCH, first_wall, segment_hits_cells, swept_discs, wrap
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain
+from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.harm import least_harm
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, reach_gap_along
@@ -142,8 +143,8 @@ def within_reach(
         age = now - table[i, _SEEN]
         if table[i, _SEEN] < stamp and age > hold:
             continue
-        table[kept] = table[i]
-        out[n, :SPEED] = table[i, _X:_SPEED]
+        copy_row(table[i], table[kept])
+        copy_row(table[i, _X:_SPEED], out[n, :SPEED])
         fastest, speed = max(bounds[BOUND_SPEED], bounds[BOUND_KIND], table[i, _FASTEST]), table[i, _SPEED]
         growth = max(bounds[BOUND_GROWTH], table[i, _GROWTH]) * (age + stopping_time)
         out[n, SPEED] = min(fastest, speed + growth) if speed >= 0.0 else fastest

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 
 TIMES = (0.4, 1.2)  # s; over which velocities are averaged, weights falling with age; 0.4 to 1.2 s fit eth and citr best
@@ -60,11 +61,11 @@ def averaged(
     for i in range(count):
         if t - rows[i, _SEEN] <= _LOST:
             if kept != i:
-                rows[kept] = rows[i]
+                copy_row(rows[i], rows[kept])
             kept += 1
     count = kept
     for k in range(len(estimates)):
-        out[k] = estimates[k]
+        copy_row(estimates[k], out[k])
         if estimates[k, NAME] < 0.0:
             continue
         i = 0

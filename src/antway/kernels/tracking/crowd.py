@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
 from antway.kernels.tracking.predict import LATER, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
 
@@ -191,7 +192,7 @@ def foresee(
             if rows[i, NAME] == estimates[k, NAME] and rows[i, NAME] >= 0.0:
                 before = i
         if before >= 0:
-            row[:] = rows[before]
+            copy_row(rows[before], row)
             dt = t - row[_SEEN]
             if dt > 0.0:
                 vx, vy = estimates[k, VX], estimates[k, VY]
@@ -200,9 +201,11 @@ def foresee(
                     row[_DIRECT] = _DECAY * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_TURNING] = _DECAY * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
                 _learn(row, vx, vy, preferred_speed, lines, bound)
-        row[:8], row[_SEEN] = estimates[k], t
+        copy_row(estimates[k], row[:8])
+        row[_SEEN] = t
     follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _DIRECT].sum()
-    rows[:n] = fresh
+    for k in range(n):
+        copy_row(fresh[k], rows[k])
     at, then = fresh, fresh.copy()
     for s in range(STEPS):
         if s == 0 or follows:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import records
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.predict import NAME, X, Y
 
 # columns of a row: name, when seen, since when a place is foretold, for when, that place, and the errors
@@ -50,7 +51,7 @@ def foretold(
     for i in range(count):
         if t - rows[i, _SEEN] <= _LOST:
             if kept != i:
-                rows[kept] = rows[i]
+                copy_row(rows[i], rows[kept])
             kept += 1
     count = kept
     first = 0

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.kalman import measure_place
+from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 
 ID, T, P11, P12, P22 = range(8, 13)  # columns of the track table after those of a track estimate
@@ -115,7 +116,7 @@ def update(
         if age > _LOST:
             continue
         if kept != i:
-            table[kept] = table[i]
+            copy_row(table[i], table[kept])
         kept += 1
         if n == len(estimates):
             continue

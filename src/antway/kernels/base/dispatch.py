@@ -1,0 +1,120 @@
+"""How kernels are compiled twice: once for kernels that call them, and for Python only where Python calls them.
+
+Numba compiles for each kernel machine code and what Python needs to call it, which unpacks every array of every record. Most
+kernels are called by other kernels alone: that is compiled for nothing, and takes a third of the time. All that reaches into
+Numba's own parts is in this file.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from numba import njit, types
+from numba.core import sigutils
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import _FunctionCompiler
+from numba.core.registry import CPUDispatcher
+
+
+class _Bitcode(JITCodeLibrary):
+    """Code that becomes a part of the kernels that call it: kept as such, for machine code of it alone would never run."""
+
+    def _finalize_specific(self) -> None:
+        self._codegen._scan_and_fix_unresolved_refs(self._final_module)
+
+    def serialize_using_object_code(self) -> Any:
+        return self.serialize_using_bitcode()
+
+
+class _InnerFiles(CompileResultCacheImpl):
+    @property
+    def filename_base(self) -> str:
+        return f"{super().filename_base}.inner"
+
+
+class _InnerCache(FunctionCache):
+    _impl_class = _InnerFiles
+
+
+class Inner(CPUDispatcher):
+    """A kernel as other kernels call it: without machine code of its own and what Python needs to call it."""
+
+    def enable_caching(self) -> None:
+        self._cache = _InnerCache(self.py_func)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        return super().get_call_template(tuple(map(_plain, args)), {name: _plain(kind) for name, kind in kws.items()})
+
+    def compile(self, sig: Any) -> Any:
+        with global_compiler_lock:
+            codegen = self.targetctx.codegen()
+            before = codegen._library_class, codegen.set_env
+            codegen._library_class, codegen.set_env = _Bitcode, lambda name, env: None  # to set one compiles all around it
+            try:
+                return super().compile(sig)
+            finally:
+                codegen._library_class, codegen.set_env = before
+
+    def is_compiled(self, args: Any) -> bool:
+        """Tell whether it is compiled for arguments of these types, here or on disk."""
+        sig, _ = sigutils.normalize_signature(args)
+        key = self._cache._index_key(args, self.targetctx.codegen())
+        return sig in self.overloads or key in self._cache._cache_file._load_index()
+
+
+class Kernel(CPUDispatcher):
+    """A kernel as Python calls it."""
+
+    inner: Inner
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self.inner)
+
+    def compile(self, sig: Any) -> Any:
+        entry_point = super().compile(sig)  # and set what Inner left unset
+        args, _ = sigutils.normalize_signature(sig)
+        compiled = self.overloads[tuple(args)]
+        for env in compiled._find_referenced_environments():
+            compiled.codegen.set_env(env.env_name, env)
+        return entry_point
+
+
+class _Compiler(_FunctionCompiler):
+    """Compiles for Python what other kernels call already as a call of that, which takes a fraction of the time."""
+
+    kernel: Kernel
+
+    def _get_implementation(self, args: Any, kws: Any) -> Any:
+        if not self.kernel.inner.is_compiled(args):
+            return self.py_func
+        names = ", ".join(inspect.signature(self.py_func).parameters)
+        found: dict[str, Any] = {"inner": self.kernel.inner, "__name__": self.py_func.__module__}
+        exec(f"def {self.py_func.__name__}({names}):\n    return inner({names})", found)
+        return found[self.py_func.__name__]
+
+
+def for_kernels_and_python(function: Any, settings: dict[str, Any]) -> Kernel:
+    """Return `function` to be compiled with these settings of Numba's, and kept on disk."""
+    jit: Any = njit
+    compiled: Any = jit(cache=True, no_cfunc_wrapper=True, **settings)(function)
+    compiled.__class__ = Kernel
+    compiled._compiler.__class__, compiled._compiler.kernel = _Compiler, compiled
+    compiled.inner = jit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **settings)(function)
+    compiled.inner.__class__ = Inner
+    compiled.inner.enable_caching()
+    kernel: Kernel = compiled
+    return kernel
+
+
+def _plain(kind: Any) -> Any:
+    """Return the type for which a kernel is compiled that another one calls: int64 for shorter integers and written numbers.
+
+    Numba would compile it once more for each, at a second or two.
+    """
+    if isinstance(kind, types.IntegerLiteral) or kind in (types.int32, types.int16, types.int8):
+        return types.int64
+    return kind
