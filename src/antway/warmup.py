@@ -83,10 +83,10 @@ def late() -> None:
     policy = AntwayPolicy()
     episode = Episode(load_scenario("office"), policy, seed=0)
     s = policy._state
-    estimates, courses = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
+    estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
     estimates[0, :2] = s.task.start[0] + 2.0, s.task.start[1]
     situation = Situation(
-        s.context, s.settings, s.terrain, 0.0, 0.0, s.task.start, estimates, courses, s.plan.segments[:0].copy()
+        s.context, s.settings, s.terrain, 0.0, 0.0, s.task.start, estimates, foretold, s.plan.segments[:0].copy()
     )
     path, segments = situation.straight(), situation.segments_of(0)
     if path is not None and len(segments):

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
+from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
-from antway.world.policy import Decision, Policy, ShowsAnts
+from antway.world.policy import Decision, Policy
 
 
 @dataclass(frozen=True, slots=True)

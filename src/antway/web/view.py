@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from antway.policies.paper.tubes import Tubes
 from antway.web.inside import Look, edges, look_inside
+from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
-from antway.world.policy import Command, Decision, Observation, Policy, ShowsAnts, Task
+from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.scenario import Scenario
 
 Message = dict[str, Any]

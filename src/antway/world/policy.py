@@ -6,9 +6,9 @@ import ast
 import inspect
 import math
 import numbers
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -385,46 +385,6 @@ class Plans(Protocol):
 
     def planned(self) -> TimedPath | None:
         """Return the motion in use, as the explanation would have it."""
-
-
-class LaidTrails(NamedTuple):
-    """Pheromone on moves between cells."""
-
-    here: NDArray[np.int64]  # [N, 2] (row, col)
-    there: NDArray[np.int64]  # [N, 2]
-    amount: NDArray[np.float64]  # [N]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AntStep:
-    """What the ants of a policy did in one control cycle.
-
-    Attributes
-    ----------
-    idle : str
-        Why no ants took part; empty if some did.
-    done : bool
-        Whether they ended by themselves: with more cycles of theirs the control cycle comes to the same.
-    decision : Decision
-    """
-
-    idle: str
-    done: bool
-    decision: Decision
-
-
-@runtime_checkable
-class ShowsAnts(Protocol):
-    """A policy whose ants can be watched at work."""
-
-    def use_common_memory(self) -> None:
-        """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
-
-    def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
-        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
-
-    def trails(self) -> LaidTrails:
-        """Return the pheromone that is worth showing."""
 
 
 def make_policy(name: str, **options: Any) -> Policy:

@@ -32,7 +32,8 @@ from antway.policies.antway.controls import ControlColony, ControlOptions, has_i
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import SWAYS, Paces, State, make_context, make_memory, make_trails, shared_memory
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
-from antway.world.policy import AntStep, Command, Decision, LaidTrails, Observation, RobotSpec, Task, Tracks
+from antway.world.ants import AntStep, LaidTrails
+from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 

@@ -24,7 +24,8 @@ from antway.policies.guard import Guard, check_observation
 from antway.policies.paper.local_target import local_target
 from antway.policies.paper.routes import STOP, Nodes, PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
-from antway.world.policy import XY, AntStep, Command, Decision, LaidTrails, Observation, Task, Tracks
+from antway.world.ants import AntStep, LaidTrails
+from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
 
 WAITS = 0.5  # s; step between the waiting times that are compared, and pause between two searches for a detour while waiting
 NEAR = 2.0  # s; a conflict later than this, for which no detour is known yet, does not make the robot stop
