@@ -410,8 +410,7 @@ class AntwayPolicy:
 
     def memory(self) -> Memory:
         """Return the memory that the ants search in."""
-        memory = self._state.memory
-        return shared_memory(self.task.grid.blocked.size) if memory is None else memory
+        return self._state.memory or shared_memory(self.task.grid.blocked.size)
 
     def use_common_memory(self) -> None:
         """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
