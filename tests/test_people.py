@@ -9,12 +9,26 @@ import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.arena.predict import forecast, left_tubes
+from antway.kernels import sidestep
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.harm import harm, least_harm
 from antway.kernels.tracking import averages, noise
-from antway.kernels.tracking.predict import NAME, NO_PREDICTIONS, SIGMA_V, VX, VY, TubeMargins, X, Y, crosses_edge, predict
+from antway.kernels.tracking.predict import (
+    NAME,
+    NO_PREDICTIONS,
+    RADIUS,
+    SIGMA_V,
+    VX,
+    VY,
+    TubeMargins,
+    X,
+    Y,
+    crosses_edge,
+    predict,
+)
 from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.state import make_context
 from antway.policies.guard import Guard
 from antway.world.motions import Replay
 from antway.world.world import Obstacle
@@ -296,3 +310,36 @@ def test_tubes_hold_on_recordings(name: str, factor: float) -> None:
     """On each recording the share outside is `chance` to 3 points, though tubes are half or twice as wide at first."""
     for chance, time, share in forecast(str(SHARED / "tracks" / f"{name}.csv"), factor=factor).outside:
         assert share == pytest.approx(chance, abs=0.03), (chance, time)
+
+
+def _estimates(*people: tuple[float, float, float, float], sway: float = 0.15) -> np.ndarray:
+    rows = np.zeros((len(people), 8))
+    rows[:, [X, Y, VX, VY]] = people
+    rows[:, RADIUS], rows[:, SIGMA_V], rows[:, NAME] = 0.3, sway, np.arange(len(people))
+    return rows
+
+
+def test_chance_of_contact_is_nearly_what_its_slow_twin_finds() -> None:
+    """What is expected of a motion beside a plan is what dense sampling finds, which looks at more than nearest approaches."""
+    rng, some = np.random.default_rng(5), 0
+    steps = sidestep.STEPS
+    for _ in range(cases(60, 2000)):
+        places = np.vstack((np.zeros(2), np.cumsum(rng.uniform(-0.07, 0.07, (steps, 2)), axis=0)))
+        people = _estimates(*np.column_stack((rng.uniform(-1.5, 1.5, (3, 2)), rng.uniform(-1.5, 1.5, (3, 2)))))
+        aside, age = tuple(rng.uniform(-1.0, 1.0, 2)), float(rng.uniform(0.0, 0.1))
+        found = sidestep.chance_of_contact(places, aside, people, age, 0.3, math.inf)
+        slow = naive.chance_of_contact(places, aside, people, age, 0.3, sidestep.AHEAD, sidestep.HOLD)
+        assert found <= slow + 1e-6 and found == pytest.approx(slow, abs=0.03)
+        some += slow > 0.1
+    assert some > 10
+
+
+def test_a_step_aside_leaves_a_person_who_walks_alongside_more_clearance() -> None:
+    """Beside one 3 cm away the robot turns off and goes on; with nobody near it does as its plan says."""
+    grid = Grid(np.zeros((100, 100), np.bool_), 0.2)
+    context = make_context(grid, RobotSpec(radius=0.3, v_max=1.0), (50, 99))
+    knots = np.array([[0.0, 10.0, 10.1], [8.0, 18.0, 10.1]])
+    for y, turns in ((10.73, True), (13.0, False)):
+        people = _estimates((10.0, y, 1.0, 0.0))
+        vx, vy = sidestep.sidestep(knots, 0.0, 0.0, (10.0, 10.1), (1.0, 0.0), people, context)
+        assert (vy < -0.1 and vx > 0.2) if turns else (vx, vy) == (1.0, 0.0)

@@ -35,6 +35,20 @@ def harm(p, v, heading, command, until, tracks, limits, dt, ahead=2.5, parts=50)
     return total
 
 
+def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=4000) -> float:
+    """Expected number of tracks that touch a robot beside its plan, by looking at many instants."""
+    t = np.linspace(0.0, ahead, parts + 1)
+    knots = np.linspace(0.0, ahead, len(places))
+    moved = places + np.outer(np.minimum(knots, hold), aside)
+    robot = np.column_stack([np.interp(t, knots, moved[:, i]) for i in range(2)])
+    total = 0.0
+    for row in estimates:
+        where = row[:2] + np.outer(t + age, row[2:4])
+        z = (np.hypot(*(where - robot).T) - radius - row[4]) / (0.01 + row[6] * t)
+        total += 1.0 / (1.0 + math.exp(min(1.7 * z.min(), 50.0)))
+    return total
+
+
 def averaged(scans, floor, times=(0.4, 1.2), later=0.8):
     """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
 

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadInput, BadParameter
-from antway.grid import Cell, Moves
+from antway.errors import BadParameter
+from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.crossing import COUNT, FORESEEN, KEPT, LOOK, NEW, Crowd, Plan, Settings, cycle
+from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.ants import ColonySettings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import EXPANSIONS, SEGMENTS, Memory
@@ -25,15 +26,26 @@ from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.averages import MEDIAN, averaged
 from antway.kernels.tracking.noise import place_noise
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, TubeMargins, crosses_edge
+from antway.kernels.tracking.predict import VX, VY, TubeMargins, crosses_edge
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
 from antway.policies.antway.explain import explain, wait_of
-from antway.policies.antway.state import SWAYS, Paces, State, make_context, make_memory, make_trails, shared_memory
+from antway.policies.antway.state import (
+    SWAYS,
+    Paces,
+    State,
+    as_estimated,
+    away_from_walls,
+    make_context,
+    make_memory,
+    make_trails,
+    shared_memory,
+    without_edges,
+)
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
 from antway.world.ants import AntStep, LaidTrails
-from antway.world.policy import Command, Decision, Observation, RobotSpec, Task, Tracks
+from antway.world.policy import Command, Decision, Observation, RobotSpec, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
@@ -41,7 +53,6 @@ _HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are
 _HERE.flags.writeable = False
 _KNOTS = 2048  # greatest number of knots of a plan
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
-_WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _BRAKES = 0.5  # s; with tracks in sight the robot drives no faster than it can brake from in so long
 _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well yet, and
 _NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
@@ -165,7 +176,7 @@ class AntwayPolicy:
         if has_inertia(robot):
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia")
-            context = self._away_from_walls(context, task, goal)
+            context = away_from_walls(context, task, goal, self.moves)
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
             swerve = float(task.obstacle_swerve) if strict else None  # else no stop is better than the best ant
@@ -199,16 +210,6 @@ class AntwayPolicy:
         careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
         stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
         return (context, settings.tubes.stopping_time), (careful, stopping_time)
-
-    def _away_from_walls(self, context: PlanningContext, task: Task, goal: Cell) -> PlanningContext:
-        """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal."""
-        row, col = task.grid.cell_at(task.start)
-        wide = replace(task.robot, radius=task.robot.radius + _WALL_MARGIN, footprint=None)
-        try:
-            wider = make_context(task.grid, wide, goal, self.moves)
-        except BadInput:
-            return context
-        return wider if math.isfinite(wider.field[row * task.grid.shape[1] + col]) else context
 
     def _settings(self, task: Task) -> Settings:
         robot = task.robot
@@ -269,6 +270,7 @@ class AntwayPolicy:
         known, age = self._update_tracks(s, observation)
         if s.controls is None:
             vx, vy, what, arrival, bound = self._predict_and_plan(s, observation, known, age)
+            vx, vy = self._aside(s, observation, known, age, (vx, vy))
             command, did = self._guarded(s, observation, known, Command((vx, vy)))
         else:
             late, seen, state = acting(observation, s.task.robot)
@@ -285,6 +287,14 @@ class AntwayPolicy:
         if s.decision is None:
             s.cycle, s.did = (observation, known, age, arrival, bound), did
         return command
+
+    def _aside(self, s: State, o: Observation, known: int, age: float, command: tuple[float, float]) -> tuple[float, float]:
+        """Return the velocity on the plan, or beside it where people who may sway are near it."""
+        if s.settings.roomy.robot_radius == 0.0 or known == 0:
+            return command
+        knots, at = s.plan.knots[: int(s.plan.state[COUNT])], (float(o.xy[0]), float(o.xy[1]))
+        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context
+        return entry(sidestep, *arguments)(*arguments)
 
     def _planned(self, s: State) -> TimedPath | None:
         """Return a copy of the plan in use, or where the best ant in the space of controls goes."""
@@ -313,7 +323,7 @@ class AntwayPolicy:
             if s.settings.tubes.edges:
                 seen = s.table[:known, track.T] == stamp  # one that is not seen now may have turned back already
                 if crosses_edge(s.estimates[:known][seen], s.terrain):
-                    s.settings = _without_edges(s.settings)
+                    s.settings = without_edges(s.settings)
         if self._strict(s.task):
             s.crowd.averaged[:known] = s.estimates[:known]
         else:
@@ -361,17 +371,9 @@ class AntwayPolicy:
         if self.guard is None:
             return command, ""
         if o.tracks.covariance is not None or s.noise[1] > _NOISY:
-            o = self._estimated(s, o, known)
+            o = as_estimated(s, o, known)
         others = None if s.controls is None else s.controls.others()
         return self.guard.passed(o, command, others), self.guard.did
-
-    def _estimated(self, s: State, o: Observation, known: int) -> Observation:
-        """Return what is seen, as the filter sees it."""
-        b = s.estimates[:known]
-        covariance = np.zeros((known, 4, 4))
-        covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
-        covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
-        return replace(o, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], b[:, 2:4], b[:, RADIUS], covariance))
 
     def explain(self) -> Decision:
         """Return why the last command was what it was.
@@ -442,9 +444,3 @@ class AntwayPolicy:
         np.maximum.at(amount, at, trails.tau[used])
         here = np.column_stack(np.divmod(key // 64, cols))
         return LaidTrails(here, here + self.moves.offsets.astype(np.int64)[key % 64], amount)
-
-
-def _without_edges(settings: Settings) -> Settings:
-    """Return the settings for obstacles that do not turn back at the edges of the map, as one was seen to cross them."""
-    open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "bare", "roomy")}
-    return settings._replace(**open_ended)

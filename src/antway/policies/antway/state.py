@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.grid import Grid, Moves
+from antway.errors import BadInput
+from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
@@ -17,12 +18,14 @@ from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, 
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import averages, noise
 from antway.kernels.tracking.kalman import COLUMNS
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.search.sipp import timed_field, timed_moves
-from antway.world.policy import Decision, Observation, RobotSpec, Task
+from antway.world.policy import Decision, Observation, RobotSpec, Task, Tracks
 
 SWAYS, PRIOR = 0.02**2, 0.1**2  # m^2/s^2; median of squared errors of velocities from which on a plan keeps room, and at first
+_WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
 
@@ -166,3 +169,29 @@ def make_context(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Mov
         speed=robot.v_max,
         goal=goal[0] * cols + goal[1],
     )
+
+
+def without_edges(settings: Settings) -> Settings:
+    """Return the settings for obstacles that do not turn back at the edges of the map, as one was seen to cross them."""
+    open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "bare", "roomy")}
+    return settings._replace(**open_ended)
+
+
+def away_from_walls(context: PlanningContext, task: Task, goal: Cell, moves: Moves) -> PlanningContext:
+    """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal."""
+    row, col = task.grid.cell_at(task.start)
+    wide = replace(task.robot, radius=task.robot.radius + _WALL_MARGIN, footprint=None)
+    try:
+        wider = make_context(task.grid, wide, goal, moves)
+    except BadInput:
+        return context
+    return wider if math.isfinite(wider.field[row * task.grid.shape[1] + col]) else context
+
+
+def as_estimated(state: State, seen: Observation, known: int) -> Observation:
+    """Return what is seen, as the filter sees it: its first `known` estimates."""
+    b = state.estimates[:known]
+    covariance = np.zeros((known, 4, 4))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
+    covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
+    return replace(seen, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], b[:, 2:4], b[:, RADIUS], covariance))
