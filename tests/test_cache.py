@@ -63,8 +63,7 @@ sys.argv = ["antway", "plan", "office", "--start", "1.5,3", "--goal", "22,12.5",
 try:
     main()
 finally:
-    import numba
-    print(numba.config.DISABLE_JIT, file=sys.stderr)
+    print("numba" in sys.modules, file=sys.stderr)
 """
 
 
@@ -72,13 +71,13 @@ def test_a_small_map_is_searched_before_anything_is_compiled(tmp_path: Path) -> 
     """Without compiled kernels `antway plan` interprets them on a small map, with the answer that compiled ones give."""
     answers = []
     for disable in (None, "0"):
-        given = {"NUMBA_CACHE_DIR": str(tmp_path)} if disable is None else {}
+        given = {"NUMBA_CACHE_DIR": str(tmp_path)} if disable is None else {"NUMBA_DISABLE_JIT": disable}
         done = subprocess.run(
             [sys.executable, "-c", PLAN], env={**os.environ, **given}, capture_output=True, text=True, check=True
         )
         answers.append(json.loads(done.stdout))
         if disable is None:
-            assert done.stderr.split()[-1] == "1" and not list(tmp_path.rglob("*.nbi"))
+            assert done.stderr.split()[-1] == "False" and not list(tmp_path.rglob("*.nbi"))
     assert {**answers[0], "elapsed": 0} == {**answers[1], "elapsed": 0} and answers[0]["status"] == "found"
 
 

@@ -57,6 +57,7 @@ RobotName = Annotated[
     ),
 ]
 SMALL = 2**19  # cells of a map that `plan` searches sooner than it compiles the search
+TINY = 2**16  # and sooner than it loads Numba
 
 ScenarioName = Annotated[
     str,
@@ -167,15 +168,15 @@ def plan_command(
 
 
 def _interpret_if_small(cells: int, planner: str) -> None:
-    """Let Python interpret the kernels where they are not compiled yet and the map is small: that is over long before they are.
+    """Let Python interpret the kernels where that is over before they, or Numba, would be there.
 
-    Interpreted and compiled kernels give the same answers (tests/test_without_jit.py).
+    Interpreted and compiled kernels give the same answers (tests/test_without_jit.py). NUMBA_DISABLE_JIT=0 has them compiled.
     """
-    if cells > SMALL or planner not in ("jps", "astar") or "numba" in sys.modules:
+    if cells > SMALL or planner not in ("jps", "astar") or "numba" in sys.modules or "NUMBA_DISABLE_JIT" in os.environ:
         return
     from antway.kernels.base.cache import is_compiled
 
-    if not is_compiled("search", "astar.solve"):
+    if cells <= TINY or not is_compiled("search", "astar.solve"):
         os.environ["NUMBA_DISABLE_JIT"] = "1"
         import numpy as np
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any, cast
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
-PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+from antway.kernels.base.jit import PLAIN
 
 
 def _instruction(name: str, plain: Callable[[Any], int], meaning: str) -> Callable[[Any], int]:
     if PLAIN:
         return plain
+    from llvmlite import ir
+    from numba import types
+    from numba.extending import intrinsic
 
     def typed(typing_context: Any, word: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:

@@ -8,15 +8,54 @@ Numba's own parts is in this file.
 from __future__ import annotations
 
 import inspect
+import logging
+import multiprocessing
+import os
+import time
 from typing import Any
 
-from numba import njit, types
-from numba.core import sigutils
+import numba
+from numba import njit, typeof, types
+from numba.core import event, sigutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
+
+from antway.kernels.base.cache import cache_folder
+
+config: Any = numba.config
+_CACHE = cache_folder()
+_log = logging.getLogger("antway")
+
+
+class _Watch(event.Listener):
+    """Adds up the time that compiling takes, and says once that kernels are being compiled.
+
+    One thread compiles at a time, and what a kernel calls is compiled while it is: the outermost compilation counts.
+    """
+
+    def __init__(self) -> None:
+        self.depth, self.began, self.seconds, self.announced = 0, 0.0, 0.0, False
+
+    def on_start(self, event: object) -> None:
+        if not self.depth:
+            self.began = time.perf_counter()
+        self.depth += 1
+        if not self.announced:
+            self.announced = True
+            if multiprocessing.parent_process() is None and not os.environ.get("ANTWAY_QUIET"):
+                _log.warning("antway: compiling the kernels; this happens once and is kept on disk (see antway warmup) ...")
+
+    def on_end(self, event: object) -> None:
+        self.depth -= 1
+        if not self.depth:
+            self.seconds += time.perf_counter() - self.began
+
+
+watch = _Watch()
+event.register("numba:compile", watch)
 
 
 class _Bitcode(JITCodeLibrary):
@@ -100,14 +139,24 @@ class _Compiler(_FunctionCompiler):
 def for_kernels_and_python(function: Any, settings: dict[str, Any]) -> Kernel:
     """Return `function` to be compiled with these settings of Numba's, and kept on disk."""
     jit: Any = njit
-    compiled: Any = jit(cache=True, no_cfunc_wrapper=True, **settings)(function)
-    compiled.__class__ = Kernel
-    compiled._compiler.__class__, compiled._compiler.kernel = _Compiler, compiled
-    compiled.inner = jit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **settings)(function)
-    compiled.inner.__class__ = Inner
-    compiled.inner.enable_caching()
+    before = config.CACHE_DIR
+    config.CACHE_DIR = before or _CACHE  # for this kernel alone: other packages keep theirs where they did
+    try:
+        compiled: Any = jit(cache=True, no_cfunc_wrapper=True, **settings)(function)
+        compiled.__class__ = Kernel
+        compiled._compiler.__class__, compiled._compiler.kernel = _Compiler, compiled
+        compiled.inner = jit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **settings)(function)
+        compiled.inner.__class__ = Inner
+        compiled.inner.enable_caching()
+    finally:
+        config.CACHE_DIR = before
     kernel: Kernel = compiled
     return kernel
+
+
+def compiled_for(function: Any, sample: tuple[object, ...]) -> Any:
+    """Return the kernel `function` as compiled for arguments of the types of these."""
+    return function.compile(tuple(map(typeof, sample)))
 
 
 def _plain(kind: Any) -> Any:

@@ -1,72 +1,30 @@
-"""The one way a kernel is compiled: cached on disk, without the global lock, IEEE arithmetic in program order."""
+"""The one way a kernel is compiled: cached on disk, without the global lock, IEEE arithmetic in program order.
+
+Where compiling is switched off (NUMBA_DISABLE_JIT) kernels are plain Python, and Numba is not even imported.
+"""
 
 from __future__ import annotations
 
-import logging
-import multiprocessing
 import os
-import time
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-import numba
-from numba import typeof
-from numba.core import event
-
-from antway.kernels.base.cache import cache_folder
-from antway.kernels.base.dispatch import for_kernels_and_python
-
 F = TypeVar("F", bound=Callable[..., object])
-config: Any = numba.config
+PLAIN = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
 
-
-_CACHE = cache_folder()
-_log = logging.getLogger("antway")
-
-
-class _Watch(event.Listener):
-    """Adds up the time that compiling takes, and says once that kernels are being compiled.
-
-    One thread compiles at a time, and what a kernel calls is compiled while it is: the outermost compilation counts.
-    """
-
-    def __init__(self) -> None:
-        self.depth, self.began, self.seconds, self.announced = 0, 0.0, 0.0, False
-
-    def on_start(self, event: object) -> None:
-        if not self.depth:
-            self.began = time.perf_counter()
-        self.depth += 1
-        if not self.announced:
-            self.announced = True
-            if multiprocessing.parent_process() is None and not os.environ.get("ANTWAY_QUIET"):
-                _log.warning("antway: compiling the kernels; this happens once and is kept on disk (see antway warmup) ...")
-
-    def on_end(self, event: object) -> None:
-        self.depth -= 1
-        if not self.depth:
-            self.seconds += time.perf_counter() - self.began
-
-
-_watch = _Watch()
-event.register("numba:compile", _watch)  # type: ignore[no-untyped-call]
+if not PLAIN:
+    from antway.kernels.base import dispatch
 
 
 def compile_seconds() -> float:
     """Return how long this process has compiled kernels so far, s; the difference of two calls is no time of a policy's own."""
-    return _watch.seconds
+    return 0.0 if PLAIN else dispatch.watch.seconds
 
 
 def _compiled(function: F, **options: bool) -> F:
-    settings = {"nogil": True, "error_model": "numpy", **options}
-    before = config.CACHE_DIR
-    config.CACHE_DIR = before or _CACHE  # for this kernel alone: other packages keep theirs where they did
-    try:
-        if config.DISABLE_JIT:
-            return function
-        return cast(F, for_kernels_and_python(function, settings))
-    finally:
-        config.CACHE_DIR = before
+    if PLAIN:
+        return function
+    return cast(F, dispatch.for_kernels_and_python(function, {"nogil": True, "error_model": "numpy", **options}))
 
 
 def kernel(function: F) -> F:
@@ -96,7 +54,8 @@ def entry(function: F, *sample: object) -> F:
     An integer that comes where there was a float is taken as one; a float where there was an integer loses its fraction unsaid.
     A call of the kernel itself finds out the types of all arguments each time, at 0.2 us for each part of a tuple.
     """
+    if PLAIN:
+        return function
     if function not in _entries:
-        compiled = getattr(function, "compile", None)  # None where compiling is switched off (NUMBA_DISABLE_JIT)
-        _entries[function] = compiled(tuple(map(typeof, sample))) if compiled else function
+        _entries[function] = dispatch.compiled_for(function, sample)
     return cast(F, _entries[function])
