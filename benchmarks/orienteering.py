@@ -86,7 +86,7 @@ def value(case: Case, routes: list[list[int]]) -> float:
     return max(ends) if case.kind == "makespan" else travel
 
 
-def by_antway(case: Case, seconds: float, seed: int) -> float:
+def by_antway(case: Case, seconds: float | None, cycles: int | None, seed: int) -> float:
     found = order_stops(
         case.matrix,
         end="start",
@@ -97,6 +97,7 @@ def by_antway(case: Case, seconds: float, seed: int) -> float:
         robots=case.robots,
         objective="makespan" if case.kind == "makespan" else "travel time",
         seconds=seconds,
+        cycles=cycles,
         seed=seed,
     )
     worth = value(case, [order[1:-1].tolist() for order in found.orders])
@@ -171,18 +172,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=30)
     parser.add_argument("--seconds", type=float, default=1.0)
+    parser.add_argument("--cycles", type=int, help="of antway, instead of its seconds, on a machine with other work")
+    parser.add_argument("--only", choices=KINDS)
     parser.add_argument("--times", type=float, default=10.0, help="how many times as long the peers search")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--peers", default="ortools,pyvrp")
     told = parser.parse_args()
     rng = np.random.default_rng(told.seed)
-    by_antway(generated(np.random.default_rng(0), "windows"), 0.1, 0)  # loads the kernels
+    by_antway(generated(np.random.default_rng(0), "windows"), 0.1, None, 0)  # loads the kernels
     short: list[float] = []
     for number in range(told.cases):
         case = generated(rng, KINDS[number % 3])
-        began = time.perf_counter()
-        own, better = by_antway(case, told.seconds, number), case.priorities is not None
-        took = time.perf_counter() - began
+        if told.only not in (None, case.kind):
+            short.append(0.0)
+            continue
+        began, used = time.perf_counter(), time.process_time()
+        seconds = told.seconds if told.cycles is None else None
+        own, better = by_antway(case, seconds, told.cycles, number), case.priorities is not None
+        took, used = time.perf_counter() - began, time.process_time() - used
         peers = {}
         if "ortools" in told.peers:
             peers["ortools"] = by_ortools(case, told.times * told.seconds)
@@ -193,14 +200,16 @@ def main() -> None:
         others = "  ".join(f"{who} {worth:.6g}" for who, worth in peers.items())
         size = f"{len(case.matrix)} stops, {case.robots} robots"
         print(
-            f"{case.kind:12} {size}: antway {own:.6g} in {took:.2f} s  {others}  {100 * short[-1]:.3f} % short of the best",
+            f"{case.kind:12} {size}: antway {own:.6g} in {took:.2f} s ({used:.2f} s of processor time)  "
+            f"{others}  {100 * short[-1]:.3f} % short of the best",
             flush=True,
         )
     for place, kind in enumerate(KINDS):
         own_short = np.array(short[place::3])
-        if len(own_short):
+        if len(own_short) and told.only in (None, kind):
+            budget = f"{told.seconds:g} s" if told.cycles is None else f"{told.cycles} cycles"
             print(
-                f"{kind}: {len(own_short)} cases, {told.seconds:g} s; short of the best by {100 * own_short.mean():.3f} %"
+                f"{kind}: {len(own_short)} cases, {budget}; short of the best by {100 * own_short.mean():.3f} %"
                 f" on the mean, {100 * own_short.max():.3f} % at most; within 1 % on {(own_short <= 0.01).sum()}"
             )
 

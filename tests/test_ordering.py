@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 
@@ -75,6 +76,34 @@ def test_equal_to_all_permutations() -> None:
         assert answer.cost == pytest.approx(best[1], rel=1e-3), case
         assert answer.bound >= best[0] - 1e-9 if priorities is not None else answer.bound <= best[1] * (1 + 1e-12), case
     assert feasible > case / 2
+
+
+@pytest.mark.parametrize("robots", [1, 2])
+def test_nine_stops_equal_all_orders(robots: int) -> None:
+    """Eight stops from a start, with windows: of all 40,320 orders, cut between two robots anywhere, none is cheaper."""
+    rng = np.random.default_rng(6)
+    for case in range(cases(4, 100)):
+        xy = rng.random((9, 2)) * 10
+        matrix = np.hypot(*(xy[:, None] - xy[None]).T) * rng.uniform(0.8, 1.2, (9, 9))
+        begin = rng.random(9) * 15
+        windows = np.c_[begin * (rng.random(9) < 0.3), begin + 15 + rng.random(9) * 20]
+        windows[0] = 0.0, math.inf
+        answer = order_stops(matrix, end="start", windows=windows, robots=robots, cycles=100, seed=case)
+        orders = 1 + np.array(list(itertools.permutations(range(8))))
+        best = math.inf
+        for cut in range(9) if robots == 2 else (8,):
+            cost = np.zeros(len(orders))
+            for part in (orders[:, :cut], orders[:, cut:]):
+                now, at = np.zeros(len(orders)), np.zeros(len(orders), int)
+                for stop in part.T:
+                    cost += matrix[at, stop]
+                    now = np.maximum(now + matrix[at, stop], windows[stop, 0])
+                    cost[now > windows[stop, 1]] = math.inf
+                    at = stop
+                cost += matrix[at, 0] * (part.shape[1] > 0)
+            best = min(best, float(cost.min()))
+        assert answer.feasible == math.isfinite(best)
+        assert not answer.feasible or answer.cost == pytest.approx(best, rel=1e-9), case
 
 
 def test_more_than_twelve_asymmetric_stops() -> None:
@@ -156,6 +185,14 @@ def test_spends_no_more_than_it_may() -> None:
         begun = time.perf_counter()
         order_stops(matrix, seconds=0.2, **more)
         assert time.perf_counter() - begun < 10.0  # far above, so that a busy machine fails nothing
+    many = 500
+    xy = rng.random((many, 2)) * 100
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    windows = np.c_[np.zeros(many), rng.uniform(10.0, 2_000.0, many)]
+    order_stops(matrix[:20, :20], windows=windows[:20], cycles=1)
+    begun = time.process_time()
+    order_stops(matrix, seconds=0.5, windows=windows)
+    assert time.process_time() - begun < 2.0, "what windows decide alone would take a second and a half more"
 
 
 def test_times_of_routes_stay_right() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import math
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 import antway
-from antway import BadInput, Grid, InvalidPlan, Moves, Plan, check_tour, distance_field, plan_tour
+from antway import BadInput, BadParameter, Grid, InvalidPlan, Moves, Plan, check_tour, distance_field, plan_tour
 from antway.tours.distances import stop_distances
 from antway.tours.plan import TourPlan
 from antway.tours.stopfile import load_stops
@@ -122,7 +123,7 @@ def best_in_time(away: np.ndarray, windows: np.ndarray, service: np.ndarray) -> 
 def test_tours_with_windows_are_as_short_as_the_dynamic_program_says() -> None:
     rng = np.random.default_rng(12)
     for case in range(cases(5, 150)):
-        n = 4 + int(rng.integers(0, 7))
+        n = 13 if case == 0 else 4 + int(rng.integers(0, 7))
         grid, points = connected(rng, n)
         away = matrix_of(grid, points)
         order = [0, *(1 + rng.permutation(n - 1))]
@@ -327,3 +328,10 @@ def test_the_command_plans_draws_and_prints(tmp_path, capsys) -> None:
     assert record["feasible"] is True
     stops.write_text("name,x,y,latest\nlab,4.5,1.5,0.5\n", encoding="utf-8")
     assert app(told, standalone_mode=False) == 4
+    assert app([*told, "--distances", str(tmp_path / "d.csv"), "--end", "4.5,2.5"], standalone_mode=False) == 4
+    head, *lines = csv.reader((tmp_path / "d.csv").read_text(encoding="utf-8").splitlines())
+    assert head == ["", "start", "lab", "end"] and [line[0] for line in lines] == head[1:]
+    cells = [HALL.cell_at(place) for place in ((0.5, 0.5), (4.5, 1.5), (4.5, 2.5))]
+    assert np.array([list(map(float, line[1:])) for line in lines]).tolist() == stop_distances(HALL, cells).tolist()
+    with pytest.raises(BadParameter, match=r"\.csv"):
+        app([*told, "--distances", str(tmp_path / "d.png")], standalone_mode=False)

@@ -56,13 +56,16 @@ def tour_command(
     seconds: Annotated[float, number_option("seconds", float, "S", "How long to look for the order.")] = 1.0,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the tour: .png, .svg or .pdf.")] = None,
+    distances: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the distances in m among all, .csv.")] = None,
     json: Json = False,
 ) -> int:
     """Visit many places on a map in the best order; exit status 4 if a window or the deadline is missed."""
     from antway import Moves, check_tour, checks, load_map, plan_tour
     from antway.tours.records import tour_record
-    from antway.tours.stopfile import load_stops
+    from antway.tours.stopfile import load_stops, save_distances
 
+    if distances is not None and distances.suffix != ".csv":
+        raise BadParameter("distances", str(distances), "a file that ends in .csv")
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     listed = load_stops(stops)
     with working("planning"):
@@ -88,6 +91,8 @@ def tour_command(
 
         with working("drawing"):
             save(tours.plan_tour_figure(tour), out)
+    if distances is not None:
+        save_distances(tour.task, distances)
     if json:
         print_json(tour_record(tour))
     else:

@@ -13,6 +13,9 @@ from antway.planning import Clock
 from antway.tours.stops import Floats, Order, Stops
 
 _TURNS = 100  # between two looks at the clock
+_ANNEALINGS = 8  # that share the budget at most; the best counts
+_ENOUGH = 250  # turns for each stop, from which on another annealing is worth more than a slower one
+_FIRST = 3  # looks at the clock after which it is known how many there will be
 _HOT, _COLD = 3.0, 0.1  # temperatures at first and at last, in usual steps
 _PRICE = 3.0  # of a stop of mean priority that is left out, in usual steps
 
@@ -40,7 +43,11 @@ def layout(stops: Stops) -> tuple[Order, Floats, Floats, Floats]:
 def best_routes(
     stops: Stops, clock: Clock, seconds: float, cycles: int | None, seed: int, initial: list[Order] | None
 ) -> list[Order]:
-    """Look for the best routes of all robots until `seconds` are over or `cycles` of 100 turns are done."""
+    """Look for the best routes of all robots until `seconds` are over or `cycles` of 100 turns are done.
+
+    One annealing ends in one valley, and to cool it more slowly helps little: where the budget allows, there are several, each
+    from routes of its own.
+    """
     rows, spans, opens, closes = layout(stops)
     n = len(rows)
     if n == 2:
@@ -53,11 +60,20 @@ def best_routes(
     kernel.copy(fleet, saved, best, True)
     record = np.array([cost, worth, worth, cost])
     done, limit, started = 0, 2**62 if cycles is None else cycles, time.perf_counter()
-    hot = _COLD if initial is not None else _HOT
+    hot, runs, run = _COLD if initial is not None else _HOT, 1, 0
     while done < limit and not (done and clock.spent()):
-        # The temperature falls with the share of the budget that is used.
-        used = done / limit if cycles is not None else min(1.0, (time.perf_counter() - started) / max(seconds, 1e-9))
-        temperature = step * hot * (_COLD / hot) ** used
+        # The temperature falls with the share of an annealing's budget that is used.
+        passed = time.perf_counter() - started
+        used = done / limit if cycles is not None else min(1.0, passed / max(seconds, 1e-9))
+        if done == _FIRST and initial is None and used > 0.0:
+            runs = min(max(int(done / used * _TURNS / (_ENOUGH * n)), 1), _ANNEALINGS)
+        if int(used * runs) > run and used < 1.0:
+            run = int(used * runs)
+            saved = kernel.routes(n, stops.robots)
+            record[[kernel.HERE, kernel.WORTH]] = kernel.start(
+                fleet, saved, np.uint64(stream(np.uint64(seed), np.uint64(2**63 + run)))
+            )
+        temperature = step * hot * (_COLD / hot) ** (used * runs - run)
         kernel.anneal(
             fleet, now, saved, best, record, np.uint64(stream(np.uint64(seed), np.uint64(done + 1))), _TURNS, temperature, 1.0
         )

@@ -18,6 +18,7 @@ from antway.tours.stops import Floats, Order, Stops, checked
 from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
 
 _QUICK = 0.2  # s: with less time, a former answer is improved by local search alone
+_PREPARATION = 6e-8  # s a cube of stops: with less time, what windows decide alone, at a quarter of that, is not worked out
 _NEAR = 1e-9  # of the time all is done: by how much sums of times may differ
 
 
@@ -138,6 +139,7 @@ def order_stops(
             return finished(stops, [order], least)
         assert known is not None
         known = [improved_order(stops, known[0])]
+    quick = quick or (budget.seconds is not None and budget.seconds < _PREPARATION * len(stops.matrix) ** 3)
     proven, pheromone = False, None
     if stops.robots > 1 or stops.priorities is not None:
         allowed = math.inf if budget.seconds is None else budget.seconds

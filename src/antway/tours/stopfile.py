@@ -7,13 +7,16 @@ import io
 import math
 from dataclasses import dataclass
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
 from antway.maps.limits import as_path
 from antway.reading import decoded, read_bytes
+from antway.tours.distances import stop_distances
 from antway.tours.stops import MAX_STOPS
+from antway.tours.task import TourTask
 
 MAX_BYTES = 2_000_000
 COLUMNS = ("x", "y", "name", "earliest", "latest", "service", "priority")
@@ -128,3 +131,23 @@ def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
     if defaults["latest"] < defaults["earliest"]:
         raise BadParameter("latest", defaults["latest"], f"no earlier than earliest, {defaults['earliest']:g} s", where=where)
     return defaults
+
+
+def save_distances(task: TourTask, path: Path) -> None:
+    """Write the exact distances in m among start, stops and, if it is a place of its own, end as a table with their names.
+
+    Raises
+    ------
+    BadParameter
+        If the file cannot be written.
+    """
+    free, cells = task.places()
+    away = stop_distances(free, cells, task.moves, costs=task.costs)
+    names = ["start", *task.names, *["end"] * (len(cells) - 1 - len(task.names))]
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["", *names])
+            table.writerows([name, *row] for name, row in zip(names, away.tolist(), strict=True))
+    except OSError as fault:
+        raise BadParameter("distances", str(path), f"a file that can be written ({fault.strerror or fault})") from None

@@ -13,7 +13,7 @@ from antway.kernels.base.rng import mix, stream
 from antway.kernels.colony import time_windows as beams
 from antway.kernels.colony import window_colony as colonies
 from antway.kernels.colony import windows as kernel
-from antway.kernels.colony.window_repair import lateness, repair
+from antway.kernels.colony.window_repair import QUICK_WORK, WORK, lateness, repair
 from antway.kernels.colony.window_search import Moves, trail
 from antway.planning import Clock
 
@@ -265,9 +265,8 @@ class _Run:
     def _repair(self, attempts: int, draw: int) -> float:
         """Make the start order less late, and once it is in time give it to the colony; return its lateness."""
         path = self.path
-        late = float(
-            repair(path.finite, path.opens, path.closes, self.start, attempts, np.uint64(stream(self.seed, np.uint64(draw))))
-        )
+        drawn, work = np.uint64(stream(self.seed, np.uint64(draw))), QUICK_WORK if path.quick else WORK
+        late = float(repair(path.finite, path.opens, path.closes, self.start, attempts, drawn, work))
         if late == 0.0:
             colonies.adopt(path.windows, self.colony, self.moves, self.trail, self.start)
         return late

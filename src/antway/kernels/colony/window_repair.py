@@ -8,7 +8,8 @@ from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.colony.windows import Floats, Ids
 
-WORK = 600_000_000  # stops driven to in one descent at most, about a second
+WORK = 600_000_000  # stops driven to in one descent at most, about a second,
+QUICK_WORK = 150_000_000  # and where there is less time
 
 
 @bare_kernel
@@ -37,10 +38,10 @@ def move(order: Ids, p: int, q: int) -> None:
 
 
 @bare_kernel
-def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float, state: rng.State) -> float:
-    """Move single stops as long as that makes the order less late, or WORK is done; return its lateness."""
+def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float, work: int, state: rng.State) -> float:
+    """Move single stops as long as that makes the order less late, or `work` is done; return its lateness."""
     n = len(order)
-    quiet, p, left = 0, 1 + rng.below(state, n - 2), WORK // (n * n)
+    quiet, p, left = 0, 1 + rng.below(state, n - 2), max(work // (n * n), 1)
     while quiet < n - 2 and late > 0.0 and left > 0:
         left -= 1
         best, to = late, p
@@ -66,16 +67,17 @@ def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float
 
 
 @kernel
-def repair(time: Floats, opens: Floats, closes: Floats, order: Ids, attempts: int, seed: np.uint64) -> float:
+def repair(time: Floats, opens: Floats, closes: Floats, order: Ids, attempts: int, seed: np.uint64, work: int = WORK) -> float:
     """Make `order` less late in place, by `attempts` shakes of one to eight random moves; return its lateness.
 
-    time : [n, n] finite. The first and the last stop stay (variable neighbourhoods: da Silva, Urrutia 2010).
+    No descent drives to more than `work` stops. The first and the last stop stay (variable neighbourhoods: da Silva, Urrutia
+    2010). time : [n, n] finite.
     """
     state = np.array([seed], dtype=np.uint64)
     late = lateness(time, opens, closes, order, np.inf)
     if len(order) < 4:
         return late
-    late = descend(time, opens, closes, order, late, state)
+    late = descend(time, opens, closes, order, late, work, state)
     trial = order.copy()
     level = 1
     for _ in range(attempts):
@@ -84,7 +86,7 @@ def repair(time: Floats, opens: Floats, closes: Floats, order: Ids, attempts: in
         trial[:] = order
         for _ in range(level):
             move(trial, 1 + rng.below(state, len(order) - 2), 1 + rng.below(state, len(order) - 2))
-        here = descend(time, opens, closes, trial, lateness(time, opens, closes, trial, np.inf), state)
+        here = descend(time, opens, closes, trial, lateness(time, opens, closes, trial, np.inf), work, state)
         level = level + 1 if level < 8 else 1
         if here < late:
             late, level = here, 1
