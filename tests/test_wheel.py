@@ -79,6 +79,17 @@ def test_a_wheel_is_small_and_whole(wheel: Path) -> None:
     assert not [name for name in names if "__pycache__" in name or name.startswith("tests")]
 
 
+def test_links_of_the_readme_lead_somewhere_from_the_package_index(wheel: Path) -> None:
+    """In the wheel every link and picture of the README is absolute, and those into the repository name a file of it."""
+    archive = zipfile.ZipFile(wheel)
+    name = next(name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+    links = re.findall(r"\]\(([^)\s]+)\)", archive.read(name).decode())
+    inside = [link for link in links if "/antway/antway/" in link]
+    assert len(links) > 10 and all(link.startswith("https://") for link in links)
+    assert any("raw.githubusercontent.com" in link for link in inside)
+    assert all((ROOT / link.split("/main/")[1].split("#")[0]).exists() for link in inside)
+
+
 def test_the_installed_package_is_the_wheels(home: Path) -> None:
     """What is imported is the wheel, not the checkout; the version is that of pyproject.toml."""
     done = run(home, "-c", "import antway; print(antway.__file__, antway.__version__)")
