@@ -7,6 +7,7 @@ parts that are missing, unknown, doubled or do not fit together, references that
 
 from __future__ import annotations
 
+import math
 from typing import Self
 
 
@@ -42,6 +43,8 @@ class BadInput(AntwayError, ValueError):
     --------
     >>> str(BadParameter("resolution", -1.0, "a finite number > 0 (m per cell)"))
     'resolution = -1.0: must be a finite number > 0 (m per cell)'
+    >>> str(BadParameter("start", (1.2345678901, 2.0), "inside the map"))
+    'start = (1.23457, 2.0): must be inside the map'
     """
 
     def __init__(self, field: str, value: object, allowed: str, *, where: str = "") -> None:
@@ -49,7 +52,7 @@ class BadInput(AntwayError, ValueError):
         super().__init__(field, value, allowed, where)
 
     def __str__(self) -> str:
-        shown = repr(self.value)
+        shown = _shown(self.value)
         if len(shown) > 80:
             shown = shown[:60] + "..." + shown[-15:]
         place = f"{self.where}: " if self.where else ""
@@ -61,6 +64,16 @@ class BadInput(AntwayError, ValueError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return _rebuild, (type(self), self.field, self.value, self.allowed, self.where)
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message: numbers with six digits, unless that would make a whole number of one that is none."""
+    if isinstance(value, float) and math.isfinite(value):
+        short = float(f"{value:.6g}")
+        return repr(float(value) if short.is_integer() and short != value else short)
+    if type(value) is tuple:
+        return f"({', '.join(map(_shown, value))}{',' if len(value) == 1 else ''})"
+    return repr(value)
 
 
 def _rebuild(kind: type[BadInput], field: str, value: object, allowed: str, where: str) -> BadInput:
