@@ -62,7 +62,7 @@ def meeting(decision: Decision | None) -> str:
     """Return the caption of a picture before an encounter: what would be met, when, if the robot drove on as it does."""
     if decision is None or decision.obstacle is None:
         return "no obstacle is in the robot's way"
-    kind = f" ({decision.encounter})" if decision.encounter else ""
+    kind = f" ({decision.encounter.replace('crossing-', 'crossing from the ')})" if decision.encounter else ""
     when, near = decision.time_to_closest, max(decision.distance_at_closest, 0.0)
     if not np.isfinite(when):
         return f"obstacle {decision.obstacle}{kind} will be in the robot's way"
