@@ -345,3 +345,19 @@ def test_the_clock_is_looked_at_in_every_pass_over_the_map():
         plan = ants(problem, budget=Budget(cancel=looks), cycles=1, ants=4)
         check_plan(problem, plan)
         assert plan.status is not Status.NO_PATH and looks.count <= n + 8
+
+
+def test_mmas_learns_within_its_default_cycles() -> None:
+    """On random 30 x 30 maps MMAS by name comes in 50 cycles within 8 % of the optimum on average, as the Ant System does."""
+    over: dict[str, list[float]] = {"as": [], "mmas": []}
+    rng = np.random.default_rng(11)
+    for seed in range(cases(4, 40)):
+        blocked = rng.random((30, 30)) < 0.2
+        blocked[:2, :2] = blocked[-2:, -2:] = False
+        problem = Problem(Grid(blocked), (0, 0), (29, 29))
+        for rule, lengths in over.items():
+            plan = explore(problem, rule=rule, heuristic="goal", seed=seed).plan
+            if plan.status is Status.FOUND:
+                lengths.append(plan.length / plan.lower_bound - 1.0)
+    assert len(over["mmas"]) == len(over["as"]) >= 3
+    assert np.mean(over["as"]) < 0.08 and np.mean(over["mmas"]) < 0.08

@@ -124,3 +124,9 @@ def test_encounters_can_be_mastered(name):
         result = run(build(episode), name, seed=episode.seed)
         assert result.outcome.value != "hit-moving", episode.name
         assert result.reached or cases(1, 50) > 1, (episode.name, result.reason)
+
+
+def test_no_pursuer_begins_in_a_wall():
+    """Every pursuit of the suite is a legal scenario: number 12 once began with the disc's rim in the corner of a wall."""
+    for episode in (one for one in episodes("encounters", 40) if one.group == "pursuer"):
+        assert stage(episode)[0].world.obstacles

@@ -9,6 +9,7 @@ import numpy as np
 
 from antway.arena.suites import Chance, Suite
 from antway.grid import Grid
+from antway.kernels.robot.motions import first_inside
 from antway.planning import Status
 from antway.search.sipp import sipp
 from antway.world.motions import Line, Motion, Pursue, Waypoints
@@ -106,6 +107,8 @@ def pursuer(chance: Chance) -> Scenario:
         origin = chance.between(6.0, 10.0), chance.between(3.0, 9.0)
         grid = Grid(walls, CELL)
         free = grid.inflate(ROBOT.radius).is_free(grid.cell_at(origin))
+        # The disc need not stand at the centre of its cell, and a corner may reach it there.
+        free = free and first_inside(walls, np.zeros(1), grid.to_points([origin]), ROBOT.radius / CELL) == math.inf
         if free and sipp(grid, START, GOAL, radius=ROBOT.radius, v_max=ROBOT.v_max).status is Status.FOUND:
             break
     return _scenario("pursuer", walls, START, GOAL, [(ROBOT.radius, Pursue(origin, chance.between(0.5, 0.9)))])
