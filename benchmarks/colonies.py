@@ -272,12 +272,12 @@ def tsplib(folder: Path, seconds: float, seeds: int, only: list[str]) -> Rows:
 
 def immune(seeds: int) -> Rows:
     """The immune operator and its parts, off and on, at equal tours and at equal time."""
-    plain = Immune(vaccinated=0.0, temperature=0.0, overlap=1.0, timeout=0)
+    plain = Immune(vaccinated=0.0, temperature=0.0, overlap=1.0, stagnation=0)
     settings = {
         "none": None,
-        "vaccines": Immune(temperature=0.0, overlap=1.0, timeout=0),
-        "selection": Immune(vaccinated=0.0, overlap=1.0, timeout=0),
-        "concentration": Immune(vaccinated=0.0, temperature=0.0, timeout=0),
+        "vaccines": Immune(temperature=0.0, overlap=1.0, stagnation=0),
+        "selection": Immune(vaccinated=0.0, overlap=1.0, stagnation=0),
+        "concentration": Immune(vaccinated=0.0, temperature=0.0, stagnation=0),
         "suppression": Immune(vaccinated=0.0, temperature=0.0, overlap=1.0),
         "all": Immune(),
         "nothing on": plain,
