@@ -427,6 +427,27 @@ def test_stops_are_set_and_removed_and_their_order_follows_the_walls() -> None:
     assert len(session.scenario.stops) == 2
 
 
+def test_a_stop_joins_rounds_that_are_under_way() -> None:
+    """What was driven stays, every policy drives to the stop as well, and a place out of reach changes nothing."""
+    session = Session()
+    session.apply({"op": "policies", "names": ["follow", "replan"]})
+    session.apply({"op": "open", "files": _room()})
+    session.apply({"op": "stop", "xy": [4.5, 4.5]})
+    session.advance(10)
+    session.frame()
+    (scene,) = session.apply({"op": "stop", "xy": [1.5, 4.5]})
+    assert len(scene["stops"]) == len(session.scenario.stops) == 2
+    for view, told in zip(session.views, session.frame()["views"], strict=True):
+        assert view.episode.steps == 10 and view.sent == 11 and sorted(told["order"]) == [0, 1]
+    with pytest.raises(BadInput):
+        session.apply({"op": "stop", "xy": [99.0, 1.5]})
+    session.advance(400)
+    for view in session.frame()["views"]:
+        assert view["outcome"] == "reached" and len(view["visited"]) == 2
+    session.apply({"op": "undo"})
+    assert len(session.scenario.stops) == 1 and session.views[0].episode.steps == 0
+
+
 def _room() -> list[dict[str, str]]:
     """The files of a room of 6 x 6 m without obstacles."""
     text = "\n".join("." * 6 for _ in range(6)) + "\n"

@@ -175,6 +175,9 @@ class Session(Tab):
     def _open(self, scenario: Scenario) -> list[Message]:
         """Make `scenario` the present one, as a step that can be undone."""
         self._set_up(scenario, self.policies)
+        return self._remember(scenario)
+
+    def _remember(self, scenario: Scenario) -> list[Message]:
         self.history = [*self.history[: self.position + 1], scenario][-MAX_UNDO:]
         while len(self.history) > 1 and sum(_masks(self.history)) > MAX_UNDO_BYTES:
             del self.history[0]
@@ -272,14 +275,22 @@ class Session(Tab):
         return self._change(world=World(world.grid, (*world.obstacles, Obstacle(radius, motion))))
 
     def _stop(self, message: Message) -> list[Message]:
-        """Add a stop at a point, or remove the one that is there."""
+        """Add a stop at a point, or remove the one that is there; where rounds are under way, another stop joins them."""
         x, y = checks.point("xy", message.get("xy"))
         near = max(self.scenario.goal_tolerance, self.scenario.world.grid.resolution)
         kept = tuple(stop for stop in self.scenario.stops if math.dist(stop.at, (x, y)) > near)
         stops = (*kept, Stop((x, y))) if len(kept) == len(self.scenario.stops) else kept
         if len(stops) > MAX_STOPS:
             raise TooLarge("stops.length", len(stops), f"at most {MAX_STOPS} on the page")
-        return self._change(stops=stops)
+        under_way = [view.episode.tour for view in self.views if view.episode.steps and view.episode.outcome is None]
+        if len(stops) == len(kept) or len(under_way) < len(self.views) or None in under_way:
+            return self._change(stops=stops)
+        scenario = replace(self.scenario, stops=stops)
+        for view, tour in zip(self.views, under_way, strict=True):
+            assert tour is not None
+            tour.add(stops[-1])
+            view.sent, view.decision = 0, None  # the page forgets what it has been told when it is told of a scene
+        return self._remember(scenario)
 
     def _remove(self, message: Message) -> list[Message]:
         world = self.scenario.world
