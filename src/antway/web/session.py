@@ -282,11 +282,11 @@ class Session(Tab):
         stops = (*kept, Stop((x, y))) if len(kept) == len(self.scenario.stops) else kept
         if len(stops) > MAX_STOPS:
             raise TooLarge("stops.length", len(stops), f"at most {MAX_STOPS} on the page")
-        under_way = [view.episode.tour for view in self.views if view.episode.steps and view.episode.outcome is None]
-        if len(stops) == len(kept) or len(under_way) < len(self.views) or None in under_way:
+        tours = [view.episode.tour for view in self.views if view.episode.steps and view.episode.outcome is None]
+        if len(stops) == len(kept) or len(tours) < len(self.views) or None in tours:
             return self._change(stops=stops)
         scenario = replace(self.scenario, stops=stops)
-        for view, tour in zip(self.views, under_way, strict=True):
+        for view, tour in zip(self.views, tours, strict=True):
             assert tour is not None
             tour.add(stops[-1])
             view.sent, view.decision = 0, None  # the page forgets what it has been told when it is told of a scene
