@@ -53,7 +53,7 @@ class Mppi(Follow):
         temperature: float = 0.1,
         speed_noise: float = 0.35,
         turn_noise: float = 0.4,
-        margin: float = 0.08,
+        margin: float = 0.12,
         wished: float = 0.2,
         wall_margin: float = 0.05,
     ) -> None:
