@@ -63,7 +63,7 @@ class Dwa(Follow):
         speeds: int = 4,
         margin: float = 0.2,
         turns: int = 11,
-        aim: float = 1.2,
+        aim: float = 1.0,
     ) -> None:
         self.heading = checks.number("heading", heading, low=0.0)
         self.dist = checks.number("dist", dist, low=0.0)
