@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import pkgutil
 import re
 import subprocess
 from dataclasses import fields
@@ -77,6 +78,14 @@ def test_files_of_the_map_are_there() -> None:
         assert (ROOT / "src" / "antway" / name).exists(), name
     for name in re.findall(r"^    (\w+(?:\.py|/))", tree, re.MULTILINE):
         assert (ROOT / "src" / "antway" / "kernels" / name).exists(), name
+
+
+def test_what_the_equations_name_is_there() -> None:
+    """Each module, function or class of antway that docs/equations.md names can be imported."""
+    named = set(re.findall(r"`((?:kernels|ants)\.[\w.]+)`", (ROOT / "docs" / "equations.md").read_text()))
+    assert len(named) > 15
+    for name in sorted(named):
+        pkgutil.resolve_name(f"antway.{name}")
 
 
 def test_no_page_uses_words_that_were_replaced() -> None:
