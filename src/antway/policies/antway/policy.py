@@ -26,7 +26,7 @@ from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.averages import MEDIAN, averaged
 from antway.kernels.tracking.noise import place_noise
-from antway.kernels.tracking.predict import VX, VY, TubeMargins, crosses_edge
+from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, crosses_edge
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
@@ -62,6 +62,7 @@ _DISCOUNT = 0.3  # of a tube's width is kept by a plan: with all of it every pas
 _SPARE = 0.15  # m; so much more than its margins a plan keeps of what is 1.5 s ahead and later,
 _SPARE_WORTH = 0.3  # s; if it arrives no more than this later
 _PEOPLE_SPREAD = 0.1  # m/s; standard deviation, along one axis, of how people's velocities change in 0.8 s, at least
+_MOSTLY = 1.5  # times the median error of velocities; what is beyond is no swaying but a turn now and then
 _WALKS = 0.3  # m/s; once a track was so fast, the fastest seen is what all who avoid others are taken to prefer
 _NOISY = 1e-4  # m^2; median of the squared innovations from which on the guard is given estimates in place of measurements
 _EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle of theirs
@@ -293,7 +294,9 @@ class AntwayPolicy:
         if s.settings.roomy.robot_radius == 0.0 or known == 0:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[COUNT])], (float(o.xy[0]), float(o.xy[1]))
-        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context
+        people = s.crowd.averaged[:known].copy()
+        people[:, SIGMA_V] = np.minimum(people[:, SIGMA_V], _MOSTLY * math.sqrt(s.pool[MEDIAN]))
+        arguments = knots, float(o.t), float(age), at, command, people, s.context
         return entry(sidestep, *arguments)(*arguments)
 
     def _planned(self, s: State) -> TimedPath | None:
