@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +17,9 @@ from antway.search import best_first
 from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, lattice
 from antway.search.distance_field import DijkstraField, free_cells
+
+_THREADS = 4  # at most; each has the distances of all cells of the map in memory
+_STOPS = 16  # with fewer for each, another thread does not pay
 
 
 def stop_distances(
@@ -44,7 +49,7 @@ def stop_distances(
 
     Notes
     -----
-    One search by Dijkstra for each stop but the last, up to the farthest of the later ones.
+    One search by Dijkstra for each stop but the last, up to the farthest of the later ones, on all cores.
 
     Examples
     --------
@@ -81,10 +86,19 @@ def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[n
     net = lattice(grid, moves)
     places = np.array(cells)
     at = places @ np.array([net.width, 1])
-    field = DijkstraField(net, cells[:1], cells)
+    threads = max(min(os.cpu_count() or 1, _THREADS, len(cells) // _STOPS), 1)
+
+    def rows_from(first: int) -> list[NDArray[np.float64]]:
+        field, rows = DijkstraField(net, cells[:1], cells), []
+        for i in range(first, len(cells) - 1, threads):
+            far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
+            # The farthest first: the kernel waits for each in turn.
+            field.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
+            field.run(None)
+            rows.append(field.distances(at))
+        return rows
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(rows_from, range(threads)))
     for i in range(len(cells) - 1):
-        far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
-        # The farthest first: the kernel waits for each in turn.
-        field.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
-        field.run(None)
-        yield field.distances(at)
+        yield found[i % threads][i // threads]

@@ -323,7 +323,7 @@ class AntwayPolicy:
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
         if known:
             s.fastest = max(s.fastest, float(np.hypot(s.estimates[:known, VX], s.estimates[:known, VY]).max()))
-            if s.settings.tubes.edges:
+            if s.settings.tubes.edges and crosses_edge(s.estimates[:known], s.terrain):
                 seen = s.table[:known, track.T] == stamp  # one that is not seen now may have turned back already
                 if crosses_edge(s.estimates[:known][seen], s.terrain):
                     s.settings = without_edges(s.settings)
