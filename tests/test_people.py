@@ -265,6 +265,23 @@ def test_obstacles_turn_back_at_edges_until_one_is_seen_to_cross_them() -> None:
     assert out[n - 1, 4] == -1.0  # walls inside the map turn it back in any case
 
 
+def test_margins_are_narrow_where_nobody_sways() -> None:
+    """Discs that go straight are believed within two and a half seconds; people who sway are not."""
+    rng = np.random.default_rng(3)
+    for sway, narrow in ((0.0, True), (0.15, False)):
+        policy = AntwayPolicy()
+        policy.reset(Task(Grid(np.zeros((60, 60), np.bool_), 0.2), RobotSpec(), (2.0, 2.0), (2.0, 10.0)), seed=1)
+        xy, held = np.array([[4.0 + i, 3.0 + 1.5 * i] for i in range(5)]), np.array([[0.4, 0.1]] * 5)
+        for k in range(25):
+            velocity = held + rng.normal(0.0, sway, (5, 2))
+            policy.act(Observation(0.1 * k, (2.0, 2.0), (0.0, 0.0), 0.0, Tracks(np.arange(5), xy, velocity, np.full(5, 0.3))))
+            xy = xy + 0.1 * velocity
+        settings = policy.state.settings
+        assert (settings.tubes.margin == 0.005) == (settings.roomy.robot_radius == 0.0) == narrow
+        trusted = np.array_equal(policy.state.crowd.averaged[:5], policy.state.estimates[:5])
+        assert trusted == narrow
+
+
 def test_a_track_out_of_sight_crosses_no_edge() -> None:
     """Where a track would be that is not seen any more says nothing of edges; where one is seen does."""
     grid = Grid(np.zeros((40, 40), np.bool_), 0.2)

@@ -25,14 +25,15 @@ from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.averages import MEDIAN, averaged
-from antway.kernels.tracking.noise import place_noise
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, crosses_edge
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
+    CLOSE,
     SWAYS,
+    WIDE,
     Paces,
     State,
     as_estimated,
@@ -41,6 +42,8 @@ from antway.policies.antway.state import (
     make_memory,
     make_trails,
     shared_memory,
+    variances,
+    with_margins,
     without_edges,
 )
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
@@ -80,7 +83,7 @@ class AntwayPolicy:
     horizon : float
         How far ahead obstacles are predicted, s, > 0.
     margin : float or None
-        Least distance to predicted obstacles, m, >= 0; None: 0.03, or 0.005 where the guard is strict.
+        Least distance to predicted obstacles, m, >= 0; None: 0.03, or 0.005 where the guard is strict or obstacles do not sway.
     chance : float
         Probability in (0, 1) with which an uncertain track may leave its tube at any one time.
     hysteresis : float
@@ -220,7 +223,7 @@ class AntwayPolicy:
         strict = self._strict(task)
         tubes = TubeMargins(
             robot_radius=robot.radius,
-            margin=(0.005 if strict or inertia else 0.03) if self.margin is None else self.margin,
+            margin=(CLOSE if strict or inertia else WIDE) if self.margin is None else self.margin,
             quantile=self.quantile if strict else 0.0 if inertia else self.quantile * _DISCOUNT,
             speed_bound=float(task.obstacle_speed) if guarded else 0.0,
             acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
@@ -308,18 +311,9 @@ class AntwayPolicy:
 
     def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
         """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
-        t, n = o.tracks, len(o.tracks)
+        t = o.tracks
         stamp = o.t if math.isnan(o.stamp) else o.stamp
-        if n > len(s.variance):
-            s.variance = np.zeros((2 * n, 2))
-        variance = s.variance[:n]
-        if t.covariance is not None:
-            estimated = np.where(t.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
-            variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0] * estimated, t.covariance[:, 2, 2] * estimated
-        else:
-            variance[:, 0] = place_noise(s.measured, s.noise, stamp, t.id, t.xy, t.velocity)
-            variance[:, 1] = 0.0
-        scan = t.id, t.xy, t.velocity, t.radius, variance
+        scan = t.id, t.xy, t.velocity, t.radius, variances(s, t, stamp)
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
         if known:
             s.fastest = max(s.fastest, float(np.hypot(s.estimates[:known, VX], s.estimates[:known, VY]).max()))
@@ -333,9 +327,11 @@ class AntwayPolicy:
             estimates = s.estimates[:known]
             least = _PEOPLE_SPREAD if s.controls is None else 0.0
             s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, least, s.crowd.averaged)
-            body = s.task.robot.radius if s.pool[MEDIAN] >= SWAYS and s.controls is None else 0.0
-            if body != s.settings.roomy.robot_radius:
-                s.settings = s.settings._replace(roomy=s.settings.roomy._replace(robot_radius=body))
+            sways = s.pool[MEDIAN] >= SWAYS and s.controls is None
+            if sways != (s.settings.roomy.robot_radius > 0.0):
+                s.settings = with_margins(s.settings, s.task.robot.radius if sways else 0.0, self.margin)
+            if not sways and s.controls is None:
+                s.crowd.averaged[:known] = estimates
         return known, o.t - stamp
 
     def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
