@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 
@@ -14,6 +15,11 @@ def main() -> None:
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)  # noqa: T201
         sys.exit(130)
+    finally:
+        # All is done, and the status known. CPython kills itself by the signal if that came while a string was executed, as
+        # imports do: to execute another makes it forget that. And nothing disturbs it while it takes itself down.
+        exec("")
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

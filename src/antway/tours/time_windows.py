@@ -43,7 +43,7 @@ class Tsptw:
 
     Examples
     --------
-    >>> task = Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 9], [0, 3]])
+    >>> task = Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 9], [0, 2]])
     >>> solve_tsptw(task, cycles=5).order.tolist()
     [0, 2, 1]
     """
