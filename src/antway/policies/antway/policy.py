@@ -33,6 +33,7 @@ from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
     CLOSE,
     SWAYS,
+    TURNS,
     WIDE,
     Paces,
     State,
@@ -327,7 +328,7 @@ class AntwayPolicy:
             estimates = s.estimates[:known]
             least = _PEOPLE_SPREAD if s.controls is None else 0.0
             s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, least, s.crowd.averaged)
-            sways = s.pool[MEDIAN] >= SWAYS and s.controls is None
+            sways = (s.pool[MEDIAN] >= SWAYS or s.pool[0] >= TURNS) and s.controls is None
             if sways != (s.settings.roomy.robot_radius > 0.0):
                 s.settings = with_margins(s.settings, s.task.robot.radius if sways else 0.0, self.margin)
             if not sways and s.controls is None:

@@ -25,6 +25,7 @@ from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task, Tracks
 
 SWAYS, PRIOR = 0.02**2, 0.1**2  # m^2/s^2; median of squared errors of velocities from which on a plan keeps room, and at first
+TURNS = 0.3  # m^2/s^2; or mean of them: many fast obstacles turn
 WIDE, CLOSE = (
     0.03,
     0.005,
