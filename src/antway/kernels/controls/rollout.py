@@ -95,6 +95,14 @@ def sample(field: NDArray[np.float32], x: float, y: float, frame: NDArray[np.flo
 
 
 @inner_kernel
+def slope(field: StaticField, x: float, y: float, e: float) -> tuple[float, float, float]:
+    """Differences of the time to the goal over 2 e m along x and along y, in s, and their length: uphill."""
+    gx = sample(field.time, x + e, y, field.time_frame) - sample(field.time, x - e, y, field.time_frame)
+    gy = sample(field.time, x, y + e, field.time_frame) - sample(field.time, x, y - e, field.time_frame)
+    return gx, gy, math.hypot(gx, gy)
+
+
+@inner_kernel
 def step(
     x: float, y: float, c: float, s: float, a: float, b: float, ca: float, cb: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float, float, float, float]:
@@ -207,7 +215,7 @@ def _met(
 
 @inner_kernel
 def _speeding_up(along: float, top: float, to_go: float, v_max: float, a_max: float) -> float:
-    """Time in s that is lost until wheels at `along` m/s drive at `top` m/s, over a path of `to_go` s at `v_max` m/s."""
+    """Time in s that is lost until a robot at `along` m/s drives at `top` m/s, over a path of `to_go` s at `v_max` m/s."""
     far, lack = to_go * v_max, max(top - along, 0.0)
     if 2.0 * a_max * far >= top * top - along * along:
         return 0.5 * lack * lack / (a_max * top) + far / top - to_go
@@ -223,16 +231,13 @@ def lost_time(
     It turns on the way, at full rate: of the angle phi to the steepest descent that costs (phi - sin phi) / rate. Or wheels
     drive there in reverse, if that takes less.
     """
-    e = 1.0 / field.time_frame[2]
-    gx = sample(field.time, x - e, y, field.time_frame) - sample(field.time, x + e, y, field.time_frame)
-    gy = sample(field.time, x, y - e, field.time_frame) - sample(field.time, x, y + e, field.time_frame)
-    steep = math.hypot(gx, gy)
+    gx, gy, steep = slope(field, x, y, 1.0 / field.time_frame[2])
     if steep < 1e-9 or to_go <= 0.0:
         return 0.0
-    gx, gy = gx / steep, gy / steep
+    dx, dy = -gx / steep, -gy / steep
     if limits.drive == HOLONOMIC:
-        return _speeding_up(a * gx + b * gy, limits.v_max, to_go, limits.v_max, limits.a_max)
-    ahead, radius = c * gx + s * gy, max(limits.turning_radius, 1e-9)
+        return _speeding_up(a * dx + b * dy, limits.v_max, to_go, limits.v_max, limits.a_max)
+    ahead, radius = c * dx + s * dy, max(limits.turning_radius, 1e-9)
     phi = math.acos(min(max(ahead, -1.0), 1.0))
     lost = _speeding_up(a, limits.v_max, to_go, limits.v_max, limits.a_max)
     lost += (phi - math.sin(phi)) / min(limits.turn_rate, limits.v_max / radius)

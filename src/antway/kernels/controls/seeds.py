@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.controls.rollout import HEADING, SX, SY, A, B, Outlook, StaticField, sample
+from antway.kernels.controls.rollout import HEADING, SX, SY, A, B, Outlook, StaticField, slope
 
 
 @inner_kernel
@@ -88,9 +88,7 @@ def downhill(
     for k in range(len(ant)):
         px, py, gone = x, y, 0.0
         while gone < distance:
-            gx = sample(field.time, px + e, py, field.time_frame) - sample(field.time, px - e, py, field.time_frame)
-            gy = sample(field.time, px, py + e, field.time_frame) - sample(field.time, px, py - e, field.time_frame)
-            steep = math.hypot(gx, gy)
+            gx, gy, steep = slope(field, px, py, e)
             if steep < 1e-9:
                 break
             px, py, gone = px - e * gx / steep, py - e * gy / steep, gone + e
