@@ -26,7 +26,6 @@ import os
 import pickle
 import select
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -47,6 +46,7 @@ MAX_TRACKS = 1024  # of an observation
 _PENDING = 128  # commands on their way to the robot
 _OBSERVATION = 13  # numbers of an observation without its tracks
 SILENT = "silent"
+_SIDES = ("robot", "planner", "guard")
 _TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
 _PARTS = {  # what lies in the shared memory: type and shape
     "observation": ("<f8", (_OBSERVATION,)),
@@ -95,38 +95,35 @@ class Link:
             views[name] = np.frombuffer(self.memory, kind, math.prod(shape), at).reshape(shape)
             at += math.prod(shape) * 8
         self.views: dict[str, Any] = views
-        self.bell = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self.bell.setblocking(False)
-        self.addresses = {other: f"{folder}/{other}" for other in ("robot", "planner", "guard")}
-        own = Path(folder) / side
-        own.unlink(missing_ok=True)  # of a planner that was there before
-        self.bell.bind(str(own))
+        # A named pipe each, open at both ends, so that who writes needs nobody who reads.
+        self.bells = {other: os.open(f"{folder}/{other}", os.O_RDWR | os.O_NONBLOCK) for other in _SIDES}
+        self.bell = self.bells[side]
         self.poll = select.poll()
         self.poll.register(self.bell, select.POLLIN)
 
     def close(self) -> None:
         """Let go of the memory."""
-        self.bell.close()
+        while self.bells:
+            os.close(self.bells.popitem()[1])
         self.views.clear()
         with contextlib.suppress(BufferError):
             self.memory.close()
 
     def ring(self, *sides: str) -> None:
-        """Wake other sides that wait; who is not there, or does not listen, is no concern."""
+        """Wake other sides that wait; the pipe of one that never listens is full some day, which is no concern."""
         for side in sides:
             try:  # noqa: SIM105 - in half the time
-                self.bell.sendto(b".", self.addresses[side])
-            except OSError:
+                os.write(self.bells[side], b".")
+            except BlockingIOError:
                 pass
 
     def wait(self, until: float) -> bool:
         """Return when the bell rings, or at time `until` s of the steady clock; True if what else is polled has something."""
         ready = self.poll.poll(max((until - time.monotonic()) * 1e3, 0.0))
         if ready:
-            with contextlib.suppress(OSError):
-                while True:
-                    self.bell.recv(1)
-        return any(number != self.bell.fileno() for number, _ in ready)
+            with contextlib.suppress(BlockingIOError):
+                os.read(self.bell, select.PIPE_BUF)
+        return any(number != self.bell for number, _ in ready)
 
     def _cleared(self, name: str) -> Any:
         view = self.views[name]
@@ -255,6 +252,8 @@ class GuardProcess:
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
         self.folder = tempfile.mkdtemp(prefix="antway-", dir=shared)
         (Path(self.folder) / "memory").write_bytes(bytes(_SIZE))
+        for side in _SIDES:
+            os.mkfifo(f"{self.folder}/{side}")
         self.link, self.number = Link(self.folder, "robot"), 0
         command = [sys.executable, "-c", "from antway.policies.guard_process import main; main()"]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
