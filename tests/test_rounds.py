@@ -16,7 +16,8 @@ from antway.kernels.colony.held_karp import earliest_of_few
 from antway.scenes import scene
 from antway.world.episode import Episode
 from antway.world.motions import Line
-from antway.world.rounds import RoundsPolicy
+from antway.world.policy import make_policy
+from antway.world.rounds import MANY, RoundsPolicy
 from antway.world.scenario import save_scenario
 from antway.world.stops import Rounds, Stop, Turn, Visit, rounds_of
 from antway.world.trace import Trace
@@ -214,6 +215,38 @@ def test_the_colony_orders_many_stops() -> None:
     result = run(hall(stops=stops, horizon=200.0), "follow", seed=1)
     check_episode(result)
     assert result.outcome is Outcome.REACHED and not result.rounds.missed
+
+
+def scattered(n: int, seed: int) -> tuple[Stop, ...]:
+    """Stops on both sides of the hall's wall; every third has a window."""
+    cells = np.random.default_rng(seed).choice(2 * 100, n, replace=False)
+    ends = [150.0 if k % 3 == 0 else math.inf for k in range(n)]
+    places = [(0.75 + 0.5 * (cell % 10) + 6.0 * (cell // 100), 0.75 + 0.5 * (cell // 10 % 10)) for cell in cells.tolist()]
+    return tuple(Stop(place, f"s{k}", (0.0, end)) for k, (place, end) in enumerate(zip(places, ends)))
+
+
+def test_more_stops_than_a_colony_orders_in_time_are_visited_too() -> None:
+    result = run(hall(stops=scattered(MANY + 4, seed=3), horizon=400.0), "follow", seed=1)
+    check_episode(result)
+    assert result.outcome is Outcome.REACHED and not result.rounds.missed
+    assert sum(result.rounds.lateness(visit) for visit in result.rounds.visits) == 0.0
+
+
+def test_the_colony_goes_on_from_what_it_has_learned() -> None:
+    """What it knows of pairs of stops that are left stays as it was when others are done or added."""
+    stops = scattered(20, seed=4)
+    scenario = hall(stops=stops)
+    policy = RoundsPolicy(make_policy("follow"), stops)
+    policy.reset(scenario.task, 0)
+    before, last = policy.known
+    assert last.pheromone is not None and last.pheromone.max() > 0.5 > last.pheromone.min()
+    left = [stop for stop in before if stop not in (3, 7)]
+    known = policy._known([*left, 20])
+    assert known.orders[0].tolist() == [0, *(left.index(stop) + 1 for stop in policy.order if stop in left), len(left) + 2]
+    for i, a in enumerate(left):
+        assert known.pheromone[0, i + 1] == last.pheromone[0, before.index(a) + 1]
+        for j, b in enumerate(left):
+            assert known.pheromone[i + 1, j + 1] == last.pheromone[before.index(a) + 1, before.index(b) + 1]
 
 
 @pytest.mark.parametrize(

@@ -81,6 +81,7 @@ def order_stops(
     cycles: int | None = None,
     seed: int = 0,
     initial: Ordering | object = None,
+    quick: bool = False,
 ) -> Ordering:
     """Look for the best order in which to visit all stops, or with `priorities` the best of them.
 
@@ -110,7 +111,9 @@ def order_stops(
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     initial : Ordering, sequence of int, or None
-        A former answer or order to go on from. With less than 0.2 s local search alone improves it, and the bound is weak.
+        A former answer or order to go on from.
+    quick : bool
+        Whether local search alone improves `initial`, and the bound is weak; with less than 0.2 s it always is so.
 
     Returns
     -------
@@ -132,7 +135,7 @@ def order_stops(
     budget = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles)
     clock = budget.start()
     # A robot that waits for a new order does not want to wait for a good bound.
-    quick = known is not None and seconds is not None and seconds < _QUICK
+    quick = known is not None and (quick or (seconds is not None and seconds < _QUICK))
     if is_untimed(stops):
         if not quick or len(stops.matrix) <= FEW:
             order, least = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
