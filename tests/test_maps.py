@@ -228,6 +228,9 @@ def test_occupancy_between_free_and_certain(tmp_path):
     (tmp_path / "b.txt").write_text("..\n@.\n")
     for occupied, blocked in ((100, [0, 0, 0, 1]), (99, [0, 0, 1, 1]), (50, [0, 1, 1, 1])):
         assert load_map(tmp_path / "a.yaml", occupied=occupied).blocked.astype(int).tolist() == [blocked]
+    for occupied, blocked in ((None, [0, 1, 1]), (50, [0, 1, 1]), (40, [1, 1, 1]), (100, [0, 0, 1]), (99, [0, 0, 1])):
+        Image.fromarray(np.array([[153, 127, 0]], np.uint8)).save(tmp_path / "b.png")  # 40, just over 50 and 100 % black
+        assert load_map(tmp_path / "b.png", resolution=1.0, occupied=occupied).blocked.astype(int).tolist() == [blocked]
     with pytest.raises(BadParameter, match="occupied"):
         load_map(tmp_path / "a.yaml", occupied=0)
     with pytest.raises(BadParameter, match="occupied"):

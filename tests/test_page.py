@@ -432,7 +432,7 @@ def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen:
         assert pixels(page, "wall") > 100 and pixels(page, "robot") > 20
         if screen is PHONE:
             tops = {button.bounding_box()["y"] for button in page.locator(".bar button:visible").all()}
-            assert len(tops) == 1, "one row of them leaves room for the map"
+            assert len(tops) == 2, "two rows of them, one with the slider, leave room for the map"
             page.tap("[data-tool=wall]")
             page.touchscreen.tap(*point(page, 0.5, 18.5))
             expect(page, "#undo").to_be_enabled()
@@ -465,8 +465,8 @@ def test_a_colony_solves_in_the_browser(browser: Any, address: str) -> None:
 
 @pytest.mark.parametrize("screen", [{"viewport": {"width": 1400, "height": 900}}, PHONE], ids=["1400", "390"])
 @pytest.mark.parametrize("colours", ["light", "dark"])
-def test_the_save_menu_is_on_the_screen(browser: Any, address: str, screen: dict[str, Any], colours: str) -> None:
-    """The save menu is as wide as its items, which lie within it, and it lies within the screen; so do ruler and help."""
+def test_controls_are_inside_their_boxes(browser: Any, address: str, screen: dict[str, Any], colours: str) -> None:
+    """The save menu and each other control are within their boxes, and these within the screen, as ruler and help are."""
     page, complaints = opened(browser, address, (address, "blob:", "data:"), **screen, color_scheme=colours)
     width = screen["viewport"]["width"]
     page.click(".menu summary")
@@ -477,6 +477,18 @@ def test_the_save_menu_is_on_the_screen(browser: Any, address: str, screen: dict
         assert box["x"] >= menu["x"] and box["x"] + box["width"] <= menu["x"] + menu["width"]
         assert item.evaluate("e => e.scrollWidth <= e.clientWidth + 1")
     page.keyboard.press("Escape")
+    said = "Edits of “paper”, Nov 22, 3:43 PM, are kept here."
+    page.locator("#kept span").evaluate("(e, text) => { e.textContent = text; e.parentElement.hidden = false; }", said)
+    controls = {".bar": "button, select, #scrub", "#kept": "button", "main": ".palette button", "aside": ".mark, label"}
+    for box_of, parts in controls.items():
+        outer = page.locator(box_of).bounding_box()
+        for part in page.locator(box_of).locator(parts).all():
+            if not (inner := part.bounding_box()):
+                continue  # not shown
+            assert inner["x"] >= outer["x"] - 1 and inner["x"] + inner["width"] <= outer["x"] + outer["width"] + 1, parts
+            inside = inner["y"] >= outer["y"] - 1 and inner["y"] + inner["height"] <= outer["y"] + outer["height"] + 1
+            assert inside or box_of == "aside", parts  # which scrolls
+            assert part.evaluate("e => e.scrollWidth <= e.clientWidth + 2"), parts
     ruler = page.locator(".ruler")
     assert 20 < ruler.bounding_box()["width"] <= 120 and ruler.inner_text().endswith(" m")
     if screen is not PHONE:
@@ -485,6 +497,124 @@ def test_the_save_menu_is_on_the_screen(browser: Any, address: str, screen: dict
     fits(page, screen)
     page.context.close()
     assert complaints == []
+
+
+def test_a_run_is_looked_back_at(page: Any) -> None:
+    """Step back and the slider show earlier moments as they were; play and step go on from there, and then with new cycles."""
+    shown: list[str] = [page.locator(".numbers").inner_text()]
+    for step in range(1, 9):
+        page.keyboard.press("ArrowRight")
+        expect(page, "#time").to_have_text(f"{step / 10:.1f} s")
+        shown.append(page.locator(".numbers").inner_text())
+    for step in (7, 6):
+        page.click("#back")
+        expect(page, "#time").to_have_text(f"{step / 10:.1f} s")
+        assert page.locator(".numbers").inner_text() == shown[step]
+    page.locator("#scrub").focus()
+    page.keyboard.press("Home")
+    expect(page, "#time").to_have_text("0.0 s")
+    expect(page, "#back").to_be_disabled()
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    expect(page, "#time").to_have_text("0.3 s")
+    assert page.locator(".numbers").inner_text() == shown[3]
+    assert page.locator("#scrub").get_attribute("aria-valuetext") == "0.3 s of 0.8 s"
+    for step in range(4, 10):
+        page.click("#step")
+        expect(page, "#time").to_have_text(f"{step / 10:.1f} s")
+        assert step > 8 or page.locator(".numbers").inner_text() == shown[step]
+
+
+def test_edits_are_kept_and_offered(page: Any, tmp_path: Path) -> None:
+    """After an edit and a reload the edit is offered and restored; what is forgotten, or left for another scene, is not."""
+    kept = "localStorage.getItem('antway-edits') !== null"
+    assert not page.evaluate(kept) and page.locator("#kept").is_hidden()
+    page.fill("#seed", "5")
+    page.keyboard.press("Tab")
+    until(page, lambda: page.evaluate(kept))
+    page.reload()
+    expect(page, "#kept").to_contain_text("paper")
+    expect(page, "#seed").to_have_value("0")
+    page.click("#restore")
+    expect(page, "#seed").to_have_value("5")
+    expect(page, "#kept").to_be_hidden()
+    assert scenario(page, tmp_path).seed == 5
+    page.reload()
+    page.click("#forget")
+    expect(page, "#kept").to_be_hidden()
+    assert not page.evaluate(kept)
+    page.fill("#seed", "6")
+    page.keyboard.press("Tab")
+    until(page, lambda: page.evaluate(kept))
+    page.select_option("#scene", "office")
+    expect(page, "#scene option:checked").to_have_text("office")
+    assert not page.evaluate(kept)
+
+
+@pytest.mark.parametrize("path", ["", "tsp"])
+def test_terms_are_explained_by_pointer_and_keyboard(browser: Any, address: str, path: str) -> None:
+    """What a term means is shown under the pointer and in focus, within the screen, named to screen readers, until Escape."""
+    page, complaints = opened(browser, address + path, (address, "data:"), **PHONE)
+    terms = page.locator("[data-tip]:visible")
+    assert terms.count() >= (4 if path else 7)
+    for term in terms.all():
+        if not term.inner_text():
+            continue
+        term.scroll_into_view_if_needed()
+        for show in (term.hover, term.focus):
+            show()
+            expect(page, "#tip").to_have_text(term.get_attribute("data-tip"))
+            assert term.get_attribute("aria-describedby") == "tip"
+            box = page.locator("#tip").bounding_box()
+            assert box["x"] >= 0 and box["x"] + box["width"] <= 390 and box["y"] >= 0 and box["y"] + box["height"] <= 844
+            page.keyboard.press("Escape")
+            expect(page, "#tip").to_be_hidden()
+        term.blur()
+    assert complaints == []
+    page.context.close()
+
+
+def test_a_shade_from_which_pixels_are_walls(page: Any, tmp_path: Path) -> None:
+    """Beside the size of a pixel the page asks from how much black on a pixel is a wall; what is neither is marked."""
+    grey = np.full((10, 10), 255, np.uint8)
+    grey[4, 2:8] = 153  # 40 % black
+    Image.fromarray(grey).save(tmp_path / "grey.png")
+    for share, count in (("50", 0), ("40", 6)):
+        page.set_input_files("#files", tmp_path / "grey.png")
+        page.fill("#pixel", "1")
+        page.fill("#occupied", "0")
+        page.click("#pixel-open")
+        expect(page, "#occupied").to_have_attribute("aria-invalid", "true")
+        page.fill("#occupied", share)
+        page.click("#pixel-open")
+        expect(page, "#pixel-box").to_be_hidden()
+        expect(page, "#scene option:checked").to_have_text("grey")
+        expect(page, "#busy").to_have_text("")
+        assert scenario(page, tmp_path).world.grid.blocked.sum() == count
+
+
+def test_cities_are_added_and_removed(browser: Any, address: str) -> None:
+    """On the page of tours a press on the map adds a city and one on it removes it, by the mouse and by the keyboard."""
+    page, complaints = opened(browser, f"{address}tsp", (address, "data:"), **DESKTOP)
+    page.select_option("#instance", "drawn")
+    label = page.locator("#map")
+    expect(page, "#map").to_have_attribute("aria-label", re.compile("^4 cities"))
+    box = label.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    for count in (5, 4, 5):
+        page.mouse.click(x, y)
+        expect(page, "#map").to_have_attribute("aria-label", re.compile(f"^{count} cities"))
+    page.mouse.click(box["x"] + 5, y)  # beside the map
+    label.focus()
+    for key in ("ArrowUp", "ArrowUp", "ArrowUp", "ArrowRight", "Enter"):
+        page.keyboard.press(key)
+    expect(page, "#map").to_have_attribute("aria-label", re.compile("^6 cities"))
+    page.click("#step")
+    expect(page, "#cycle").to_have_text("1")
+    page.mouse.click(x, y)
+    expect(page, "#cycle").to_have_text("0")
+    assert complaints == []
+    page.context.close()
 
 
 def test_a_description_alone_and_the_cursor(page: Any, tmp_path: Path) -> None:

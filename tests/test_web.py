@@ -355,6 +355,38 @@ def test_tabs_that_use_common_memory_do_not_meet() -> None:
     assert tabs[0].views[0].watched.policy.memory() is tabs[1].views[0].watched.policy.memory()  # type: ignore[attr-defined]
 
 
+def test_looking_back_shows_what_was_and_changes_nothing() -> None:
+    """Every moment is told as it was when it was new; a run that was looked back at goes on as if it had not been."""
+    session, plain = Session(), Session()
+    for one in (session, plain):
+        one.apply({"op": "policies", "names": ["antway", "stop"]})
+    told = []
+    for _ in range(60):
+        session.advance(1)
+        told.append(session.frame()["views"])
+    for step in (3, 59, 20, 1):
+        session.apply({"op": "at", "step": step})
+        frame = session.frame()
+        assert (frame["at"], frame["steps"]) == (step, 60)
+        for then, now in zip(told[step - 1], frame["views"], strict=True):
+            for name in ("t", "robot", "speed", "braking", "obstacles", "tubes", "clearance", "at"):
+                assert now[name] == then[name], name
+    session.apply({"op": "step"})
+    assert (session.at, session.steps) == (2, 60) and not session.ended
+    session.apply({"op": "at", "step": 58})
+    session.advance(12)
+    plain.advance(70)
+    assert session.at == session.steps == 70
+    for view, other in zip(session.views, plain.views, strict=True):
+        assert (view.episode.stage.xy == other.episode.stage.xy).all()
+    for wrong in (-1, 71, 2.5, None):
+        with pytest.raises(BadInput):
+            session.apply({"op": "at", "step": wrong})
+    session.apply({"op": "at", "step": 5})
+    session.apply({"op": "ants"})
+    assert session.at == session.steps >= 70, "ants are shown in the cycle to come"
+
+
 def test_the_ants_of_a_look_get_better() -> None:
     """With more ant cycles the best way of policy paper's ants never gets longer, and all of them give the decision taken."""
     session = Session()

@@ -95,3 +95,20 @@ def test_files_open_and_wrong_requests_change_nothing() -> None:
         tab.apply({"op": "set", "field": field, "value": value})
         tab.advance(2)
         assert tab.settings[field] == value and tab.frame()["cycle"] == 2
+
+
+def test_cities_are_added_and_removed() -> None:
+    """A city is added where the map is pressed and removed where one is; the map keeps its frame, and four cities stay."""
+    tab = Tours()
+    tab.apply({"op": "open", "files": [file_of(FIVE)]})
+    frame = tab.describe()["frame"]
+    told = tab.apply({"op": "city", "xy": [0.25, 0.75], "near": 0.02})[0]
+    assert told["size"] == 6 and told["frame"] == frame and tab.instance.xy is not None
+    assert tab.instance.xy[-1].tolist() == [5.0, 15.0] and tab.instance.metric == "EUC_2D"
+    tab.apply({"op": "city", "xy": [0.26, 0.75], "near": 0.02})
+    tab.apply({"op": "city", "xy": [0.5, 0.0], "near": 0.02})
+    assert tab.instance.size == 4
+    for wrong in ({"xy": [0.0, 0.0]}, {"xy": [1.5, 0.5]}, {"xy": [0.5, 0.5], "near": 2}, {"xy": "there"}):
+        with pytest.raises(BadInput):
+            tab.apply({"op": "city", "near": 0.02, **wrong})
+    assert tab.instance.size == 4

@@ -73,6 +73,8 @@ def _shown(value: object) -> str:
         return repr(float(value) if short.is_integer() and short != value else short)
     if type(value) is tuple:
         return f"({', '.join(map(_shown, value))}{',' if len(value) == 1 else ''})"
+    if type(value) is list and len(value) < 100:
+        return f"[{', '.join(map(_shown, value))}]"
     return repr(value)
 
 

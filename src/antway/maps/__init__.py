@@ -53,7 +53,7 @@ def load_map(
     *,
     resolution: float | None = None,
     origin: tuple[float, float, float] | None = None,
-    occupied: int = 100,
+    occupied: int | None = None,
     limits: Limits = DEFAULT,
 ) -> Grid:
     """Load a map: ROS `.yaml` with its picture, bare `.png` and `.pgm`, MovingAI `.map`, characters in `.txt`, or `.npy`.
@@ -68,16 +68,17 @@ def load_map(
         Edge of a cell in m, for formats that hold none; 1 where not given, which is said aloud for pictures.
     origin : (x, y, yaw), optional
         Pose of the outer corner of cell (0, 0) in m, m, rad, for formats that hold none; (0, 0, 0) where not given.
-    occupied : int
-        Cost from which a cell of a ROS map is blocked, 1 to 100. Maps of mode `scale` and `raw` have costs between 0 (free) and
-        100 (certainly occupied).
+    occupied : int, optional
+        From where on a cell is blocked, 1 to 100. Of a ROS map, its cost; 100 where not given. Maps of mode `scale` and `raw`
+        have costs between 0 (free) and 100 (certainly occupied). Of a bare picture, the share of black in a pixel, %; 50 where
+        not given.
     limits : Limits
         How large the map may be.
 
     Returns
     -------
     Grid
-        What blocks is said at `antway.maps.ros`, `image` (darker than 128 of 255), `movingai` and `text`.
+        What blocks is said at `antway.maps.ros`, `image`, `movingai` and `text`.
 
     Raises
     ------
@@ -102,20 +103,21 @@ def load_map(
         )
     kind = checks.choice("suffix", file.suffix.lower(), _READ, error=BadMap, where=str(file))
     checks.instance("limits", limits, Limits)
-    checks.integer("occupied", occupied, low=1, high=100)
+    if occupied is not None:
+        checks.integer("occupied", occupied, low=1, high=100)
     if kind in (".yaml", ".yml"):
         for name, value in (("resolution", resolution), ("origin", origin)):
             if value is not None:
                 raise BadParameter(name, value, "left out for a ROS map, which holds its own")
-        return ros.read(file, limits, occupied)
-    if occupied != 100:
-        raise BadParameter("occupied", occupied, f"left out: {kind} has no costs")
+        return ros.read(file, limits, 100 if occupied is None else occupied)
+    if occupied is not None and kind not in PICTURES:
+        raise BadParameter("occupied", occupied, f"left out: {kind} has no shades")
     place = Grid(
         np.zeros((1, 1), dtype=np.bool_),
         1.0 if resolution is None else resolution,
         (0.0, 0.0, 0.0) if origin is None else origin,
     )
-    grid = _READ[kind](file, limits)
+    grid = _READ[kind](file, limits) if occupied is None else image.read(file, limits, occupied)
     if resolution is None and kind in PICTURES:
         rows, cols = grid.shape
         warnings.warn(

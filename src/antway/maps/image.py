@@ -28,10 +28,10 @@ _NPY = {name: re.compile(rf"'{name}'\s*:\s*{value}".encode()) for name, value in
 Picture = tuple[NDArray[np.uint8], NDArray[np.bool_] | None]  # grey 0 to 255, and where it is not fully opaque
 
 
-def read(path: Path, limits: Limits) -> Grid:
-    """Read a PNG or PGM: pixels darker than 128 of 255 are blocked, pixels that are not opaque unknown (and so blocked)."""
+def read(path: Path, limits: Limits, occupied: int = 50) -> Grid:
+    """Read a PNG or PGM: pixels of `occupied` % black are blocked, pixels that are not opaque unknown (and so blocked)."""
     grey, clear = read_grey(path, limits)
-    blocked = grey < 128
+    blocked = grey <= 255 * (100 - occupied) // 100
     if clear is None:
         return Grid(blocked)
     return Grid(blocked | clear, unknown=clear)

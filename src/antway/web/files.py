@@ -40,7 +40,9 @@ _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
 
 
 def read_upload(files: object) -> Scenario:
-    """Return the scenario in `files`, or one made of the map in them: a list of {name, data in base64, a picture's resolution}.
+    """Return the scenario in `files`, or one made of the map in them.
+
+    Files are a list of {name, data in base64}; a picture has a resolution, too, and from how much black on it shows walls.
 
     A .zip is unpacked. The first file of .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm, in this order, is read; the
     others are files that it refers to.
@@ -51,8 +53,12 @@ def read_upload(files: object) -> Scenario:
         If there are too many files, they are too large, or hold no scenario or map; the text names them without folder.
     """
     contents = _unpacked(decoded(files))
-    sizes = [file["resolution"] for file in files if "resolution" in file]  # type: ignore[attr-defined]
-    resolution = checks.number("resolution", sizes[0], low=1e-6, high=1e6, unit="m") if sizes else None
+    given: dict[str, Any] = {}
+    for file in files:  # type: ignore[attr-defined]
+        if "resolution" in file:
+            given["resolution"] = checks.number("resolution", file["resolution"], low=1e-6, high=1e6, unit="m")
+        if "occupied" in file:
+            given["occupied"] = checks.integer("occupied", file["occupied"], low=1, high=100)
     with tempfile.TemporaryDirectory(prefix="antway-") as name:
         folder = Path(name)
         for file, data in contents.items():
@@ -61,20 +67,20 @@ def read_upload(files: object) -> Scenario:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", GreyTrapWarning)
                 warnings.simplefilter("ignore", ResolutionWarning)
-                return _read(folder, list(contents), resolution)
+                return _read(folder, list(contents), given)
         except BadInput as error:
             where = error.where.replace(f"{folder}/", "")
             value = error.value.replace(f"{folder}/", "") if isinstance(error.value, str) else error.value
             raise type(error)(error.field, value, error.allowed, where=where) from None
 
 
-def _read(folder: Path, names: list[str], resolution: float | None) -> Scenario:
+def _read(folder: Path, names: list[str], given: dict[str, Any]) -> Scenario:
     for suffix in (".toml", *_MAPS):
         for name in names:
             if name.lower().endswith(suffix):
                 if suffix != ".toml":
-                    size = resolution if suffix in PICTURES else None
-                    return task_on(load_map(folder / name, resolution=size, limits=LIMITS).turned(), Path(name).stem)
+                    picture = given if suffix in PICTURES else {}
+                    return task_on(load_map(folder / name, limits=LIMITS, **picture).turned(), Path(name).stem)
                 scenario = load_scenario(folder / name)
                 LIMITS.check_shape(*scenario.world.grid.shape, Path(name))
                 return scenario
@@ -190,6 +196,11 @@ def gif_file(trace: Trace) -> dict[str, Any]:
 
 
 EXPORTS = {"trace": trace_file, "replay": replay_file, "gif": gif_file}
+
+
+def kept(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
+    """Return the scenario's file for the page to keep in its browser."""
+    return {"kind": "kept", "name": scenario.name, "policies": policies, "data": scenario_file(scenario)["base64"]}
 
 
 def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from antway import checks
 from antway.ants.rules import RULES
 from antway.errors import BadParameter
 from antway.scenes import ROUNDS, SCENES
+from antway.tables import ABOUT
 from antway.web import tours
 from antway.web.apart import Apart
 from antway.web.player import TIMEOUT, Player, Turns
@@ -55,6 +56,8 @@ _FILES = {  # path: package, file, type
     "/page.js": ("antway.web", "page.js", "text/javascript"),
     "/view.js": ("antway.web", "view.js", "text/javascript"),
     "/edit.js": ("antway.web", "edit.js", "text/javascript"),
+    "/keep.js": ("antway.web", "keep.js", "text/javascript"),
+    "/terms.js": ("antway.web", "terms.js", "text/javascript"),
     "/parts.js": ("antway.web", "parts.js", "text/javascript"),
     "/canvas.js": ("antway.view", "canvas.js", "text/javascript"),
     "/layers.js": ("antway.view", "layers.js", "text/javascript"),
@@ -153,6 +156,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # its own name for each server: cookies do not tell ports apart
     crossing = {
         "policies": POLICIES,
+        "about": {name: ABOUT["policies"][name] for name in POLICIES},
         "scenes": (*SCENES, *ROUNDS),
         "speeds": Session.SPEEDS,
         "parameters": [{name: getattr(p, name) for name in p.__slots__} for p in PARAMETERS],

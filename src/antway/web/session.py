@@ -18,7 +18,7 @@ from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
 from antway.view.replay import map_record
 from antway.web.apart import EXPORT_SECONDS
-from antway.web.files import EXPORTS, MAX_OBSTACLES, link, packed, scenario_file
+from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, packed, scenario_file
 from antway.web.tab import Tab
 from antway.web.view import Message, View, shades, short
 from antway.world import policy
@@ -78,8 +78,10 @@ class Session(Tab):
         self.policies: tuple[str, ...] = ("antway",)
         self.history: list[Scenario] = []
         self.position = -1
+        self.at = 0  # control cycles that are shown
         self._open(load_scenario(scene(SCENES[0])))
         self.operations |= {
+            "at": self._at,
             "ants": self._ants,
             "reset": self._reset,
             "policies": self._policies,
@@ -106,23 +108,31 @@ class Session(Tab):
         return self.scenario.robot.dt / self.speed
 
     @property
+    def steps(self) -> int:
+        """How many control cycles were played; `at` of them are shown."""
+        return max(view.episode.steps for view in self.views)
+
+    @property
     def ended(self) -> bool:
-        return all(view.episode.outcome is not None for view in self.views)
+        return self.at == self.steps and all(view.episode.outcome is not None for view in self.views)
 
     def advance(self, steps: int) -> None:
-        """Play so many control cycles, of all policies in step."""
+        """Show so many control cycles more, of all policies in step; those that were not played yet are played."""
         for _ in range(steps):
             if self.closed.is_set():
                 return
-            for view in self.views:
-                view.step()
+            if self.at == self.steps:
+                for view in self.views:
+                    view.step()
+            self.at = min(self.at + 1, self.steps)
         if self.ended:
             self.playing = False
 
     def frame(self) -> Message:
         """Return what the page shows of this moment: at most 60 kB as JSON."""
-        views = [view.frame(len(self.views)) for view in self.views]
-        return {"kind": "frame", "playing": self.playing, "speed": self.speed, "views": views}
+        views = [view.frame(len(self.views), self.at) for view in self.views]
+        shown = {"at": self.at, "steps": self.steps}
+        return {"kind": "frame", "playing": self.playing, "speed": self.speed, **shown, "views": views}
 
     def describe(self) -> Message:
         """Return everything that does not move: map, start and goal, obstacles, parameters, names."""
@@ -171,6 +181,7 @@ class Session(Tab):
         if len(scenario.world.obstacles) > MAX_OBSTACLES:
             raise TooLarge("obstacles.length", len(scenario.world.obstacles), f"at most {MAX_OBSTACLES} on the page")
         self.views = [View(scenario, policy) for policy in policies]
+        self.at = 0
 
     def _open(self, scenario: Scenario) -> list[Message]:
         """Make `scenario` the present one, as a step that can be undone."""
@@ -192,9 +203,17 @@ class Session(Tab):
         self.position = position
         return [self.describe()]
 
+    def _at(self, message: Message) -> list[Message]:
+        """Show an earlier moment of the run, or the latest."""
+        step = checks.integer("step", message.get("step"), low=0, high=self.steps)
+        self.playing, self.at = False, step
+        for view in self.views:
+            view.look, view.idle = None, ""
+        return []
+
     def _ants(self, message: Message) -> list[Message]:
         """Run one more ant cycle within the control cycle; if no ants take part in it, play it and say why they do not."""
-        self.playing = False
+        self.playing, self.at = False, self.steps
         looked = [view.look_inside() for view in self.views]
         if True not in looked:
             idle = [view.idle for view in self.views]
@@ -289,7 +308,8 @@ class Session(Tab):
         for view, tour in zip(self.views, tours, strict=True):
             assert tour is not None
             tour.add(stops[-1])
-            view.sent, view.decision = 0, None  # the page forgets what it has been told when it is told of a scene
+            view.added()
+        self.at = self.steps
         return self._remember(scenario)
 
     def _remove(self, message: Message) -> list[Message]:
@@ -302,11 +322,13 @@ class Session(Tab):
 
     def _export(self, message: Message) -> list[Message]:
         """Return a file of an episode, played to its end on a copy; or the scenario, as a file or a link."""
-        what = checks.choice("what", message.get("what"), ("scenario", "link", *EXPORTS))
+        what = checks.choice("what", message.get("what"), ("scenario", "link", "keep", *EXPORTS))
         if what == "scenario":
             return [scenario_file(self.scenario)]
         if what == "link":
             return [link(self.scenario, self.policies)]
+        if what == "keep":
+            return [kept(self.scenario, self.policies)]
         view = checks.integer("view", message.get("view", 0), low=0, high=len(self.views) - 1)
         return [self.work("export", what, self.scenario, self.policies[view], seconds=EXPORT_SECONDS)]
 

@@ -22,6 +22,7 @@ from antway.web.tab import Tab
 from antway.web.view import Message, short
 
 MAX_CITIES = 5000
+MIN_CITIES = 4  # of a colony
 SEARCHES = ("none", "2opt", "oropt", "3opt")
 PERSISTENCES = ("the rule's", "adaptive")
 _EDGES = 2000  # edges with pheromone in one frame, at most
@@ -44,7 +45,13 @@ def _ring() -> Tsp:
     return Tsp(ring.xy, name="ring", optimum=ring.length(np.arange(40)))
 
 
-INSTANCES: dict[str, Callable[[], Tsp]] = {"scattered": _scattered, "clusters": _clusters, "ring": _ring}
+def _drawn() -> Tsp:
+    return Tsp(np.array([(300.0, 300.0), (700.0, 300.0), (700.0, 700.0), (300.0, 700.0)]), name="drawn")
+
+
+INSTANCES: dict[str, Callable[[], Tsp]] = {"scattered": _scattered, "clusters": _clusters, "ring": _ring, "drawn": _drawn}
+Frame = tuple[NDArray[np.float64], NDArray[np.float64]]  # the lowest corner of a map and its size
+_SQUARE: Frame = (np.zeros(2), np.full(2, 1000.0))
 
 
 class Tours(Tab):
@@ -54,6 +61,7 @@ class Tours(Tab):
 
     def __init__(self) -> None:
         super().__init__(16.0)
+        self.map = _SQUARE
         self.settings: dict[str, Any] = {
             "rule": "mmas",
             "search": "none",
@@ -64,6 +72,7 @@ class Tours(Tab):
         self._restart(INSTANCES["scattered"](), self.settings)
         self.operations |= {
             "reset": lambda message: self._restart(self.instance, self.settings),
+            "city": self._city,
             "instance": self._instance,
             "open": self._open,
             "set": self._set,
@@ -120,14 +129,15 @@ class Tours(Tab):
     def describe(self) -> Message:
         """Return what does not change while the colony runs: the cities and the settings."""
         xy, instance = self.instance.xy, self.instance
+        low, size = self.map
         assert xy is not None
-        low, size = xy.min(axis=0), float(np.ptp(xy, axis=0).max()) or 1.0
         return {
             "kind": "scene",
             "name": instance.name,
             "size": instance.size,
             "optimum": instance.optimum,
-            "cities": _packed(np.round((xy - low) / size * 65535), "<u2"),
+            "cities": _packed(np.round((xy - low) / size.max() * 65535), "<u2"),
+            "frame": np.round(size / size.max() * 65535).tolist(),
             "settings": self.settings,
         }
 
@@ -144,8 +154,8 @@ class Tours(Tab):
         first = np.unique(ends, axis=0, return_index=True)[1]
         return ends[first], np.round(255 * amount[order][first])
 
-    def _restart(self, instance: Tsp, settings: dict[str, Any]) -> list[Message]:
-        """Start again with these; if that is refused, everything stays as it was."""
+    def _restart(self, instance: Tsp, settings: dict[str, Any], frame: Frame | None = None) -> list[Message]:
+        """Start again with these, and another map if one is given; if that is refused, everything stays as it was."""
         if instance.xy is None:
             raise BadParameter(
                 "EDGE_WEIGHT_TYPE", "a matrix", "one of cities with places: EUC_2D, CEIL_2D or ATT", where=instance.name
@@ -164,18 +174,37 @@ class Tours(Tab):
             options=options,
         )
         self.instance, self.settings, self.colony, self.playing = instance, settings, colony, False
+        self.map = self.map if frame is None else frame
         self.curve: list[tuple[float, float, float]] = []
         return [self.describe()]
 
     def _instance(self, message: Message) -> list[Message]:
-        return self._restart(INSTANCES[checks.choice("name", message.get("name"), INSTANCES)](), self.settings)
+        name = checks.choice("name", message.get("name"), INSTANCES)
+        return self._restart(INSTANCES[name](), self.settings, _SQUARE)
 
     def _open(self, message: Message) -> list[Message]:
         contents = decoded(message.get("files"))
         for name, data in contents.items():
             if name.lower().endswith((".tsp", ".txt")):
-                return self._restart(self.work("instance", data, name), self.settings)
+                instance: Tsp = self.work("instance", data, name)
+                return self._restart(instance, self.settings, _around(instance))
         raise BadParameter("files", list(contents), "a TSPLIB file .tsp")
+
+    def _city(self, message: Message) -> list[Message]:
+        """Add a city at a point, or remove the one that is there; x and y are shares of the map's longer side."""
+        x, y = checks.point("xy", message.get("xy"))
+        near = checks.number("near", message.get("near"), low=0.0, high=0.1)
+        xy, (low, size) = self.instance.xy, self.map
+        assert xy is not None
+        if not (0.0 <= x * size.max() <= size[0] and 0.0 <= y * size.max() <= size[1]):
+            raise BadParameter("xy", (x, y), "on the map")
+        place = low + np.array((x, y)) * size.max()
+        away = np.hypot(*(xy - place).T)
+        there = away <= near * size.max()
+        changed = np.delete(xy, away.argmin(), axis=0) if there.any() else np.vstack((xy, np.round(place, 3)))
+        if len(changed) < MIN_CITIES:
+            raise BadParameter("cities", len(changed), f"{MIN_CITIES} or more")
+        return self._restart(Tsp(changed, metric=self.instance.metric, name=self.instance.name), self.settings)
 
     def _set(self, message: Message) -> list[Message]:
         value = message.get("value")
@@ -201,6 +230,14 @@ class Tours(Tab):
             "-1",
         ]
         return [{"kind": "file", "name": f"{name}.tour", "type": "text/plain", "text": "\n".join((*lines, "EOF", ""))}]
+
+
+def _around(instance: Tsp) -> Frame | None:
+    """Return the map that just holds the cities; None without places."""
+    if instance.xy is None:
+        return None
+    size = np.ptp(instance.xy, axis=0)
+    return instance.xy.min(axis=0), np.maximum(size, size.max() / 100 or 1.0)
 
 
 def _packed(values: NDArray[Any], dtype: str) -> str:

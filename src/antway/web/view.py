@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
-from typing import Any
+from bisect import bisect_left
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,15 @@ class Watched:
         return self.policy.explain()
 
 
+class Moment(NamedTuple):
+    """What the episode's own record does not hold of each moment."""
+
+    seen: Observation | None
+    clearance: float  # the least so far, m
+    visited: list[list[Any]]  # stops, and whether each was reached too late
+    order: list[int]
+
+
 class View:
     """One policy at work, and what of it the page has been told."""
 
@@ -62,12 +72,27 @@ class View:
         self.decision: Decision | None = None
         self.look: Look | None = None  # into the cycle to come
         self.idle = ""  # why no ants take part in it
+        self.moments = [self._moment()]
 
     def step(self) -> None:
         """Play one control cycle."""
         self.look, self.idle = None, ""
         if self.episode.outcome is None:
             self.episode.step()
+            self.moments.append(self._moment())
+
+    def added(self) -> None:
+        """Note that a stop was added: the page forgets what it has been told when it is told of a scene."""
+        self.sent, self.decision = 0, None
+        self.moments[-1] = self._moment()
+
+    def _moment(self) -> Moment:
+        tour, clearance = self.episode.tour, self.episode.stage.clearance
+        if tour is None:
+            return Moment(self.watched.seen, clearance, [], [])
+        rounds = tour.rounds
+        visited = [[visit.stop, rounds.lateness(visit) > 0] for visit in rounds.visits]
+        return Moment(self.watched.seen, clearance, visited, list(tour.order))
 
     def look_inside(self) -> bool:
         """Let the ants of the cycle to come do one cycle more, on a copy; tell whether there was one."""
@@ -78,16 +103,19 @@ class View:
         self.look, self.idle = (None, look) if isinstance(look, str) else (look, "")
         return self.look is not None
 
-    def frame(self, views: int) -> Message:
-        """Return what is new since the last frame."""
-        episode, stage, n = self.episode, self.episode.stage, self.episode.steps
+    def frame(self, views: int, at: int) -> Message:
+        """Return the moment after `at` control cycles, or the last one, and what else is new since the last frame."""
+        episode, stage = self.episode, self.episode.stage
+        n = min(at, episode.steps)
+        moment, latest = self.moments[n], n == episode.steps
         places, velocities = stage.timeline.at(float(stage.t[n]))
         sensed = stage.sensed[max(n - 1, 0)]
-        start, end = self.sent, min(n + 1, self.sent + _ROWS)
+        start, end = self.sent, min(episode.steps + 1, self.sent + _ROWS)
         self.sent = end
         look = self.look
-        path, stand = self._braking()
+        path, stand = self._braking(n)
         record: Message = {
+            "at": n,
             "t": short(stage.t[n]),
             "robot": [short(v) for v in (*stage.xy[n], stage.heading[n])],
             "speed": short(math.hypot(*stage.velocity[n])),
@@ -96,44 +124,42 @@ class View:
                 [short(v) for v in (*context, *velocity)] + [int(seen)]
                 for context, velocity, seen in zip(places, velocities, sensed)
             ],
-            "tubes": self._tubes(float(stage.t[n])),
+            "tubes": self._tubes(moment.seen, float(stage.t[n])),
             "from": start,
             "trail": [[short(v) for v in row] for row in stage.xy[start:end]],
             "ms": [short(v) for v in stage.cycle_ms[max(start - 1, 0) : end - 1]],
-            "clearance": short(stage.clearance),
-            "outcome": None if episode.outcome is None else episode.outcome.value,
+            "clearance": short(moment.clearance),
+            "outcome": episode.outcome.value if latest and episode.outcome is not None else None,
             "ending": episode.reason[:400],
             "ants": None if look is None else [look.cycles, look.done],
             "idle": self.idle,
         }
         if episode.tour is not None:
-            rounds = episode.tour.rounds
-            record["visited"] = [[visit.stop, rounds.lateness(visit) > 0] for visit in rounds.visits]
-            record["order"] = list(episode.tour.order)
-        latest = look.decision if look is not None else episode.decisions[-1][1] if episode.decisions else None
-        if latest is not self.decision:
-            self.decision = latest
+            record["visited"], record["order"] = moment.visited, moment.order
+        made = bisect_left(episode.decisions, n, key=lambda one: one[0])  # decisions made before this moment
+        decision = look.decision if look is not None else episode.decisions[made - 1][1] if made else None
+        if decision is not self.decision:
+            self.decision = decision
             policy = self.watched.policy if look is None else look.policy
-            record["decision"] = None if latest is None else _decision(latest, views)
-            laid = latest is not None and latest.pheromone is not None
+            record["decision"] = None if decision is None else _decision(decision, views)
+            laid = latest and decision is not None and decision.pheromone is not None  # trails of before are not kept
             record["trails"] = (
                 [[short(v) for v in edge] for edge in edges(policy, stage.task.grid, _EDGES // views)] if laid else []
             )
         return record
 
-    def _braking(self) -> tuple[float, float]:
+    def _braking(self, n: int) -> tuple[float, float]:
         """Return the distance in m and the time in s to a stand, if the robot brakes after one more control period."""
         spec, stage = self.episode.stage.task.robot, self.episode.stage
-        speed = math.hypot(*stage.velocity[stage.n])
+        speed = math.hypot(*stage.velocity[n])
         if speed < 1e-6:
             return 0.0, 0.0
         periods = 1 if math.isinf(spec.a_max) else max(1, math.ceil(speed / (spec.a_max * spec.dt) - 1e-9))
         slower = 0.0 if periods == 1 else spec.a_max * spec.dt * periods * (periods - 1) / 2
         return (speed * periods - slower) * spec.dt, periods * spec.dt
 
-    def _tubes(self, now: float) -> list[list[Any]]:
-        """Return [radius in m, growth in m/s, [[time from now, x, y], ...]] of each obstacle seen last."""
-        seen = self.watched.seen
+    def _tubes(self, seen: Observation | None, now: float) -> list[list[Any]]:
+        """Return [radius in m, growth in m/s, [[time from now, x, y], ...]] of each obstacle seen then."""
         if seen is None or len(seen.tracks) == 0:
             return []
         velocity = np.nan_to_num(seen.tracks.velocity, nan=0.0)

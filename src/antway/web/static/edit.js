@@ -3,6 +3,7 @@
 // -1, setDone(shown), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
 
 const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
+const mm = (xy) => xy.map((v) => Math.round(1000 * v) / 1000); // places to the millimetre, as people read them
 const FULL = 90; // pixels of the page; length of the arrow of the fastest obstacle
 
 class Editor {
@@ -64,7 +65,7 @@ class Editor {
     const [row, col] = this.cursor?.cell ?? [1, 0].map((k) => Math.floor((page.scene.start[k] - [x, y][k]) / resolution));
     const centre = [x + (col + 0.5) * resolution, y + (row + 0.5) * resolution];
     if (step) this.cursor = { view, cell: [Math.min(rows - 1, Math.max(0, row + step[0])), Math.min(cols - 1, Math.max(0, col + step[1]))] };
-    else if (page.tool === "hand") page.request({ op: "move", end: event.shiftKey ? "start" : "goal", xy: centre });
+    else if (page.tool === "hand") page.request({ op: "move", end: event.shiftKey ? "start" : "goal", xy: mm(centre) });
     else if (page.tool === "waypoints") this.waypoint(view, null, centre);
     else {
       this.gesture = { ...this.start(view, null, centre), view };
@@ -91,7 +92,7 @@ class Editor {
   finish() {
     const { gesture, page } = this;
     if (gesture?.kind !== "waypoints") return;
-    if (gesture.points.length > 1) page.request({ op: "drop", points: gesture.points, speed: page.pace, radius: page.size });
+    if (gesture.points.length > 1) page.request({ op: "drop", points: gesture.points.map(mm), speed: page.pace, radius: page.size });
     this.drop();
   }
 
@@ -132,9 +133,9 @@ class Editor {
     const { gesture, page } = this;
     this.gesture = null;
     const { kind, end, xy, velocity, obstacle, blocked, cells } = gesture;
-    if (kind === "stop") page.request({ op: "stop", xy });
-    if (kind === "end") page.request({ op: "move", end, xy });
-    if (kind === "obstacle") page.request({ op: "drop", xy, velocity, radius: page.size });
+    if (kind === "stop") page.request({ op: "stop", xy: mm(xy) });
+    if (kind === "end") page.request({ op: "move", end, xy: mm(xy) });
+    if (kind === "obstacle") page.request({ op: "drop", xy: mm(xy), velocity: velocity.map((v) => Math.trunc(1000 * v) / 1000), radius: page.size });
     if (kind === "remove") page.request({ op: "remove", obstacle });
     if (kind === "paint" && cells.size) {
       page.request({ op: "paint", blocked, cells: [...cells.values()] });

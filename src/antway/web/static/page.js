@@ -1,5 +1,7 @@
 import { LAYERS } from "/canvas.js";
 import { Editor } from "/edit.js";
+import { Keeper } from "/keep.js";
+import { mark, tips } from "/terms.js";
 import { View } from "/view.js";
 import {
   bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
@@ -7,17 +9,20 @@ import {
 } from "/parts.js";
 
 const page = {
-  scene: null, field: null, views: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1,
+  scene: null, field: null, views: [], tool: "hand", brush: 1, size: 0.3, pace: 0.5, pending: null, playing: false, speed: 1, at: 0, steps: 0,
   show: Object.fromEntries(LAYERS.map(({ key, off }) => [key, !off])),
   request: (message) => request(message), redraw, align, obstacleAt, askPolicies, setDone,
 };
 const editor = new Editor(page);
-const request = connect("/live", (message) => {
+const send = connect("/live", (message) => {
   if (message.kind === "frame") takeFrame(message);
   if (message.kind === "scene") takeScene(message);
   if (message.kind === "link") showLink(message.hash);
+  if (message.kind === "kept") keeper.keep(message);
   if (message.kind === "refused") takeRefusal(message);
 });
+const request = (message) => (keeper.saw(message.op), send(message));
+const keeper = new Keeper(send, (kept) => openScenario(kept.data, kept.policies));
 
 // ---- what comes from the server ----
 function takeScene(scene) {
@@ -49,7 +54,8 @@ function takeScene(scene) {
   const typing = document.activeElement === byId("size");
   if (!page.dropped && !typing && scene.radii.length) byId("size").value = String((page.size = scene.radii[0]));
   showSettings(scene.parameters);
-  if (!document.body.dataset.ready) openAddress();
+  if (!document.body.dataset.ready) openAddress(), keeper.offer();
+  keeper.changed();
   document.body.dataset.ready = "true";
   redraw();
 }
@@ -67,8 +73,15 @@ function takeFrame(frame) {
   frame.views.forEach((record, i) => page.views[i].take(record));
   showPlaying(frame.playing);
   byId("speed").value = String(frame.speed);
+  [page.at, page.steps] = [frame.at, frame.steps];
   const over = page.views.every((view) => view.now.outcome);
   for (const id of ["play", "step", "ants"]) byId(id).disabled = over;
+  byId("back").disabled = frame.at === 0;
+  const scrub = byId("scrub");
+  scrub.max = String(frame.steps);
+  scrub.disabled = frame.steps === 0;
+  if (!scrub.matches(":active")) scrub.value = String(frame.at);
+  scrub.setAttribute("aria-valuetext", `${fixed(frame.at * page.scene.dt, 1, "s")} of ${fixed(frame.steps * page.scene.dt, 1, "s")}`);
   byId("cards").setAttribute("aria-live", frame.playing ? "off" : "polite");
   busy("");
   byId("time").textContent = fixed(Math.max(...page.views.map((view) => view.now.t)), 1, "s");
@@ -149,9 +162,23 @@ function openAddress() {
 function openOffered() {
   const { data, policies } = page.offered;
   byId("ask-box").close();
+  openScenario(data + "=".repeat((4 - (data.length % 4)) % 4), policies?.split(","));
+}
+
+// Open a scenario's file, and drive it with these policies.
+function openScenario(data, policies) {
   busy("opening …");
-  request({ op: "open", files: [{ name: "link.zip", data: data + "=".repeat((4 - (data.length % 4)) % 4) }] });
-  if (policies) request({ op: "policies", names: policies.split(",") });
+  request({ op: "open", files: [{ name: "scenario.zip", data }] });
+  if (policies) request({ op: "policies", names: policies });
+}
+
+// Show the moment that the slider is at; it moves more often than the server takes requests.
+let scrubbing = 0;
+function scrub() {
+  scrubbing ||= setTimeout(() => {
+    scrubbing = 0;
+    request({ op: "at", step: Math.min(page.steps, Number(byId("scrub").value)) });
+  }, 60);
 }
 
 // Open files; a description alone lacks its picture, and of a picture alone the size of a pixel is asked.
@@ -172,14 +199,15 @@ function openPicture() {
   if (!sized()) return;
   byId("pixel-box").close();
   busy("opening …");
-  page.pictured.image.resolution = Number(byId("pixel").value);
+  Object.assign(page.pictured.image, { resolution: Number(byId("pixel").value), occupied: Number(byId("occupied").value) });
   request({ op: "open", files: page.pictured.files });
 }
 
 function sized() {
-  const right = Number(byId("pixel").value) > 0;
-  byId("pixel").setAttribute("aria-invalid", String(!right));
-  return right;
+  const share = Number(byId("occupied").value);
+  const right = { pixel: Number(byId("pixel").value) > 0, occupied: Number.isInteger(share) && share >= 1 && share <= 100 };
+  for (const id in right) byId(id).setAttribute("aria-invalid", String(!right[id]));
+  return right.pixel && right.occupied;
 }
 
 function picture() {
@@ -231,7 +259,7 @@ function listen() {
   const on = (id, kind, action) => byId(id).addEventListener(kind, action);
   const play = () => byId("play").disabled || (working(), request({ op: "play", on: !page.playing }));
   const actions = {
-    play, step: () => (working(), request({ op: "step" })), ants: () => (busy("looking …"), request({ op: "ants" })), reset: () => request({ op: "reset" }), undo: () => request({ op: "undo" }), redo: () => request({ op: "redo" }),
+    play, step: () => (working(), request({ op: "step" })), back: () => request({ op: "at", step: Math.max(0, page.at - 1) }), ants: () => (busy("looking …"), request({ op: "ants" })), reset: () => request({ op: "reset" }), undo: () => request({ op: "undo" }), redo: () => request({ op: "redo" }),
     help: () => { byId("keys").open = !byId("keys").open; if (byId("keys").open) byId("keys").scrollIntoView({ block: "nearest" }); },
     done: () => editor.finish(), fit: () => { for (const { stage } of page.views) stage.fit(); redraw(); },
     compare: () => askPolicies(page.views.length > 1 ? [page.views[0].select.value] : [page.views[0].select.value, page.views[0].select.value === "paper" ? "antway" : "paper"]),
@@ -250,7 +278,8 @@ function listen() {
   });
   on("ask-open", "click", openOffered);
   on("ask-drop", "click", () => byId("ask-box").close());
-  on("pixel", "input", sized);
+  for (const id of ["pixel", "occupied"]) on(id, "input", sized);
+  on("scrub", "input", scrub);
   on("pixel-open", "click", openPicture);
   on("pixel-drop", "click", () => byId("pixel-box").close());
   on("close-link", "click", () => byId("link-box").close());
@@ -263,7 +292,7 @@ function listen() {
     if (["link-box", "ask-box", "pixel-box"].some((id) => byId(id).open)) return null;
     if (event.ctrlKey || event.metaKey) return key === "z" && (event.shiftKey ? actions.redo : actions.undo);
     const keys = {
-      " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
+      " ": onButton ? null : actions.play, arrowright: () => byId("step").disabled || actions.step(), arrowleft: () => byId("back").disabled || actions.back(), a: () => byId("ants").disabled || actions.ants(), r: actions.reset, "+": () => faster(1), "-": () => faster(-1),
       enter: onButton || !editor.gesture ? null : actions.done, "?": actions.help, f: actions.fit, t: changeTheme, c: actions.compare, escape: () => (closeMenu(), editor.drop(), notice("")),
     };
     return keys[key] ?? (tools[key] ? () => setTool(tools[key]) : /^\d$/.test(key) && toggle(Number(key)));
@@ -271,11 +300,12 @@ function listen() {
 }
 
 const closeMenu = menus();
-const toggle = boxes(LAYERS, page.show, redraw);
+const toggle = boxes(LAYERS, page.show, redraw, mark);
 const changeTheme = themes(() => {
   for (const { stage } of page.views) stage.refresh();
   redraw();
 });
 build();
 listen();
+tips();
 setTool("hand");

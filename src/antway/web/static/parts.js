@@ -131,14 +131,17 @@ function themes(changed) {
   return change;
 }
 
-// A box with a legend for each of `layers`, kept in `show`; `changed` is called after each change. Returns toggle(number of the key).
-function boxes(layers, show, changed) {
+// A box with a legend for each of `layers`, kept in `show`, and what `beside` gives for its label; `changed` is called after each
+// change. Returns toggle(number of the key).
+function boxes(layers, show, changed, beside) {
   const row = ({ key, label, swatch }, i) => {
+    const both = make("div", "", { className: "layer" });
     const line = make("label", "", { title: `Key ${(i + 1) % 10}` });
     const box = make("input", "", { type: "checkbox", id: `layer-${key}`, checked: show[key] });
     box.addEventListener("change", () => ((show[key] = box.checked), changed()));
     line.append(box, make("span", "", { className: `swatch ${swatch} of-${key}` }), make("span", label));
-    return line;
+    both.append(line, beside(label));
+    return both;
   };
   byId("layers").replaceChildren(...layers.map(row));
   return (digit) => {
@@ -177,7 +180,7 @@ function connect(path, take) {
   const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}`, ["antway", choices.token]);
   socket.addEventListener("message", (event) => {
     const message = JSON.parse(event.data);
-    if (message.kind !== "frame") busy("");
+    if (!["frame", "kept"].includes(message.kind)) busy("");
     if (message.kind === "file") save(new Blob([message.base64 === undefined ? message.text : bits(message.base64)], { type: message.type }), message.name);
     take(message);
   });
@@ -189,7 +192,7 @@ function connect(path, take) {
   });
   return (message) => {
     if (socket.readyState !== WebSocket.OPEN) return;
-    if (message.op !== "seen") forget();
+    if (message.op !== "seen" && message.what !== "keep") forget();
     socket.send(JSON.stringify(message));
   };
 }

@@ -1,4 +1,5 @@
 // The page of tours: a colony at work on a travelling salesman problem.
+import { mark, tips } from "/terms.js";
 import {
   bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, numberOf, refuse, save, setting,
   showPlaying, showSettings, stemOf, takeFiles, themes, working,
@@ -16,8 +17,10 @@ const SETTINGS = [
   { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 400 cities on with local search, 4 that change tours." },
   { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
 ];
+const MARGIN = 20; // pixels of the page round the map
+const NEAR = 10; // pixels of the page; a press this near to a city removes it
 const state = {
-  scene: null, frame: null, cities: [], curve: [], show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])),
+  scene: null, frame: null, cities: [], curve: [], cursor: null, show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])),
 };
 
 const request = connect("/tours", (message) => {
@@ -37,7 +40,7 @@ function takeScene(scene) {
   showSettings(scene.settings);
   byId("optimum-key").hidden = scene.optimum == null;
   byId("curve-title").textContent = scene.optimum == null ? "Length by cycle" : "Gap to the optimum by cycle";
-  byId("map").setAttribute("aria-label", `${scene.size} cities, the pheromone on their edges, and the best tour.`);
+  byId("map").setAttribute("aria-label", `${scene.size} cities, the pheromone on their edges, and the best tour. The arrow keys move a cursor, Enter adds or removes a city there.`);
   document.title = `${scene.name} – tours – antway`;
   document.body.dataset.ready = "true";
   redraw();
@@ -72,15 +75,28 @@ function sized(id) {
   return { c: canvas.getContext("2d"), width: canvas.width, height: canvas.height, unit };
 }
 
+// Where the map lies on a canvas of this size: from places of the scene to the canvas and back.
+function laid(width, height, margin) {
+  const [wide, high] = state.scene.frame;
+  const scale = Math.min((width - 2 * margin) / wide, (height - 2 * margin) / high);
+  return {
+    scale,
+    to: ([x, y]) => [width / 2 + (x - wide / 2) * scale, height / 2 - (y - high / 2) * scale],
+    from: ([left, top]) => [wide / 2 + (left - width / 2) / scale, high / 2 - (top - height / 2) / scale],
+  };
+}
+
 function drawMap() {
   const { c, width, height, unit } = sized("map");
-  c.fillStyle = colourOf("floor");
+  c.fillStyle = colourOf("page");
   c.fillRect(0, 0, width, height);
   const { cities, frame, show } = state;
-  const [wide, high] = [0, 1].map((k) => Math.max(1, ...cities.map((city) => city[k])));
-  const scale = Math.min((width - 40 * unit) / wide, (height - 40 * unit) / high);
-  const at = ([x, y]) => [width / 2 + (x - wide / 2) * scale, height / 2 - (y - high / 2) * scale];
-  const places = cities.map(at);
+  const { to } = laid(width, height, MARGIN * unit);
+  const places = cities.map(to);
+  const [[left, bottom], [right, top]] = [to([0, 0]), to(state.scene.frame)];
+  const rim = (MARGIN - 8) * unit;
+  c.fillStyle = colourOf("floor");
+  c.fillRect(left - rim, top - rim, right - left + 2 * rim, bottom - top + 2 * rim);
   c.lineCap = c.lineJoin = "round";
   if (show.trails && frame) {
     c.strokeStyle = colourOf("trails");
@@ -112,6 +128,36 @@ function drawMap() {
     for (const [x, y] of places) c.moveTo(x + r, y), c.arc(x, y, r, 0, 2 * Math.PI);
     c.fill();
   }
+  if (state.cursor) {
+    c.beginPath();
+    c.arc(...to(state.cursor), NEAR * unit, 0, 2 * Math.PI);
+    c.strokeStyle = colourOf("ink");
+    c.lineWidth = 2 * unit;
+    c.stroke();
+  }
+}
+
+// Add a city at this place of the scene, or remove the one that is there.
+function press(place) {
+  const [wide, high] = state.scene.frame;
+  const most = Math.max(wide, high);
+  const { clientWidth, clientHeight } = byId("map");
+  const near = NEAR / laid(clientWidth, clientHeight, MARGIN).scale / most;
+  const [x, y] = [Math.min(wide, Math.max(0, place[0])), Math.min(high, Math.max(0, place[1]))].map((v) => v / most);
+  if (Math.hypot(x - place[0] / most, y - place[1] / most) <= near) request({ op: "city", xy: [x, y], near: Math.min(0.1, near) });
+}
+
+// The arrow keys move a cursor by a fiftieth of the map, Enter presses there.
+function pressKey(event) {
+  const step = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] }[event.key];
+  if (event.ctrlKey || event.altKey || event.metaKey || !(step || (event.key === "Enter" && state.cursor))) return;
+  event.preventDefault();
+  event.stopPropagation();
+  const { frame } = state.scene;
+  const from = state.cursor ?? frame.map((side) => side / 2);
+  if (step) state.cursor = from.map((v, k) => Math.min(frame[k], Math.max(0, v + (step[k] * Math.max(...frame)) / 50)));
+  else press(state.cursor);
+  redraw();
 }
 
 // Best so far and mean of each cycle against the cycle, both as gaps to the optimum where that is known.
@@ -207,6 +253,13 @@ function listen() {
   on("instance", "change", (event) => request({ op: "instance", name: event.target.value }));
   on("speed", "change", (event) => request({ op: "speed", speed: Number(event.target.value) }));
   on("settings", "submit", (event) => event.preventDefault());
+  on("map", "click", (event) => {
+    const box = event.target.getBoundingClientRect();
+    state.cursor = null;
+    press(laid(box.width, box.height, MARGIN).from([event.clientX - box.left, event.clientY - box.top]));
+  });
+  on("map", "keydown", pressKey);
+  on("map", "blur", () => ((state.cursor = null), redraw()));
   takeFiles((files) => request({ op: "open", files }));
   for (const id of ["map", "curve"]) new ResizeObserver(redraw).observe(byId(id));
   const faster = (by) => {
@@ -225,7 +278,8 @@ function listen() {
 }
 
 const closeMenu = menus();
-const toggle = boxes(LAYERS, state.show, redraw);
+const toggle = boxes(LAYERS, state.show, redraw, mark);
 const changeTheme = themes(redraw);
 build();
 listen();
+tips();

@@ -1,5 +1,6 @@
 // One policy's part of the page: its stage, its card of decisions, and the record of its run.
 import { Stage, navigate } from "/canvas.js";
+import { CYCLE, named } from "/terms.js";
 import { byId, choices, fixed, shadeMask, make } from "/parts.js";
 
 const CALM = ["follow", "arrived"];
@@ -11,10 +12,12 @@ class View {
     [this.page, this.editor] = [page, editor];
     this.figure = byId("view-template").content.firstElementChild.cloneNode(true);
     this.card = byId("card-template").content.firstElementChild.cloneNode(true);
+    this.card.querySelector(".cycle span").dataset.tip = CYCLE;
     byId("views").append(this.figure);
     byId("cards").append(this.card);
     this.select = this.figure.querySelector("select");
     this.select.replaceChildren(...choices.policies.map((name) => make("option", name, { value: name })));
+    for (const option of this.select.options) option.title = choices.about[option.value];
     this.select.addEventListener("change", () => page.askPolicies());
     this.stage = new Stage(this.figure.querySelector("canvas"));
     this.stage.unit = window.devicePixelRatio || 1;
@@ -40,7 +43,7 @@ class View {
 
   reset() {
     [this.now, this.before, this.arrived] = [null, null, 0];
-    [this.trail, this.ms, this.driven, this.decision, this.pheromone, this.trails] = [[], [], [0], null, null, []];
+    [this.trail, this.ms, this.driven, this.decision, this.pheromone, this.trails] = [[], [], [0], null, null, []]; // of all moments played
   }
 
   take(record) {
@@ -82,7 +85,7 @@ class View {
       ...visited.map(([stop, late], k) => ({ at: scene.stops[stop], number: k + 1, done: true, late })),
       ...(now.order ?? []).map((stop, k) => ({ at: scene.stops[stop], number: visited.length + k + 1, done: false, late: false })),
     ];
-    const trail = fraction < 1 ? [...this.trail.slice(0, -1), [x, y]] : this.trail;
+    const trail = fraction < 1 ? [...this.trail.slice(0, now.at), [x, y]] : this.trail.slice(0, now.at + 1);
     const [distance, direction, stoppingTime] = now.braking;
     return {
       ...ends, obstacles, stops, trail, tolerance: scene.tolerance, global: scene.shortest, planned: decision?.path, target: decision?.target,
@@ -125,9 +128,10 @@ class View {
     outcome.textContent = (now.outcome ?? "").replaceAll("-", " ");
     outcome.title = now.ending;
     outcome.dataset.good = String(now.outcome === "reached");
-    const driven = this.driven[this.trail.length - 1] ?? 0;
+    const driven = this.driven[now.at] ?? 0;
     figure.querySelector(".numbers").textContent =
       `${fixed(now.t, 1, "s")} · ${fixed(driven, 1, "m driven")} · ${fixed(now.speed, 2, "m/s")} · nearest ${fixed(now.clearance, 2, "m")}`;
+    this.select.title = choices.about[this.select.value];
     this.stage.canvas.setAttribute("aria-label", `Map with the robot steered by ${this.select.value}; the panel says in words what it does.`);
     card.querySelector("h2").textContent = this.page.views.length > 1 ? `Decision of ${this.select.value}` : "Decision";
     const action = card.querySelector(".action");
@@ -145,14 +149,18 @@ class View {
       const [cycles, best, arrived] = decision.colony;
       facts.push([`Ants, after ${cycles} ${cycles === 1 ? "cycle" : "cycles"}`, `${fixed(best, 2, "m")}, ${fixed(100 * arrived, 0, "%")} arrive`]);
     }
-    card.querySelector(".facts").replaceChildren(...facts.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
+    const list = card.querySelector(".facts");
+    const names = facts.map(([name]) => name).join();
+    if (names !== list.dataset.names) list.replaceChildren(...facts.flatMap(([name]) => [named("dt", name), make("dd", "")])); // what is pointed at stays
+    list.dataset.names = names;
+    facts.forEach(([, value], i) => (list.children[2 * i + 1].textContent = value));
     this.spark();
   }
 
   // The policy's time for each of the last cycles, on a logarithmic scale that starts at 0.01 ms.
   spark() {
     const canvas = this.card.querySelector(".spark");
-    const last = this.ms.slice(-120);
+    const last = this.ms.slice(Math.max(0, this.now.at - 120), this.now.at);
     const top = Math.max(...last, 0.1);
     [canvas.width, canvas.height] = [240, 56];
     const c = canvas.getContext("2d");
