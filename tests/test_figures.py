@@ -20,7 +20,7 @@ from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
 from antway.view import charts, colonies, diagrams, figures
-from antway.view.animation import write_animation
+from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.style import BLUE, RED, TEAL
 from sample import sample_trace
 
@@ -169,6 +169,10 @@ def test_an_animation_shows_the_whole_episode(tmp_path: Path) -> None:
         gif.seek(11)
         last = np.asarray(gif.convert("RGB")).astype(int)
         assert (np.abs(first - last).sum(axis=2) > 60).sum() > 500
+        rows, cols = TRACE.task.grid.shape
+        strip = gif.height - round(200 * rows / cols) - CAPTION
+        assert strip >= 3 * LEGEND and strip % LEGEND == 0, "what is drawn is named in as many lines as it takes"
+        assert (first[-strip:] == last[-strip:]).all() and len(np.unique(first[-strip:].reshape(-1, 3), axis=0)) > 10
 
 
 def test_the_encounter_is_found() -> None:

@@ -25,7 +25,7 @@ from antway.arena.summary import summarise
 from antway.errors import BadParameter
 from antway.planning import Plan, Status
 from antway.view import charts, diagrams, figures
-from antway.view.animation import CAPTION, write_animation
+from antway.view.animation import write_animation
 from sample import sample_trace
 
 FOLDER = Path(__file__).parent / "baselines"
@@ -150,7 +150,7 @@ def frame(folder: Path) -> Path:
     file = write_animation(trace, folder / "a.gif", shortest=figures.shortest(trace.task), frames=11, width=240)
     with Image.open(file) as gif:
         gif.seek(5)
-        gif.convert("RGB").crop((0, 0, gif.width, gif.height - CAPTION)).save(folder / "animation.png")
+        gif.convert("RGB").crop((0, 0, gif.width, gif.width)).save(folder / "animation.png")
     return folder / "animation.png"
 
 

@@ -10,11 +10,10 @@ import pytest
 
 from antway import run
 from antway.arena.engines import Job, play
-from antway.arena.report import report_page, write_report
 from antway.arena.store import Results
 from antway.arena.suites import episodes, stage
 from antway.arena.summary import level_of, levels, markdown, paired, summarise
-from antway.view.replay import replay_page
+from antway.view.report import report_page, write_report
 from browser import chromium, needs_browser
 
 POLICIES = ["follow", "oracle"]
@@ -88,25 +87,58 @@ def test_failures_keep_their_trace(file, rows):
 def test_the_page_is_whole_and_safe(file, tmp_path):
     """Nothing is fetched, names are text, every plot and table is there, and the same file gives the same page."""
     with Results(file, write=False) as results:
-        page = report_page(results, replay_page)
-        assert page == write_report(results, tmp_path / "r.html", replay_page).read_text(encoding="utf-8")
+        page = report_page(results)
+        assert page == write_report(results, tmp_path / "r.html").read_text(encoding="utf-8")
     assert "<script>alert(1)" not in page and "&lt;script&gt;alert(1)" in page
     assert not re.search(r"""(src|href)=["']?(https?:)?//""", page)
-    for part in ("Suite synthetic", "Reached by", "Time over the optimum", "Which differences are significant", "data-replay="):
+    for part in (
+        "Suite synthetic",
+        "Reached by level",
+        "Time over the optimum",
+        "Which differences are significant",
+        "data-replay=",
+    ):
         assert part in page
+    assert "nan" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL).replace("significant", "")
+    assert " style=" not in page, "which the page's own policy forbids"
 
 
 def test_an_empty_file_makes_a_page(tmp_path):
     """Without rows the report says so and stands."""
     with Results(tmp_path / "r.db") as results:
-        assert "0 episodes" in report_page(results, replay_page)
+        assert "0 episodes" in report_page(results)
+
+
+@needs_browser
+@pytest.mark.parametrize("colours", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1400])
+def test_the_page_fits_the_screen(file, tmp_path, width, colours):
+    """Nothing runs off the side, and every plot and every label lies within its picture, which has the page's colours."""
+    with Results(file, write=False) as results:
+        page = write_report(results, tmp_path / "r.html")
+    with chromium() as browser:
+        tab = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=colours).new_page()
+        printed = []
+        tab.on("console", lambda message: printed.append(message.text))
+        tab.goto(page.as_uri())
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width and printed == []
+        plots = tab.locator(".plots svg")
+        assert plots.count() == 2
+        for plot in plots.all():
+            outer = plot.bounding_box()
+            for text in plot.locator("text").all():
+                inner = text.bounding_box()
+                assert inner["x"] >= outer["x"] - 1 and inner["x"] + inner["width"] <= outer["x"] + outer["width"] + 1
+                assert inner["y"] >= outer["y"] - 1 and inner["y"] + inner["height"] <= outer["y"] + outer["height"] + 1
+            ink = plot.locator("text").first.evaluate("e => getComputedStyle(e).fill")
+            assert ink == {"light": "rgb(27, 31, 36)", "dark": "rgb(233, 236, 240)"}[colours]
 
 
 @needs_browser
 def test_a_thumbnail_opens_the_replay(file, tmp_path):
     """In a browser: no error, no request, and a click on a failure plays it."""
     with Results(file, write=False) as results:
-        page = write_report(results, tmp_path / "r.html", replay_page)
+        page = write_report(results, tmp_path / "r.html")
     with chromium() as browser:
         context = browser.new_context(viewport={"width": 1280, "height": 900})
         tab, printed, asked = context.new_page(), [], []

@@ -305,11 +305,10 @@ def bench_command(
 
     from antway import checks
     from antway.arena import engines
-    from antway.arena.report import write_report
     from antway.arena.store import EXPORTS, Results, export
     from antway.arena.suites import episodes as episodes_of
     from antway.arena.summary import markdown, summarise
-    from antway.view.replay import replay_page
+    from antway.view.report import write_report
 
     names, kinds = policies.split(","), [checks.choice("export", kind, EXPORTS) for kind in tables.split(",")]
     if "parquet" in kinds and find_spec("pyarrow") is None:
@@ -335,7 +334,7 @@ def bench_command(
             for kind in kinds:
                 export(rows, out / f"results.{kind}")
             (out / "summary.md").write_text(markdown(rows, names), encoding="utf-8")
-            write_report(results, out / "report.html", replay_page)
+            write_report(results, out / "report.html")
     table = summarise(rows, names)
     if json:
         print_json({"suite": jobs[0].episode.suite, "summaries": [asdict(one) for one in table], "out": str(out)})

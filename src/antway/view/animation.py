@@ -20,8 +20,12 @@ from antway.view.figures import HORIZON, predicted
 from antway.world.trace import Trace
 
 SUPER = 2  # frames are drawn this many times larger and reduced, which smooths every edge
-CAPTION = 44  # px under the map
+CAPTION = 34  # px under the map
+LEGEND = 24  # px, height of a line of the legend
 GAP = 4  # px between episodes side by side
+ROBOT, HALO = 5.0, 5.0  # px: the robot's least radius, and the width of the ring round it, which finds it among obstacles
+
+VIOLET = "#5E3C99"  # pheromone
 
 XY = Sequence[float] | NDArray[np.float64]
 
@@ -130,18 +134,81 @@ class _Painter:
 
 def _frames(traces: Sequence[Trace], times: NDArray[np.float64], shortest: Plan | None, width: int) -> Iterator[Image.Image]:
     views = [(trace, painter := _Painter(trace, width), _backdrop(trace, painter, shortest)) for trace in traces]
+    legend = _legend(traces, shortest is not None, sum(painter.width + GAP for _, painter, _ in views) - GAP)
     for time in times:
         parts = [
             _frame(trace, int(np.searchsorted(trace.t, time + 1e-9, side="right")) - 1, painter, backdrop, len(views) > 1)
             for trace, painter, backdrop in views
         ]
-        if len(parts) == 1:
-            yield parts[0]
-            continue
-        whole = Image.new("RGB", (sum(part.width + GAP for part in parts) - GAP, parts[0].height), style.WALL)
+        whole = Image.new("RGB", (legend.width, parts[0].height + legend.height), style.WALL)
         for k, part in enumerate(parts):
             whole.paste(part, (k * (part.width + GAP), 0))
+        whole.paste(legend, (0, parts[0].height))
         yield whole
+
+
+def last_moment(trace: Trace, width: int) -> Image.Image:
+    """Return the end of an episode as a picture of its map, at most `width` pixels wide."""
+    painter = _Painter(trace, width)
+    return _frame(trace, len(trace), painter, _backdrop(trace, painter, None), False).crop(
+        (0, 0, painter.width, painter.height)
+    )
+
+
+def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
+    """Return a strip that names what is drawn in any of these episodes, in as many lines as it takes."""
+    decisions = [decision for trace in traces for _, decision in trace.decisions]
+    moving = any(len(trace.obstacle_radius) for trace in traces)
+    kinds = {  # name: shape, colour, and whether it is drawn
+        "robot": ("robot", style.BLUE, True),
+        "goal": ("star", "", True),
+        "driven": ("line", style.BLUE, True),
+        "planned": ("line", style.TEAL, any(decision.path is not None for decision in decisions)),
+        "shortest": ("dashes", style.INK, shortest),
+        "obstacle": ("disc", style.RED, moving),
+        "not sensed": ("ring", style.RED, moving and not all(trace.sensed.all() for trace in traces)),
+        "predicted": ("area", style.ORANGE, moving),
+        "pheromone": ("area", VIOLET, any(decision.pheromone is not None for decision in decisions)),
+    }
+    font, wide = ImageFont.load_default(12 * SUPER), width * SUPER
+    places: list[tuple[float, int, str]] = []
+    left, row = 8.0 * SUPER, 0
+    for name, (_, _, shown) in kinds.items():
+        long = 26 * SUPER + font.getlength(name)
+        if shown:
+            if left + long > wide and places:
+                left, row = 8.0 * SUPER, row + 1
+            places.append((left, row, name))
+            left += long + 14 * SUPER
+    strip = Image.new("RGB", (wide, (row + 1) * LEGEND * SUPER), "white")
+    draw = ImageDraw.Draw(strip)
+    for left, row, name in places:
+        _symbol(draw, left + 10 * SUPER, (row + 0.5) * LEGEND * SUPER, *kinds[name][:2])
+        draw.text((left + 26 * SUPER, (row + 0.5) * LEGEND * SUPER), name, fill=style.INK, font=font, anchor="lm")
+    return strip.reduce(SUPER)
+
+
+def _symbol(draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: str) -> None:
+    """Draw what stands for one kind of things in the legend."""
+    r = 5 * SUPER
+    if shape == "star":
+        _star(draw, x, y, 7 * SUPER)
+    elif shape in ("line", "dashes"):
+        parts = [(-9, 9)] if shape == "line" else [(-9, -4), (-1, 4), (7, 10)]
+        for a, b in parts:
+            draw.line((x + a * SUPER, y, x + b * SUPER, y), fill=colour, width=round((3 if shape == "line" else 1.3) * SUPER))
+    elif shape == "area":
+        draw.rectangle((x - 9 * SUPER, y - r, x + 9 * SUPER, y + r), fill=_faded(colour))
+    else:
+        if shape == "robot":
+            draw.ellipse((x - 1.7 * r, y - 1.7 * r, x + 1.7 * r, y + 1.7 * r), fill=_faded(colour))
+        draw.ellipse((x - r, y - r, x + r, y + r), fill="white" if shape == "ring" else colour, outline=colour, width=2 * SUPER)
+
+
+def _faded(colour: str) -> tuple[int, int, int]:
+    """Return a colour half way to white."""
+    red, green, blue = ((255 + part) // 2 for part in _rgb(colour))
+    return red, green, blue
 
 
 def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
@@ -177,7 +244,7 @@ def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, na
             draw, trace.obstacle_xy[step, k], float(radius), style.RED if trace.sensed[step, k] else "white", style.RED
         )
     _star(draw, *painter.at(trace.task.goal), 10 * SUPER)
-    painter.disc(draw, trace.xy[step], trace.task.robot.radius, style.BLUE, "white", 1)
+    _mark_robot(picture, painter, trace, step)
     top = painter.height * SUPER
     draw.rectangle((0, top, picture.width, picture.height), fill="white")
     draw.line((0, top, picture.width, top), fill=style.WALL, width=SUPER)
@@ -185,8 +252,21 @@ def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, na
     if named:
         ended = step == len(trace)
         words = f"{trace.policy}   {words}" if not ended else f"{trace.policy}   {trace.outcome.value} in {trace.t[step]:.1f} s"
-    draw.text((10 * SUPER, top + 12 * SUPER), words, fill=style.INK, font=painter.font)
+    draw.text((10 * SUPER, top + 8 * SUPER), words, fill=style.INK, font=painter.font)
     return picture.reduce(SUPER)
+
+
+def _mark_robot(picture: Image.Image, painter: _Painter, trace: Trace, step: int) -> None:
+    """Draw the robot with a line to its front, and a ring that is not part of it so that it is found at a glance."""
+    (x, y), r = painter.at(trace.xy[step]), max(trace.task.robot.radius * painter.scale, ROBOT * SUPER)
+    ring, veil = r + HALO * SUPER, Image.new("L", picture.size, 0)
+    ImageDraw.Draw(veil).ellipse((x - ring, y - ring, x + ring, y + ring), fill=110)
+    picture.paste(style.BLUE, (0, 0), veil)
+    draw = ImageDraw.Draw(picture)
+    draw.ellipse((x - r, y - r, x + r, y + r), fill=style.BLUE, outline="white", width=SUPER)
+    heading = float(trace.heading[step])
+    up = 1.0 if painter.top_first else -1.0
+    draw.line((x, y, x + r * math.cos(heading), y + up * r * math.sin(heading)), fill="white", width=2 * SUPER)
 
 
 def _paste_pheromone(
@@ -200,7 +280,7 @@ def _paste_pheromone(
     left, top = painter.at((painter.x + col * cell, painter.y + (row if grid.top_first else row + height) * cell))
     size = (max(1, round(width * cell * painter.scale)), max(1, round(height * cell * painter.scale)))
     alpha = Image.fromarray(painter.upright((share * 200).astype(np.uint8))).resize(size, Image.Resampling.NEAREST)
-    picture.paste("#5E3C99", (round(left), round(top)), alpha)
+    picture.paste(VIOLET, (round(left), round(top)), alpha)
 
 
 def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _Painter) -> None:

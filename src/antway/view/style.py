@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
@@ -89,6 +91,23 @@ def save(fig: Figure, path: str | Path) -> Path:
     dateless = {"png": {"Software": "antway"}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
     fig.savefig(path, format=suffix, metadata=dateless[suffix], bbox_inches="tight", pad_inches=0.12)
     return path
+
+
+@styled
+def svg(fig: Figure) -> str:
+    """Return `fig` as an SVG element within a page: on the page's ground, without the styles that a page's policy forbids."""
+    file = io.StringIO()
+    fig.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
+    text = file.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", text[text.index("<svg ") :], flags=re.DOTALL)
+    text = re.sub(r'<g id="[^"]*"', "<g", text)  # figures of one page would share these names
+
+    def attributes(found: re.Match[str]) -> str:
+        pairs = (pair.split(":", 1) for pair in found[1].split(";") if ":" in pair)
+        return " ".join(f'{name.strip()}="{value.strip()}"' for name, value in pairs)
+
+    text = re.sub(r'style="([^"]*)"', attributes, text)
+    return re.sub(r'<svg [^>]*?viewBox="([^"]*)"[^>]*>', r'<svg viewBox="\1" stroke-linejoin="round">', text, count=1)
 
 
 def map_size(grid: Grid, *, width: float = 6.4, extra: float = 1.35) -> tuple[float, float]:

@@ -1,0 +1,190 @@
+"""The report: one HTML page of tables, plots and failures, made from the results file alone."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import io
+import json
+import math
+import re
+import tempfile
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from pathlib import Path
+
+from antway.arena import metrics
+from antway.arena.store import Results, Row
+from antway.arena.summary import Summary, paired, remarks, span, summarise
+from antway.view import style
+from antway.view.animation import last_moment
+from antway.view.charts import success_figure, time_ratio_figure
+from antway.view.replay import replay_page
+from antway.world.trace import Trace
+
+GALLERY = 8  # failures shown for each policy
+WIDE = 320  # px, width of its picture
+_DATA = re.compile(r'(<script type="application/json" id="episode">)(.*?)(</script>)', re.DOTALL)
+
+
+def write_report(results: Results, path: str | Path) -> Path:
+    """Write the report on everything in `results`; return its path."""
+    path = Path(path)
+    path.write_text(report_page(results), encoding="utf-8")
+    return path
+
+
+def report_page(results: Results) -> str:
+    """Return the page as text; it opens offline, and its security policy allows its own scripts only."""
+    rows = results.rows()
+    replays = _Replays(results)
+    suites = list(dict.fromkeys(row.suite for row in rows))
+    body = "".join(_suite(suite, [row for row in rows if row.suite == suite], replays) for suite in suites)
+    style, script = _asset("report.css"), _asset("report.js")
+    hashes = {"script": [_hash(script)], "style": [_hash(style)]}
+    for kind, found in re.findall(r"(script|style)-src '(sha256-[^']+)'", replays.shell):
+        hashes[kind].append(found)  # a replay opened from this page must satisfy this page's policy as well
+    allowed = "; ".join(f"{kind}-src {' '.join(map(repr, values))}" for kind, values in hashes.items())
+    versions = ", ".join(sorted({row.version for row in rows}))
+    parts = {
+        "policy": f"default-src 'none'; {allowed}; img-src data: blob:; base-uri 'none'; form-action 'none'",
+        "style": style,
+        "script": script,
+        "about": _text(f"{len(rows)} episodes, antway {versions}"),
+        "body": body,
+        "shell": _json(replays.shell),
+        "replays": _json(replays.data),
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html"))
+
+
+class _Replays:
+    """The replay pages of failures: the part they share, once, and the data of each."""
+
+    def __init__(self, results: Results) -> None:
+        self.results = results
+        self.shell, self.data = "", list[str]()
+
+    def add(self, row: Row) -> tuple[int, Trace] | None:
+        """Return the number under which the page opens the replay, and the trace; None if none was kept."""
+        text = self.results.trace(row.key)
+        if not text:
+            return None
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "trace.json"
+            file.write_text(text, encoding="utf-8")
+            trace = Trace.load(file)
+        found = _DATA.search(page := replay_page(trace))
+        assert found is not None
+        self.shell = page[: found.start(2)] + page[found.end(2) :]
+        self.data.append(found[2])
+        return len(self.data) - 1, trace
+
+
+def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
+    policies = sorted({row.policy for row in rows})
+    table = summarise(rows, policies)
+    plots = {"Reached by level": success_figure(table)}
+    if any(math.isfinite(row.bound) for row in rows):
+        plots["Time over the optimum"] = time_ratio_figure(rows)
+    drawn = "".join(f"<div class='wide' role='img' aria-label='{name}'>{style.svg(fig)}</div>" for name, fig in plots.items())
+    remarked = "".join(f"<p class='note'>{_text(remark)}</p>" for remark in remarks(table))
+    return (
+        f"<section><h2>Suite {_text(suite)}</h2>{_table(table)}{remarked}<div class='plots'>{drawn}</div>"
+        f"{_rank_table(rows, policies)}<h3>Failures</h3>{_gallery(rows, policies, replays)}</section>"
+    )
+
+
+def _table(table: Sequence[Summary]) -> str:
+    heads = (
+        "level", "policy", "episodes", "success", "95 %", "hit moving", "hit standing", "hit wall", "timeout", "error",
+        "time / optimum", "95 %", "time s", "length / shortest", "clearance m", "under 0.2 m s", "side changes", "jerk m/s³",
+        "cycle ms p50", "p99", "max",
+    )  # fmt: skip
+    lines = []
+    for one in table:
+        counts = (one.outcomes[name] for name in ("hit-moving", "hit-standing", "hit-wall", "timeout", "error"))
+        cells = (
+            one.level or "all",
+            one.policy,
+            one.episodes,
+            f"{100 * one.success:.1f} %",
+            f"{100 * one.success_interval[0]:.1f}–{100 * one.success_interval[1]:.1f}",
+            *counts,
+            _number(one.time_ratio, 4),
+            span(one.time_ratio_interval, 3),
+            *(_number(v, 2) for v in (one.time, one.path_ratio, one.clearance, one.discomfort, one.side_changes, one.jerk)),
+            *(_number(v, 2) for v in one.cycle),
+        )
+        lines.append(_cells("td", cells))
+    return f"<div class='wide'><table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table></div>"
+
+
+def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
+    """Ranks by success and by time over the optimum; a rank is lost only to a policy that is significantly better."""
+    wins, times = paired(rows, policies)
+    time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
+    lines = []
+    for name, mean, rank in metrics.ranks(wins):
+        by_time, ratio = time[name]
+        cells = (name, rank, f"{_number(100 * mean, 1)} %", by_time if math.isfinite(ratio) else "–", _number(ratio, 4))
+        lines.append(_cells("td", cells))
+    paired_all = len(next(iter(wins.values()), ()))
+    heads = ("policy", "rank by success", f"of {paired_all} paired", "rank by time / optimum", "mean of those reached")
+    return (
+        "<h3>Which differences are significant</h3><p>A rank is lost to each policy that is significantly better: on the same "
+        "episodes (for time, those in which both reached the goal) the 95 % interval of the difference excludes 0.</p>"
+        f"<div class='wide ranks'><table><thead>{_cells('th', heads)}</thead><tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def _gallery(rows: Sequence[Row], policies: Sequence[str], replays: _Replays) -> str:
+    parts = []
+    for policy in policies:
+        failed = [row for row in rows if row.policy == policy and not row.reached]
+        if not failed:
+            continue
+        pictures = "".join(_thumbnail(row, replays) for row in failed[:GALLERY])
+        shown = f"{len(failed)}" if len(failed) <= GALLERY else f"the first {GALLERY} of {len(failed)}"
+        parts.append(f"<h4>{_text(policy)}: {shown}</h4><div class='gallery'>{pictures}</div>")
+    return "".join(parts) or "<p>None.</p>"
+
+
+def _thumbnail(row: Row, replays: _Replays) -> str:
+    """The episode's last moment as a small picture that opens its replay."""
+    caption = f"<b>{_text(row.outcome)}</b> {_text(row.episode)}<br>{_text(row.reason)}"
+    found = replays.add(row)
+    if found is None:
+        return f"<figure><figcaption>{caption}</figcaption></figure>"
+    number, trace = found
+    file = io.BytesIO()
+    last_moment(trace, WIDE).quantize(32).save(file, "PNG", optimize=True)
+    source = f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+    picture = f'<img alt="The last moment of {_text(row.episode)}" src="{source}">'
+    button = f'<button type="button" data-replay="{number}" title="Play it">{picture}</button>'
+    return f"<figure>{button}<figcaption>{caption}</figcaption></figure>"
+
+
+def _cells(tag: str, values: Iterable[object]) -> str:
+    return "<tr>" + "".join(f"<{tag}>{_text(str(value))}</{tag}>" for value in values) + "</tr>"
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "–"
+
+
+def _text(text: str) -> str:
+    return html.escape(text)
+
+
+def _json(value: object) -> str:
+    return json.dumps(value).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _asset(name: str) -> str:
+    return (files("antway.view") / "static" / name).read_text(encoding="utf-8")
