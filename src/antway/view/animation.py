@@ -156,7 +156,7 @@ def last_moment(trace: Trace, width: int) -> Image.Image:
 
 
 def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
-    """Return a strip that names what is drawn in any of these episodes, in as many lines as it takes."""
+    """Return a picture that names what is drawn in any of these episodes, in as many lines as it takes."""
     decisions = [decision for trace in traces for _, decision in trace.decisions]
     moving = any(len(trace.obstacle_radius) for trace in traces)
     kinds = {  # name: shape, colour, and whether it is drawn
@@ -180,12 +180,12 @@ def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
                 left, row = 8.0 * SUPER, row + 1
             places.append((left, row, name))
             left += long + 14 * SUPER
-    strip = Image.new("RGB", (wide, (row + 1) * LEGEND * SUPER), "white")
-    draw = ImageDraw.Draw(strip)
+    picture = Image.new("RGB", (wide, (row + 1) * LEGEND * SUPER), "white")
+    draw = ImageDraw.Draw(picture)
     for left, row, name in places:
         _symbol(draw, left + 10 * SUPER, (row + 0.5) * LEGEND * SUPER, *kinds[name][:2])
         draw.text((left + 26 * SUPER, (row + 0.5) * LEGEND * SUPER), name, fill=style.INK, font=font, anchor="lm")
-    return strip.reduce(SUPER)
+    return picture.reduce(SUPER)
 
 
 def _symbol(draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: str) -> None:
