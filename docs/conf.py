@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -14,9 +15,11 @@ from antway import _HOME  # noqa: E402
 from antway.version import __version__  # noqa: E402
 
 project, author, release = "antway", "the antway authors", __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme, html_title = "furo", f"antway {__version__}"
-exclude_patterns = ["build", "_build"]
+exclude_patterns = ["build", "_build", "jupyter_execute"]
+nb_merge_streams, nb_execution_raise_on_error, nb_execution_timeout = True, True, 300  # tutorials are run when the site is made
+os.environ |= {"ANTWAY_QUIET": "1", "PYTHONPATH": os.pathsep.join(filter(None, (str(ROOT / "src"), os.environ.get("PYTHONPATH"))))}
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 3
 suppress_warnings = ["misc.highlighting_failure"]  # console blocks and TOML fragments are checked by the tests
