@@ -16,7 +16,7 @@ from antway.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 GUIDES = [f"docs/howto/{name}.md" for name in ("map", "policy", "robot")]
-PAGES = ("README.md", "docs/start.md", "docs/guide.md", "docs/architecture.md", "docs/colonies.md", *GUIDES)
+PAGES = ("README.md", "docs/start.md", "docs/guide.md", "docs/tours.md", "docs/colonies.md", *GUIDES)
 BLOCKS = [
     (page, kind, text)
     for page in PAGES
@@ -68,3 +68,40 @@ def test_examples_run(script: Path, tmp_path: Path) -> None:
     )
     assert done.returncode == 0 and done.stderr == "", done.stderr
     assert done.stdout
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def table(text: str, head: str) -> dict[str, list[str]]:
+    """The rows of the table below a line that begins so, by their first cells, without what makes cells bold or code."""
+    rows = text[text.index(head) :].split("\n\n")[0].splitlines()[2:]
+    cells = [[cell.strip(" *`") for cell in row.strip("|").split("|")] for row in rows]
+    return {first: rest for first, *rest in cells}
+
+
+def test_lengths_of_ants_are_what_the_example_prints() -> None:
+    """The README's table of ants and exact search has the gaps that examples/ants_or_exact.py prints, to a percent."""
+    done = subprocess.run([sys.executable, str(ROOT / "examples/ants_or_exact.py")], capture_output=True, text=True, check=True)
+    gaps = [float(gap) for gap in re.findall(r"([\d.]+) %", done.stdout)]
+    named = [row[0] for row in table(README, "| planner | length over").values()]
+    assert named == [f"{gap:.0f} %" for gap in (gaps[0], *gaps[2:])]
+
+
+def test_the_readme_repeats_what_the_pages_of_docs_say() -> None:
+    """The README's figures of speed and of robots are those of docs/search.md and docs/robots.md, rounded."""
+    search = table((ROOT / "docs/search.md").read_text(encoding="utf-8"), "| map | nano-astar |")
+    for name, (jps, subgoals, prepared) in table(README, "| map | `jps`").items():
+        *_, faster, fastest, taken = search[name]
+        for shown, whole in ((jps, faster), (subgoals, fastest)):
+            assert shown == (whole if "." in shown else f"{float(whole):.0f}"), name
+        assert taken.endswith(prepared), name
+    robots = table((ROOT / "docs/robots.md").read_text(encoding="utf-8"), "| suite `synthetic` on `diff` |")
+    for level, cells in table(README, "| level | `antway`").items():
+        for shown, whole in zip(cells, robots[level]):
+            assert re.findall(r"[\d.]+", shown) == re.findall(r"[\d.]+", re.sub(r" of \d+", "", whole)), level
+    colonies = (ROOT / "docs/colonies.md").read_text(encoding="utf-8")
+    assert (
+        "5.1 and 7.5 times as many tours a second as ACOTSP" in README
+        and "5.1 and 7.5 times as many tours a second as ACOTSP" in colonies
+    )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -19,7 +19,6 @@ from common import SCALE
 
 ROOT = Path(__file__).resolve().parents[1]
 NOBODY = 65534
-PAGES = ("README.md", "docs/start.md", "docs/howto/map.md")
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("hatchling") is None, reason="hatchling, which builds wheels, is missing"
@@ -54,6 +53,9 @@ def home(wheel: Path) -> Iterator[Path]:
             archive.extractall(site)
         needed = next(Path(p) for p in sys.path if p.endswith("site-packages") and (Path(p) / "numba").is_dir())
         (site / "needed.pth").write_text(f"{needed}\n")
+        python, command = folder / "venv" / "bin" / "python", folder / "venv" / "bin" / "antway"
+        command.write_text(f"#!{python}\nfrom antway.__main__ import main\n\nmain()\n")  # as pip writes it
+        command.chmod(0o755)
         for work in ("work", "tmp"):
             (folder / work).mkdir()
             (folder / work).chmod(0o777)
@@ -63,7 +65,8 @@ def home(wheel: Path) -> Iterator[Path]:
 
 def run(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the environment's Python in a folder of its own, as nobody if we are root and nobody may read this Python."""
-    given = {"PATH": os.environ["PATH"], "TMPDIR": str(home / "tmp"), "PYTHONDONTWRITEBYTECODE": "1", "ANTWAY_QUIET": "1"}
+    path = f"{home / 'venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    given = {"PATH": path, "TMPDIR": str(home / "tmp"), "PYTHONDONTWRITEBYTECODE": "1", "ANTWAY_QUIET": "1"}
     open_to_all = all(part.stat().st_mode & 0o5 == 0o5 for part in Path(interpreter()).parents)
     user = {"user": NOBODY, "group": NOBODY} if os.getuid() == 0 and open_to_all else {}
     command = [str(home / "venv" / "bin" / "python"), *arguments]
@@ -100,23 +103,44 @@ def test_the_installed_package_is_the_wheels(home: Path) -> None:
     ]
 
 
-def blocks(page: str) -> list[tuple[str, str]]:
-    """The blocks of a page that are run, and how."""
+def blocks(page: str) -> list[tuple[str, str, str]]:
+    """The blocks of Python and of shell of a page, and why one is not run: a comment above it says so."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    found = re.findall(r"^```(python|console)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    steps: list[tuple[str, str]] = []
-    for kind, body in found:
-        steps += [("python", body)] if kind == "python" else [("console", line[2:]) for line in body.splitlines()]
-    return steps
+    found = re.findall(r"^(?:<!-- not run: (.+?) -->\n)?```(python|console|sh)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    pasted = [(kind, "".join(line.removeprefix("$ ") for line in body.splitlines(True)), why) for why, kind, body in found]
+    return [(kind, body if kind == "python" else body.strip(), why) for kind, body, why in pasted]
 
 
-@pytest.mark.parametrize("page", PAGES)
+PAGES = [str(page.relative_to(ROOT)) for page in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))]
+PASTED = [page for page in PAGES if any(not why for *_, why in blocks(page))]
+LEFT = [(page, text, why) for page in PAGES for _, text, why in blocks(page) if why]
+PASTE = """
+import json, subprocess, sys
+names = {"__name__": "__main__"}
+for kind, text in json.loads(sys.argv[1]):
+    print("---", text, flush=True)
+    if kind == "python":
+        exec(compile(text, "block", "exec"), names)
+    else:
+        subprocess.run(["sh", "-ec", text], check=True)
+"""
+
+
+@pytest.mark.parametrize("page", PASTED)
 def test_blocks_run_as_pasted(home: Path, page: str) -> None:
-    """Blocks of Python and of shell run one after the other; in pull requests those that compile nothing."""
-    program = "import sys\nfrom antway.cli import main\nsys.argv[0] = 'antway'\nmain()"
-    for kind, text in blocks(page):
-        quick = kind == "console" and re.match(r"antway (plan (office|house)|--help)", text) and "ants" not in text
-        if SCALE <= 1.0 and not quick and not (kind == "python" and "antway.run(" not in text and page.endswith("map.md")):
-            continue
-        done = run(home, "-c", text) if kind == "python" else run(home, "-c", program, *shlex.split(text)[1:])
-        assert done.returncode == 0, (text, done.stdout[-500:], done.stderr[-2000:])
+    """A page's blocks run one after the other, Python's in one session; in pull requests those that compile nothing."""
+    steps = [(kind, text) for kind, text, why in blocks(page) if not why]
+    if SCALE <= 1.0:
+        plain = page.endswith("howto/map.md")
+        quick = [
+            line for _, text in steps for line in text.splitlines() if re.match(r"antway (plan (office|house)|--help)", line)
+        ]
+        steps = [one for one in steps if one[0] == "python" and plain] + [("sh", line) for line in quick if "ants" not in line]
+    done = run(home, "-c", PASTE, json.dumps(steps))
+    assert done.returncode == 0, (done.stdout[-500:], done.stderr[-2000:])
+
+
+@pytest.mark.parametrize(("page", "text", "why"), LEFT)
+def test_blocks_that_are_not_run(page: str, text: str, why: str) -> None:
+    """A block that is left out says why, for whoever reads the page's source and the list of skipped tests."""
+    pytest.skip(f"{page}, `{text.splitlines()[0]}`: {why}")
