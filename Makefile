@@ -15,7 +15,7 @@ $(CORE): pyproject.toml
 
 $(READY): $(CORE)
 	@echo "installing the development tools into $(VENV) ..."
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[web,smooth,arena,bags,docs,dev]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[web,arena,bags,docs,dev]'
 	@touch $@
 
 demo: $(CORE)

@@ -14,14 +14,15 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from antway import BadParameter, Grid, Plan, Problem, Status, plan
+from antway import BadParameter, Grid, Plan, Problem, Status, load_map, plan, smooth
 from antway.ants.gridpath import explore
 from antway.ants.tsp import Tsp, solve_tsp
 from antway.arena.store import Row
 from antway.arena.summary import summarise
-from antway.view import charts, colonies, diagrams, figures
+from antway.view import charts, colonies, diagrams, drives, figures
 from antway.view.animation import CAPTION, LEGEND, write_animation
 from antway.view.style import BLUE, RED, TEAL
+from antway.world.robots import load_robot
 from sample import sample_trace
 
 TRACE = sample_trace(150, 3)
@@ -33,6 +34,13 @@ ROWS = [
     Row("s", f"{level}-{e}", policy, 0, "1", f"x/{level}", "reached" if e % 4 else "timeout", "", 10 * ratio + e, bound=10.0)
     for policy, ratio in RATIOS.items() for level in ("sparse", "dense") for e in range(8)
 ]  # fmt: skip
+
+
+def motion_figure() -> Figure:
+    """A smoothed plan of a robot with a footprint."""
+    office, robot = load_map("office"), load_robot("jackal")
+    path = plan(office, (1.5, 3.0), (22.0, 12.5), robot_radius=robot.radius)
+    return drives.motion_figure(office, path, smooth(path, robot), robot)
 
 
 def every_figure() -> dict[str, Figure]:
@@ -62,6 +70,7 @@ def every_figure() -> dict[str, Figure]:
             optimum=8.0,
         ),
         "sensitivity": colonies.sensitivity_figure("beta", [1, 2, 5], [[9, 8.5], [8, 8], [8, 9]], optimum=8.0),
+        "motion": motion_figure(),
         "success": charts.success_figure(summarise(ROWS)),
         "time-ratio": charts.time_ratio_figure(ROWS),
         "chart 1": diagrams.ant_system_chart(),

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import antway
-from antway import Grid, Problem, RobotSpec, Status, TimedPath, World, distance_field, explore, sipp, solve, solve_tsp
+from antway import Grid, Problem, RobotSpec, Status, World, distance_field, explore, sipp, solve, solve_tsp
 from antway.ants.tsplib import Tsp
 from antway.errors import BadInput, InvalidPlan
 from antway.tours.time_windows import Tsptw
@@ -27,7 +27,7 @@ NASTY: list[Any] = [math.nan, math.inf, -math.inf, -0.0, 1e308, 10**400, -(10**3
 # Answers and observations: antway makes them, and nobody hands them in but policies, whose commands the world reads with care.
 RECORDS = "Plan TimedPath EpisodeResult Command Decision Observation Tracks"
 # A protocol, and what takes whole objects alone.
-NO_NUMBERS = "Policy check_plan check_episode run make_policy"
+NO_NUMBERS = "Policy check_plan check_episode check_motion run make_policy"
 PARTS = {
     "antway.ants.front": "pareto alternatives",
     "antway.ants.gridpath": "ants explore",
@@ -55,9 +55,8 @@ PARTS = {
     "antway.search.dstarlite": "dstarlite DStarLite",
     "antway.search.jps": "jps",
     "antway.search.sipp": "Sipp",
-    "antway.trajectory.footprint": "circumscribed_radius covering_discs",
-    "antway.trajectory.nlp": "smooth",
-    "antway.trajectory.profile": "speed_profile is_clear",
+    "antway.trajectory.footprint": "covering_discs",
+    "antway.trajectory.profile": "stop_at_corners",
     "antway.world.motions": "Line BackAndForth Waypoints Bounce RandomWalk Replay",
     "antway.world.sensor": "Sensor",
     "antway.world.world": "Obstacle",
@@ -100,8 +99,7 @@ OWN: dict[str, dict[str, Any]] = {
     "Scenario": {"start": (0.5, 0.5), "goal": (4.5, 4.5)},
     "Task": {"start": (0.5, 0.5), "goal": (4.5, 4.5)},
     "solve_tsp": {"seconds": 0.0, "tours": 5},
-    "trajectory.nlp.smooth": {"points": [(0.5, 0.5), (2.5, 0.5)], "knots": 4},
-    "trajectory.profile.is_clear": {"path": TimedPath(np.array([0.0, 1.0]), np.array([[0.5, 0.5], [1.5, 0.5]]))},
+    "smooth": {"path": antway.plan(GRID, (0.5, 0.5), (4.5, 4.5)), "trials": 2},
     "ants.tsplib.Tsp": {"xy": PATH},
     "search.costs.inflation_costs": {"radius": 0.3},
     "plan_tour": {"start": (0.5, 0.5), "stops": [(4.5, 4.5), (2.5, 0.5)], "cycles": 2},

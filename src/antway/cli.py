@@ -112,6 +112,8 @@ def plan_command(
     obstacles: Annotated[
         str | None, typer.Option(metavar="SCENARIO", help="With --pareto: a scenario whose obstacles move on the map.")
     ] = None,
+    robot: RobotName = None,
+    smooth: Annotated[bool, typer.Option("--smooth", help="The motion of that robot, within its limits.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
     json: Json = False,
 ) -> int:
@@ -121,9 +123,14 @@ def plan_command(
 
     ends = {name: pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
+    if smooth and (robot is None or pareto):
+        raise BadParameter("smooth", True, "with --robot, which says what drives, and without --pareto")
+    spec = None if robot is None else tour_commands.robot_of(robot, radius)
+    radius = radius if spec is None else spec.radius
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
-        _interpret_if_small(grid.blocked.size, planner)
+        if not smooth:
+            _interpret_if_small(grid.blocked.size, planner)
         inflated = grid.inflate(radius)
         source, target = (end if cells else standing_cell(name, end, grid, inflated, radius) for name, end in ends.items())
         problem = Problem(inflated, source, target, rule)
@@ -134,6 +141,8 @@ def plan_command(
     with working("planning"):
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
+    if smooth and spec is not None and len(path.cells):
+        return tour_commands.smooth_plan(path, grid, spec, seed, out, json)
     if out is not None:
         from antway.view import figures
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -26,7 +26,8 @@ from antway.errors import BadParameter
 
 if TYPE_CHECKING:
     from antway.grid import Grid
-    from antway.planning import Problem
+    from antway.planning import Plan, Problem
+    from antway.world.robots import RobotSpec
 
 
 def add_to(app: typer.Typer) -> None:
@@ -246,6 +247,53 @@ def plan_front(
         whole = {Status.FOUND: "the front is whole", Status.NO_PATH: "no path", Status.BUDGET: "the front may lack paths"}
         print(f"{len(front.paths)} paths, {whole[front.status]}; {front.labels} labels extended")
     return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[front.status]
+
+
+def robot_of(name: str, radius: float) -> RobotSpec:
+    """Return the robot of `antway plan --robot`, beside which no radius may be given."""
+    from antway.world.robots import load_robot
+
+    if radius != 0.0:
+        raise BadParameter("radius", radius, "left out with --robot, which has its own")
+    return load_robot(name)
+
+
+def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path | None, json: bool) -> int:
+    """Print the motion of a robot along a plan; see `antway plan --smooth`."""
+    from antway.trajectory.smooth import smooth
+
+    with working("smoothing"):
+        found = smooth(path, robot, grid=grid, seed=seed)
+    motion = found.motion
+    if out is not None and motion is not None:
+        from antway.view.drives import motion_figure
+        from antway.view.style import save
+
+        with working("drawing"):
+            save(motion_figure(grid, path, found, robot), out)
+    if json:
+        record: dict[str, Any] = {
+            "status": found.status.value,
+            "length": path.length,
+            "bent": found.bent,
+            "reason": found.reason,
+        }
+        record |= {"bound": found.bound, "stop_time": found.stop_time, "elapsed": found.elapsed}
+        if motion is not None:
+            names = ("t", "xy", "heading", "velocity", "turn_rate")
+            record |= {"time": motion.time, "motion": {name: getattr(motion, name).tolist() for name in names}}
+        print_json(record)
+    elif motion is None:
+        print(f"no motion found: {found.reason}")
+    else:
+        how = "along a curve" if found.bent else "with a stop at each corner"
+        print(f"{motion.time:.2f} s, {motion.length:.2f} m, {how}")
+        if found.bent and found.stop_time < float("inf"):
+            print(f"{found.stop_time:.2f} s with a stop at each corner")
+        print(f"{found.bound:.2f} s for the length of the plan, {path.length:.2f} m, at full speed")
+        if out is not None:
+            print(f"drawn in {out}")
+    return NO_PATH if motion is None else 0
 
 
 def compare_ants(runs: int, out: Path, json: bool) -> int:

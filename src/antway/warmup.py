@@ -25,8 +25,8 @@ def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple
     Parameters
     ----------
     kinds : sequence of str
-        "plan" (every planner), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia and wheels),
-        "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
+        "plan" (every planner, smoothing), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia
+        and wheels), "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
     workers : int
         Processes, >= 1. A script that calls this guards its own work by `if __name__ == "__main__"`.
 
@@ -108,6 +108,13 @@ def _plan(planner: str) -> None:
     plan(load_map("office"), (1.5, 3.0), (22.0, 12.5), robot_radius=0.25, planner=planner)
 
 
+def _smooth(robot: str) -> None:
+    from antway import load_map, plan, smooth
+    from antway.world.robots import load_robot
+
+    smooth(plan(load_map("office"), (1.5, 3.0), (22.0, 12.5), robot_radius=0.4), load_robot(robot), trials=1)
+
+
 def _run(policy: str, scene: str = "office", robot: str = "", seconds: float | None = None) -> None:
     from antway import load_scenario, run
     from antway.world.robots import load_robot
@@ -137,6 +144,7 @@ def _tour(kind: str) -> None:
 
 _DO: dict[str, Callable[[str], None]] = {
     "plan by": _plan,
+    "plan for": _smooth,
     "run": _run,
     "rounds by": partial(_run, scene="rounds"),
     "wheels, policy": partial(_run, robot="turtlebot4", seconds=10.0),
@@ -145,7 +153,7 @@ _DO: dict[str, Callable[[str], None]] = {
     "tour": _tour,
 }
 _TASKS = {
-    "plan": [("plan by", planner) for planner in PLANNERS],
+    "plan": [*(("plan by", planner) for planner in PLANNERS), ("plan for", "jackal")],
     "run": [("run", "antway"), ("paper's scene by", "paper"), ("rounds by", "antway")],
     "robots": [("wheels, policy", "antway"), ("inertia, policy", "antway")],
     "tours": [("tour", "of cities"), ("tour", "on a map"), ("tour", "with time windows")],

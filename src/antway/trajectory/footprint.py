@@ -1,4 +1,4 @@
-"""A polygon footprint as discs that cover it: what a planner for discs can promise for a robot that is none."""
+"""A polygon footprint as discs that cover it."""
 
 from __future__ import annotations
 
@@ -9,20 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.errors import BadParameter
-
-
-def circumscribed_radius(polygon: ArrayLike) -> float:
-    """Return the radius of the disc around (0, 0), about which the robot turns, that holds `polygon` (float64[N, 2], m).
-
-    A path for that disc is one for the robot in every orientation; paths that only fit it turned are not found.
-
-    Examples
-    --------
-    >>> circumscribed_radius([(0.3, 0.4), (-0.3, 0.4), (-0.3, -0.4), (0.3, -0.4)])
-    0.5
-    """
-    points = _polygon(polygon)
-    return float(np.hypot(points[:, 0], points[:, 1]).max())
 
 
 def covering_discs(polygon: ArrayLike, count: int) -> tuple[NDArray[np.float64], float]:

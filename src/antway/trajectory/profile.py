@@ -1,9 +1,8 @@
-"""Speeds along a polyline: as fast as limits of speed and acceleration allow, exact, by one pass forward and one back."""
+"""The motion that stands at every corner of a polyline, and which corners are worth a stop."""
 
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,119 +11,112 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.base.geometry import segment_hits_cells
-from antway.kernels.base.records import Predictions
-from antway.kernels.spacetime.motion import first_conflict
-from antway.planning import TimedPath
+from antway.trajectory.motion import Motion
+from antway.world.robots import RobotSpec
+from antway.world.rollouts import finite_limits
+
+_STRAIGHT = 1e-9  # rad; legs that turn by less are one
+_AHEAD = 60  # corners that a leg may leave out
 
 
-def speed_profile(
-    points: ArrayLike, v_max: float, a_max: float, *, dt: float = 0.1, t: float = 0.0, corner: float = 0.0
-) -> TimedPath:
-    """Return the fastest motion along a polyline that stands at both ends.
+def stop_at_corners(points: ArrayLike, robot: RobotSpec) -> Motion:
+    """Return the fastest motion along a polyline that stands at every vertex; wheels turn in place there.
 
     Parameters
     ----------
     points : float64[N, 2]
-        m, N >= 2; equal neighbours count once.
-    v_max, a_max : float
-        m/s and m/s^2, > 0; with an infinite `a_max` all of it is driven at full speed.
-    dt : float
-        While it accelerates or brakes the motion has a knot every `dt` s at most, > 0; and one at every vertex.
-    t : float
-        When it begins, s.
-    corner : float
-        The velocity vector turns at once at a vertex; it may change by at most a_max * `corner` there, s, >= 0. With the angle
-        phi between two legs that is a speed of a_max * corner / (2 sin(phi / 2)); 0: the motion stands at every corner.
-
-    Returns
-    -------
-    TimedPath
-        Knots lie on the exact motion: s = v t + a t^2 / 2 on each ramp. Straight and at constant speed between knots, it has
-        the mean speed of its ramp there, so it is never faster than v_max.
+        m; equal neighbours count once. Wheels begin with the heading of the first leg and end with that of the last.
+    robot : RobotSpec
+        Infinite accelerations count as 1000 m/s^2 and rad/s^2.
 
     Raises
     ------
     BadParameter
-
-    Notes
-    -----
-    v_i <= sqrt(v_{i-1}^2 + 2 a_max l_i) forward and the same backward; each leg is then driven up, level and down. No leg takes
-    longer than the trapezoid that stands at both of its ends.
+        For an ackermann drive and a polyline that turns: it cannot turn in place.
 
     Examples
     --------
-    >>> path = speed_profile([(0.0, 0.0), (4.0, 0.0)], 1.0, 1.0)
-    >>> round(float(path.t[-1]), 9)
+    >>> robot = RobotSpec(a_max=1.0)
+    >>> round(stop_at_corners([(0.0, 0.0), (4.0, 0.0)], robot).time, 9)
     5.0
     """
-    xy = checks.array("points", points, (None, 2))
-    v_max = checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s")
-    a_max = checks.number("a_max", a_max, low=0.0, open_low=True, infinite=True, unit="m/s^2")
-    dt, t = checks.number("dt", dt, low=0.0, open_low=True, unit="s"), checks.number("t", t, unit="s")
-    corner = checks.number("corner", corner, low=0.0, unit="s")
+    xy = without_repeats(checks.array("points", points, (None, 2)))
+    checks.instance("robot", robot, RobotSpec)
+    if len(xy) == 0:
+        raise BadParameter("points", 0, "at least 1 point")
+    limits, legs = finite_limits(robot), np.diff(xy, axis=0)
+    if robot.drive == "ackermann" and len(legs) > 1:
+        raise BadParameter("points", len(xy), "2 points with an ackermann drive, which cannot turn in place")
+    heading = 0.0
+    if robot.footprint is None or robot.wheels:
+        heading = math.atan2(legs[0, 1], legs[0, 0]) if len(legs) else 0.0
+    rows = [(0.0, *xy[0], heading, 0.0, 0.0, 0.0)]
+    for (x, y), (dx, dy) in zip(xy, legs):
+        length, towards = math.hypot(dx, dy), math.atan2(dy, dx)
+        if robot.wheels:
+            turn = math.remainder(towards - heading, 2.0 * math.pi)
+            t = rows[-1][0]
+            for after, moved, rate in _trapezoid(abs(turn), limits.turn_rate, limits.alpha_max, limits.alpha_max):
+                sign = math.copysign(1.0, turn)
+                rows.append((t + after, x, y, heading + sign * moved, 0.0, 0.0, sign * rate))
+            heading += turn
+        elif robot.footprint is None:
+            heading = towards
+        t = rows[-1][0]
+        for after, moved, speed in _trapezoid(length, limits.v_max, limits.a_max, limits.brake_max):
+            share = moved / length
+            rows.append((t + after, x + share * dx, y + share * dy, heading, speed * dx / length, speed * dy / length, 0.0))
+    table = np.array(rows)
+    return Motion(*(np.ascontiguousarray(table[:, k]) for k in (0, slice(1, 3), 3, slice(4, 6), 6)))
+
+
+def _trapezoid(distance: float, most: float, growth: float, fall: float) -> list[tuple[float, float, float]]:
+    """Return (time since the start, distance, speed) at the ends of the ramp up, the level part and the ramp down."""
+    if distance <= _STRAIGHT:
+        return []
+    peak = min(most, math.sqrt(2.0 * distance * growth * fall / (growth + fall)))
+    up, down = peak / growth, peak / fall
+    level = max(distance - peak * (up + down) / 2.0, 0.0) / peak
+    knots = [(up, peak * up / 2.0, peak)]
+    if level > 1e-9:
+        knots.append((up + level, distance - peak * down / 2.0, peak))
+    return [*knots, (up + level + down, distance, 0.0)]
+
+
+def without_repeats(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a polyline without vertices that equal the one before or lie straight between their neighbours."""
+    if len(xy) == 0:
+        return xy
     xy = xy[np.concatenate(([True], (np.diff(xy, axis=0) != 0.0).any(axis=1)))]
-    if len(xy) < 2:
-        raise BadParameter("points", len(xy), "at least 2 different points")
     legs = np.diff(xy, axis=0)
-    length = np.hypot(legs[:, 0], legs[:, 1])
-    if math.isinf(a_max):
-        return TimedPath(t + np.concatenate(([0.0], np.cumsum(length / v_max))), xy.copy())
-    speed = _corner_speeds(legs / length[:, None], v_max, a_max * corner)
-    for i in range(1, len(speed)):
-        speed[i] = min(speed[i], math.sqrt(speed[i - 1] ** 2 + 2.0 * a_max * length[i - 1]))
-    for i in range(len(speed) - 2, -1, -1):
-        speed[i] = min(speed[i], math.sqrt(speed[i + 1] ** 2 + 2.0 * a_max * length[i]))
-    times, places, now = [t], [xy[:1]], t
-    for i, whole in enumerate(length.tolist()):
-        share, spent = _leg(whole, float(speed[i]), float(speed[i + 1]), v_max, a_max, dt)
-        times.extend((now + spent).tolist())
-        places.append(xy[i] + share[:, None] * legs[i])
-        places[-1][-1] = xy[i + 1]
-        now = times[-1]
-    return TimedPath(np.array(times), np.vstack(places))
+    turn = np.arctan2(legs[:-1, 0] * legs[1:, 1] - legs[:-1, 1] * legs[1:, 0], (legs[:-1] * legs[1:]).sum(axis=1))
+    return xy[np.concatenate(([True], np.abs(turn) > _STRAIGHT, [True]))[: len(xy)]]
 
 
-def _corner_speeds(directions: NDArray[np.float64], v_max: float, change: float) -> NDArray[np.float64]:
-    """Return the greatest speed at each vertex: 0 at the ends, and what a jump of velocity by `change` m/s allows."""
-    jump = np.hypot(*np.diff(directions, axis=0).T)  # 2 sin(phi / 2)
-    straight = jump < 1e-9
-    inner = np.where(straight, v_max, np.minimum(change / np.where(straight, 1.0, jump), v_max))
-    return np.concatenate(([0.0], inner, [0.0]))
+def straight_legs(points: NDArray[np.float64], grid: Grid, robot: RobotSpec) -> NDArray[np.float64] | None:
+    """Return the polyline through some of the vertices that a disc as wide as the robot drives in the least time with stops.
 
-
-def _leg(
-    length: float, start: float, end: float, v_max: float, a_max: float, dt: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the knots of one leg after its first: shares of its length, and times since its begin, s."""
-    peak = min(v_max, math.sqrt(a_max * length + (start * start + end * end) / 2.0))
-    up, down = (peak - start) / a_max, (peak - end) / a_max
-    level = max(length - (peak * peak - start * start + peak * peak - end * end) / (2.0 * a_max), 0.0) / peak
-    since, gone, now, path = [], [], 0.0, 0.0
-    for duration, speed, rate in ((up, start, a_max), (level, peak, 0.0), (down, peak, -a_max)):
-        steps = math.ceil(duration / dt) if rate else 1
-        if duration > 1e-12:
-            z = duration * np.arange(1, steps + 1) / steps
-            since.append(now + z)
-            gone.append(path + speed * z + rate * z * z / 2.0)
-            now, path = now + duration, float(gone[-1][-1])
-    return np.concatenate(gone) / path, np.concatenate(since)
-
-
-def is_clear(path: TimedPath, grid: Grid, radius: float, segments: NDArray[np.float64] | None = None) -> bool:
-    """Tell, by the exact swept test, whether a disc of `radius` m on `path` touches neither walls nor moving obstacles.
-
-    `segments` is float64[P, 8] as in `antway.kernels.spacetime.segments`, radii included.
+    None where not even the legs between neighbours are clear of walls, by the exact swept test.
     """
-    checks.instance("path", path, TimedPath)
-    checks.instance("grid", grid, Grid)
-    radius = checks.number("radius", radius, low=0.0, unit="m")
-    if segments is not None:
-        checks.array("segments", segments, (None, 8), finite=False)
-    points = grid.to_points(path.xy).tolist()
-    for (ar, ac), (br, bc) in pairwise(points):
-        if segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True):
-            return False
-    if segments is None or not len(segments):
-        return True
-    knots = np.column_stack((path.t, path.xy))
-    return first_conflict(knots, float(path.t[0]), Predictions(segments, 0.0, np.empty(2))) == math.inf
+    xy = without_repeats(points)
+    at, limits = grid.to_points(xy).tolist(), finite_limits(robot)
+    wide = robot.radius / grid.resolution
+
+    def clear(i: int, j: int) -> bool:
+        (a, b), (c, d) = at[i], at[j]
+        return not segment_hits_cells(grid.blocked, a, b, c, d, wide, True)
+
+    best, before = [0.0], [0]
+    for j in range(1, len(xy)):
+        best.append(math.inf)
+        before.append(-1)
+        for i in range(j - 1, max(j - 1 - _AHEAD, -1), -1):
+            time = best[i] + _trapezoid(math.dist(xy[i], xy[j]), limits.v_max, limits.a_max, limits.brake_max)[-1][0]
+            if time < best[j] and clear(i, j):
+                best[j], before[j] = time, i
+    if best[-1] == math.inf:
+        return None
+    chosen = [len(xy) - 1]
+    while chosen[-1] > 0:
+        chosen.append(before[chosen[-1]])
+    return xy[chosen[::-1]]

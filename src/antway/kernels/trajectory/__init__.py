@@ -1,0 +1,1 @@
+"""Kernels that turn a path into a motion."""

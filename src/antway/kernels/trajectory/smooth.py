@@ -1,0 +1,269 @@
+"""The shape of a path as a spline, the fastest drive along it, and a search for the shape that is driven fastest.
+
+A path is a uniform cubic B-spline whose end points count three times: its curvature is continuous and 0 at both ends. Samples
+lie along it, the same number on each span. The square of the speed is found at each sample by one pass back (the most from
+which the rest can still be driven) and one pass forward (Pham and Pham, TOPP-RA, IEEE T-RO 2018); with it the limits of speed,
+acceleration and turning are linear between samples, and each step has a closed form. The search moves control points at
+random and keeps what costs less: time, and a price for clearance that is missing and for curves that are too tight. A move
+changes few samples, and both passes stop where they meet the old values, so that a trial costs the same on paths of any length.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base import rng
+from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+
+_TIGHT = 1e-9  # 1/m; a curve below this is straight
+_SHORT = 1e-9  # m; no two samples are nearer
+_MISSING = 1000.0  # s/m^2; price of clearance missing along the path
+_BENT = 10.0  # s; price of turning more than the steering can, for each radian
+_RESTLESS = 0.002  # s m^3; price of changes of curvature, so that curves are calm where that takes no time
+_LEAVE = 0.25  # m/m; how fast clearance grows from a start or goal that has too little
+_LEAST, _MOST = 0.002, 0.5  # m; standard deviations of a move
+_WIDEST = 3  # control points that move along on either side, less one, at most
+SAMPLES = 8  # of a span, in the search
+
+
+class Surroundings(NamedTuple):
+    """The map, its corner at (0, 0), and what has to fit into it."""
+
+    border: NDArray[np.bool_]  # [H, W]; blocked cells beside free ones
+    clearance: NDArray[np.float64]  # [H, W] m; of cell centres from blocked cells and edges of the map
+    resolution: float  # m
+    need: float  # m; clearance of each disc
+    ends: NDArray[np.float64]  # [2, 3] m; start and goal, and the clearance that they have, which may be less
+    discs: NDArray[np.float64]  # [K, 2] m; their centres in the robot's frame
+    fixed: bool  # the robot keeps the heading 0; else it looks along the path
+
+
+class Curve(NamedTuple):
+    """A path of N control points and M = (N + 1) k + 1 samples, and the fastest drive along it."""
+
+    points: NDArray[np.float64]  # [N, 2] m
+    xy: NDArray[np.float64]  # [M, 2] m
+    ahead: NDArray[np.float64]  # [M, 2]; unit tangent
+    kappa: NDArray[np.float64]  # [M] 1/m
+    ds: NDArray[np.float64]  # [M] m; to the next sample
+    missing: NDArray[np.float64]  # [M] m; clearance that is missing
+    high: NDArray[np.float64]  # [M] m^2/s^2; square of the speed from which the rest can be driven
+    square: NDArray[np.float64]  # [M] m^2/s^2; of the speed
+    cost: NDArray[np.float64]  # [M] s; to the next sample
+
+
+@kernel
+def missing_clearance(s: Surroundings, x: float, y: float, need: float) -> float:
+    """Clearance in m that (x, y) misses, 0 if it has all that is needed; exact but inside of walls."""
+    rows, cols = s.border.shape
+    nearest: float = min(min(x, cols * s.resolution - x), min(y, rows * s.resolution - y))
+    if nearest <= 0.0:
+        return need - nearest
+    i, j = int(y / s.resolution), int(x / s.resolution)
+    off = math.hypot(x - (j + 0.5) * s.resolution, y - (i + 0.5) * s.resolution)
+    if s.clearance[i, j] - off >= need:
+        return 0.0
+    if s.clearance[i, j] == 0.0:
+        return need
+    near = min(need, nearest)
+    best, half = near * near, 0.5 * s.resolution
+    for r in range(max(int((y - near) / s.resolution), 0), min(int((y + near) / s.resolution), rows - 1) + 1):
+        dy = max(abs(y - (r + 0.5) * s.resolution) - half, 0.0)
+        for c in range(max(int((x - near) / s.resolution), 0), min(int((x + near) / s.resolution), cols - 1) + 1):
+            if s.border[r, c]:
+                dx = max(abs(x - (c + 0.5) * s.resolution) - half, 0.0)
+                best = min(best, dx * dx + dy * dy)
+    return max(need - math.sqrt(best), 0.0)
+
+
+@kernel
+def lay(curve: Curve, s: Surroundings, first: int, last: int) -> None:
+    """Compute all samples on the spans `first` to `last`, and the steps between them."""
+    n = len(curve.points)
+    k = (len(curve.xy) - 1) // (n + 1)
+    p = curve.points
+    for span in range(first, last + 1):
+        a, d = min(max(span - 2, 0), n - 1), min(span + 1, n - 1)
+        b, c = min(max(span - 1, 0), n - 1), min(span, n - 1)
+        straight = span == 0 or span == n  # three of its control points are one
+        for part in range(k + 1 if span == n else k):
+            u, at = part / k, span * k + part
+            w = 1.0 - u
+            for axis in range(2):
+                far, near = w * w * w * p[a, axis] + u * u * u * p[d, axis], u * w
+                curve.xy[at, axis] = (
+                    far + (1.0 + 3.0 * w * (1.0 + near)) * p[b, axis] + (1.0 + 3.0 * u * (1.0 + near)) * p[c, axis]
+                ) / 6.0
+            tx, ty = p[d, 0] - p[a, 0], p[d, 1] - p[a, 1]
+            if not straight:
+                tx = 0.5 * (u * u * (p[d, 0] - p[c, 0]) + w * w * (p[b, 0] - p[a, 0])) + (0.5 + u * w) * (p[c, 0] - p[b, 0])
+                ty = 0.5 * (u * u * (p[d, 1] - p[c, 1]) + w * w * (p[b, 1] - p[a, 1])) + (0.5 + u * w) * (p[c, 1] - p[b, 1])
+            size = max(math.hypot(tx, ty), _SHORT)
+            cos, sin = tx / size, ty / size
+            curve.ahead[at, 0], curve.ahead[at, 1], curve.kappa[at] = cos, sin, 0.0
+            if not straight:
+                bx = w * (p[a, 0] - 2.0 * p[b, 0] + p[c, 0]) + u * (p[b, 0] - 2.0 * p[c, 0] + p[d, 0])
+                by = w * (p[a, 1] - 2.0 * p[b, 1] + p[c, 1]) + u * (p[b, 1] - 2.0 * p[c, 1] + p[d, 1])
+                curve.kappa[at] = (cos * by - sin * bx) / (size * size)
+            if s.fixed:
+                cos, sin = 1.0, 0.0
+            most, need = 0.0, s.need
+            for i in range(2):
+                off = math.hypot(curve.xy[at, 0] - s.ends[i, 0], curve.xy[at, 1] - s.ends[i, 1])
+                need = min(need, s.ends[i, 2] + _LEAVE * off)
+            for i in range(len(s.discs)):
+                x = curve.xy[at, 0] + cos * s.discs[i, 0] - sin * s.discs[i, 1]
+                y = curve.xy[at, 1] + sin * s.discs[i, 0] + cos * s.discs[i, 1]
+                most = max(most, missing_clearance(s, x, y, need))
+            curve.missing[at] = most
+    for at in range(max(first * k - 1, 0), min((last + 1) * k, len(curve.xy) - 1)):
+        step = math.hypot(curve.xy[at + 1, 0] - curve.xy[at, 0], curve.xy[at + 1, 1] - curve.xy[at, 1])
+        curve.ds[at] = max(step, _SHORT)
+
+
+@kernel
+def _highest(curve: Curve, limits: RobotLimits, i: int) -> float:
+    """Greatest square of the speed at sample i from which a permitted acceleration leads to what is permitted at the next."""
+    k0, k1, ds, after = curve.kappa[i], curve.kappa[i + 1], curve.ds[i], curve.high[i + 1]
+    middle = 0.5 * (k0 + k1)
+    most: float = limits.v_max * limits.v_max
+    if limits.drive == HOLONOMIC:
+        across = min(limits.a_max, limits.brake_max)
+        most = min(most, across / max(max(abs(middle), abs(k0)), _TIGHT))
+        drop, k = 2.0 * ds * limits.brake_max, abs(middle) / across
+        under = 1.0 + k * k * (drop * drop - after * after)
+        if k * after < 1.0 and under > 0.0:
+            most = min(most, (after + drop * math.sqrt(under)) / (1.0 + drop * drop * k * k))
+        return most
+    most = min(most, (limits.turn_rate / max(abs(k0), _TIGHT)) ** 2, after + 2.0 * ds * limits.brake_max)
+    change = (k1 - k0) / ds
+    if abs(middle) < _TIGHT:
+        straight: float = min(most, limits.alpha_max / max(abs(change), _TIGHT))
+        return straight
+    spare, ratio = limits.alpha_max / abs(middle), change / middle
+    if 2.0 * ds * ratio < 1.0:
+        most = min(most, (after + 2.0 * ds * spare) / (1.0 - 2.0 * ds * ratio))
+    elif 2.0 * ds * ratio > 1.0:
+        most = min(most, 2.0 * ds * spare / (2.0 * ds * ratio - 1.0))
+    if ratio < 0.0:
+        most = min(most, (limits.a_max + spare) / -ratio)
+    elif ratio > 0.0:
+        most = min(most, (limits.brake_max + spare) / ratio)
+    return most
+
+
+@kernel
+def _next(curve: Curve, limits: RobotLimits, i: int) -> float:
+    """Greatest square of the speed at sample i + 1 from that at sample i."""
+    square, middle, ds = curve.square[i], 0.5 * (curve.kappa[i] + curve.kappa[i + 1]), curve.ds[i]
+    rate = limits.a_max
+    if limits.drive == HOLONOMIC:
+        part = abs(middle) * square / min(limits.a_max, limits.brake_max)
+        rate *= math.sqrt(max(1.0 - part * part, 0.0))
+    elif abs(middle) >= _TIGHT:
+        change = (curve.kappa[i + 1] - curve.kappa[i]) / ds
+        rate = min(rate, limits.alpha_max / abs(middle) - change / middle * square)
+    after: float = max(min(square + 2.0 * ds * rate, curve.high[i + 1]), 0.0)
+    return after
+
+
+@kernel
+def drive_along(curve: Curve, limits: RobotLimits, first: int, last: int, old: Curve) -> tuple[int, int, int]:
+    """Compute speeds and costs anew after the steps `first` to `last` have changed; keep the former ones in `old`.
+
+    Returns
+    -------
+    low, start, end : int
+        `high` has changed from low to last, `square` and `cost` from start to end.
+    """
+    m, tightest = len(curve.xy), math.inf
+    if limits.turning_radius > 0.0:
+        tightest = 1.0 / limits.turning_radius
+    low = last
+    for i in range(last, -1, -1):
+        most = _highest(curve, limits, i)
+        if i < first and most == curve.high[i]:
+            break
+        low = i
+        old.high[i], curve.high[i] = curve.high[i], most
+    start = max(min(low, first) - 1, 0)
+    end = start
+    for i in range(start, m):
+        square = 0.0 if i == 0 else _next(curve, limits, i - 1)
+        old.square[i], old.cost[i] = curve.square[i], curve.cost[i]
+        if i > last + 1 and square == curve.square[i]:
+            break
+        end, curve.square[i] = i, square
+    for i in range(start, min(end + 1, m - 1)):
+        ds = curve.ds[i]
+        time = 2.0 * ds / max(math.sqrt(curve.square[i]) + math.sqrt(curve.square[i + 1]), 1e-12)
+        bent = max(abs(curve.kappa[i]) - tightest, 0.0) + max(abs(curve.kappa[i + 1]) - tightest, 0.0)
+        turn = (curve.kappa[i + 1] - curve.kappa[i]) ** 2 / ds
+        price = 0.5 * _MISSING * (curve.missing[i] + curve.missing[i + 1]) + 0.5 * _BENT * bent
+        curve.cost[i] = time + price * ds + _RESTLESS * turn
+    return low, start, end
+
+
+@kernel
+def _copy(source: Curve, target: Curve, first: int, last: int) -> None:
+    """Copy samples, and the steps before and after them."""
+    for i in range(max(first - 1, 0), last + 1):
+        target.xy[i, 0], target.xy[i, 1] = source.xy[i, 0], source.xy[i, 1]
+        target.ahead[i, 0], target.ahead[i, 1] = source.ahead[i, 0], source.ahead[i, 1]
+        target.kappa[i], target.ds[i], target.missing[i] = source.kappa[i], source.ds[i], source.missing[i]
+
+
+@kernel
+def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, trials: int, state: NDArray[np.uint64]) -> float:
+    """Move control points at random, `trials` times each, and keep what costs less; return the cost in s.
+
+    Parameters
+    ----------
+    curve, old : Curve
+        The path, its control points given, changed; memory of the same shape.
+    state : uint64[1]
+        Of random numbers.
+    """
+    n, m = len(curve.points), len(curve.xy)
+    k = (m - 1) // (n + 1)
+    lay(curve, s, 0, n)
+    curve.high[m - 1] = curve.square[0] = curve.cost[m - 1] = 0.0
+    drive_along(curve, limits, 0, m - 2, old)
+    spread = np.full(n, 0.1)
+    total: float = curve.cost.sum()
+    for _ in range(trials * (n - 2)):
+        i, width = 1 + rng.below(state, n - 2), 1 + rng.below(state, _WIDEST)
+        r = spread[i] * math.sqrt(-2.0 * math.log(1.0 - rng.uniform(state)))
+        angle = 2.0 * math.pi * rng.uniform(state)
+        dx, dy = r * math.cos(angle), r * math.sin(angle)
+        low, high = max(i - width + 1, 1), min(i + width - 1, n - 2)
+        first, last = max(low - 1, 0), min(high + 2, n)
+        a, b = first * k, min((last + 1) * k, m - 1)
+        for j in range(low, high + 1):
+            old.points[j] = curve.points[j]
+            part = 1.0 - abs(j - i) / width
+            curve.points[j, 0] += part * dx
+            curve.points[j, 1] += part * dy
+        _copy(curve, old, a, b)
+        lay(curve, s, first, last)
+        lowest, start, end = drive_along(curve, limits, max(a - 1, 0), b - 1, old)
+        change = 0.0
+        for j in range(start, end + 1):
+            change += curve.cost[j] - old.cost[j]
+        if change < -1e-9:
+            total += change
+            spread[i] = min(spread[i] * 1.6, _MOST)
+            continue
+        spread[i] = max(spread[i] * 0.93, _LEAST)
+        for j in range(low, high + 1):
+            curve.points[j] = old.points[j]
+        _copy(old, curve, a, b)
+        curve.high[lowest:b] = old.high[lowest:b]
+        curve.square[start : end + 1] = old.square[start : end + 1]
+        curve.cost[start : end + 1] = old.cost[start : end + 1]
+    return total

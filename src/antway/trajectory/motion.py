@@ -1,0 +1,53 @@
+"""A motion: where the robot is at which time, how it stands and how fast it drives and turns there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Poses and velocities at the knots of a motion, all in the map's frame.
+
+    Between two knots wheels change speed and turn rate linearly in time and roll along their heading; a holonomic robot changes
+    its velocity linearly. `antway.verify_drive.check_motion` checks a motion against a map and a robot.
+
+    Attributes
+    ----------
+    t : float64[N]
+        s, increasing from 0.
+    xy : float64[N, 2]
+        m.
+    heading : float64[N]
+        rad, not wrapped.
+    velocity : float64[N, 2]
+        m/s.
+    turn_rate : float64[N]
+        rad/s.
+    """
+
+    t: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    turn_rate: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for array in (self.t, self.xy, self.heading, self.velocity, self.turn_rate):
+            array.flags.writeable = False
+
+    def __repr__(self) -> str:
+        return f"Motion({self.time:.2f} s, {self.length:.2f} m)"
+
+    @property
+    def time(self) -> float:
+        """How long it takes, s."""
+        return float(self.t[-1])
+
+    @property
+    def length(self) -> float:
+        """How long its path is, m."""
+        return float(np.hypot(*np.diff(self.xy, axis=0).T).sum())

@@ -1,0 +1,259 @@
+"""From a plan to a motion: the path bent so that it is driven fast, or the one that stops at corners where that is faster."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway import checks
+from antway.errors import BadParameter, InvalidPlan
+from antway.grid import Grid
+from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.rng import stream
+from antway.kernels.trajectory.smooth import SAMPLES, Curve, Surroundings, improve
+from antway.planning import Plan, Problem, Status, solve
+from antway.trajectory.footprint import covering_discs
+from antway.trajectory.motion import Motion
+from antway.trajectory.profile import stop_at_corners, straight_legs, without_repeats
+from antway.verify_drive import check_motion
+from antway.world.robots import RobotSpec
+from antway.world.rollouts import finite_limits
+
+_SPACINGS = (0.5, 0.3)  # m between control points
+_MORE_SPACINGS = (0.8, 1.2, 0.4)  # m; where those led to nothing
+_STEERING = 1.01  # by which a turning radius is taken larger, as samples miss the tightest place
+_FEWEST = 8  # control points
+_TRIALS = 40_000  # moves of control points for each start of the search, at most
+_FINE = 16  # samples of a span in the answer
+_DISCS = 3  # that cover a footprint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothed:
+    """The answer of `smooth`.
+
+    Attributes
+    ----------
+    status : Status
+        FOUND with a motion, NO_PATH where none was found that the robot could drive, and as the plan's where that has no path.
+    motion : Motion or None
+        It has passed `check_motion`.
+    bent : bool
+        Whether it follows a curve; else it stops at corners.
+    stop_time : float
+        Time in s of the motion that stops at corners; infinite where there is none.
+    bound : float
+        The plan's length over v_max, s.
+    elapsed : float
+        s.
+    reason : str
+        What is wrong with the fastest motion that was found and discarded, if there was one.
+    """
+
+    status: Status
+    motion: Motion | None
+    bent: bool = False
+    stop_time: float = math.inf
+    bound: float = math.inf
+    elapsed: float = 0.0
+    reason: str = ""
+
+    def __repr__(self) -> str:
+        return f"Smoothed({self.motion}, {'bent' if self.bent else 'stops at corners'})" if self.motion else "Smoothed(none)"
+
+
+class _Task(NamedTuple):
+    """A map with its corner at (0, 0), and what is to drive on it."""
+
+    grid: Grid
+    robot: RobotSpec
+    limits: RobotLimits
+    surroundings: Surroundings
+    seed: int
+    trials: int
+
+
+def smooth(
+    path: Plan, robot: RobotSpec, *, grid: Grid | None = None, margin: float = 0.02, seed: int = 0, trials: int = 400
+) -> Smoothed:
+    """Bend a plan into a motion from stand to stand that takes little time.
+
+    Parameters
+    ----------
+    path : Plan
+        For a disc of the robot's radius. It says on which side of everything the motion goes, and is the first shape tried.
+    robot : RobotSpec
+        Its limits hold: speed, acceleration, braking, turn rate and its change, turning radius. Wheels begin and end with the
+        heading of the path there and do not reverse; a holonomic robot with a footprint keeps that of the map. Infinite
+        accelerations count as 1000 m/s^2 and rad/s^2. Latency has no effect.
+    grid : Grid or None
+        The map, not inflated; None: the plan's own, which is the map for plans of `antway.plan`.
+    margin : float
+        Clearance kept from walls beyond the robot's body, m, >= 0; less where start or goal has less.
+    seed : int
+        Of the search for the shape.
+    trials : int
+        Moves tried for each control point of the curve, 1 to 10,000; fewer on very long paths.
+
+    Returns
+    -------
+    Smoothed
+
+    Raises
+    ------
+    BadParameter
+
+    Examples
+    --------
+    >>> from antway import RobotSpec, load_map, plan
+    >>> robot = RobotSpec(drive="differential", a_max=1.0, alpha_max=3.0)
+    >>> found = smooth(plan(load_map("office"), (1.5, 3.0), (22.0, 12.5), robot_radius=robot.radius), robot)
+    >>> found.bent, found.motion.time < found.stop_time
+    (True, True)
+    """
+    started = time.perf_counter()
+    checks.instance("path", path, Plan)
+    checks.instance("robot", robot, RobotSpec)
+    grid = path.grid if grid is None else checks.instance("grid", grid, Grid)
+    if grid is None:
+        raise BadParameter("grid", None, "a map: this plan knows none")
+    margin, seed = checks.number("margin", margin, low=0.0, high=1e6, unit="m"), checks.seed(seed)
+    trials = checks.integer("trials", trials, low=1, high=10_000)
+    if not len(path.cells):
+        return Smoothed(path.status, None, elapsed=time.perf_counter() - started, reason="the plan has no path")
+    flat = Grid(grid.blocked, grid.resolution)
+    limits = finite_limits(robot)
+    limits = limits._replace(turning_radius=_STEERING * limits.turning_radius)
+    task = _Task(flat, robot, limits, _surroundings(flat, robot, path, margin), seed, trials)
+    line, legs = _lines(path, task)
+    stops = None
+    if legs is not None and (robot.drive != "ackermann" or len(legs) <= 2):
+        stops = stop_at_corners(legs, robot)
+    shapes = [one for one in (legs, line) if one is not None and len(one) > 1]
+    best, reason = None, ""
+    for spacings in (_SPACINGS, _MORE_SPACINGS):
+        motions = [_curve(shape, spacing, task) for shape in shapes for spacing in spacings]
+        if stops is not None:
+            motions.append(stops)
+        best, reason = _fastest(motions, flat, robot)
+        if best is not None:
+            break
+    return Smoothed(
+        Status.NO_PATH if best is None else Status.FOUND,
+        None if best is None else _on_map(best, grid),
+        best is not None and best is not stops,
+        math.inf if stops is None else stops.time,
+        path.length / robot.v_max,
+        time.perf_counter() - started,
+        reason,
+    )
+
+
+def _fastest(motions: list[Motion], grid: Grid, robot: RobotSpec) -> tuple[Motion | None, str]:
+    """Return the fastest of the motions that pass the check, and why a faster one did not."""
+    reason = ""
+    for motion in sorted(motions, key=lambda one: one.time):
+        try:
+            check_motion(grid, robot, motion)
+        except InvalidPlan as fault:
+            reason = reason or str(fault)
+            continue
+        return motion, reason
+    return None, reason
+
+
+def _lines(path: Plan, task: _Task) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return the plan's polyline, and that of straight legs, around which a little more room may have to be found."""
+    grid, robot = task.grid, task.robot
+    line = without_repeats(path.xy(grid))
+    legs = straight_legs(line, grid, robot)
+    if legs is None:
+        wider = grid.inflate(robot.radius + 0.75 * grid.resolution)  # moves between free cells are then clear as a whole
+        start, goal = ((int(row), int(col)) for row, col in path.cells[[0, -1]])
+        if wider.is_free(start) and wider.is_free(goal):
+            other = solve(Problem(wider, start, goal), "jps")
+            legs = straight_legs(other.xy(grid), grid, robot) if len(other.cells) else None
+    return line, legs
+
+
+def _surroundings(grid: Grid, robot: RobotSpec, path: Plan, margin: float) -> Surroundings:
+    padded = np.pad(grid.blocked, 1, constant_values=True)
+    inside = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    clearance = grid.clearance()
+    discs, radius = np.zeros((1, 2)), robot.radius
+    if robot.footprint is not None:
+        discs, radius = covering_discs(robot.footprint, _DISCS)
+    ends = []
+    for cell in path.cells[[0, -1]].tolist():
+        free = float(clearance[tuple(cell)]) - robot.radius
+        ends.append((*grid.centre(tuple(cell)), radius + min(max(free, 0.0), margin)))
+    fixed = robot.footprint is not None and not robot.wheels
+    return Surroundings(grid.blocked & ~inside, clearance, grid.resolution, radius + margin, np.array(ends), discs, fixed)
+
+
+def _curve(line: NDArray[np.float64], spacing: float, task: _Task) -> Motion:
+    """Return the fastest motion found on a spline that begins as the polyline."""
+    gone = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
+    count = max(math.ceil(gone[-1] / spacing) + 1, _FEWEST)
+    points = np.column_stack([np.interp(np.linspace(0.0, gone[-1], count), gone, line[:, axis]) for axis in (0, 1)])
+    state = np.array([stream(np.uint64(task.seed), np.uint64(count))], np.uint64)
+    trials = max(min(task.trials, _TRIALS // count), 1)
+    limits = task.limits
+    for samples, moves in ((SAMPLES, trials), (_FINE, 0), (_FINE, 0)):
+        curve = _sampled(points, samples)
+        improve(curve, _sampled(points, samples), task.surroundings, limits, moves, state)
+        points = curve.points
+        # Where spans join the turn rate changes by a few percent more than it may, until it is planned with so much less.
+        limits = limits._replace(alpha_max=min(limits.alpha_max, limits.alpha_max * task.limits.alpha_max / _spin(curve)))
+    return _timed(curve, task)
+
+
+def _spin(curve: Curve) -> float:
+    """Return the greatest change of the turn rate along a curve, rad/s^2."""
+    speed = np.sqrt(curve.square)
+    dt = 2.0 * curve.ds[:-1] / (speed[:-1] + speed[1:])
+    return max(float((np.abs(np.diff(curve.kappa * speed)) / dt).max()), 1e-9)
+
+
+def _sampled(points: NDArray[np.float64], samples: int) -> Curve:
+    """Return a curve with those control points; nothing else is computed yet."""
+    count = (len(points) + 1) * samples + 1
+    return Curve(points.copy(), np.zeros((count, 2)), np.zeros((count, 2)), *(np.zeros(count) for _ in range(6)))
+
+
+def _timed(curve: Curve, task: _Task) -> Motion:
+    """Return the motion along a curve; slower by the same factor everywhere where a limit is exceeded between samples."""
+    robot, limits = task.robot, task.limits
+    speed = np.sqrt(curve.square)
+    dt = 2.0 * curve.ds[:-1] / (speed[:-1] + speed[1:])
+    velocity, turn_rate = curve.ahead * speed[:, None], curve.kappa * speed
+    heading = np.unwrap(np.arctan2(curve.ahead[:, 1], curve.ahead[:, 0]))
+    if not robot.wheels:
+        turn_rate = np.zeros(len(speed))
+        heading = heading if robot.footprint is None else turn_rate.copy()
+        change = np.diff(velocity, axis=0) / dt[:, None]
+        falls = (velocity[1:] * change).sum(axis=1) <= 0.0
+        rate = np.hypot(*change.T) / np.where(falls, limits.brake_max, limits.a_max)
+        over = [math.sqrt(rate.max())]
+    else:
+        change, spin = np.diff(speed) / dt, np.abs(np.diff(turn_rate)) / dt
+        rate = np.maximum(change / limits.a_max, -change / limits.brake_max)
+        over = [math.sqrt(rate.max()), math.sqrt(spin.max() / limits.alpha_max), np.abs(turn_rate).max() / limits.turn_rate]
+    factor = max(1.0, float(speed.max()) / limits.v_max, *over) * (1.0 + 1e-9)
+    t = np.concatenate(([0.0], np.cumsum(dt))) * factor
+    return Motion(t, curve.xy.copy(), heading, velocity / factor, turn_rate / factor)
+
+
+def _on_map(motion: Motion, grid: Grid) -> Motion:
+    """Return a motion on the map with its corner at (0, 0) as it is on the map where it lies."""
+    x, y, yaw = grid.origin
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    return Motion(
+        motion.t.copy(), motion.xy @ turn + (x, y), motion.heading + yaw, motion.velocity @ turn, motion.turn_rate.copy()
+    )

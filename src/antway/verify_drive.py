@@ -1,0 +1,208 @@
+"""An independent check of motions: limits of the robot at every instant, and walls against its body in continuous time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from antway.errors import InvalidPlan
+from antway.grid import Grid
+
+if TYPE_CHECKING:
+    from antway.trajectory.motion import Motion
+    from antway.world.robots import RobotSpec
+
+_NEAR = 1e-6  # m, m/s, rad/s: by how much a limit may be missed
+_DRIFT = 1e-3  # m, rad: by how much the velocities of one step may miss the next knot
+_FINEST = 1e-3  # m: steps in which no point of the body moves farther are not cut further
+_AT_ONCE = 1e3  # m/s^2, rad/s^2: what an infinite limit counts as
+_NODES = np.array([-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526])
+_WEIGHTS = np.array([0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538])
+
+Floats = NDArray[np.float64]
+
+
+def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
+    """Raise `InvalidPlan` with every way in which a motion breaks a limit of the robot or touches a wall.
+
+    Parameters
+    ----------
+    grid : Grid
+        The map, not inflated; what lies off it counts as a wall.
+    robot : RobotSpec
+        Its infinite limits of acceleration count as 1000 m/s^2 and rad/s^2.
+    motion : Motion
+
+    Raises
+    ------
+    InvalidPlan
+        If times do not increase from 0, the robot does not stand at both ends, velocities do not lead from knot to knot,
+        wheels move aside, a limit of speed, acceleration, braking, turn rate, its change or the turning radius is exceeded, or
+        the body (a disc, or the footprint as it is turned) touches a wall. Walls are checked in continuous time: steps are cut
+        until the distance from walls is more than any point of the body moves, or that is less than a millimetre.
+    """
+    faults = _shape_faults(motion) or [*_limit_faults(robot, motion), *_wall_faults(grid, robot, motion)]
+    if faults:
+        raise InvalidPlan(faults)
+
+
+def _shape_faults(motion: Motion) -> list[str]:
+    n = len(motion.t)
+    shapes = {"t": (n,), "xy": (n, 2), "heading": (n,), "velocity": (n, 2), "turn_rate": (n,)}
+    faults = [
+        f"{name} has the shape {getattr(motion, name).shape}" for name in shapes if getattr(motion, name).shape != shapes[name]
+    ]
+    faults += [f"{name} is not finite" for name in shapes if not np.isfinite(getattr(motion, name)).all()]
+    if not faults and (n == 0 or motion.t[0] != 0.0 or (np.diff(motion.t) <= 0.0).any()):
+        faults.append("times do not increase from 0")
+    return faults
+
+
+def _speeds(robot: RobotSpec, motion: Motion) -> Floats:
+    """Speed along the heading of wheels, else the velocity: float64[N, 1 or 2]."""
+    if robot.drive == "holonomic":
+        return motion.velocity
+    ahead = np.column_stack((np.cos(motion.heading), np.sin(motion.heading)))
+    speed: Floats = (motion.velocity * ahead).sum(axis=1, keepdims=True)
+    return speed
+
+
+def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
+    dt, wheels = np.diff(motion.t), robot.drive != "holonomic"
+    speed, rate = _speeds(robot, motion), motion.turn_rate
+    ends = np.abs(speed[[0, -1]]).max() + np.abs(rate[[0, -1]]).max()
+    if ends > _NEAR:
+        yield "does not stand at both ends"
+    if wheels:
+        aside = motion.velocity[:, 1] * np.cos(motion.heading) - motion.velocity[:, 0] * np.sin(motion.heading)
+        if np.abs(aside).max() > _NEAR:
+            yield "moves aside, which wheels do not"
+        if speed.max() > robot.v_max + _NEAR or speed.min() < -robot.v_reverse - _NEAR:
+            yield "is faster than v_max or v_reverse"
+        if np.abs(rate).max() > robot.turn_rate + _NEAR:
+            yield "turns faster than turn_rate"
+        if robot.turning_radius > 0.0 and (np.abs(rate) > np.abs(speed[:, 0]) / robot.turning_radius + _NEAR).any():
+            yield "turns tighter than turning_radius"
+        if (np.abs(np.diff(rate)) > min(robot.alpha_max, _AT_ONCE) * dt * (1 + _NEAR) + 1e-12).any():
+            yield "turns with more than alpha_max"
+    elif np.hypot(*speed.T).max() > robot.v_max + _NEAR:
+        yield "is faster than v_max"
+    change = np.diff(speed, axis=0)
+    falls = (speed[1:] * change).sum(axis=1) <= 0.0
+    brake = robot.a_max if robot.brake_max is None else robot.brake_max
+    most = np.where(falls, min(brake, _AT_ONCE), min(robot.a_max, _AT_ONCE)) * dt
+    if (np.sqrt((change**2).sum(axis=1)) > most * (1 + _NEAR) + 1e-12).any():
+        yield "accelerates with more than a_max or brakes with more than brake_max"
+    if len(dt):
+        after = _poses(robot, motion, np.arange(len(dt)), dt)
+        if np.hypot(*(after[:, :2] - motion.xy[1:]).T).max() > _DRIFT:
+            yield "a place is not where the velocities lead"
+        if np.abs(after[:, 2] - motion.heading[1:]).max() > _DRIFT and (wheels or robot.footprint is not None):
+            yield "a heading is not where the turn rates lead"
+
+
+def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Floats) -> Floats:
+    """Poses (x, y, heading) float64[M, 3], `after` s into the steps of those numbers."""
+    dt = np.diff(motion.t)[step]
+    speed, rate = _speeds(robot, motion), motion.turn_rate
+    gain, spin = (speed[step + 1] - speed[step]) / dt[:, None], (rate[step + 1] - rate[step]) / dt
+    heading = motion.heading[step] + (rate[step] + spin * after / 2.0) * after
+    if robot.drive == "holonomic":
+        moved = (speed[step] + gain * after[:, None] / 2.0) * after[:, None]
+        return np.column_stack((motion.xy[step] + moved, heading))
+    when = after[:, None] * (_NODES + 1.0) / 2.0
+    angle = motion.heading[step][:, None] + (rate[step][:, None] + spin[:, None] * when / 2.0) * when
+    part = (speed[step] + gain * when) * _WEIGHTS * after[:, None] / 2.0
+    moved = np.column_stack(((part * np.cos(angle)).sum(axis=1), (part * np.sin(angle)).sum(axis=1)))
+    return np.column_stack((motion.xy[step] + moved, heading))
+
+
+def _wall_faults(grid: Grid, robot: RobotSpec, motion: Motion) -> Iterator[str]:
+    """Cut steps in half until the gaps at both ends of each are more than any point of the body moves in it."""
+    walls, n = _Walls(grid, robot), len(motion.t)
+    if walls.inside(motion.xy[0]):
+        yield "begins in a wall"
+        return
+    gap = walls.gaps(np.column_stack((motion.xy, motion.heading)))
+    if gap.min() < -_NEAR:
+        yield f"touches a wall at {motion.t[int(np.argmin(gap))]:.2f} s"
+        return
+    step = np.arange(n - 1)
+    fastest = np.sqrt((_speeds(robot, motion) ** 2).sum(axis=1)) + np.abs(motion.turn_rate) * robot.radius
+    fastest = np.maximum(fastest[:-1], fastest[1:])  # speeds are linear, or convex, between knots
+    low, high, before, beyond = np.zeros(n - 1), np.diff(motion.t), gap[:-1], gap[1:]
+    while len(step):
+        moves = fastest[step] * (high - low)
+        open_ = (before + beyond < moves) & (moves > _FINEST)
+        step, low, high, before, beyond = step[open_], low[open_], high[open_], before[open_], beyond[open_]
+        if not len(step):
+            return
+        middle = (low + high) / 2.0
+        gap = walls.gaps(_poses(robot, motion, step, middle))
+        if gap.min() < -_NEAR:
+            worst = int(np.argmin(gap))
+            yield f"touches a wall at {motion.t[step[worst]] + middle[worst]:.2f} s"
+            return
+        step, low, high = np.tile(step, 2), np.concatenate((low, middle)), np.concatenate((middle, high))
+        before, beyond = np.concatenate((before, gap)), np.concatenate((gap, beyond))
+
+
+class _Walls:
+    """The blocked cells that a body which begins outside of them has to pass first, and the map's edges."""
+
+    def __init__(self, grid: Grid, robot: RobotSpec) -> None:
+        self.grid, self.size = grid, grid.resolution
+        padded = np.pad(grid.blocked, 1)
+        hidden = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+        cells = np.argwhere(grid.blocked & ~hidden)
+        self.middles = (cells[:, ::-1] + 0.5) * self.size
+        self.tree = cKDTree(self.middles) if len(cells) else None
+        self.corners = np.zeros((1, 2)) if robot.footprint is None else np.array(robot.footprint)
+        self.rounding = robot.radius if robot.footprint is None else 0.0
+        self.far = robot.radius + 2.0 * self.size + _FINEST  # cells whose middles are farther do not matter
+
+    def inside(self, xy: Floats) -> bool:
+        """Tell whether a point lies in a blocked cell or off the map."""
+        (row, col), shape = np.floor(self.grid.to_points(xy)[0] + 0.5).astype(int), self.grid.shape
+        return not (0 <= row < shape[0] and 0 <= col < shape[1]) or bool(self.grid.blocked[row, col])
+
+    def gaps(self, poses: Floats) -> Floats:
+        """Gap of the body from walls for each pose (x, y, heading), m; below 0 where they overlap, never more than there is.
+
+        Between polygons it is the widest gap along the normals of either, at most the reach of what is looked at.
+        """
+        place = (self.grid.to_points(poses[:, :2]) + 0.5)[:, ::-1] * self.size  # from the map's corner, along its axes
+        heading = poses[:, 2] - self.grid.origin[2]
+        c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+        xs = place[:, :1] + c * self.corners[:, 0] - s * self.corners[:, 1]
+        ys = place[:, 1:] + s * self.corners[:, 0] + c * self.corners[:, 1]
+        rows, cols = self.grid.shape
+        edges = np.minimum.reduce([xs, ys, cols * self.size - xs, rows * self.size - ys]).min(axis=1) - self.rounding
+        gap: Floats = np.minimum(edges, _FINEST + self.size / 2.0)
+        if self.tree is None:
+            return gap
+        near = [np.asarray(one, np.int64) for one in cast("list[list[int]]", self.tree.query_ball_point(place, self.far))]
+        pose = np.repeat(np.arange(len(poses)), [len(one) for one in near])
+        if not len(pose):
+            return gap
+        middle = self.middles[np.concatenate(near)]
+        np.minimum.at(gap, pose, self._apart(xs[pose] - middle[:, :1], ys[pose] - middle[:, 1:]) - self.rounding)
+        return gap
+
+    def _apart(self, xs: Floats, ys: Floats) -> Floats:
+        """Gap of bodies from the square round (0, 0): corners float64[P, N] each."""
+        half = self.size / 2.0
+        if len(self.corners) == 1:
+            return np.hypot(np.maximum(np.abs(xs[:, 0]) - half, 0.0), np.maximum(np.abs(ys[:, 0]) - half, 0.0))
+        apart: Floats = np.maximum.reduce([xs.min(axis=1), -xs.max(axis=1), ys.min(axis=1), -ys.max(axis=1)]) - half
+        for k in range(len(self.corners)):
+            ex, ey = xs[:, k] - xs[:, k - 1], ys[:, k] - ys[:, k - 1]
+            length = np.hypot(ex, ey)
+            nx, ny = ey / length, -ex / length  # outwards: the corners go round counterclockwise
+            beyond = -nx * xs[:, k] - ny * ys[:, k] - half * (np.abs(nx) + np.abs(ny))
+            apart = np.maximum(apart, beyond)
+        return apart

@@ -1,0 +1,293 @@
+"""Smoothed plans: kernels equal their twins, motions are drivable and clear, never later than with stops at corners (C29)."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from antway import BadParameter, Grid, InvalidPlan, Problem, RobotSpec, Status, check_motion, load_map, plan, smooth, solve
+from antway.cli import app
+from antway.kernels.trajectory import smooth as kernels
+from antway.trajectory.motion import Motion
+from antway.trajectory.profile import stop_at_corners
+from antway.world.robots import load_robot
+from antway.world.rollouts import finite_limits
+from common import cases, random_grid
+from naive import smooth as naive
+
+DIFF = load_robot("diff")
+CAR = RobotSpec(
+    v_max=1.5, a_max=1.0, brake_max=1.5, drive="ackermann", turn_rate=1.9, alpha_max=3.0, turning_radius=0.6,
+    footprint=((-0.35, -0.2), (0.35, -0.2), (0.35, 0.2), (-0.35, 0.2)),
+)  # fmt: skip
+ROBOTS = {
+    "holonomic": RobotSpec(),
+    "inertia": RobotSpec(a_max=1.0, brake_max=2.0),
+    "box": RobotSpec(a_max=1.0, footprint=((-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2))),
+    "diff": DIFF,
+    "jackal": load_robot("jackal"),
+    "car": CAR,
+}
+OFFICE = load_map("office")
+
+
+def curve(points: np.ndarray, samples: int) -> kernels.Curve:
+    """Memory for a curve."""
+    count = (len(points) + 1) * samples + 1
+    return kernels.Curve(points.copy(), np.zeros((count, 2)), np.zeros((count, 2)), *(np.zeros(count) for _ in range(6)))
+
+
+def around(grid: Grid, need: float, points: np.ndarray, discs: tuple = ((0.0, 0.0),)) -> kernels.Surroundings:
+    """All blocked cells of a map as its border."""
+    ends = np.array([(*points[0], need), (*points[-1], need)])
+    return kernels.Surroundings(grid.blocked, grid.clearance(), grid.resolution, need, ends, np.array(discs), False)
+
+
+def wandering(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Control points that go from left to right."""
+    return np.column_stack((np.linspace(0.7, 4.3, count), 2.5 + rng.normal(0.0, 0.3, count).cumsum()))
+
+
+def test_missing_clearance_is_the_distance_from_every_cell() -> None:
+    """Against all blocked squares: what is missing, and 0 where nothing is."""
+    rng = np.random.default_rng(0)
+    for _ in range(cases(10, 300)):
+        grid = Grid(random_grid(rng, 4, 20, (0.0, 0.3)).blocked, float(rng.choice([0.05, 0.25, 1.0])))
+        surroundings = around(grid, 0.4, np.zeros((2, 2)))
+        for x, y in rng.uniform(-0.1, 1.05, (20, 2)) * grid.resolution * np.array(grid.shape[::-1]):
+            free = naive.clearance(grid.blocked, grid.resolution, x, y)
+            assert kernels.missing_clearance(surroundings, x, y, 0.4) == pytest.approx(max(0.4 - free, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_curves_and_speeds_are_those_of_the_twin(name: str) -> None:
+    """Places and curvatures of SciPy's spline; speeds that bisection finds under the same limits."""
+    rng, limits = np.random.default_rng(1), finite_limits(ROBOTS[name])
+    for _ in range(cases(3, 60)):
+        points = wandering(rng, int(rng.integers(4, 12)))
+        one, spare = curve(points, 6), curve(points, 6)
+        kernels.improve(one, spare, around(Grid(np.zeros((5, 5), bool)), 0.0, points), limits, 0, np.zeros(1, np.uint64))
+        xy, kappa = naive.spline(points, 6)
+        assert one.xy == pytest.approx(xy, abs=1e-9) and one.kappa == pytest.approx(kappa, abs=1e-6)
+        assert np.sqrt(one.square) == pytest.approx(np.sqrt(naive.squares(one.kappa, one.ds, limits)), abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["inertia", "diff", "car"])
+def test_the_search_keeps_its_books(name: str) -> None:
+    """After many moves, most undone, curve and cost are those computed anew; the same seed gives the same curve."""
+    rng, limits = np.random.default_rng(2), finite_limits(ROBOTS[name])
+    grid = Grid(rng.random((50, 50)) < 0.02, 0.1)
+    for seed in range(cases(3, 60)):
+        points = wandering(rng, 10)
+        surroundings = around(grid, 0.3, points, ((-0.2, 0.0), (0.2, 0.1)))
+        first, found, again, anew = (curve(points, 8) for _ in range(4))
+        before = kernels.improve(first, curve(points, 8), surroundings, limits, 0, np.zeros(1, np.uint64))
+        cost = kernels.improve(found, curve(points, 8), surroundings, limits, 60, np.array([seed], np.uint64))
+        kernels.improve(again, curve(points, 8), surroundings, limits, 60, np.array([seed], np.uint64))
+        assert cost < before and again.points.tobytes() == found.points.tobytes()
+        anew.points[:] = found.points
+        assert kernels.improve(anew, curve(points, 8), surroundings, limits, 0, np.zeros(1, np.uint64)) == pytest.approx(cost)
+        for a, b in zip(found, anew):
+            assert a == pytest.approx(b, abs=1e-9)
+
+
+def places(rng: np.random.Generator, robot: RobotSpec) -> tuple[Grid, tuple, tuple]:
+    """A random map of 10 x 10 m, sometimes turned, and two points with a path between them."""
+    while True:
+        grid = Grid(rng.random((40, 40)) < 0.03, 0.25, (*rng.uniform(-5, 5, 2), float(rng.choice([0.0, 0.7]))))
+        room = grid.inflate(robot.radius)
+        free = np.argwhere(~room.blocked)
+        start, goal = (tuple(map(int, cell)) for cell in free[rng.integers(len(free), size=2)])
+        path = solve(Problem(room, start, goal), "jps")
+        if path.status is Status.FOUND and path.length > 2.0:
+            return grid, start, goal
+
+
+def sampled(grid: Grid, robot: RobotSpec, motion: Motion) -> float:
+    """Least clearance of the body's outline at the knots, from every cell: sampled along the outline."""
+    outline = np.zeros((1, 2))
+    if robot.footprint is not None:
+        corners = np.array(robot.footprint)
+        outline = np.concatenate([corners + s * (np.roll(corners, -1, axis=0) - corners) for s in (0.0, 0.25, 0.5, 0.75)])
+    least = math.inf
+    for (x, y), heading in zip(motion.xy[::4], motion.heading[::4]):
+        cos, sin = math.cos(heading), math.sin(heading)
+        for px, py in outline @ np.array([[cos, sin], [-sin, cos]]) + (x, y):
+            (row, col), size = grid.to_points((px, py))[0] + 0.5, grid.resolution
+            least = min(least, naive.clearance(grid.blocked, size, col * size, row * size))
+    return least - (robot.radius if robot.footprint is None else 0.0)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_plans_are_bent_and_stay_drivable(name: str) -> None:
+    """Plans on random maps become motions within all limits, clear of walls, and no later than with stops at corners (C29)."""
+    robot, rng = ROBOTS[name], np.random.default_rng(3)
+    found = asked = 0
+    for case in range(cases(4, 400)):
+        grid, start, goal = places(rng, robot)
+        path = solve(Problem(grid.inflate(robot.radius), start, goal), "jps")
+        answer = smooth(path, robot, grid=grid, trials=100)
+        asked += 1
+        if answer.motion is None:
+            assert answer.status is Status.NO_PATH and answer.reason, case
+            continue
+        found += 1
+        motion = answer.motion
+        check_motion(grid, robot, motion)
+        assert sampled(grid, robot, motion) >= -1e-6, case
+        assert motion.xy[0] == pytest.approx(grid.centre(start)) and motion.xy[-1] == pytest.approx(grid.centre(goal))
+        assert motion.time <= answer.stop_time and answer.bent == (motion.time < answer.stop_time)
+        assert motion.length / robot.v_max <= motion.time
+    assert found >= 0.75 * asked
+
+
+def test_the_office_is_crossed_at_nearly_full_speed() -> None:
+    """Robots of 1 m/s with inertia cross it within 2 % of the plan's length at full speed; stops cost 15 to 30 % more."""
+    for name in ("inertia", "diff"):
+        path = plan(OFFICE, (1.5, 3.0), (22.0, 12.5), robot_radius=0.3)
+        answer = smooth(path, ROBOTS[name])
+        assert answer.bent and answer.motion.time < 1.02 * answer.bound and answer.motion.time < 0.87 * answer.stop_time
+        again = smooth(path, ROBOTS[name])
+        assert again.motion.xy.tobytes() == answer.motion.xy.tobytes() and again.motion.t.tobytes() == answer.motion.t.tobytes()
+
+
+def test_plans_without_a_path_and_of_one_cell() -> None:
+    """No path stays none; who is there already stands."""
+    wall = np.zeros((20, 20), dtype=bool)
+    wall[:, 10] = True
+    grid = Grid(wall, 0.25)
+    none = smooth(plan(grid, (1.0, 1.0), (4.0, 1.0), robot_radius=0.3), DIFF)
+    assert none.status is Status.NO_PATH and none.motion is None and none.reason
+    stands = smooth(plan(grid, (1.0, 1.0), (1.0, 1.0), robot_radius=0.3), DIFF)
+    assert stands.status is Status.FOUND and stands.motion.time == 0.0
+
+
+def test_where_no_curve_fits_wheels_turn_in_place() -> None:
+    """In the corner of a passage as wide as the robot it stops, turns and drives on; a car finds no motion."""
+    blocked = np.ones((24, 24), dtype=bool)
+    blocked[2:7, 2:21] = blocked[2:21, 16:21] = False  # 0.5 m wide
+    grid = Grid(blocked, 0.1)
+    robot = replace(DIFF, radius=0.25)
+    path = solve(Problem(grid.inflate(0.25), (4, 4), (18, 18)), "jps")
+    answer = smooth(path, robot, grid=grid)
+    check_motion(grid, robot, answer.motion)
+    assert not answer.bent and "touches a wall" in answer.reason and answer.motion.time == answer.stop_time
+    stands = np.hypot(*answer.motion.velocity.T) == 0.0
+    assert np.abs(answer.motion.turn_rate[stands]).max() > 1.0
+    car = replace(CAR, footprint=None, radius=0.25)
+    none = smooth(path, car, grid=grid)
+    assert none.status is Status.NO_PATH and none.motion is None and none.reason
+
+
+def test_stops_at_corners_are_exact() -> None:
+    """Trapezoids on each leg, turns by the limits of turning; a car cannot; equal neighbours count once."""
+    motion = stop_at_corners([(0.0, 0.0), (0.0, 0.0), (2.0, 0.0), (4.0, 0.0), (4.0, 0.25)], DIFF)
+    turn = math.pi / 2
+    spin = turn / 1.9 + 1.9 / 3.0 if turn >= 1.9**2 / 3.0 else 2 * math.sqrt(turn / 3.0)
+    assert motion.time == pytest.approx(5.0 + spin + 2 * math.sqrt(0.25))
+    check_motion(Grid(np.zeros((20, 40), bool), 0.25, (-2.0, -2.0, 0.0)), DIFF, motion)
+    assert motion.heading[[0, -1]] == pytest.approx([0.0, turn])
+    with pytest.raises(BadParameter, match=r"2 points"):
+        stop_at_corners([(0.0, 0.0), (2.0, 0.0), (2.0, 2.0)], CAR)
+    glides = stop_at_corners([(0.0, 0.0), (3.0, 4.0), (3.0, 5.0)], RobotSpec(a_max=1.0))
+    assert glides.time == pytest.approx(6.0 + 2.0)
+
+
+def broken(motion: Motion) -> dict[str, Motion]:
+    """A motion with one thing wrong, by what is then said."""
+    fields = {name: np.array(getattr(motion, name)) for name in ("t", "xy", "heading", "velocity", "turn_rate")}
+
+    def changed(**changes: np.ndarray) -> Motion:
+        return Motion(**({name: array.copy() for name, array in fields.items()} | changes))
+
+    middle = len(motion.t) // 2
+    aside, jump = fields["xy"].copy(), fields["xy"].copy()
+    jump[middle] += 0.01
+    aside[:, 1] += 0.9
+    fast = changed(t=fields["t"] / 1.1, velocity=fields["velocity"] * 1.1, turn_rate=fields["turn_rate"] * 1.1)
+    skid = fields["velocity"].copy()
+    skid[middle] = skid[middle] @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    stops = {name: array[: middle + 1] for name, array in fields.items()}
+    late = fields["t"].copy()
+    late[middle] = late[middle + 1]
+    return {
+        "velocities lead": changed(xy=jump),
+        "touches a wall": changed(xy=aside),
+        "faster than v_max": fast,
+        "alpha_max": fast,
+        "a_max": fast,
+        "moves aside": changed(velocity=skid),
+        "turn rates lead": changed(turn_rate=fields["turn_rate"] + 0.3 * np.sin(np.linspace(0.0, math.pi, len(motion.t)))),
+        "both ends": Motion(**stops),
+        "do not increase": changed(t=late),
+        "not finite": changed(heading=np.full(len(motion.t), math.nan)),
+        "shape": changed(heading=fields["heading"][:-1]),
+    }
+
+
+def test_the_check_rejects_every_broken_motion() -> None:
+    """Each kind of fault is found and named."""
+    motion = smooth(plan(OFFICE, (1.5, 3.0), (22.0, 12.5), robot_radius=0.3), DIFF).motion
+    check_motion(OFFICE, DIFF, motion)
+    for what, wrong in broken(motion).items():
+        with pytest.raises(InvalidPlan, match=what):
+            check_motion(OFFICE, DIFF, wrong)
+    with pytest.raises(InvalidPlan, match="tighter than turning_radius"):
+        check_motion(OFFICE, replace(DIFF, drive="ackermann", turning_radius=3.0), motion)
+    with pytest.raises(InvalidPlan, match="turn_rate"):
+        check_motion(OFFICE, replace(DIFF, turn_rate=0.5), motion)
+    with pytest.raises(InvalidPlan, match="begins in a wall"):
+        check_motion(Grid(np.ones(OFFICE.shape, bool), OFFICE.resolution), DIFF, motion)
+
+
+def test_walls_are_checked_between_knots() -> None:
+    """A post of one cell between two knots 4 m apart is found, and so is a corner that sweeps out in a turn in place."""
+    blocked = np.zeros((40, 60), dtype=bool)
+    blocked[20, 30] = True
+    grid = Grid(blocked, 0.1)
+    across = stop_at_corners([(0.5, 2.05), (5.5, 2.05)], RobotSpec(a_max=1.0))
+    with pytest.raises(InvalidPlan, match="touches a wall"):
+        check_motion(grid, RobotSpec(a_max=1.0), across)
+    check_motion(
+        grid, replace(RobotSpec(a_max=1.0), radius=0.2), stop_at_corners([(0.5, 2.35), (5.5, 2.35)], RobotSpec(a_max=1.0))
+    )
+    long = replace(DIFF, footprint=((-0.6, -0.1), (0.6, -0.1), (0.6, 0.1), (-0.6, 0.1)))
+    turns = stop_at_corners([(1.0, 1.0), (3.05, 1.6), (3.06, 3.0)], long)
+    beside = Grid(np.roll(blocked, (-4, 4), axis=(0, 1)), 0.1)  # at (3.45, 1.65)
+    with pytest.raises(InvalidPlan, match="touches a wall"):
+        check_motion(beside, long, turns)
+
+
+def test_the_command_smooths(tmp_path) -> None:
+    """`antway plan --smooth` prints, draws and gives the motion as JSON; what it needs and does not take is said."""
+    asked = ["plan", "office", "--start", "1.5,3", "--goal", "22,12.5"]
+    result = CliRunner().invoke(app, [*asked, "--robot", "diff", "--smooth", "--json", "--out", str(tmp_path / "motion.png")])
+    record = json.loads(result.stdout)
+    assert result.exit_code == 0 and record["bent"] and record["time"] < record["stop_time"]
+    assert (tmp_path / "motion.png").stat().st_size > 10_000
+    motion = Motion(**{name: np.array(values) for name, values in record["motion"].items()})
+    check_motion(OFFICE, DIFF, motion)
+    words = CliRunner().invoke(app, [*asked, "--robot", "turtlebot4", "--smooth"])
+    assert "along a curve" in words.stdout and "at full speed" in words.stdout
+    for wrong in (
+        ["--smooth"],
+        ["--smooth", "--robot", "diff", "--radius", "0.3"],
+        ["--smooth", "--robot", "diff", "--pareto"],
+    ):
+        with pytest.raises(BadParameter, match=r"smooth|radius"):
+            CliRunner().invoke(app, [*asked, *wrong], catch_exceptions=False)
+
+
+def test_wrong_input_raises() -> None:
+    """Numbers out of range, and a plan that knows no map."""
+    path = plan(OFFICE, (1.5, 3.0), (22.0, 12.5), robot_radius=0.3)
+    for wrong in ({"margin": -0.1}, {"trials": 0}, {"seed": -1}, {"grid": 3}):
+        with pytest.raises(BadParameter, match=next(iter(wrong))):
+            smooth(path, DIFF, **wrong)
+    with pytest.raises(BadParameter, match="grid"):
+        smooth(replace(path, grid=None), DIFF)
