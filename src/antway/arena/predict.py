@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.arena.environments import read_tracks
 from antway.errors import BadScenario
-from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
+from antway.kernels.tracking.averages import COLUMNS, MODELS, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.spread import PEOPLE_DOF, learnt_factor, people_variance, tube_radius
 
@@ -169,14 +169,14 @@ def _estimates(file: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDA
         ]
     )
     table = table[np.argsort(table[:, 0], kind="stable")]
-    memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(POOL)
+    memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(MODELS)
     times, rows, last = [], [], []
     for t in np.unique(table[:, 0]):
         scan = table[table[:, 0] == t]
         estimates = np.zeros((len(scan), 8))
         estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
         out = np.empty_like(estimates)
-        count = averaged(memory, count, pool, estimates, float(t), 0.0, out)
+        count = averaged(memory, count, pool, estimates, float(t), out)
         known = scan[:, 6] >= PAST - 1e-9
         times.append(np.full(int(known.sum()), t))
         rows.append(out[known])

@@ -134,7 +134,7 @@ class Sipp(Follow):
             terrain = terrain_of(self.task.grid)
             seen = np.column_stack((o.tracks.xy, estimates[:, 2:]))  # not moved on to now: it may have turned back since
             self.edges = self.edges and not crosses_edge(seen, terrain)
-            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0, self.edges)
+            margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, edges=self.edges)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body

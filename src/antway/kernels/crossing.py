@@ -18,13 +18,15 @@ from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
 from antway.kernels.tracking.crowd import foresee
-from antway.kernels.tracking.predict import VX, VY, TubeMargins, X, Y, predict, time_shift
+from antway.kernels.tracking.foretold import compared, foretell
+from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
 # Entries of `Plan.state`: number of knots, arrival at the goal in s, cycles in which a plan was made, when to look for a better
 # one though all goes as foreseen, lower bound on any arrival as last found, number of motion segments predicted, time in s that
 # was given of late for room to spare.
 COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN, SPENT = range(7)
+_LITTLE = 0.01  # s; room worth less than this is not looked for
 _FORGETS = 0.1  # of the time spent on room, in s a second: who dodges to and fro pays once
 _PAUSE = 0.25  # s; while all goes as foreseen the ants look for a better plan only so often
 _SAME = 1e-3  # m and m/s; an obstacle goes as foreseen if it is no farther from where it was to be, with that velocity
@@ -51,7 +53,7 @@ class Settings(NamedTuple):
     tubes: TubeMargins
     bare: TubeMargins  # where no path keeps those, one is taken that keeps these; of no robot radius: none is
     roomy: TubeMargins  # a plan that keeps these is better than one that does not; of no robot radius: it is not
-    spare_worth: float  # s; if it arrives no more than this later, less what was spent of late
+    spare_worth: float  # s^2/m; if it arrives no more than this, times how wrong velocities are, later, less what was spent of late
     colony: ColonySettings
 
 
@@ -59,9 +61,12 @@ class Crowd(NamedTuple):
     """What is known of obstacles that avoid one another, and where they will go; see kernels/tracking/crowd.py."""
 
     rows: NDArray[np.float64]  # [M, COLUMNS]
-    known: NDArray[np.int64]  # [1] rows in use
+    known: NDArray[np.int64]  # [2] rows in use, and those of `foretold`
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
+    foretold: NDArray[np.float64]  # [M, foretold.COLUMNS] and how well predictions have held: kernels/tracking/foretold.py
+    pool: NDArray[np.float64]  # [2]
+    wrong: NDArray[np.float64]  # [M] m/s
 
 
 class Plan(NamedTuple):
@@ -206,11 +211,18 @@ def cycle(
     Arrivals are absolute, s; `estimates` are as kernels/tracking/kalman.py leaves them, `age` s old.
     """
     s, (x, y), averaged = settings, xy, crowd.averaged[: len(estimates)]
-    # Predict where everything will be.
-    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, now - age, s.preferred_speed, crowd.prediction)
+    # See how predictions have held, and predict where everything will be.
+    wrong, seen = crowd.wrong[: len(estimates)], now - age
+    crowd.known[1] = compared(crowd.foretold, crowd.known[1], crowd.pool, averaged, seen, wrong)
+    worth = 0.0
+    if s.roomy.robot_radius > 0.0 and len(estimates) > 0:
+        averaged[:, SIGMA_V] = wrong
+        worth = s.spare_worth * wrong.mean()
+    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, seen, s.preferred_speed, crowd.prediction)
     foreseen = _as_foreseen(averaged, now, age, plan.segments[: int(plan.state[FORESEEN])])
     trajectories = crowd.prediction[: len(estimates)]
     count = predict(averaged, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
+    foretell(crowd.foretold, crowd.known[1], averaged, seen, plan.segments[:count])
     plan.state[FORESEEN] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
     # Test the plan in use, and look for a better one: with room to spare first, then with the margins, else without.
@@ -219,11 +231,11 @@ def cycle(
     plan.state[SPENT] = max(plan.state[SPENT] - _FORGETS * s.dt, 0.0)
     if not (valid and foreseen and now < plan.state[LOOK] - 1e-9):
         spare, budget = False, s.improvement_expansions if valid else s.expansions
-        if s.roomy.robot_radius > 0.0 and count > 0:
+        if worth > _LITTLE and count > 0:
             count = predict(averaged, now, age, s.horizon, x, y, s.roomy, terrain, trajectories, plan.roomy)
             roomy = Predictions(plan.roomy[:count], time_shift(s.roomy), np.empty(2))
             spare, _ = _still_good(s, plan, roomy, now, x, y)
-            before, left = plan.state[ARRIVAL], max(s.spare_worth - plan.state[SPENT], 0.0)
+            before, left = plan.state[ARRIVAL], max(worth - plan.state[SPENT], 0.0)
             limit = before + (-s.hysteresis if spare else left) if valid or grazes else math.inf
             limit += _owed(context, s, plan, now)
             found = _look(memory, trails, context, s, plan, roomy, now, xy, limit, budget, state)
@@ -231,7 +243,7 @@ def cycle(
                 plan.state[SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
         limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
         if found or spare:
-            limit, budget = plan.state[ARRIVAL] - s.spare_worth, s.improvement_expansions
+            limit, budget = plan.state[ARRIVAL] - worth, s.improvement_expansions
         limit += _owed(context, s, plan, now)
         if _look(memory, trails, context, s, plan, predictions, now, xy, limit, budget, state):
             found = True

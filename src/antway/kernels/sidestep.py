@@ -17,7 +17,7 @@ HOLD = 0.2  # s; the robot leaves the plan for so long, and goes on beside it
 STEPS = 8  # in which the plan is looked at
 _SIDES = 16  # directions tried, at full and at half speed
 _COST = 0.05  # chance of contact that a turn from full speed to a stand has to save
-_SIGMA = 0.01  # m; standard deviation of a track's place now
+_LEAD = 0.1  # s; in which a track's place has become uncertain before now
 _NEVER = 0.01  # a chance of contact below this changes nothing
 _LOGISTIC = 1.7  # 1 / (1 + exp(1.7 z)) is nearly the chance that a normal number is above z
 
@@ -59,7 +59,7 @@ def chance_of_contact(
             dx, dy = rx - qx, ry - qy
             dd = dx * dx + dy * dy
             s = min(max(-(qx * dx + qy * dy) / dd, 0.0), 1.0) if dd > 0.0 else 0.0
-            sigma = _SIGMA + estimates[k, SIGMA_V] * (i + s) * h
+            sigma = estimates[k, SIGMA_V] * (_LEAD + (i + s) * h) + 1e-6
             least = min(least, (math.hypot(qx + dx * s, qy + dy * s) - body) / sigma)
             qx, qy = rx, ry
         total += 1.0 / (1.0 + math.exp(min(_LOGISTIC * least, 50.0)))

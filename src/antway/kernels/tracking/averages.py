@@ -31,11 +31,6 @@ _KEPT, _POOL_KEPT = 0.8, 0.95  # what is left of old errors, of one track and of
 _POOL_WEIGHT = 2.0  # comparisons of its own that the errors of all tracks count as
 _BETTER = 0.9  # an average is taken if its error is smaller by that than that of the last velocity
 _LOST = 1.0  # s
-MEDIAN = MODELS  # entry of the pool after the errors of all models: the median of the last velocity's squared errors, m^2/s^2
-SEEN = MODELS + 1  # and how many comparisons there were
-POOL = MODELS + 2  # entries of the pool
-_STEP, _LEAST = 0.1, 1e-4  # share by which the median moves with each comparison; m^2/s^2, no less than this
-_FIRST = 2.0  # comparisons n = 0, 1, ... move it by _FIRST / (_FIRST + n), down to _STEP: what it begins with is soon forgotten
 
 
 @kernel
@@ -45,7 +40,6 @@ def averaged(
     pool: NDArray[np.float64],
     estimates: NDArray[np.float64],
     t: float,
-    floor: float,
     out: NDArray[np.float64],
 ) -> int:
     """Copy `estimates` to `out` with the velocities that foretell best; returns how many rows are in use.
@@ -54,9 +48,8 @@ def averaged(
     ----------
     rows : float64[M, COLUMNS]
         What is known of each track, rows below `count`.
-    pool : float64[POOL]
-        Errors of each model over all tracks, the median (0 where all keep their velocities but for a turn now and then), and
-        how many comparisons there were.
+    pool : float64[MODELS]
+        Errors of each model over all tracks.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     """
@@ -103,10 +96,6 @@ def averaged(
                         off = ((estimates[k, X] - x) ** 2 + (estimates[k, Y] - y) ** 2) / (since * since)
                         row[_ERROR + m] = _KEPT * row[_ERROR + m] + off
                         pool[m] = _POOL_KEPT * pool[m] + (1.0 - _POOL_KEPT) * off
-                        if m == 0:
-                            step = max(_FIRST / (_FIRST + pool[SEEN]), _STEP)
-                            pool[MEDIAN] = max(pool[MEDIAN] * math.exp(step if off > pool[MEDIAN] else -step), _LEAST)
-                            pool[SEEN] += 1.0
                     row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
                 row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimates[k, X], estimates[k, Y]
                 for m in range(MODELS):
@@ -118,7 +107,7 @@ def averaged(
                 best, least = m, row[_ERROR + m] + _POOL_WEIGHT * pool[m]
         out[k, VX], out[k, VY] = _velocity(row, best, vx, vy)
         squared = 0.5 * (row[_ERROR + best] + _POOL_WEIGHT * pool[best]) / (row[_COMPARED] + _POOL_WEIGHT)
-        out[k, SIGMA_V] = math.sqrt(estimates[k, SIGMA_V] ** 2 + max(squared, floor * floor))
+        out[k, SIGMA_V] = math.sqrt(estimates[k, SIGMA_V] ** 2 + squared)
     return count
 
 

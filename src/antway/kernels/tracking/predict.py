@@ -21,6 +21,7 @@ _TIERS = (0.5, 1.0)  # s; a tube widens in steps, at these times from now
 LATER = 2.5  # s; from then on a robot spares tracks that turn less than their whole clearance radius
 _SPARED = 0.1  # m; namely so much less
 _FULL = 1.5  # s; so far ahead all of the extra room is kept, and the less the nearer: a plan that had it may lose it by and by
+_FINE = 1e-3  # m; what is known so well has a tube of one width
 _KNOWN = 1.0  # s; tubes widen no further than here: by then there is a newer plan, and a wider tube would close every path
 
 
@@ -35,7 +36,8 @@ class TubeMargins(NamedTuple):
     stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from where it was so long before
     vector_bound: float = math.inf  # m/s^2; no obstacle's velocity changes faster, as a vector; where finite, a moving robot
     # keeps clear of what an obstacle could reach in that time of where it is predicted
-    extra: float = 0.0  # m; so much more is kept, as far as there is room for it now, from an obstacle that keeps its velocity
+    sway: float = 0.0  # s; times how wrong a track's velocity is foretold: added to the margin,
+    extra: float = 0.0  # s; and this times that is kept beyond, as far as there is room for it now, from one that keeps its velocity
     edges: bool = True  # whether obstacles turn back at the edges of the map as they do at walls
 
 
@@ -104,7 +106,7 @@ def predict(
     """
     n = 0
     size = terrain.resolution
-    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time, vector_bound, extra, edges = margins
+    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time, vector_bound, sway, extra, edges = margins
     before = time_shift(margins)
     for k in range(len(estimates)):
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
@@ -118,12 +120,13 @@ def predict(
                 runs = min(0.5 * vector_bound * stopping_time * stopping_time, runs + speed * stopping_time)
         held = min(slack + body, math.hypot(x + vx * (age - before) - robot_x, y + vy * (age - before) - robot_y))
         spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
-        within = held < body + margin + quantile * spread + runs
+        kept, more = margin + sway * estimates[k, SIGMA_V], extra * estimates[k, SIGMA_V]
+        within = held < body + kept + quantile * spread + runs
+        sure = quantile * math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * _KNOWN) + more < _FINE
         x, y, t, mirrors = x - vx * before, y - vy * before, -age - before, 0
         turns = k < len(prediction) and not math.isnan(prediction[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon
-            sure = estimates[k, SIGMA] == 0.0 and estimates[k, SIGMA_V] == 0.0
             if not sure:
                 for tier in _TIERS:
                     if tier > t + 1e-9:
@@ -154,9 +157,9 @@ def predict(
             until = t + share * (end - t) if hit else end
             if until > t:
                 variance = estimates[k, SIGMA] ** 2 + (estimates[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
-                wide = margin + quantile * math.sqrt(variance)
+                wide = kept + quantile * math.sqrt(variance)
                 if not turns:
-                    wide += min(extra * min(max(until + age, 0.0) / _FULL, 1.0), max(slack - wide, 0.0))
+                    wide += min(more * min(max(until + age, 0.0) / _FULL, 1.0), max(slack - wide, 0.0))
                 out[n, records.T0], out[n, records.T1] = now + t, now + until
                 out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
                 out[n, records.CONTACT_RADIUS] = body + max(min(wide, slack - 1e-6), 0.0)

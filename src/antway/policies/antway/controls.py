@@ -13,7 +13,6 @@ from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
-from antway.kernels.tracking import foretold
 from antway.kernels.tracking.predict import SIGMA
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
@@ -21,7 +20,6 @@ from antway.world.robots import RobotSpec
 from antway.world.rollouts import RobotState, commanded, finite_limits, static_field
 
 _DISCS = 64  # at most, near one another at one time
-_WRONG = 0.05  # m/s; how wrong velocities are taken to be foretold before any was compared
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
 _NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
 _ALIKE = 0.3  # m; paths no farther apart are one
@@ -128,7 +126,6 @@ class ControlColony:
             wide_a=0.35 * robot.v_max,
             wide_b=0.35 * turn,
         )
-        self.foretold, self.known, self.pool = np.zeros((128, foretold.COLUMNS)), 0, np.array([_WRONG])
         self.slowness = max(_NIMBLE / robot.v_max, 1.0)
         self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
         self.averaging = None
@@ -165,22 +162,17 @@ class ControlColony:
         self.state = np.zeros(5)
         self.start = 0.0
 
-    def spread(self, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how wrong places (m) and velocities (m/s) of the tracks are, float64[K, 2], by how predictions have held.
+    def spread(self, estimates: NDArray[np.float64], wrong: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how wrong places (m) and velocities (m/s) of the tracks are, float64[K, 2].
 
         Parameters
         ----------
-        estimates, segments : float64[K, 8], float64[P, 8]
-            Of kernels/tracking/predict.py, at time `t` s.
+        estimates : float64[K, 8]
+            Of kernels/tracking/predict.py.
+        wrong : float64[K]
+            Of kernels/tracking/foretold.py.
         """
-        n = len(estimates)
-        if n + self.known > len(self.foretold):
-            self.foretold = np.vstack((self.foretold, np.zeros((2 * n, foretold.COLUMNS))))
-        sigma, wrong = np.empty((n, 2)), np.empty(n)
-        arguments = self.foretold, self.known, self.pool, estimates, t, segments, wrong
-        self.known = entry(foretold.foretold, *arguments)(*arguments)
-        sigma[:, 0], sigma[:, 1] = estimates[:, SIGMA], np.maximum(wrong, self.unsure)
-        return sigma
+        return np.column_stack((estimates[:, SIGMA], np.maximum(wrong, self.unsure)))
 
     def act(
         self,

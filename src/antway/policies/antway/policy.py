@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from statistics import NormalDist
@@ -22,19 +23,15 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import EXPANSIONS, SEGMENTS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
-from antway.kernels.tracking import crowd
+from antway.kernels.tracking import crowd, foretold
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.averages import MEDIAN, averaged
-from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, crosses_edge
+from antway.kernels.tracking.averages import averaged
+from antway.kernels.tracking.predict import VX, VY, TubeMargins, crosses_edge
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
-    CLOSE,
-    SWAYS,
-    TURNS,
-    WIDE,
     Paces,
     State,
     as_estimated,
@@ -44,7 +41,6 @@ from antway.policies.antway.state import (
     make_trails,
     shared_memory,
     variances,
-    with_margins,
     without_edges,
 )
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
@@ -62,11 +58,11 @@ _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well
 _NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
 _STANDS = 1.0  # s; an explanation stands no longer, even while the plan does
 _NEAR = 0.8  # m; a track without a name is found if it is no farther from where it was predicted
-_DISCOUNT = 0.3  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
-_SPARE = 0.15  # m; so much more than its margins a plan keeps of what is 1.5 s ahead and later,
-_SPARE_WORTH = 0.3  # s; if it arrives no more than this later
-_PEOPLE_SPREAD = 0.1  # m/s; standard deviation, along one axis, of how people's velocities change in 0.8 s, at least
-_MOSTLY = 1.5  # times the median error of velocities; what is beyond is no swaying but a turn now and then
+_DISCOUNT = float(os.environ.get("DISC","0.5"))  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
+_MARGIN = 0.005  # m; least distance kept to predicted obstacles,
+_SWAY = float(os.environ.get("SWAY","0.3"))  # s; and times how wrong a track's velocity is foretold
+_SPARE = float(os.environ.get("SPARE","2.0"))  # s; times the same a plan keeps more of what is 1.5 s ahead and later,
+_SPARE_WORTH = float(os.environ.get("WORTH","4.0"))  # s^2/m; if it arrives no more than this, times the mean of the same, later
 _WALKS = 0.3  # m/s; once a track was so fast, the fastest seen is what all who avoid others are taken to prefer
 _NOISY = 1e-4  # m^2; median of the squared innovations from which on the guard is given estimates in place of measurements
 _EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle of theirs
@@ -199,7 +195,13 @@ class AntwayPolicy:
             trails=make_trails(cells),
             plan=Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.empty((SEGMENTS, 8)), np.empty((SEGMENTS, 8)), empty),
             crowd=Crowd(
-                np.zeros((256, crowd.COLUMNS)), np.zeros(1, np.int64), np.empty((256, crowd.STEPS, 2)), np.zeros((256, 8))
+                np.zeros((256, crowd.COLUMNS)),
+                np.zeros(2, np.int64),
+                np.empty((256, crowd.STEPS, 2)),
+                np.zeros((256, 8)),
+                np.zeros((256, foretold.COLUMNS)),
+                np.array([foretold.FIRST, 0.0]),
+                np.zeros(256),
             ),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
@@ -224,12 +226,13 @@ class AntwayPolicy:
         strict = self._strict(task)
         tubes = TubeMargins(
             robot_radius=robot.radius,
-            margin=(CLOSE if strict or inertia else WIDE) if self.margin is None else self.margin,
+            margin=_MARGIN if self.margin is None else self.margin,
             quantile=self.quantile if strict else 0.0 if inertia else self.quantile * _DISCOUNT,
             speed_bound=float(task.obstacle_speed) if guarded else 0.0,
             acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
             stopping_time=stopping if guarded else 0.0,
             vector_bound=assumed_accel(task, self.mode),
+            sway=0.0 if strict or inertia or self.margin is not None else _SWAY,
         )
         bare = TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
         return Settings(
@@ -281,7 +284,7 @@ class AntwayPolicy:
             late, seen, state = acting(observation, s.task.robot)
             _, _, what, arrival, bound = self._predict_and_plan(s, seen, known, age + late)
             n, m = int(s.plan.state[COUNT]), int(s.plan.state[FORESEEN])
-            sigma = s.controls.spread(s.estimates[:known], observation.t - age, s.plan.segments[:m])
+            sigma = s.controls.spread(s.estimates[:known], s.crowd.wrong[:known])
             command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
             command, did = self._guarded(s, observation, known, command)
             what = KEPT if s.controls.same_path() else NEW
@@ -298,9 +301,7 @@ class AntwayPolicy:
         if s.settings.roomy.robot_radius == 0.0 or known == 0:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[COUNT])], (float(o.xy[0]), float(o.xy[1]))
-        people = s.crowd.averaged[:known].copy()
-        people[:, SIGMA_V] = np.minimum(people[:, SIGMA_V], _MOSTLY * math.sqrt(s.pool[MEDIAN]))
-        arguments = knots, float(o.t), float(age), at, command, people, s.context
+        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context
         return entry(sidestep, *arguments)(*arguments)
 
     def _planned(self, s: State) -> TimedPath | None:
@@ -326,13 +327,7 @@ class AntwayPolicy:
             s.crowd.averaged[:known] = s.estimates[:known]
         else:
             estimates = s.estimates[:known]
-            least = _PEOPLE_SPREAD if s.controls is None else 0.0
-            s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, least, s.crowd.averaged)
-            sways = (s.pool[MEDIAN] >= SWAYS or s.pool[0] >= TURNS) and s.controls is None
-            if sways != (s.settings.roomy.robot_radius > 0.0):
-                s.settings = with_margins(s.settings, s.task.robot.radius if sways else 0.0, self.margin)
-            if not sways and s.controls is None:
-                s.crowd.averaged[:known] = estimates
+            s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, s.crowd.averaged)
         return known, o.t - stamp
 
     def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:

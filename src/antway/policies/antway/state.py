@@ -24,12 +24,6 @@ from antway.policies.antway.controls import ControlColony
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task, Tracks
 
-SWAYS, PRIOR = 0.02**2, 0.1**2  # m^2/s^2; median of squared errors of velocities from which on a plan keeps room, and at first
-TURNS = 0.3  # m^2/s^2; or mean of them: many fast obstacles turn
-WIDE, CLOSE = (
-    0.03,
-    0.005,
-)  # m; margins to what may sway, and to what keeps to its predictions or is kept clear by a strict guard
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
@@ -92,7 +86,7 @@ class State:
     noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, averages.COLUMNS)))
     averaging: int = 0
-    pool: NDArray[np.float64] = field(default_factory=lambda: np.array([0.0] * averages.MODELS + [PRIOR, 0.0]))
+    pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(averages.MODELS))
     fastest: float = 0.0
     started: float = math.nan
     path: TimedPath | None = None
@@ -189,16 +183,6 @@ def variances(s: State, t: Tracks, stamp: float) -> NDArray[np.float64]:
         variance[:, 0] = noise.place_noise(s.measured, s.noise, stamp, t.id, t.xy, t.velocity)
         variance[:, 1] = 0.0
     return variance
-
-
-def with_margins(settings: Settings, radius: float, margin: float | None) -> Settings:
-    """Return the settings of a robot of that radius that keeps room to spare and a wide margin, or with radius 0 neither.
-
-    `margin` takes the place of both where it is given, m.
-    """
-    kept = (WIDE if radius > 0.0 else CLOSE) if margin is None else margin
-    tubes, roomy = settings.tubes._replace(margin=kept), settings.roomy._replace(robot_radius=radius)
-    return settings._replace(tubes=tubes, roomy=roomy)
 
 
 def without_edges(settings: Settings) -> Settings:
