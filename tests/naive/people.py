@@ -44,12 +44,12 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     total = 0.0
     for row in estimates:
         where = row[:2] + np.outer(t + age, row[2:4])
-        z = (np.hypot(*(where - robot).T) - radius - row[4]) / (0.01 + row[6] * t)
+        z = (np.hypot(*(where - robot).T) - radius - row[4]) / (row[6] * (0.1 + t) + 1e-6)
         total += 1.0 / (1.0 + math.exp(min(1.7 * z.min(), 50.0)))
     return total
 
 
-def averaged(scans, floor, times=(0.4, 1.2), later=0.8):
+def averaged(scans, times=(0.4, 1.2), later=0.8):
     """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
 
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: (vx, vy, sigma)}.
@@ -78,7 +78,7 @@ def averaged(scans, floor, times=(0.4, 1.2), later=0.8):
                 pending[name] = t, np.array([x, y]), means
             scores = [e + 2.0 * p for e, p in zip(own, pool)]
             best = 0 if 0.9 * scores[0] <= min(scores[1:]) else 1 + int(np.argmin(scores[1:]))
-            sigma = math.sqrt(max(0.5 * scores[best] / (seen + 2.0), floor**2))
+            sigma = math.sqrt(0.5 * scores[best] / (seen + 2.0))
             out[name] = *means[best].tolist(), sigma
     return out
 

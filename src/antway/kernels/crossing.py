@@ -41,6 +41,7 @@ class Settings(NamedTuple):
 
     dt: float  # s
     horizon: float  # s
+    judged: bool  # whether it is noted what is foretold, to be compared with what comes
     preferred_speed: float  # m/s
     hysteresis: float  # s
     tracking_tolerance: float  # m
@@ -53,7 +54,7 @@ class Settings(NamedTuple):
     tubes: TubeMargins
     bare: TubeMargins  # where no path keeps those, one is taken that keeps these; of no robot radius: none is
     roomy: TubeMargins  # a plan that keeps these is better than one that does not; of no robot radius: it is not
-    spare_worth: float  # s^2/m; if it arrives no more than this, times how wrong velocities are, later, less what was spent of late
+    spare_worth: float  # s^2/m; if it arrives no more than this, times how wrong velocities are, later, less what was spent
     colony: ColonySettings
 
 
@@ -216,13 +217,14 @@ def cycle(
     crowd.known[1] = compared(crowd.foretold, crowd.known[1], crowd.pool, averaged, seen, wrong)
     worth = 0.0
     if s.roomy.robot_radius > 0.0 and len(estimates) > 0:
-        averaged[:, SIGMA_V] = wrong
+        averaged[:, SIGMA_V] = np.hypot(estimates[:, SIGMA_V], wrong)
         worth = s.spare_worth * wrong.mean()
     crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, seen, s.preferred_speed, crowd.prediction)
     foreseen = _as_foreseen(averaged, now, age, plan.segments[: int(plan.state[FORESEEN])])
     trajectories = crowd.prediction[: len(estimates)]
     count = predict(averaged, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
-    foretell(crowd.foretold, crowd.known[1], averaged, seen, plan.segments[:count])
+    if s.judged:
+        foretell(crowd.foretold, crowd.known[1], averaged, seen, plan.segments[:count])
     plan.state[FORESEEN] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
     # Test the plan in use, and look for a better one: with room to spare first, then with the margins, else without.

@@ -19,12 +19,11 @@ LATER = 0.8  # s after which a foretold place is compared with the true one
 _KEPT, _POOL_KEPT = 0.8, 0.95  # what is left of old errors, of one track and of all, at each comparison
 _POOL_WEIGHT = 2.0  # comparisons of its own that the errors of all tracks count as
 _LOST = 1.0  # s
-# Errors e, m/s, are averaged as the square of the mean of sqrt(e), which counts rare large ones, as of what turns at once and else
-# goes straight, far less than a mean of squares does. For what is normal with a standard deviation of 1 along an axis it is
-# (2^(1/4) Gamma(5/4))^2; _AXIS is its inverse.
-_AXIS = 1.0 / (math.sqrt(2.0) * math.gamma(1.25) ** 2)
-MEAN, SEEN = range(2)  # entries of the pool: mean root of the errors of all tracks, and how many were compared
-FIRST = math.sqrt(0.1 / _AXIS)  # that mean before any was compared: 0.1 m/s, as of people
+_AXIS = math.sqrt(2.0 / math.pi)  # standard deviation along an axis of what is normal, for a mean distance of 1
+# Of all tracks: the mean error, m/s, and how many were compared. A mean of distances, not of squares: what turns at once, and
+# else goes straight, is not foretold badly all the time.
+MEAN, SEEN = range(2)
+FIRST = 0.1 / _AXIS  # m/s; that mean before any was compared, as of people
 
 
 @kernel
@@ -59,7 +58,7 @@ def compared(
         i = 0
         while i < count and rows[i, _NAME] != estimates[k, NAME]:
             i += 1
-        out[k] = _AXIS * pool[MEAN] ** 2
+        out[k] = _AXIS * pool[MEAN]
         if estimates[k, NAME] < 0.0 or i == len(rows):
             continue
         row = rows[i]
@@ -70,7 +69,7 @@ def compared(
         over = t - row[_DUE]
         if -1e-6 < over < 0.5 * LATER:
             x, y = estimates[k, X] - estimates[k, VX] * over - row[_X], estimates[k, Y] - estimates[k, VY] * over - row[_Y]
-            off = math.sqrt(math.hypot(x, y) / (row[_DUE] - row[_SINCE]))
+            off = math.hypot(x, y) / (row[_DUE] - row[_SINCE])
             row[_ERROR] = _KEPT * row[_ERROR] + off
             row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
             pool[SEEN] += 1.0
@@ -79,7 +78,7 @@ def compared(
         if over > -1e-6:
             row[_DUE] = -math.inf
         row[_SEEN] = t
-        out[k] = _AXIS * ((row[_ERROR] + _POOL_WEIGHT * pool[MEAN]) / (row[_COMPARED] + _POOL_WEIGHT)) ** 2
+        out[k] = _AXIS * (row[_ERROR] + _POOL_WEIGHT * pool[MEAN]) / (row[_COMPARED] + _POOL_WEIGHT)
     return count
 
 

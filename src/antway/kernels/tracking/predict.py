@@ -36,8 +36,8 @@ class TubeMargins(NamedTuple):
     stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from where it was so long before
     vector_bound: float = math.inf  # m/s^2; no obstacle's velocity changes faster, as a vector; where finite, a moving robot
     # keeps clear of what an obstacle could reach in that time of where it is predicted
-    sway: float = 0.0  # s; times how wrong a track's velocity is foretold: added to the margin,
-    extra: float = 0.0  # s; and this times that is kept beyond, as far as there is room for it now, from one that keeps its velocity
+    sway: float = 0.0  # s; times how wrong a track's velocity is foretold: added to the margin
+    extra: float = 0.0  # s; times the same: kept beyond, as far as there is room now, from an obstacle that keeps its velocity
     edges: bool = True  # whether obstacles turn back at the edges of the map as they do at walls
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from statistics import NormalDist
@@ -58,11 +57,11 @@ _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well
 _NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
 _STANDS = 1.0  # s; an explanation stands no longer, even while the plan does
 _NEAR = 0.8  # m; a track without a name is found if it is no farther from where it was predicted
-_DISCOUNT = float(os.environ.get("DISC","0.5"))  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
+_DISCOUNT = 0.3  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
 _MARGIN = 0.005  # m; least distance kept to predicted obstacles,
-_SWAY = float(os.environ.get("SWAY","0.3"))  # s; and times how wrong a track's velocity is foretold
-_SPARE = float(os.environ.get("SPARE","2.0"))  # s; times the same a plan keeps more of what is 1.5 s ahead and later,
-_SPARE_WORTH = float(os.environ.get("WORTH","4.0"))  # s^2/m; if it arrives no more than this, times the mean of the same, later
+_SWAY = 0.2  # s; and times how wrong a track's velocity is foretold
+_SPARE = 1.0  # s; times the same a plan keeps more of what is 1.5 s ahead and later,
+_SPARE_WORTH = 2.0  # s^2/m; if it arrives no more than this, times the mean of the same, later
 _WALKS = 0.3  # m/s; once a track was so fast, the fastest seen is what all who avoid others are taken to prefer
 _NOISY = 1e-4  # m^2; median of the squared innovations from which on the guard is given estimates in place of measurements
 _EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle of theirs
@@ -238,6 +237,7 @@ class AntwayPolicy:
         return Settings(
             dt=robot.dt,
             horizon=self.horizon,
+            judged=True,
             preferred_speed=float(task.obstacle_speed),
             hysteresis=self.hysteresis,
             tracking_tolerance=0.02,
@@ -338,10 +338,12 @@ class AntwayPolicy:
         preferred = s.fastest if s.fastest > _WALKS else float(s.task.obstacle_speed)
         if preferred != s.settings.preferred_speed:
             s.settings = s.settings._replace(preferred_speed=preferred)
-        horizon = min(self.horizon, _NEARBY) if o.t < s.started + _OUTSET - 1e-6 else self.horizon
-        if stopping_time != s.settings.tubes.stopping_time or horizon != s.settings.horizon:
+        judged = o.t >= s.started + _OUTSET - 1e-6
+        horizon = self.horizon if judged else min(self.horizon, _NEARBY)
+        if stopping_time != s.settings.tubes.stopping_time or judged != s.settings.judged:
             s.settings = s.settings._replace(
                 horizon=horizon,
+                judged=judged,
                 tubes=s.settings.tubes._replace(stopping_time=stopping_time),
                 roomy=s.settings.roomy._replace(stopping_time=stopping_time),
             )
