@@ -54,7 +54,9 @@ def home(wheel: Path) -> Iterator[Path]:
         needed = next(Path(p) for p in sys.path if p.endswith("site-packages") and (Path(p) / "numba").is_dir())
         (site / "needed.pth").write_text(f"{needed}\n")
         python, command = folder / "venv" / "bin" / "python", folder / "venv" / "bin" / "antway"
-        command.write_text(f"#!{python}\nfrom antway.__main__ import main\n\nmain()\n")  # as pip writes it
+        command.write_text(
+            f"#!{python}\nfrom antway.__main__ import main\n\nif __name__ == '__main__':\n    main()\n"
+        )  # as pip writes it
         command.chmod(0o755)
         for work in ("work", "tmp"):
             (folder / work).mkdir()
