@@ -25,7 +25,8 @@ class Dwa(Follow):
     with the largest sum of `heading` (1 - angle to the target / pi, after one period), `dist` (time of the first contact, as a
     share of the horizon) and `vel` (speed / v_max); the target is the farthest point of the global path in sight. With none
     admissible contact is put off as long as can be. Candidates of wheels with ramps are the twists in the window that can be
-    reached within a period, and their angle to the target is taken after `aim` s.
+    reached within a period, and their angle to the target is taken after `aim` s; of them only those are taken after which
+    braking, with the same turn rate, ends before any wall.
 
     Parameters
     ----------
@@ -87,6 +88,7 @@ class Dwa(Follow):
         self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
         self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
         self.rolls = robot.wheels and not robot.stepwise
+        self.turning = 0.0
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
@@ -105,13 +107,20 @@ class Dwa(Follow):
             ends = self._ends(o, commands)
         free = np.minimum(ends[:, 0], self.horizon)
         admissible = free > late + robot.dt + np.abs(ends[:, 2]) / (2 * robot.braking)
+        if self.rolls:
+            clear = ends[:, 6] > 0.0
+            admissible &= clear
+            free = np.where(clear, free, 0.0)
         if not admissible.any():
             best = int(np.argmax(free))
             self.decide("brake", "no velocity is safe: contact is put off as long as can be")
+            if self.rolls and not clear.any():
+                commands[best] = 0.0, self.turning  # the stop that kept clear of walls when the last command was given
         else:
             best = int(np.argmax(np.where(admissible, self._value(seen, target, ends, free), -math.inf)))
             self.decide("follow", "the best velocity in the window")
         one, two = commands[best].tolist()
+        self.turning = two
         return commanded(one, two, o.heading, robot) if self.rolls else Command((one, two))
 
     def _candidates(self, o: Observation, target: XY) -> NDArray[np.float64]:
@@ -140,7 +149,7 @@ class Dwa(Follow):
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - state[0], xy[:, 1] - state[1]) - body
         contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)
-        ends = np.empty((len(commands), 6))
+        ends = np.empty((len(commands), 7))
         aim = max(math.ceil(self.aim / robot.dt - 1e-9), 1)
         roll_out_twists(
             commands, np.array(state), robot.limits, robot.dt, max(self.periods, aim), aim,

@@ -11,7 +11,9 @@ from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.motion import drive_roughly
+from antway.kernels.robot.motion import REST, drive_roughly
+
+_ROUGH = 1e-5  # m; by which places of a few periods may be wrong
 
 
 @kernel
@@ -101,9 +103,10 @@ def roll_out_twists(
         After so many periods, >= 1, place and heading are told.
     dt, steps, blocked, frame, xy, velocity, contact_radius
         As in `roll_out`. Within a period the robot's place goes along the chord of its arc.
-    out : float64[C, 6]
+    out : float64[C, 7]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
-        wall or none), speed at the end of the first period, and x, y and heading after `aim` periods, or where it stopped.
+        wall or none), speed at the end of the first period, x, y and heading after `aim` periods, or where it stopped, and
+        whether a period of the command and then braking with its turn rate ends before any wall (`stops_clear`).
     """
     size = frame[2]
     for c in range(len(candidates)):
@@ -129,3 +132,34 @@ def roll_out_twists(
             if contact < math.inf:
                 break
         out[c, 0], out[c, 1] = contact, obstacle
+        out[c, 6] = stops_clear(candidates[c, 0], candidates[c, 1], state, limits, dt, blocked, frame)
+
+
+@kernel
+def stops_clear(
+    cv: float,
+    cw: float,
+    state: NDArray[np.float64],
+    limits: RobotLimits,
+    dt: float,
+    blocked: NDArray[np.bool_],
+    frame: NDArray[np.float64],
+) -> bool:
+    """Tell whether a period of the command (cv, cw), then (0, cw) until the robot stands, keeps clear of walls.
+
+    The disc that is tested along the chord of each period is wider than the robot by what an arc bulges from its chord. Whoever
+    gave such a command can go on with (0, cw), so that a robot that gives no others never drives into a wall.
+    """
+    size = frame[2]
+    x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
+    first = True
+    while first or abs(a) > REST:
+        fastest = max(abs(a), abs(cv)) if first else abs(a)
+        x1, y1, theta, a, b = drive_roughly(x, y, theta, a, b, cv if first else 0.0, cw, limits, dt)
+        bulge = fastest * limits.turn_rate * dt * dt / 8.0 + (_ROUGH if fastest > REST else 0.0)
+        row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
+        to_row, to_col = (y1 - frame[1]) / size - 0.5, (x1 - frame[0]) / size - 0.5
+        if segment_hits_cells(blocked, row, col, to_row, to_col, (limits.radius + bulge) / size, True):
+            return False
+        x, y, first = x1, y1, False
+    return True
