@@ -25,7 +25,7 @@ _QUANTILE = 1.645  # so many standard deviations are added to the radius of an o
 _SHADES = 40_000  # greatest number of cells of pheromone in one frame
 _EDGES = 400  # greatest number of the ants' trails in one frame
 _KNOTS = 300  # greatest number of knots of a planned path in one frame
-_SEEN = 1000  # greatest number of moments for which it is kept what was sensed
+MAX_SEEN = 1000  # greatest number of moments for which it is kept what was sensed
 _ROWS = 300  # greatest number of new rows of the driven path in one frame
 
 
@@ -81,8 +81,8 @@ class View:
         if self.episode.outcome is None:
             self.episode.step()
             self.moments.append(self._moment())
-            if len(self.moments) > _SEEN:
-                self.moments[-_SEEN - 1] = self.moments[-_SEEN - 1]._replace(seen=None)
+            if len(self.moments) > MAX_SEEN:
+                self.moments[-MAX_SEEN - 1] = self.moments[-MAX_SEEN - 1]._replace(seen=None)
 
     def added(self) -> None:
         """Note that a stop was added: the page forgets what it has been told when it is told of a scene."""
