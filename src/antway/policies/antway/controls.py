@@ -13,7 +13,7 @@ from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
-from antway.kernels.tracking.predict import SIGMA
+from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
@@ -172,7 +172,8 @@ class ControlColony:
         wrong : float64[K]
             Of kernels/tracking/foretold.py.
         """
-        return np.column_stack((estimates[:, SIGMA], np.maximum(wrong, self.unsure)))
+        speed = np.hypot(estimates[:, VX], estimates[:, VY])
+        return np.column_stack((estimates[:, SIGMA], np.maximum(wrong, self.unsure * speed)))
 
     def act(
         self,
