@@ -17,7 +17,7 @@ import pytest
 import antway
 from antway import BadParameter, BadScenario, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.base.rng import stream
-from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay
+from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk, Replay, Waypoints
 from antway.world.policy import Command, Decision
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
@@ -256,3 +256,14 @@ def test_importing_antway_is_light() -> None:
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]" and antway.__version__
+
+
+def test_the_least_clearance_may_be_where_an_obstacle_turns() -> None:
+    """An obstacle that turns back between two moments at which the check looks was farther away at both."""
+    turns = Waypoints(((5.25, 3.5), (5.25, 1.2), (5.25, 3.5)), speed=0.75)
+    world = World(Grid(np.zeros((40, 200), bool), resolution=0.1), (Obstacle(0.2, turns),))
+    robot = RobotSpec(radius=0.25, drive="differential", v_max=2.0, a_max=1.0, turn_rate=2.0, alpha_max=3.0, dt=0.2)
+    result = run(Scenario(world, (1.0, 0.5), (9.0, 0.5), robot, horizon=60.0), "follow", seed=25)
+    check_episode(result)
+    with pytest.raises(InvalidPlan, match="min_clearance"):
+        check_episode(replace(result, min_clearance=result.min_clearance + 2e-4))

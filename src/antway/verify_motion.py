@@ -156,13 +156,18 @@ def _finite(limit: float) -> float:
 
 
 def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
-    """Least sampled distance between the edges of robot and obstacle in each cycle, float64[N, K]."""
-    line = trace.timeline
+    """Least distance between the edges of robot and obstacle in each cycle, sampled and where the obstacle turns: float64[N, K]."""
+    line, ends = trace.timeline, times[:, -1]
     gap = np.empty((len(times), len(line)))
     for k, (low, high) in enumerate(pairwise(line.first.tolist())):
         knots, places = line.knot_t[low:high], line.knot_xy[low:high]
         at = np.stack([np.interp(times, knots, places[:, axis]) for axis in (0, 1)], axis=-1)
         gap[:, k] = (_body_distance(trace, states, at) - line.radius[k]).min(axis=1)
+        for t, place in zip(knots, places):
+            i = int(np.searchsorted(ends, t))
+            if i < len(times) and t > times[i, 0]:
+                state = np.array([np.interp(t, times[i], states[i, :, axis]) for axis in range(3)])
+                gap[i, k] = min(gap[i, k], float(_body_distance(trace, state, place)) - line.radius[k])
     return gap
 
 
