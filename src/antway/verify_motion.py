@@ -156,7 +156,7 @@ def _finite(limit: float) -> float:
 
 
 def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
-    """Least distance between the edges of robot and obstacle in each cycle, sampled and where the obstacle turns: float64[N, K]."""
+    """Least distance of the edges of robot and obstacle in each cycle, float64[N, K]: sampled, and where the obstacle turns."""
     line, ends = trace.timeline, times[:, -1]
     gap = np.empty((len(times), len(line)))
     for k, (low, high) in enumerate(pairwise(line.first.tolist())):
