@@ -41,7 +41,8 @@ class ControlOptions:
     progress, off_plan, trust : float
         Weight of the time to go at each step; s for each m off the plan; by how much s the plan's arrival may be bettered.
     unsure : float
-        m/s; velocities of obstacles that may swerve are taken to be at least so wrong, however well they were foretold.
+        Velocities of obstacles that may swerve are taken to be wrong by at least this share of their speed, however well they
+        were foretold.
     margin, wished, near : float
         Room kept to obstacles, room wished for beyond, and s for each m less at each step.
     risk, spread, spread_time, late : float
