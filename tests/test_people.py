@@ -345,8 +345,9 @@ def test_chance_of_contact_is_nearly_what_its_slow_twin_finds() -> None:
         places = np.vstack((np.zeros(2), np.cumsum(rng.uniform(-0.07, 0.07, (steps, 2)), axis=0)))
         people = _estimates(*np.column_stack((rng.uniform(-1.5, 1.5, (3, 2)), rng.uniform(-1.5, 1.5, (3, 2)))))
         aside, age = tuple(rng.uniform(-1.0, 1.0, 2)), float(rng.uniform(0.0, 0.1))
-        found = sidestep.chance_of_contact(places, aside, people, age, 0.3, math.inf)
-        slow = naive.chance_of_contact(places, aside, people, age, 0.3, sidestep.AHEAD, sidestep.HOLD)
+        ahead, hold = float(rng.uniform(0.3, 1.0)), float(rng.uniform(0.1, 0.3))
+        found = sidestep.chance_of_contact(places, aside, people, age, 0.3, math.inf, ahead, hold)
+        slow = naive.chance_of_contact(places, aside, people, age, 0.3, ahead, hold)
         assert found <= slow + 1e-6 and found == pytest.approx(slow, abs=0.03)
         some += slow > 0.1
     assert some > 10
@@ -359,5 +360,5 @@ def test_a_step_aside_leaves_a_person_who_walks_alongside_more_clearance() -> No
     knots = np.array([[0.0, 10.0, 10.1], [8.0, 18.0, 10.1]])
     for y, turns in ((10.73, True), (13.0, False)):
         people = _estimates((10.0, y, 1.0, 0.0))
-        vx, vy = sidestep.sidestep(knots, 0.0, 0.0, (10.0, 10.1), (1.0, 0.0), people, context)
+        vx, vy = sidestep.sidestep(knots, 0.0, 0.0, (10.0, 10.1), (1.0, 0.0), people, context, 0.1)
         assert (vy < -0.1 and vx > 0.2) if turns else (vx, vy) == (1.0, 0.0)

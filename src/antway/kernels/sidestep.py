@@ -12,8 +12,8 @@ from antway.kernels.spacetime.context import PlanningContext, clear
 from antway.kernels.spacetime.motion import place_at
 from antway.kernels.tracking.predict import RADIUS, SIGMA_V, VX, VY, X, Y
 
-AHEAD = 0.6  # s; contacts count that come so soon
-HOLD = 0.2  # s; the robot leaves the plan for so long, and goes on beside it
+AHEAD = 0.6  # s; contacts count that come so soon, or within three control periods
+HOLD = 0.2  # s; the robot leaves the plan for so long, or for one control period, and goes on beside it
 STEPS = 8  # in which the plan is looked at
 _SIDES = 16  # directions tried, at full and at half speed
 _COST = 0.05  # chance of contact that a turn from full speed to a stand has to save
@@ -30,23 +30,27 @@ def chance_of_contact(
     age: float,
     radius: float,
     enough: float,
+    ahead: float,
+    hold: float,
 ) -> float:
-    """Return the expected number of tracks that touch a robot within AHEAD s.
+    """Return the expected number of tracks that touch a robot within `ahead` s.
 
     Parameters
     ----------
     places : float64[STEPS + 1, 2]
-        Where its plan takes it, at equal times from now to AHEAD s, m.
+        Where its plan takes it, at equal times from now to `ahead` s, m.
     aside : (float, float)
-        Velocity against the plan for HOLD s, m/s.
+        Velocity against the plan for `hold` s, m/s.
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py; each track keeps its velocity, of which SIGMA_V says how wrong it may be.
     age, radius : float
         How old the estimates are, s; of the robot, m.
     enough : float
         A number from which on the answer need not be exact.
+    ahead, hold : float
+        s.
     """
-    (ox, oy), h, total = aside, AHEAD / STEPS, 0.0
+    (ox, oy), h, total = aside, ahead / STEPS, 0.0
     for k in range(len(estimates)):
         ux, uy = estimates[k, VX], estimates[k, VY]
         ax, ay = estimates[k, X] + ux * age, estimates[k, Y] + uy * age
@@ -54,7 +58,7 @@ def chance_of_contact(
         qx, qy = ax - places[0, 0], ay - places[0, 1]
         for i in range(STEPS):
             t = (i + 1) * h
-            away = min(t, HOLD)
+            away = min(t, hold)
             rx, ry = ax + ux * t - places[i + 1, 0] - ox * away, ay + uy * t - places[i + 1, 1] - oy * away
             dx, dy = rx - qx, ry - qy
             dd = dx * dx + dy * dy
@@ -77,6 +81,7 @@ def sidestep(
     command: tuple[float, float],
     estimates: NDArray[np.float64],
     context: PlanningContext,
+    dt: float,
 ) -> tuple[float, float]:
     """Return the command (vx, vy) whose chance of contact soon, and how far it is from the one given, cost least.
 
@@ -91,29 +96,33 @@ def sidestep(
     estimates : float64[K, 8]
         As in `chance_of_contact`.
     context : PlanningContext
+    dt : float
+        Control period, s.
     """
     (x, y), (cx, cy), n, v = xy, command, len(knots), context.speed
+    ahead, hold = max(AHEAD, 3.0 * dt), max(HOLD, dt)
     places = np.empty((STEPS + 1, 2))
     px, py = x, y
     if n > 0:
         px, py, _ = place_at(knots, n, now)
     for i in range(STEPS + 1):
-        t = i * AHEAD / STEPS
+        t = i * ahead / STEPS
         places[i, 0], places[i, 1] = x + cx * t, y + cy * t
         if n > 0:
             qx, qy, _ = place_at(knots, n, now + t)
             places[i, 0], places[i, 1] = qx + x - px, qy + y - py
-    best = chance_of_contact(places, (0.0, 0.0), estimates, age, context.radius, math.inf)
+    best = chance_of_contact(places, (0.0, 0.0), estimates, age, context.radius, math.inf, ahead, hold)
     if best < _NEVER:
         return cx, cy
-    bx, by, ahead = cx, cy, math.atan2(cy, cx)
+    bx, by, bearing = cx, cy, math.atan2(cy, cx)
     for k in range(2 * _SIDES + 1):
         speed = 0.0 if k == 2 * _SIDES else v if k < _SIDES else 0.5 * v
-        angle = ahead + 2.0 * math.pi * k / _SIDES
+        angle = bearing + 2.0 * math.pi * k / _SIDES
         tx, ty = speed * math.cos(angle), speed * math.sin(angle)
         cost = _COST * math.hypot(tx - cx, ty - cy) / v
-        if cost < best and clear(context, x, y, x + tx * HOLD, y + ty * HOLD):
-            cost += chance_of_contact(places, (tx - cx, ty - cy), estimates, age, context.radius, best - cost)
+        if cost < best and clear(context, x, y, x + tx * hold, y + ty * hold):
+            left, aside = best - cost, (tx - cx, ty - cy)
+            cost += chance_of_contact(places, aside, estimates, age, context.radius, left, ahead, hold)
             if cost < best:
                 best, bx, by = cost, tx, ty
     return bx, by

@@ -301,7 +301,7 @@ class AntwayPolicy:
         if s.settings.roomy.robot_radius == 0.0 or known == 0:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[COUNT])], (float(o.xy[0]), float(o.xy[1]))
-        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context
+        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context, s.settings.dt
         return entry(sidestep, *arguments)(*arguments)
 
     def _planned(self, s: State) -> TimedPath | None:
