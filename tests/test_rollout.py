@@ -221,6 +221,16 @@ def test_times_continue_into_walls() -> None:
     assert beyond_walls(field, 0.5, 2).tolist() == [[1.0, 1.5, 2.0, 2.0]]
 
 
+@pytest.mark.parametrize("thick", [1, 2, 3])
+def test_the_time_to_the_goal_does_not_lead_through_a_thin_wall(thick: int) -> None:
+    """From the far side of a wall the field rises into it, however thin it is."""
+    field = np.full((5, 8 + thick), math.inf)
+    field[:, :4], field[:, 4 + thick :] = 1.0 + 0.2 * np.arange(4), 9.0 - 0.2 * np.arange(4)
+    found = beyond_walls(field, 0.4, 4)
+    assert (np.diff(found[:, 4 + thick - 1 : 4 + thick + 1], axis=1) < 0.0).all()  # the last cell of the wall is above the side
+    assert (found[:, 4] > found[:, 3]).all()
+
+
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
 def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> None:
     colony = _colony(robot)

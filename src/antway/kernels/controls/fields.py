@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 
+_SIDES = 3.0  # cells; next to one wall cell, times differ by no more than it takes to go round it
+
 
 @kernel
 def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) -> NDArray[np.float32]:
@@ -63,7 +65,11 @@ def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[n
 
 @kernel
 def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArray[np.float32]:
-    """Continue a field of times, infinite in walls, into them, `step` s a cell, so that it can be interpolated near them."""
+    """Continue a field of times, infinite in walls, into them, `step` s a cell, so that it can be interpolated near them.
+
+    Where a wall is so thin that its two sides meet, and are far apart in time, it goes on from the later side: else the field
+    would lead through the wall, and a robot would stand before it for ever.
+    """
     rows, cols = field.shape
     out = field.copy()
     top = 0.0
@@ -76,13 +82,14 @@ def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArra
         for i in range(rows):
             for j in range(cols):
                 if math.isinf(before[i, j]):
-                    best = math.inf
+                    low, high = math.inf, -math.inf
                     for di in range(-1, 2):
                         for dj in range(-1, 2):
                             r, c = i + di, j + dj
                             if 0 <= r < rows and 0 <= c < cols and math.isfinite(before[r, c]):
-                                best = min(best, before[r, c] + step * math.hypot(di, dj))
-                    out[i, j] = best
+                                low = min(low, before[r, c] + step * math.hypot(di, dj))
+                                high = max(high, before[r, c])
+                    out[i, j] = low if high <= low + _SIDES * step else high + step
     for i in range(rows):
         for j in range(cols):
             if math.isinf(out[i, j]):

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.errors import BadInput
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import Crowd, Plan, Settings
@@ -25,6 +24,7 @@ from antway.search.sipp import timed_field, timed_moves
 from antway.world.policy import Decision, Observation, RobotSpec, Task, Tracks
 
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
+_ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
 
@@ -149,10 +149,15 @@ def make_trails(cells: int, bin: float = 0.5) -> Trails:
     return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
 
 
-def make_context(grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO) -> PlanningContext:
-    """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them."""
+def make_context(
+    grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO, mask: NDArray[np.uint32] | None = None
+) -> PlanningContext:
+    """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them.
+
+    With `mask` those moves of `timed_moves` alone.
+    """
     (x, y, _), size, cols = grid.origin, grid.resolution, grid.shape[1]
-    mask = timed_moves(grid, robot.radius, moves)
+    mask = timed_moves(grid, robot.radius, moves) if mask is None else mask
     field = timed_field(mask, moves, goal, scale=size / robot.v_max)
     offsets = moves.offsets.astype(np.int64)
     return PlanningContext(
@@ -192,14 +197,22 @@ def without_edges(settings: Settings) -> Settings:
 
 
 def away_from_walls(context: PlanningContext, task: Task, goal: Cell, moves: Moves) -> PlanningContext:
-    """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal."""
-    row, col = task.grid.cell_at(task.start)
-    wide = replace(task.robot, radius=task.robot.radius + _WALL_MARGIN, footprint=None)
-    try:
-        wider = make_context(task.grid, wide, goal, moves)
-    except BadInput:
-        return context
-    return wider if math.isfinite(wider.field[row * task.grid.shape[1] + col]) else context
+    """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal.
+
+    If it does not, as where one of them is too near a wall, it keeps that room away from both of them, or else nowhere.
+    """
+    grid, start = task.grid, task.grid.cell_at(task.start)
+    wide = timed_moves(grid, task.robot.radius + _WALL_MARGIN, moves)
+    rows, cols = np.ogrid[: grid.shape[0], : grid.shape[1]]
+    ends = np.zeros(grid.shape, dtype=bool)
+    for row, col in (start, goal):
+        ends |= np.hypot(rows - row, cols - col) * grid.resolution <= _ENDS
+    mixed = np.where(ends, context.legal.reshape(grid.shape), wide)
+    for mask, radius in ((wide, task.robot.radius + _WALL_MARGIN), (mixed, task.robot.radius)):
+        found = make_context(grid, replace(task.robot, radius=radius, footprint=None), goal, moves, mask)
+        if math.isfinite(found.field[start[0] * grid.shape[1] + start[1]]):
+            return found
+    return context
 
 
 def as_estimated(state: State, seen: Observation, known: int) -> Observation:
