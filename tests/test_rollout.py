@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, Outcome, RobotSpec, Scenario, World, load_scenario, run
+from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
@@ -17,7 +17,7 @@ from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, j
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.state import make_context
+from antway.policies.antway.state import away_from_walls, make_context
 from antway.world.motions import Line
 from antway.world.policy import Task
 from antway.world.robots import load_robot
@@ -229,6 +229,22 @@ def test_the_time_to_the_goal_does_not_lead_through_a_thin_wall(thick: int) -> N
     found = beyond_walls(field, 0.4, 4)
     assert (np.diff(found[:, 4 + thick - 1 : 4 + thick + 1], axis=1) < 0.0).all()  # the last cell of the wall is above the side
     assert (found[:, 4] > found[:, 3]).all()
+
+
+def test_a_start_beside_a_wall_does_not_lead_wheels_through_a_narrow_gap() -> None:
+    """Where the start is too near a wall for the room that wheels keep, they keep it elsewhere, and do not stop at a gap."""
+    blocked = np.zeros((80, 80), dtype=bool)
+    blocked[40:42] = True
+    blocked[40:42, 20:27] = blocked[40:42, 60:75] = False  # 0.7 m, which a disc of 0.62 m passes, and 1.5 m
+    robot = replace(WHEELS, radius=0.31)
+    task = Task(Grid(blocked, resolution=0.1), robot, (0.35, 3.05), (2.35, 5.5))
+    narrow = make_context(task.grid, robot, task.grid.cell_at(task.goal))
+    kept = away_from_walls(narrow, task, task.grid.cell_at(task.goal), Moves.THIRTY_TWO)
+    row, col = task.grid.cell_at(task.start)
+    assert narrow.field[row * 80 + col] < 4.0 / robot.v_max < 10.0 / robot.v_max < kept.field[row * 80 + col]
+    result = run(Scenario(World(task.grid), task.start, task.goal, robot, horizon=60.0), "antway", seed=1)
+    check_episode(result)
+    assert result.reached and result.length > 10.0
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
