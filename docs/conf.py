@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from jupyter_client.manager import KernelManager
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "src"))
@@ -22,7 +21,6 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme, html_title = "furo", f"antway {__version__}"
 exclude_patterns = ["build", "_build", "jupyter_execute"]
 nb_merge_streams, nb_execution_raise_on_error, nb_execution_timeout = True, True, 300  # tutorials are run when the site is made
-KernelManager.transport.default_value = "ipc"  # a socket of this machine, not an open port
 logging.getLogger("traitlets").setLevel(logging.WARNING)
 os.environ |= {
     "ANTWAY_QUIET": "1",
