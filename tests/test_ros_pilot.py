@@ -462,7 +462,7 @@ def test_wheels_turn_to_the_goals_yaw() -> None:
 # The guard's process
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs sockets of Unix")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork and named pipes")
 def test_the_guards_process_sends_what_the_pilot_says():
     """With the guard's process the pilot drives as without it; when that is killed, it stands, says so, and never raises."""
     task = Task(ROOM, settings().robot, (2.0, 2.0), (9.0, 6.0))

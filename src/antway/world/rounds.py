@@ -22,7 +22,7 @@ from antway.world.stops import XY, Rounds, Stop, Turn, Visit
 
 FEW = 13  # stops that a dynamic program orders exactly in about 5 ms
 CYCLES = 2  # of the colony for more of them
-MANY = 40  # stops; for more, local search alone goes on from the last order, which keeps a decision below 50 ms
+MANY = 40  # stops; for more, local search alone goes on from the last order, in a fraction of the time
 SHAKES = 8  # cycles of that local search
 PACE = 0.85  # share of its top speed that a robot makes good among obstacles
 REVIEW = 1.0  # s between two looks at the order
