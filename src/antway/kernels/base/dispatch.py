@@ -2,7 +2,7 @@
 
 Numba compiles for each kernel machine code and what Python needs to call it, which unpacks every array of every record. Most
 kernels are called by other kernels alone: that is compiled for nothing, and takes a third of the time. All that reaches into
-Numba's own parts is in this file.
+Numba's own parts is in this file, in compiler.py and in bits.py.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import logging
 import multiprocessing
 import os
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numba
@@ -19,11 +21,11 @@ from numba import njit, typeof, types
 from numba.core import event, sigutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import _FunctionCompiler
 from numba.core.registry import CPUDispatcher
 
 from antway.kernels.base.cache import cache_folder
+from antway.kernels.base.compiler import quick_compiler
 
 config: Any = numba.config
 _CACHE = cache_folder()
@@ -58,7 +60,18 @@ watch = _Watch()
 event.register("numba:compile", watch)
 
 
-class _Bitcode(JITCodeLibrary):
+class _Code(JITCodeLibrary):
+    """Code whose functions are optimized: Numba also sets out to for each function that it calls, which is most of them."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                manager, builder = self._codegen._function_pass_manager()
+                manager.run(function, builder)
+
+
+class _Bitcode(_Code):
     """Code that becomes a part of the kernels that call it: kept as such, for machine code of it alone would never run."""
 
     def _finalize_specific(self) -> None:
@@ -66,6 +79,16 @@ class _Bitcode(JITCodeLibrary):
 
     def serialize_using_object_code(self) -> Any:
         return self.serialize_using_bitcode()
+
+
+@contextmanager
+def _compiling_to(library: type[_Code], codegen: Any) -> Iterator[None]:
+    before = codegen._library_class
+    codegen._library_class = library
+    try:
+        yield
+    finally:
+        codegen._library_class = before
 
 
 class _InnerFiles(CompileResultCacheImpl):
@@ -88,14 +111,14 @@ class Inner(CPUDispatcher):
         return super().get_call_template(tuple(map(_plain, args)), {name: _plain(kind) for name, kind in kws.items()})
 
     def compile(self, sig: Any) -> Any:
-        with global_compiler_lock:
-            codegen = self.targetctx.codegen()
-            before = codegen._library_class, codegen.set_env
-            codegen._library_class, codegen.set_env = _Bitcode, lambda name, env: None  # to set one compiles all around it
+        codegen = self.targetctx.codegen()
+        with quick_compiler(), _compiling_to(_Bitcode, codegen):
+            before = codegen.set_env
+            codegen.set_env = lambda name, env: None  # to set one compiles all around it
             try:
                 return super().compile(sig)
             finally:
-                codegen._library_class, codegen.set_env = before
+                codegen.set_env = before
 
     def is_compiled(self, args: Any) -> bool:
         """Tell whether it is compiled for arguments of these types, here or on disk."""
@@ -114,7 +137,8 @@ class Kernel(CPUDispatcher):
         return types.Dispatcher(self.inner)
 
     def compile(self, sig: Any) -> Any:
-        entry_point = super().compile(sig)  # and set what Inner left unset
+        with quick_compiler(), _compiling_to(_Code, self.targetctx.codegen()):
+            entry_point = super().compile(sig)  # and set what Inner left unset
         args, _ = sigutils.normalize_signature(sig)
         compiled = self.overloads[tuple(args)]
         for env in compiled._find_referenced_environments():
