@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ import pytest
 
 import antway
 from antway import warmup
+from antway.kernels.base.jit import PLAIN, kernel
 
 PROGRAM = """
 from antway.kernels.base import cache
@@ -181,3 +183,30 @@ def test_a_first_run_compiles_in_two_processes(
 def test_what_an_episode_needs_late_can_be_compiled() -> None:
     """What the other process does is done without an error, whatever is compiled already."""
     warmup.late()
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+def test_the_compiler_is_left_as_it_was() -> None:
+    """Numba is hurried for antway's kernels alone, also where one cannot be compiled."""
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.errors import TypingError
+    from numba.core.registry import cpu_target
+    from numba.core.types import BaseFunction
+
+    from antway.kernels.base import compiler
+
+    def found() -> tuple[object, ...]:
+        codegen = cpu_target.target_context.codegen()
+        return BaseFunction.get_call_type, codegen._library_class, gc.get_threshold()
+
+    before = found()
+    assert before[1] is JITCodeLibrary
+
+    def nonsense(x: float) -> float:
+        return x + "text"  # type: ignore[operator]
+
+    with compiler.quick_compiler():
+        assert found()[0] is not before[0] and gc.get_threshold()[0] > 10_000
+    with pytest.raises(TypingError):
+        kernel(nonsense)(1.0)
+    assert found() == before
