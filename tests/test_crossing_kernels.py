@@ -264,6 +264,19 @@ def test_filter_is_the_textbook_one() -> None:
     assert abs(estimates[0, 2] - 0.5) < 0.2
 
 
+def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
+    """Of exact places alone the velocity is known at the second, and at the second after a turn between two scans."""
+    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    nan, variance, at, off = np.full((1, 2), math.nan), np.zeros((1, 2)), np.array([1.0, 2.0]), []
+    for i in range(12):
+        velocity = np.array([0.9, 0.1] if i <= 6 else [-0.5, 0.6])
+        scan = np.array([3]), at[None], nan, np.array([0.3]), variance
+        count, _ = track.update(table, count, 0.1 * i, *scan, 1.0, 0.8, estimates)
+        off.append(float(np.hypot(*(estimates[0, 2:4] - velocity))))
+        at = at + (0.06 * np.array([0.9, 0.1]) + 0.04 * np.array([-0.5, 0.6]) if i == 6 else 0.1 * velocity)
+    assert estimates[0, 6] < track.UNKNOWN and max(off[1:7]) < 0.01 and off[7] > 0.3 and max(off[8:]) < 0.02
+
+
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:
     """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
     table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0

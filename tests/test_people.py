@@ -29,8 +29,9 @@ from antway.kernels.tracking.predict import (
 from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import make_context
-from antway.policies.guard import Guard
+from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
+from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import SHARED, cases, needs_data
 from naive import people as naive
@@ -143,9 +144,13 @@ def test_averages_are_those_of_their_slow_twin() -> None:
             assert tuple(row[[VX, VY, SIGMA_V]]) == pytest.approx(told[int(row[NAME])], abs=1e-9)
 
 
+@pytest.mark.parametrize("velocity", ["exact", "none"])
 @pytest.mark.parametrize("way", ["ahead", "behind"])
-def test_three_abreast_and_a_runner_do_not_touch_the_robot(way: str) -> None:
-    """Groups of three who walk abreast, 0.8 m apart, towards the robot or faster than it from behind, and one who runs."""
+def test_three_abreast_and_a_runner_do_not_touch_the_robot(way: str, velocity: str) -> None:
+    """Groups of three who walk abreast, 0.8 m apart, towards the robot or faster than it from behind, and one who runs.
+
+    So it is, too, where the sensor tells no velocities.
+    """
     rng = np.random.default_rng(21)
     for _ in range(cases(4, 100)):
         sign = -1.0 if way == "ahead" else 1.0
@@ -154,9 +159,23 @@ def test_three_abreast_and_a_runner_do_not_touch_the_robot(way: str) -> None:
         walk = [(x, y + 0.8 * k, sign * speed) for k in range(-1, 2)] + [(26.0, float(rng.uniform(3.0, 9.0)), -2.5)]
         people = tuple(Obstacle(0.3, Replay((0.0, 40.0), ((px, py), (px + 40.0 * v, py)))) for px, py, v in walk)
         grid = Grid(np.zeros((60, 100), np.bool_), 0.2)
-        result = run(Scenario(World(grid, people), (2.0, 6.0), (18.0, 6.0), RobotSpec(sensor_range=4.0)))
+        sensor = Sensor(velocity=velocity)
+        result = run(Scenario(World(grid, people), (2.0, 6.0), (18.0, 6.0), RobotSpec(sensor_range=4.0), sensor=sensor))
         check_episode(result)
         assert result.reached, result.reason
+
+
+def test_the_guard_knows_velocities_that_are_not_told() -> None:
+    """In mode least-harm it is given the filter's, of one who was seen twice; in mode strict it takes them as unknown."""
+    for mode in MODES:
+        policy = AntwayPolicy(mode=mode)
+        policy.reset(Task(Grid(np.zeros((50, 50), np.bool_), 0.2), RobotSpec(), (1.0, 5.0), (9.0, 5.0)), 1)
+        for i in range(3):
+            one = Tracks(np.array([4]), np.array([[6.2 - 0.13 * i, 5.02]]), np.full((1, 2), math.nan), np.array([0.3]))
+            policy.act(Observation(0.1 * i, (3.0, 5.0), (0.0, 0.0), 0.0, one))
+            guard = policy.guard
+            assert guard is not None
+            assert guard.tracks[0, 2] == pytest.approx(-1.3 if i > 0 and mode == "least-harm" else 0.0, abs=0.05)
 
 
 def test_places_of_noise_are_told_from_their_innovations() -> None:

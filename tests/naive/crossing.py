@@ -55,14 +55,14 @@ def passing(knots: np.ndarray, segments: np.ndarray, now: float, until: float) -
 
 
 class Kalman:
-    """The textbook filter with matrices, one axis: state (place, velocity), white acceleration."""
+    """The textbook filter with matrices, one axis: state (place, velocity), white acceleration of density q^2 dt."""
 
     def __init__(self, z: float, w: float, variance: float, velocity_variance: float) -> None:
         self.m, self.p = np.array([z, w]), np.diag([variance, velocity_variance])
 
     def step(self, dt: float, q: float, z: float, variance: float) -> None:
-        f, g = np.array([[1.0, dt], [0.0, 1.0]]), np.array([dt * dt / 2, dt])
-        self.m, self.p = f @ self.m, f @ self.p @ f.T + q * q * np.outer(g, g)
+        f, noise = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        self.m, self.p = f @ self.m, f @ self.p @ f.T + q * q * dt * noise
         h = np.array([[1.0, 0.0]])
         k = self.p @ h.T / (h @ self.p @ h.T + variance)
         self.m = self.m + (k * (z - self.m[0])).ravel()

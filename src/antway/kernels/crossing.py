@@ -217,14 +217,14 @@ def cycle(
     crowd.known[1] = compared(crowd.foretold, crowd.known[1], crowd.pool, averaged, seen, wrong)
     worth = 0.0
     if s.roomy.robot_radius > 0.0 and len(estimates) > 0:
-        averaged[:, SIGMA_V] = np.hypot(estimates[:, SIGMA_V], wrong)
+        averaged[:, SIGMA_V] = wrong
         worth = s.spare_worth * wrong.mean()
     crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, seen, s.preferred_speed, crowd.prediction)
     foreseen = _as_foreseen(averaged, now, age, plan.segments[: int(plan.state[FORESEEN])])
     trajectories = crowd.prediction[: len(estimates)]
     count = predict(averaged, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
     if s.judged:
-        foretell(crowd.foretold, crowd.known[1], averaged, seen, plan.segments[:count])
+        foretell(crowd.foretold, crowd.known[1], estimates, seen, plan.segments[:count])
     plan.state[FORESEEN] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
     # Test the plan in use, and look for a better one: with room to spare first, then with the margins, else without.

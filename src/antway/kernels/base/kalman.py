@@ -18,7 +18,7 @@ def measure_place(
     dt : float
         s, > 0.
     agility : float
-        Standard deviation of the white acceleration, m/s^2.
+        Standard deviation of the mean of the white acceleration over `dt`, m/s^2.
     variance : float
         Of the measured place, m^2, >= 0.
 
@@ -30,10 +30,12 @@ def measure_place(
 
     Notes
     -----
-    Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6.
+    Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6.2.2. The acceleration
+    changes all the time. Were it taken to be constant from one measurement to the next (their ch. 6.3.2), exact places would
+    let a wrong velocity swing to and fro for ever: twice the mean since the last measurement, less the velocity before.
     """
     q = agility * agility
-    p11 = p11 + 2 * dt * p12 + dt * dt * p22 + q * dt**4 / 4
+    p11 = p11 + 2 * dt * p12 + dt * dt * p22 + q * dt**4 / 3
     p12 = p12 + dt * p22 + q * dt**3 / 2
     p22 = p22 + q * dt * dt
     s = p11 + variance

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rows import copy_row
+from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 
 TIMES = (0.4, 1.2)  # s; over which velocities are averaged, weights falling with age; 0.4 to 1.2 s fit eth and citr best
@@ -62,7 +63,7 @@ def averaged(
     count = kept
     for k in range(len(estimates)):
         copy_row(estimates[k], out[k])
-        if estimates[k, NAME] < 0.0:
+        if estimates[k, NAME] < 0.0 or estimates[k, SIGMA_V] >= UNKNOWN:
             continue
         i = 0
         while i < count and rows[i, _NAME] != estimates[k, NAME]:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from antway.kernels.base import records
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rows import copy_row
-from antway.kernels.tracking.predict import NAME, VX, VY, X, Y
+from antway.kernels.tracking.kalman import UNKNOWN
+from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 
 # columns of a row: name, when seen, since when a place is foretold, for when, that place, and the errors
 _NAME, _SEEN, _SINCE, _DUE, _X, _Y, _ERROR, _COMPARED = range(8)
@@ -91,7 +92,7 @@ def foretell(
     Parameters
     ----------
     rows, count, estimates, t
-        As of `compared`.
+        As of `compared`, but with the velocities' standard deviations as the filter has them.
     segments : float64[P, 8]
         What `predict` made of the estimates: those of one track after those of another, walls and whom it avoids included.
     """
@@ -104,7 +105,7 @@ def foretell(
         i = 0
         while i < count and rows[i, _NAME] != estimates[k, NAME]:
             i += 1
-        if i == count or rows[i, _DUE] > -math.inf:
+        if i == count or rows[i, _DUE] > -math.inf or estimates[k, SIGMA_V] >= UNKNOWN:
             continue
         for p in range(start, min(last, len(segments))):
             due = t + LATER

@@ -18,6 +18,8 @@ from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 
 ID, T, P11, P12, P22 = range(8, 13)  # columns of the track table after those of a track estimate
 COLUMNS = 13  # of the track table
+UNKNOWN = 1.0  # m/s; standard deviation of a velocity that is not measured, of a track that was seen once
+_TURNED = 4.0  # standard deviations; who is farther from where he was expected has turned
 _LOST = 1.0  # s; a track that was not seen for longer is dropped
 
 
@@ -86,7 +88,7 @@ def update(
             table[i, X], table[i, Y] = xy[k, 0], xy[k, 1]
             table[i, VX], table[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
             table[i, P11], table[i, P12] = abs(variance[k, 0]), 0.0
-            table[i, P22] = abs(variance[k, 1]) if known else 1.0
+            table[i, P22] = abs(variance[k, 1]) if known else UNKNOWN * UNKNOWN
         else:
             dt = t - table[i, T]
             if dt <= 0.0:
@@ -94,6 +96,11 @@ def update(
             x, y = table[i, X] + table[i, VX] * dt, table[i, Y] + table[i, VY] * dt
             vx, vy = table[i, VX], table[i, VY]
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
+            if not known:
+                spread = table[i, P11] + dt * (2.0 * table[i, P12] + dt * table[i, P22]) + variance[k, 0]
+                off = math.hypot(rx, ry)
+                if off > _TURNED * math.sqrt(spread + agility * agility * dt**4 / 3):
+                    table[i, P22] += (off / dt) ** 2  # it turned since the last scan: its old velocity tells nothing
             g1, g2, p11, p12, p22 = measure_place(table[i, P11], table[i, P12], table[i, P22], dt, agility, variance[k, 0])
             x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
             if known:

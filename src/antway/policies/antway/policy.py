@@ -367,7 +367,8 @@ class AntwayPolicy:
         """Return the command that may pass, and what the guard did."""
         if self.guard is None:
             return command, ""
-        if o.tracks.covariance is not None or s.noise[1] > _NOISY:
+        untold = self.mode != "strict" and bool(np.isnan(o.tracks.velocity).any())
+        if o.tracks.covariance is not None or s.noise[1] > _NOISY or untold:
             o = as_estimated(s, o, known)
         others = None if s.controls is None else s.controls.others()
         return self.guard.passed(o, command, others), self.guard.did

@@ -16,8 +16,8 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import averages, noise
-from antway.kernels.tracking.kalman import COLUMNS
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking.kalman import COLUMNS, UNKNOWN
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.search.sipp import timed_field, timed_moves
@@ -216,9 +216,10 @@ def away_from_walls(context: PlanningContext, task: Task, goal: Cell, moves: Mov
 
 
 def as_estimated(state: State, seen: Observation, known: int) -> Observation:
-    """Return what is seen, as the filter sees it: its first `known` estimates."""
+    """Return what is seen, as the filter sees it: its first `known` estimates, velocities NaN where it knows none."""
     b = state.estimates[:known]
+    velocity = np.where(b[:, SIGMA_V, None] < UNKNOWN, b[:, VX : VY + 1], math.nan)
     covariance = np.zeros((known, 4, 4))
     covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
     covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
-    return replace(seen, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], b[:, 2:4], b[:, RADIUS], covariance))
+    return replace(seen, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], velocity, b[:, RADIUS], covariance))
