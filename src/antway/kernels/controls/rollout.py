@@ -306,6 +306,9 @@ def judge(
         ahead = min(left, to_go / dt)  # steps at least until the goal
         if cost + to_go - left * dt + w.progress * ahead * (to_go - 0.5 * ahead * dt) > limit:
             return math.inf
+        rest = outlook.plan[k, 2]
+        if to_go > left * dt and cost + rest - left * dt + w.progress * left * (rest - 0.5 * (left + 1) * dt) > limit:
+            return math.inf  # it cannot reach the goal any more, and each step costs as much as the plan still takes
     return cost
 
 
