@@ -1,17 +1,22 @@
-"""Tours with time windows on four public sets, beside OR-Tools and PyVRP: python benchmarks/tsptw.py --seeds 5 --seconds 10.
+"""Tours with time windows on four public sets, beside OR-Tools, PyVRP and Beam-ACO.
 
+Run as `python benchmarks/tsptw.py --seeds 5 --seconds 10 [--sets ...] [--every N] [--half new] [--peers ortools,pyvrp,beam-aco]`.
 Needs ../shared/data/tsptw (see SOURCES.md there) and, for --peers, the extra `peers`. Each instance is solved once a seed, on
 one core, until it costs no more than the best known value of the set's list, or for --seconds of processor time. Every answer
 is checked by `check_tsptw`; "best" means the listed value or less. The constants of the search were chosen on SolomonPesant
 rc20?.0 and .2, SolomonPotvinBengio rc_20?.1 and .3, AFG rbg0??a and rbg201a, and Dumas *.001 and *.004, and how wide beams
 alternate on AFG rbg050b, rbg193 and rbg233 too; `--half new` shows the others alone. Peers search for as many seconds an
-instance, in one run, as they take no best known value to stop at.
+instance, in one run, as they take no best known value to stop at. Beam-ACO is its authors' own program (`beamaco_tsptw`, built
+by `make DEBUG=0 NUMBER_TYPE=DOUBLE` from github.com/MLopez-Ibanez/beam-aco-tsptw); of its two runs, with the options that it
+comes with and with a beam of ten, each with the whole time, the better one counts.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+import shutil
+import subprocess
 import threading
 import time
 from pathlib import Path
@@ -119,6 +124,22 @@ def by_pyvrp(instance: Tsptw, seconds: float) -> tuple[float, float]:
     return checked(instance, order, began)
 
 
+def by_beam_aco(file: Path, instance: Tsptw, seconds: float, seed: int) -> tuple[float, float]:
+    """The better of the authors' default options and of a beam of ten partial orders, with their local search in both."""
+    program, found = shutil.which("beamaco_tsptw"), []
+    if program is None:
+        raise SystemExit("Beam-ACO: no program beamaco_tsptw on the PATH (--help says where it comes from)")
+    began = time.perf_counter()
+    for options in ((), ("-b", "10", "-m", "1.5", "-S", "5", "--sample-rate", "10")):
+        words = [program, "-i", str(file), "-s", str(seed + 1), "-t", str(seconds), "-r", "1", "--ls=first", *options]
+        said = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+        # After "begin try": cost, seconds, makespan, two penalties, violated windows, then the order without the depot.
+        line = said.partition("# begin try")[2].splitlines()[1].split()
+        order = [0, *map(int, line[6:])]
+        found.append(checked(instance, order, began)[0])
+    return min(found), (time.perf_counter() - began) / len(found)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", default=",".join(SETS))
@@ -126,7 +147,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--every", type=int, default=1, help="take every so many instances of a set")
     parser.add_argument("--half", choices=("all", "new"), default="all", help="new: those on which no constant was chosen")
-    parser.add_argument("--peers", default="", help="ortools,pyvrp")
+    parser.add_argument("--peers", default="", help="ortools,pyvrp,beam-aco")
     told = parser.parse_args()
     peers = [name for name in told.peers.split(",") if name]
     solve_tsptw(Tsptw(np.ones((8, 8)), np.tile([0.0, 99.0], (8, 1))), cycles=8)  # loads the kernels
@@ -143,12 +164,16 @@ def main() -> None:
                 runs["ortools"] = [by_ortools(instance, told.seconds)]
             if "pyvrp" in peers:
                 runs["pyvrp"] = [by_pyvrp(instance, told.seconds)]
+            if "beam-aco" in peers:
+                runs["beam-aco"] = [
+                    by_beam_aco(DATA / folder / name, instance, told.seconds, seed) for seed in range(told.seeds)
+                ]
             for who, results in runs.items():
                 gaps[who].append([0.0 if abs(cost - best) <= NEAR else cost / best - 1.0 for cost, _ in results])
                 took[who] += [seconds for _, seconds in results]
             if max(gaps["antway"][-1]) > 0.0:
                 print(f"  {folder} {name}: best known {best:g}, found {', '.join(f'{cost:.6g}' for cost, _ in runs['antway'])}")
-        print(f"{folder}: {len(names)} instances, {told.seconds:g} s, {told.seeds} seeds of antway, one run of peers")
+        print(f"{folder}: {len(names)} instances, {told.seconds:g} s, {told.seeds} seeds (one of ortools and pyvrp)")
         for who, rows in gaps.items():
             reached = sum(max(row) <= 0.0 for row in rows)
             found = np.array([max(0.0, gap) for row in rows for gap in row if np.isfinite(gap)])
