@@ -1,6 +1,6 @@
 """Tours with time windows on four public sets, beside OR-Tools, PyVRP and Beam-ACO.
 
-Run as `python benchmarks/tsptw.py --seeds 5 --seconds 10 [--sets ...] [--every N] [--half new] [--peers ortools,pyvrp,beam-aco]`.
+Run as `python benchmarks/tsptw.py --seeds 5 --seconds 10 [--sets S] [--every N] [--half new] [--peers ortools,pyvrp,beam-aco]`.
 Needs ../shared/data/tsptw (see SOURCES.md there) and, for --peers, the extra `peers`. Each instance is solved once a seed, on
 one core, until it costs no more than the best known value of the set's list, or for --seconds of processor time. Every answer
 is checked by `check_tsptw`; "best" means the listed value or less. The constants of the search were chosen on SolomonPesant

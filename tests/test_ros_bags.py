@@ -119,9 +119,9 @@ def test_spoilt_bags_are_refused_or_read(tmp_path, storage):
         for place in rng.integers(len(data), size=rng.integers(1, 30)):
             data[place] = rng.choice([0, 255, rng.integers(256)])
         file.write_bytes(data[: rng.integers(len(data))] if rng.random() < 0.2 else data)
-        for load in (load_bag_map, load_bag_tracks):
+        for topic, radius in (("/map", None), ("/obstacles", 0.3)):
             try:
-                load(tmp_path / "bag")
+                bags.read_topic(str(tmp_path / "bag"), topic, radius)  # a process for each would take a second a case
             except BadInput:
                 refused += 1
     assert refused > 10
@@ -133,7 +133,8 @@ def test_spoilt_bags_are_refused_or_read(tmp_path, storage):
             data[place] = rng.integers(256)
         (tmp_path / "bag" / "metadata.yaml").write_bytes(data)
         with contextlib.suppress(BadInput):
-            load_bag_map(tmp_path / "bag")
+            bags.check_bag(str(tmp_path / "bag"), BadMap)
+            bags.read_topic(str(tmp_path / "bag"), "/map", None)
 
 
 @pytest.mark.parametrize(
@@ -157,3 +158,70 @@ def test_bombs_in_metadata_are_refused_before_they_go_off(tmp_path, bomb):
     with pytest.raises(BadInput):
         load_bag_map(tmp_path / "bag")
     assert time.process_time() - started < 5.0
+
+
+def zeros(compressor, gibibytes=1.25):
+    """What `compressor` makes of so many GiB of zeros."""
+    block = bytes(2**24)
+    return b"".join(compressor.compress(block) for _ in range(int(gibibytes * 64))) + compressor.flush()
+
+
+def mcap_bomb(folder, name):
+    """An mcap whose one compressed chunk of noise is replaced by one of zeros, which says nothing of its size."""
+    writer_of = pytest.importorskip("mcap.writer")
+    path = folder / "bomb.mcap"
+    with path.open("wb") as file:
+        writer = writer_of.Writer(file, compression=writer_of.CompressionType[name.upper()], chunk_size=2**24)
+        writer.start("ros2")
+        schema = writer.register_schema("nav_msgs/msg/OccupancyGrid", "ros2msg", b"")
+        channel = writer.register_channel("/map", "cdr", schema)
+        noise = np.random.default_rng(0).bytes(2**23)
+        writer.add_message(channel, log_time=0, data=noise, publish_time=0)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    begin = data.index({"zstd": b"\x28\xb5\x2f\xfd", "lz4": b"\x04\x22\x4d\x18"}[name])
+    size = int.from_bytes(data[begin - 8 : begin], "little")
+    if name == "zstd":
+        from backports.zstd import ZstdCompressor
+
+        small = zeros(ZstdCompressor())
+        small += b"\x50\x2a\x4d\x18" + (size - len(small) - 8).to_bytes(4, "little")  # a frame to be skipped fills the rest
+    else:
+        from lz4.frame import LZ4FrameCompressor
+
+        compressor = LZ4FrameCompressor(block_size=7)
+        small = compressor.begin() + zeros(compressor)
+    assert len(small) <= size
+    data[begin : begin + len(small)] = small
+    path.write_bytes(data)
+    return path
+
+
+def sqlite_bomb(folder, mode):
+    """A bag of sqlite3 whose messages, or whose file, are compressed zeros."""
+    import sqlite3
+
+    from backports.zstd import ZstdCompressor
+
+    save_bag(sample_trace(steps=4), folder / "bag", storage="sqlite3")
+    about, (file,) = folder / "bag" / "metadata.yaml", (folder / "bag").glob("*.db3")
+    text = about.read_text().replace("compression_format: ''", "compression_format: zstd")
+    about.write_text(text.replace("compression_mode: ''", f"compression_mode: {mode}"))
+    if mode == "message":
+        with contextlib.closing(sqlite3.connect(file)) as base, base:
+            base.execute("UPDATE messages SET data = ?", (zeros(ZstdCompressor()),))
+    else:
+        file.write_bytes(zeros(ZstdCompressor()))
+    return folder / "bag"
+
+
+@pytest.mark.parametrize("kind", ["zstd", "lz4", "message", "file"])
+def test_compressed_bombs_cost_one_process(tmp_path, kind):
+    """D4: what unpacks to 1.25 GiB, in a chunk, a message or a file, is refused by a process that ends, and not by this one."""
+    import resource
+
+    path = mcap_bomb(tmp_path, kind) if kind in ("zstd", "lz4") else sqlite_bomb(tmp_path, kind)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(BadInput, match=r"unpacks to more|resize buffer|File too large"):
+        load_bag_map(path)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**15  # KiB

@@ -215,3 +215,21 @@ class Unpacked:
             allowed = f"at most {self.most} bytes unpacked in all, of which {self.left} are left"
             raise TooLarge(field, f"{size} bytes", allowed, where=self.where)
         self.left -= size
+
+
+def limit_process(memory: int, *, file: int | None = None) -> None:
+    """Limit this process to the memory that it has and `memory` bytes more, and each file that it writes to `file` bytes.
+
+    Where the system does not say how much memory a process has, as on macOS, nothing is limited. A crash writes no dump.
+    """
+    if not os.path.exists("/proc/self/statm"):
+        return
+    import resource
+
+    with open("/proc/self/statm", encoding="ascii") as about:
+        pages = int(about.read().split()[0])
+    most = pages * resource.getpagesize() + memory
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if file is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file, file))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -24,13 +27,12 @@ from rosbags.typesys import Stores, get_typestore
 from antway import checks
 from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.grid import Grid
-from antway.reading import check_yaml, is_file, is_folder, read_bytes
+from antway.reading import check_yaml, is_file, is_folder, limit_process, read_bytes
 from antway.ros2 import convert
 from antway.world.policy import Command, RobotSpec, Tracks
 from antway.world.trace import Trace
 
-T = TypeVar("T")
-MAX_BYTES = 2**30  # of a bag
+MAX_BYTES = 2**30  # of a bag, of the memory that reading one takes, and of a file that it unpacks to
 MAX_METADATA = 2**20  # bytes of its metadata.yaml
 _YAML = {"events": 50_000, "depth": 16, "aliases": 8}  # that its metadata may have
 MAX_MESSAGES = 1_000_000  # that are read of one topic
@@ -154,7 +156,8 @@ def load_bag_map(path: str | Path, topic: str = "/map") -> Grid:
     BadMap, TooLarge
         If there is no such topic, or fewer messages than the bag says, or the map is malformed (see `convert.read_grid`).
     """
-    return _read(path, topic, {"nav_msgs/msg/OccupancyGrid": convert.read_grid}, BadMap)[-1]
+    grids: list[Grid] = _read_apart(path, topic, None)
+    return grids[-1]
 
 
 def load_bag_tracks(path: str | Path, topic: str = "/obstacles", *, radius: float = 0.3) -> list[tuple[float, Tracks]]:
@@ -166,27 +169,58 @@ def load_bag_tracks(path: str | Path, topic: str = "/obstacles", *, radius: floa
         If there is no such topic, or fewer messages than the bag says, or one is malformed.
     """
     radius = checks.number("radius", radius, low=0.0, open_low=True, unit="m")
-    readers = {
-        "visualization_msgs/msg/MarkerArray": convert.read_markers,
-        "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
-    }
-    return _read(path, topic, readers, BadScenario)
+    tracks: list[tuple[float, Tracks]] = _read_apart(path, topic, radius)
+    return tracks
 
 
-def _read(
-    path: str | Path, topic: str, readers: dict[str, Callable[[Any], T]], error: type[BadMap] | type[BadScenario]
-) -> list[T]:
-    """Read every message on `topic`; as many as the bag's metadata says, or it is an error."""
-    where = str(path)
+def check_bag(path: str, error: type[BadMap] | type[BadScenario]) -> None:
+    """Refuse a bag that is too large, or whose metadata is no plain YAML of bounded size."""
     size = sum(file.stat().st_size for file in Path(path).iterdir() if file.is_file()) if is_folder(Path(path)) else 0
     if size > MAX_BYTES:
-        raise TooLarge("bag", f"{size} bytes", f"at most {MAX_BYTES} bytes", where=where)
+        raise TooLarge("bag", f"{size} bytes", f"at most {MAX_BYTES} bytes", where=path)
     if is_file(Path(path) / "metadata.yaml"):
-        for text in check_yaml(
-            read_bytes(Path(path) / "metadata.yaml", MAX_METADATA, error=error), where, error=error, **_YAML
-        ):
+        for text in check_yaml(read_bytes(Path(path) / "metadata.yaml", MAX_METADATA, error=error), path, error=error, **_YAML):
             if len(text) > _PLAIN:  # the settings of a topic may be YAML within a text
-                check_yaml(text.encode(), where, error=error, **_YAML)
+                check_yaml(text.encode(), path, error=error, **_YAML)
+
+
+def _read_apart(path: str | Path, topic: str, radius: float | None) -> list[Any]:
+    """Read `topic` in a process whose memory and files are limited, for a bag may unpack to any size."""
+    error = BadMap if radius is None else BadScenario
+    check_bag(str(path), error)
+    command = [sys.executable, "-c", "from antway.ros2.bags import serve; serve()"]
+    done = subprocess.run(command, input=pickle.dumps((str(path), topic, radius)), stdout=subprocess.PIPE, check=False)
+    if done.returncode != 0:
+        raise error("bag", f"its reader ended with status {done.returncode}", "a readable bag of ROS 2", where=str(path))
+    answer = pickle.loads(done.stdout)
+    if isinstance(answer, BadInput):
+        raise answer
+    found: list[Any] = answer
+    return found
+
+
+def serve() -> None:
+    """Read one topic for the process that started this one."""
+    limit_process(MAX_BYTES, file=MAX_BYTES)
+    try:
+        answer: object = read_topic(*pickle.load(sys.stdin.buffer))
+    except BadInput as error:
+        answer = error
+    sys.stdout.buffer.write(pickle.dumps(answer))
+
+
+def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
+    """Read every message on `topic`; as many as the bag's metadata says, or it is an error.
+
+    Maps if `radius` is None, else (t in s, tracks), where poses are discs of `radius` m.
+    """
+    error: type[BadMap] | type[BadScenario] = BadMap if radius is None else BadScenario
+    readers: dict[str, Callable[[Any], Any]] = {"nav_msgs/msg/OccupancyGrid": convert.read_grid}
+    if radius is not None:
+        readers = {
+            "visualization_msgs/msg/MarkerArray": convert.read_markers,
+            "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
+        }
     found = []
     try:
         with AnyReader([Path(path)], default_typestore=_TYPES) as reader:
@@ -194,15 +228,17 @@ def _read(
             promised = sum(line.msgcount for line in lines)
             if promised == 0:
                 there = ", ".join(sorted(f"{line.topic} ({line.msgtype})" for line in reader.connections)) or "nothing"
-                raise error("topic", topic, f"one with messages of {' or '.join(readers)}; the bag has {there}", where=where)
+                raise error("topic", topic, f"one with messages of {' or '.join(readers)}; the bag has {there}", where=path)
             if promised > MAX_MESSAGES:
-                raise TooLarge(f"messages on {topic}", promised, f"at most {MAX_MESSAGES}", where=where)
+                raise TooLarge(f"messages on {topic}", promised, f"at most {MAX_MESSAGES}", where=path)
             for line, _, data in reader.messages(connections=lines):
                 found.append(readers[line.msgtype](reader.deserialize(data, line.msgtype)))
     except BadInput:
         raise
-    except Exception as fault:  # what the library raises for spoilt bytes is of any type, MemoryError among them
-        raise error("bag", f"{type(fault).__name__}: {fault}"[:200], "a readable bag of ROS 2", where=where) from None
+    except MemoryError:
+        raise TooLarge("bag", "unpacks to more", f"what {MAX_BYTES} bytes of memory hold", where=path) from None
+    except Exception as fault:  # what the library raises for spoilt bytes is of any type
+        raise error("bag", f"{type(fault).__name__}: {fault}"[:200], "a readable bag of ROS 2", where=path) from None
     if len(found) != promised:
-        raise error(f"messages on {topic}", len(found), f"the {promised} of the bag's metadata", where=where)
+        raise error(f"messages on {topic}", len(found), f"the {promised} of the bag's metadata", where=path)
     return found

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from typing import Any, BinaryIO
 
 from antway.errors import BadInput, BadParameter
+from antway.reading import limit_process
 
 MEMORY = 512 * 2**20  # bytes of address space that work may take beyond what the process has when it begins
 SECONDS = 20.0  # s that reading a file may take
@@ -142,17 +143,6 @@ def _asked(process: subprocess.Popen[bytes], request: bytes, until: float, close
     return pickle.loads(data[_LENGTH.size :])
 
 
-def _limit_memory() -> None:
-    """Limit this process to what it has, and `MEMORY` more; no dump where it crashes."""
-    import resource
-
-    with open("/proc/self/statm", encoding="ascii") as file:
-        pages = int(file.read().split()[0])
-    most = pages * resource.getpagesize() + MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-
-
 def serve() -> None:
     """Work for the process that started this one, until it closes the pipe."""
     out: BinaryIO = os.fdopen(os.dup(1), "wb", buffering=0)
@@ -161,8 +151,7 @@ def serve() -> None:
     import antway.web.files
     import antway.world.episode  # noqa: F401 - so that their memory is not counted
 
-    if os.path.exists("/proc/self/statm"):
-        _limit_memory()
+    limit_process(MEMORY)
     incoming = sys.stdin.buffer
     while len(head := incoming.read(_LENGTH.size)) == _LENGTH.size:
         work, given = pickle.loads(incoming.read(_LENGTH.unpack(head)[0]))
