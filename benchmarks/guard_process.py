@@ -44,7 +44,6 @@ def added(cycles: int) -> None:
             command = policy.act(found[1])
             cpu_planned, planned = time.thread_time(), time.perf_counter()
             link.ask(number, command)
-            link.ring("guard")
             asked, cpu_asked = time.perf_counter(), time.thread_time()
             own.append(cpu_read - cpu + cpu_asked - cpu_planned)
             answer = guard.answer(number)

@@ -63,7 +63,6 @@ def test_the_answer_is_the_guards(process: GuardProcess) -> None:
         assert link.observed(number - 1)[0] == number
         link.ask(number - 1, Command((0.9, 0.9)))  # too late, and for another one
         link.ask(number, wish)
-        link.ring("guard")
         answer = process.answer(number)
         assert answer.command == here.limit(o, wish) and answer.did == here.did
     link.close()
@@ -105,7 +104,6 @@ def test_without_observations_it_brakes_too(process: GuardProcess) -> None:
     link = Link(process.folder, "planner")
     number = process.observe(seen(0.0, velocity=(1.0, 0.0)))
     link.ask(number, Command((1.0, 0.0)))
-    link.ring("guard")
     assert process.answer(number).command == Command((1.0, 0.0))
     until = time.monotonic() + 30.0
     while process.link.replied(number).did == "free" and time.monotonic() < until:

@@ -47,6 +47,7 @@ _PENDING = 128  # commands on their way to the robot
 _OBSERVATION = 13  # numbers of an observation without its tracks
 SILENT = "silent"
 _SIDES = ("robot", "planner", "guard")
+_LOOK = 1e-3  # s; how often the guard looks for the planner's command, which rings no bell: to wake a process takes 10 us and more
 _TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
 _PARTS = {  # what lies in the shared memory: type and shape
     "observation": ("<f8", (_OBSERVATION,)),
@@ -341,7 +342,6 @@ def plan_for(folder: str, policy: Policy) -> None:
             continue
         number, observation = found
         link.ask(number, policy.act(observation))
-        link.ring("guard")
 
 
 class _Server:
@@ -388,7 +388,7 @@ class _Server:
         self.number, self.seen = number, seen
         done, command = self.link.asked(number)
         while not done and time.monotonic() < until:
-            called = self.link.wait(until)
+            called = self.link.wait(min(until, time.monotonic() + _LOOK))
             done, command = self.link.asked(number)
             if called:  # by the robot's side, whose task is over, or which is gone
                 break
