@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 CORE   := $(VENV)/.core
 READY  := $(VENV)/.ready
 
-.PHONY: demo browser ros test check nightly bounds plain clean
+.PHONY: demo browser ros test check tests nightly bounds plain clean
 
 $(CORE): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -47,8 +47,13 @@ check: $(READY)
 	$(BIN)/lint-imports
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
-test: $(READY) browser ros check
-	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
+# What is installed for the tests is installed side by side, and what is checked runs beside the tests, which often wait.
+test:
+	@$(MAKE) --no-print-directory -j3 $(READY) browser ros
+	@$(MAKE) --no-print-directory -j2 check tests
+
+tests: $(READY)
+	$(BIN)/python -m pytest -n 3 --dist loadfile -rs
 
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs
