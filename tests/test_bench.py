@@ -239,7 +239,8 @@ def test_ray_gives_the_same_rows(tmp_path):
         "from antway.arena.suites import episodes\n"
         "if __name__ == '__main__':\n"
         "    with Results(sys.argv[1]) as results:\n"
-        "        bench(table_jobs(episodes('synthetic', 1)[:3], ['follow']), results, engine=sys.argv[2], workers=2, timeout=500.0)\n"
+        "        jobs = table_jobs(episodes('synthetic', 1)[:3], ['follow'])\n"
+        "        bench(jobs, results, engine=sys.argv[2], workers=2, timeout=500.0)\n"
     )
     for engine in ("local", "ray"):
         file = tmp_path / f"{engine}.db"

@@ -47,7 +47,7 @@ _PENDING = 128  # commands on their way to the robot
 _OBSERVATION = 13  # numbers of an observation without its tracks
 SILENT = "silent"
 _SIDES = ("robot", "planner", "guard")
-_LOOK = 1e-3  # s; how often the guard looks for the planner's command, which rings no bell: to wake a process takes 10 us and more
+_LOOK = 1e-3  # s; how often the guard looks for the planner's command: to be woken for it would cost the planner 10 us and more
 _TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
 _PARTS = {  # what lies in the shared memory: type and shape
     "observation": ("<f8", (_OBSERVATION,)),
