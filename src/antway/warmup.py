@@ -72,28 +72,35 @@ def compiling_beside(policy: str) -> Iterator[None]:
 
 
 def late() -> None:
-    """Compile what an episode of policy antway needs after its first cycle: the shortest path, then what else could be done."""
+    """Compile what an episode of policy antway needs: the guard, the search, what else could be done, the shortest path.
 
-    from antway import Moves, Problem, load_map, load_scenario, solve
+    Each is there before the episode needs it: that compiles the map's moves and what senses meanwhile, then what predicts.
+    """
+    from antway import Command, RobotSpec, Task, load_map, load_scenario
+    from antway.demo import static_shortest
     from antway.policies.antway.alternatives import Situation, manner
     from antway.policies.antway.policy import AntwayPolicy
+    from antway.policies.guard import Guard
     from antway.world.episode import Episode
 
-    solve(Problem(load_map("office").inflate(0.25), (20, 20), (100, 200), Moves.EIGHT), "anyangle")
-    policy = AntwayPolicy()
-    episode = Episode(load_scenario("office"), policy, seed=0)
+    task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
+    guard.reset(task)
+    policy.reset(task, 0)
     s = policy._state
     estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
-    estimates[0, :2] = s.task.start[0] + 2.0, s.task.start[1]
+    estimates[0, :2] = task.start[0] + 2.0, task.start[1]
     situation = Situation(
-        s.context, s.settings, s.terrain, 0.0, 0.0, s.task.start, estimates, foretold, s.plan.segments[:0].copy()
+        s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, foretold, s.plan.segments[:0].copy()
     )
     path, segments = situation.straight(), situation.segments_of(0)
     if path is not None and len(segments):
         situation.conflict(path, segments)
         situation.cost(path)
         manner("crossing", (1.0, 0.0), path, segments, 0.0)
-    episode.stage.drive(0.0, 0.0)
+    stage = Episode(load_scenario("office"), policy, seed=0).stage
+    guard.limit(stage.observe(), Command((0.0, 0.0)))
+    stage.drive(0.0, 0.0)
+    static_shortest(task)
 
 
 def _timed(name: str, argument: str) -> tuple[str, float]:

@@ -131,6 +131,7 @@ class Kernel(CPUDispatcher):
     """A kernel as Python calls it."""
 
     inner: Inner
+    shared: bool  # whether kernels call it wherever Python does, so that it is compiled for them first
 
     @property
     def _numba_type_(self) -> Any:
@@ -152,7 +153,7 @@ class _Compiler(_FunctionCompiler):
     kernel: Kernel
 
     def _get_implementation(self, args: Any, kws: Any) -> Any:
-        if not self.kernel.inner.is_compiled(args):
+        if not (self.kernel.shared or self.kernel.inner.is_compiled(args)):
             return self.py_func
         names = ", ".join(inspect.signature(self.py_func).parameters)
         found: dict[str, Any] = {"inner": self.kernel.inner, "__name__": self.py_func.__module__}
@@ -160,14 +161,14 @@ class _Compiler(_FunctionCompiler):
         return found[self.py_func.__name__]
 
 
-def for_kernels_and_python(function: Any, settings: dict[str, Any]) -> Kernel:
-    """Return `function` to be compiled with these settings of Numba's, and kept on disk."""
+def for_kernels_and_python(function: Any, settings: dict[str, Any], shared: bool) -> Kernel:
+    """Return `function` to be compiled with these settings of Numba's and kept on disk, if `shared` for kernels first."""
     jit: Any = njit
     before = config.CACHE_DIR
     config.CACHE_DIR = before or _CACHE  # for this kernel alone: other packages keep theirs where they did
     try:
         compiled: Any = jit(cache=True, no_cfunc_wrapper=True, **settings)(function)
-        compiled.__class__ = Kernel
+        compiled.__class__, compiled.shared = Kernel, shared
         compiled._compiler.__class__, compiled._compiler.kernel = _Compiler, compiled
         compiled.inner = jit(no_cfunc_wrapper=True, no_cpython_wrapper=True, **settings)(function)
         compiled.inner.__class__ = Inner

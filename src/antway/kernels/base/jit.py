@@ -21,15 +21,20 @@ def compile_seconds() -> float:
     return 0.0 if PLAIN else dispatch.watch.seconds
 
 
-def _compiled(function: F, **options: bool) -> F:
+def _compiled(function: F, shared: bool = False, **options: bool) -> F:
     if PLAIN:
         return function
-    return cast(F, dispatch.for_kernels_and_python(function, {"nogil": True, "error_model": "numpy", **options}))
+    return cast(F, dispatch.for_kernels_and_python(function, {"nogil": True, "error_model": "numpy", **options}, shared))
 
 
 def kernel(function: F) -> F:
     """Compile `function` with Numba at its first call; no fastmath, so that results are the same everywhere."""
     return _compiled(function)
+
+
+def shared_kernel(function: F) -> F:
+    """Compile `function` as `kernel` does, for large ones that Python and kernels call with the same types: once for both."""
+    return _compiled(function, shared=True)
 
 
 def bare_kernel(function: F) -> F:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel, shared_kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.base.rng import State, uniform
 from antway.kernels.spacetime.context import PlanningContext, centre, clear
@@ -272,7 +272,7 @@ def _promise(memory: Memory) -> float:
     return memory.heap_key[0] if memory.counter[HEAP_SIZE] > 0 else math.inf
 
 
-@kernel
+@shared_kernel
 def search(
     memory: Memory,
     trails: Trails,

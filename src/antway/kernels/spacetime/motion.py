@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import kernel, shared_kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
 from antway.kernels.spacetime.memory import Memory
@@ -16,7 +16,7 @@ from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 LOOK = 10  # a shortcut leads at most so many vertices ahead
 
 
-@kernel
+@shared_kernel
 def trace_back(
     memory: Memory,
     context: PlanningContext,
@@ -118,7 +118,7 @@ def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float
     return knots[n - 1, 1], knots[n - 1, 2], n - 1
 
 
-@kernel
+@shared_kernel
 def shorten(
     context: PlanningContext,
     predictions: Predictions,
