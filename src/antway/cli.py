@@ -253,13 +253,14 @@ def demo_command(
     from rich.markup import escape
 
     from antway.demo import run_demo
+    from antway.warmup import compiling_beside
 
-    console = Console(stderr=True)
-    with console.status("starting") as status, working("playing the scenes"):
+    console, shown = Console(stderr=True), policies.split(",")
+    with console.status("starting") as status, working("playing the scenes"), compiling_beside(shown[-1]):
         rows = list(
             run_demo(
                 out,
-                policies=policies.split(","),
+                policies=shown,
                 seed=seed,
                 on_progress=lambda name, what: status.update(escape(f"{name}: {what}")),
             )

@@ -7,7 +7,7 @@ import math
 import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 from multiprocessing import get_context
@@ -251,12 +251,14 @@ def run_demo(
     *others, shown = policies
     out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        rounds = {name: pool.submit(write_rounds, name, shown, seed, out / name) for name in ROUNDS}
         aside = pool.submit(_play, others, seed)  # in one process: each would compile the same kernels
-        drawn = {}
+        drawn: dict[str, Future[dict[str, Any]]] = {}
+        rounds: dict[str, Future[dict[str, Any]]] = {}
         for name in SCENES:
             on_progress(name, "episodes")
             played = run(scene(name), shown, seed=seed)
+            if not rounds:  # begun sooner, they would compile the same kernels
+                rounds = {stops: pool.submit(write_rounds, stops, shown, seed, out / stops) for stops in ROUNDS}
             beside = [aside.result()[name, other] for other in others]
             drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)
             for other, result in zip(others, beside):

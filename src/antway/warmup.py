@@ -76,11 +76,11 @@ def late() -> None:
 
     Each is there before the episode needs it: that compiles the map's moves and what senses meanwhile, then what predicts.
     """
-    from antway import Command, RobotSpec, Task, load_map, load_scenario
-    from antway.demo import static_shortest
+    from antway import Command, Problem, RobotSpec, Task, load_map, load_scenario, solve
     from antway.policies.antway.alternatives import Situation, manner
     from antway.policies.antway.policy import AntwayPolicy
     from antway.policies.guard import Guard
+    from antway.policies.paper.routes import Routes
     from antway.world.episode import Episode
 
     task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
@@ -100,7 +100,8 @@ def late() -> None:
     stage = Episode(load_scenario("office"), policy, seed=0).stage
     guard.limit(stage.observe(), Command((0.0, 0.0)))
     stage.drive(0.0, 0.0)
-    static_shortest(task)
+    Routes(task)
+    solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")
 
 
 def _timed(name: str, argument: str) -> tuple[str, float]:
