@@ -13,7 +13,7 @@ from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.others import average, restart
-from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
+from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge, spread_plan
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
@@ -190,6 +190,22 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         for k in range(steps):
             now = drive_cycle(*now, *controls[k].tolist(), colony.limits, robot.dt)
         assert path[-1] == pytest.approx(now[:2], abs=2e-3)
+
+
+def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dear_and_no_sooner() -> None:
+    colony, rng = _colony(WHEELS), np.random.default_rng(8)
+    steps = len(colony.outlook.near)
+    for arrival in (9.0, 14.0, 30.0):  # 8 s away: the plan waits for 1, 6 and 22 s
+        knots = np.array([(0.0, 1.1, 4.1), (arrival - 7.0, 1.1, 4.1), (arrival, 8.9, 4.1)])
+        spread_plan(knots, 3, 0.0, WHEELS.dt, arrival, 0.3, colony.outlook.plan)
+        known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
+        for _ in range(20):
+            controls = np.repeat(rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)), 5, axis=0)[:steps]
+            cost = judge(controls, *known, math.inf, np.empty((0, 2)))
+            assert judge(controls, *known, cost + 1e-6, np.empty((0, 2))) == cost
+        path = np.zeros((steps, 2))
+        assert judge(controls, *known, arrival - 0.3 - WHEELS.dt * steps, path) == math.inf
+        assert not path[1:].any()
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
