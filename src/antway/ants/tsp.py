@@ -32,7 +32,7 @@ MMAS_WITH_SEARCH = MaxMinAntSystem(
 )
 # Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
 _TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
-_FOCUSED_FROM = 2000  # cities from which changing a tour beats building one anew
+_FOCUSED_FROM = 1000  # cities from which changing a tour beats building one anew within 10 s
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
 
@@ -126,7 +126,7 @@ def solve_tsp(
     focused : bool or None
         Whether ants change a few edges of their last tour at a time and repair it, instead of building tours anew (in the
         manner of Skinderowicz 2022); needs a local search. None: they build tours anew and then change them so, 2 n times;
-        from 2,000 cities on as with True.
+        from 1,000 cities on as with True.
     pheromone : array_like[n, k] or None
         Where to start from, such as the pheromone of an earlier `Tour` with as many candidates.
     progress : callable or None
