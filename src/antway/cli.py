@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from antway import tour_commands
+from antway import commands
 from antway.console import (
     MOVES,
     NO_PATH,
@@ -125,7 +125,7 @@ def plan_command(
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     if smooth and (robot is None or pareto):
         raise BadParameter("smooth", True, "with --robot, which says what drives, and without --pareto")
-    spec = None if robot is None else tour_commands.robot_of(robot, radius)
+    spec = None if robot is None else commands.robot_of(robot, radius)
     radius = radius if spec is None else spec.radius
     with working("planning"):
         grid = load_map(map_file, resolution=resolution)
@@ -135,14 +135,14 @@ def plan_command(
         source, target = (end if cells else standing_cell(name, end, grid, inflated, radius) for name, end in ends.items())
         problem = Problem(inflated, source, target, rule)
     if pareto:
-        return tour_commands.plan_front(problem, grid, radius, obstacles, seed, out, json)
+        return commands.plan_front(problem, grid, radius, obstacles, seed, out, json)
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
     with working("planning"):
         path = solve(problem, planner, seed=seed, time_limit=time_limit)
         check_plan(problem, path)
     if smooth and spec is not None and len(path.cells):
-        return tour_commands.smooth_plan(path, grid, spec, seed, out, json)
+        return commands.smooth_plan(path, grid, spec, seed, out, json)
     if out is not None:
         from antway.view import figures
 
@@ -306,9 +306,9 @@ def bench_command(
     from importlib.util import find_spec
 
     if suite == "predict" or file is not None:
-        return tour_commands.predict(suite, file, json)
+        return commands.predict(suite, file, json)
     if suite == "ants":
-        return tour_commands.compare_ants(10 if episodes is None else episodes, out, json)
+        return commands.compare_ants(10 if episodes is None else episodes, out, json)
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -430,7 +430,7 @@ def ros2_command(context: typer.Context) -> int:
     return spin(["antway", *context.args])
 
 
-tour_commands.add_to(app)
+commands.add_to(app)
 for _command in app.registered_commands:  # one line each in the list of commands, wrapped rather than cut off
     _command.short_help = (_command.callback.__doc__ or "").partition("\n")[0] if _command.callback else ""
 

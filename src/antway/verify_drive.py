@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from antway.errors import InvalidPlan
 from antway.grid import Grid
+from antway.verify_motion import gap_from_square
 
 if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
@@ -190,19 +191,6 @@ class _Walls:
         if not len(pose):
             return gap
         middle = self.middles[np.concatenate(near)]
-        np.minimum.at(gap, pose, self._apart(xs[pose] - middle[:, :1], ys[pose] - middle[:, 1:]) - self.rounding)
+        apart = gap_from_square(xs[pose] - middle[:, :1], ys[pose] - middle[:, 1:], self.size / 2.0)
+        np.minimum.at(gap, pose, apart - self.rounding)
         return gap
-
-    def _apart(self, xs: Floats, ys: Floats) -> Floats:
-        """Gap of bodies from the square round (0, 0): corners float64[P, N] each."""
-        half = self.size / 2.0
-        if len(self.corners) == 1:
-            return np.hypot(np.maximum(np.abs(xs[:, 0]) - half, 0.0), np.maximum(np.abs(ys[:, 0]) - half, 0.0))
-        apart: Floats = np.maximum.reduce([xs.min(axis=1), -xs.max(axis=1), ys.min(axis=1), -ys.max(axis=1)]) - half
-        for k in range(len(self.corners)):
-            ex, ey = xs[:, k] - xs[:, k - 1], ys[:, k] - ys[:, k - 1]
-            length = np.hypot(ex, ey)
-            nx, ny = ey / length, -ex / length  # outwards: the corners go round counterclockwise
-            beyond = -nx * xs[:, k] - ny * ys[:, k] - half * (np.abs(nx) + np.abs(ny))
-            apart = np.maximum(apart, beyond)
-        return apart

@@ -195,11 +195,24 @@ def _body_distance(trace: Trace, states: Floats, points: Floats) -> Floats:
     return np.where(outside > 0.0, nearest, outside)
 
 
-def wall_depth(trace: Trace, states: Floats) -> float:
-    """Least of the robot's distances from blocked squares and the map's edges over states float64[S, 3], m; below 0 inside.
+def gap_from_square(xs: Floats, ys: Floats, half: float) -> Floats:
+    """Gap of bodies from the square of half side `half` round (0, 0): their corners float64[S, N], or one place each; m.
 
     Between polygons it is the widest gap along the normals of either: 0 where they touch, and never more than the distance.
     """
+    if xs.shape[1] == 1:
+        return np.hypot(np.maximum(np.abs(xs[:, 0]) - half, 0.0), np.maximum(np.abs(ys[:, 0]) - half, 0.0))
+    apart: Floats = np.maximum.reduce([xs.min(axis=1), -xs.max(axis=1), ys.min(axis=1), -ys.max(axis=1)]) - half
+    for k in range(xs.shape[1]):
+        ex, ey = xs[:, k] - xs[:, k - 1], ys[:, k] - ys[:, k - 1]
+        length = np.hypot(ex, ey)
+        nx, ny = ey / length, -ex / length  # outwards: the corners go round counterclockwise
+        apart = np.maximum(apart, -nx * xs[:, k] - ny * ys[:, k] - half * (np.abs(nx) + np.abs(ny)))
+    return apart
+
+
+def wall_depth(trace: Trace, states: Floats) -> float:
+    """Least of the robot's distances from blocked squares and the map's edges over states float64[S, 3], m; below 0 inside."""
     grid, spec = trace.task.grid, trace.task.robot
     (x0, y0, _), size, (rows, cols) = grid.origin, grid.resolution, grid.shape
     corners, rounding = _corners(trace), spec.radius if spec.footprint is None else 0.0
@@ -214,20 +227,7 @@ def wall_depth(trace: Trace, states: Floats) -> float:
     near = grid.blocked[max(i0, 0) : max(i1, 0), max(j0, 0) : max(j1, 0)]
     for i, j in np.argwhere(near).tolist():
         cx, cy = x0 + (j + max(j0, 0) + 0.5) * size, y0 + (i + max(i0, 0) + 0.5) * size
-        if len(corners) == 1:
-            gap = np.hypot(np.maximum(np.abs(xs - cx) - size / 2, 0.0), np.maximum(np.abs(ys - cy) - size / 2, 0.0))
-            least = min(least, float(gap.min()) - rounding)
-            continue
-        apart = (
-            np.maximum.reduce([xs.min(axis=1) - cx, cx - xs.max(axis=1), ys.min(axis=1) - cy, cy - ys.max(axis=1)]) - size / 2
-        )
-        for k in range(len(corners)):
-            ex, ey = xs[:, k - 1] - xs[:, k], ys[:, k - 1] - ys[:, k]
-            length = np.hypot(ex, ey)
-            nx, ny = -ey / length, ex / length  # outwards: the corners go round counterclockwise
-            beyond = nx * (cx - xs[:, k]) + ny * (cy - ys[:, k]) - size / 2 * (np.abs(nx) + np.abs(ny))
-            apart = np.maximum(apart, beyond)
-        least = min(least, float(apart.min()))
+        least = min(least, float(gap_from_square(xs - cx, ys - cy, size / 2.0).min()) - rounding)
     return least
 
 

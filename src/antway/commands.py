@@ -1,4 +1,4 @@
-"""The commands for tours, and those that are part of `plan` and `bench`; each imports what it needs when it runs."""
+"""What the longer commands do: tours, fronts, smoothing, comparisons; each imports what it needs when it runs."""
 
 from __future__ import annotations
 
