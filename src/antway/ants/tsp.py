@@ -32,7 +32,9 @@ MMAS_WITH_SEARCH = MaxMinAntSystem(
 )
 # Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
 _TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
-_FOCUSED_FROM = 1000  # cities from which changing a tour beats building one anew within 10 s
+_FOCUSED_FROM = 1000  # cities from which ants mostly change their last tour, and build one anew every so many cycles:
+_ANEW_EVERY = 10
+_FOCUSED_ALONE_FROM = 2000  # cities from which they never build anew after the first cycle
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
 
@@ -126,7 +128,7 @@ def solve_tsp(
     focused : bool or None
         Whether ants change a few edges of their last tour at a time and repair it, instead of building tours anew (in the
         manner of Skinderowicz 2022); needs a local search. None: they build tours anew and then change them so, 2 n times;
-        from 1,000 cities on as with True.
+        from 1,000 cities on they build anew in every tenth cycle only, and from 2,000 on as with True.
     pheromone : array_like[n, k] or None
         Where to start from, such as the pheromone of an earlier `Tour` with as many candidates.
     progress : callable or None
@@ -216,11 +218,10 @@ def local_search_options(
             raise BadParameter("focused", focused, "False without a local_search")
         return LocalSearchOptions(-1, 0, 0, 0), rule
     breadth, longest = _SEARCHES[local_search]
-    anew = focused is None and n < _FOCUSED_FROM
-    attempts = 2 * n if anew else 0 if focused is False else min(10 * n, 5000)
-    options = LocalSearchOptions(
-        breadth, n if longest is None else longest, attempts, 30, _TEMPERATURE if anew else _FOCUSED_TEMPERATURE, anew
-    )
+    anew = 0 if focused is not None or n >= _FOCUSED_ALONE_FROM else 1 if n < _FOCUSED_FROM else _ANEW_EVERY
+    attempts = 2 * n if anew == 1 else 0 if focused is False else min(10 * n, 5000)
+    temperature = _TEMPERATURE if anew == 1 else _FOCUSED_TEMPERATURE
+    options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, temperature, anew)
     return options, MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 

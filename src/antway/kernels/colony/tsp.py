@@ -41,7 +41,7 @@ class LocalSearchOptions(NamedTuple):
     attempts: int  # > 0: focused construction, so many changes a cycle
     window: int  # how many cities a part of a change spans at most
     temperature: float = 0.0  # temperature at which a cycle's changes begin, in mean edges of the best tour
-    anew: bool = False  # whether an ant builds its tour anew before it changes it, instead of taking its last one
+    anew: int = 0  # an ant builds its tour anew every so many cycles, and changes its last one in the others; 0: never
 
 
 @bare_kernel
@@ -251,7 +251,8 @@ def build(
     for ant in range(first, last):
         order = colony.orders[ant]
         state[0] = rng.stream(seed, np.uint64(int(colony.record[CYCLE]) * m + ant))
-        if plan.attempts > 0 and not plan.anew and colony.record[CYCLE] > 0:
+        cycle = int(colony.record[CYCLE])
+        if plan.attempts > 0 and cycle > 0 and (plan.anew == 0 or cycle % plan.anew != 0):
             set_tour(search, order)
             colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
             copy_row(search.order, order)
@@ -259,7 +260,7 @@ def build(
         colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
         if plan.breadth >= 0:
             colony.lengths[ant] -= improve(cities, whole, order, plan.breadth, plan.longest)
-            if plan.anew:
+            if plan.anew > 0:
                 colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
                 copy_row(search.order, order)
 
