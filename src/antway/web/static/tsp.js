@@ -14,7 +14,7 @@ const SETTINGS = [
   { field: "rule", label: "Rule", options: choices.rules, meaning: "Which ants deposit, and within which limits: Ant System, elitist, rank-based, MAX-MIN, Ant Colony System." },
   { field: "persistence", label: "Persistence", options: choices.persistences, meaning: "Share of the pheromone that remains after a cycle; adaptive: strong edges keep more." },
   { field: "search", label: "Local search", options: choices.searches, meaning: "What improves each tour before it deposits." },
-  { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 400 cities on with local search, 4 that change tours." },
+  { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 2,000 cities on with local search, 4 that change tours." },
   { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
 ];
 const MARGIN = 20; // pixels of the page round the map
