@@ -53,7 +53,7 @@ test:
 	@$(MAKE) --no-print-directory -j2 check tests
 
 tests: $(READY)
-	$(BIN)/python -m pytest -n 3 --dist loadfile -rs
+	$(BIN)/python -m pytest -n 2 --dist loadfile -rs
 
 nightly: $(READY) browser ros
 	ANTWAY_TEST_SCALE=100 $(BIN)/python -m pytest -n 2 --dist loadfile -rs

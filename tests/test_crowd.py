@@ -62,7 +62,8 @@ def circle(seed: int) -> Timeline:
 
 def watched(line: Timeline, steps: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Places 2 s after each scan: as predicted (NaN: not), and on at the velocity seen."""
-    rows, trajectory, n, paths, straight = np.zeros((8, crowd.COLUMNS)), np.empty((8, crowd.STEPS, 2)), 0, [], []
+    rows, n, paths, straight = np.zeros((8, crowd.COLUMNS)), 0, [], []
+    trajectory = np.full((8, crowd.STEPS, 2), np.nan)  # of who is not predicted the first number alone is written
     for i in range(steps):
         t = i * STEP_TIME + 1e-6
         xy, velocity = line.at(t - 1e-9)[0], line.at(t - 1e-3)[1]

@@ -88,7 +88,7 @@ def late() -> None:
     policy.reset(task, 0)
     s = policy._state
     estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
-    estimates[0, :2] = task.start[0] + 2.0, task.start[1]
+    estimates[0, :2], foretold[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # somebody who is taken to stand
     situation = Situation(
         s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, foretold, s.plan.segments[:0].copy()
     )
