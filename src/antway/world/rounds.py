@@ -23,7 +23,7 @@ from antway.world.stops import XY, Rounds, Stop, Turn, Visit
 FEW = 13  # stops that a dynamic program orders exactly in about 5 ms
 CYCLES = 2  # of the colony for more of them
 MANY = 40  # stops; for more, local search alone goes on from the last order, in a fraction of the time
-SHAKES = 8  # cycles of that local search
+SHAKES = 8  # cycles of that local search for so many stops; for more so many fewer that it takes no longer
 PACE = 0.85  # share of its top speed that a robot makes good among obstacles
 REVIEW = 1.0  # s between two looks at the order
 STANDS, FORGOTTEN = 3.0, 30.0  # s: an obstacle that stood so long counts as a wall, until it was not seen so long
@@ -352,7 +352,7 @@ class RoundsPolicy:
             windows=np.vstack((always, ahead, always)),
             service=np.r_[0.0, service, 0.0],
             objective="makespan",
-            cycles=CYCLES if len(stops) <= MANY else SHAKES,
+            cycles=CYCLES if len(stops) <= MANY else max(1, SHAKES * MANY // len(stops)),
             seed=self.seed,
             initial=self._known(stops),
             quick=len(stops) > MANY,
