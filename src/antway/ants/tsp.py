@@ -32,8 +32,8 @@ MMAS_WITH_SEARCH = MaxMinAntSystem(
 )
 # Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
 _TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
-_FOCUSED_FROM = 1000  # cities from which ants mostly change their last tour, and build one anew every so many cycles:
-_ANEW_EVERY = 10
+_FOCUSED_FROM = 1000  # cities from which ants change their last tour in most cycles, instead of building one anew
+_ANEW_EVERY = 10  # cycles from one in which they build anew to the next
 _FOCUSED_ALONE_FROM = 2000  # cities from which they never build anew after the first cycle
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
