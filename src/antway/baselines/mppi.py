@@ -83,7 +83,8 @@ class Mppi(Follow):
             np.zeros((self.samples, steps, 2)),
             np.zeros(self.samples),
         )
-        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 9)), np.full((steps, 3), -math.inf))
+        discs, added = np.zeros((steps, _DISCS, 10)), np.empty(0)
+        self.outlook = Outlook(np.zeros(steps, np.int64), discs, added, np.full((steps, 3), -math.inf))
         self.outlook.plan[:, :2] = 0.0
         self.weights = CostWeights(
             progress=0.02,

@@ -12,7 +12,7 @@ from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 
 SX, SY, HEADING, A, B = range(5)  # of a state: place (m), heading (rad), and speed and turn rate, or the velocity's x and y
-CENTRE_X, CENTRE_Y, CONTACT, WISHED, SPEED, VX, VY, STRAIGHT, LIKELY = range(9)  # of an obstacle at the end of a step
+CENTRE_X, CENTRE_Y, CONTACT, WISHED, SPEED, VX, VY, STRAIGHT, LIKELY, OWNER = range(10)  # of an obstacle at the end of a step
 _NOW = 3.0  # times; what a guard would not allow at once counts so much more
 
 
@@ -34,9 +34,10 @@ class Outlook(NamedTuple):
     """Where obstacles will be at the end of each step of a rollout, those alone that the robot could reach, and the plan."""
 
     near: NDArray[np.int64]  # [S] how many
-    disc: NDArray[np.float64]  # [S, N, 9] x, y, distances of the centres at contact and wished (m), speed
+    disc: NDArray[np.float64]  # [S, N, 10] x, y, distances of the centres at contact and wished (m), speed
     # bound (m/s), velocity (m/s), how long it goes on so before a wall throws it back (s), and the distance of the centres up
-    # to which it is likely enough that there is contact (m)
+    # to which it is likely enough that there is contact (m), and which entry of `harm` is its own
+    harm: NDArray[np.float64]  # [M] s; what each obstacle costs the rollout that is judged; none: all its steps are added up
     plan: NDArray[np.float64]  # [S, 3] x, y of a plan in space and time, m, and how long it still takes from there, s
 
 
@@ -54,11 +55,11 @@ class CostWeights(NamedTuple):
     """What a rollout costs, in seconds."""
 
     progress: float  # s for each s to go at the end of each step
-    contact: float  # s for a contact foreseen
+    contact: float  # s for a contact foreseen, and for each metre of its depth: the worst step counts, see `Outlook.harm`
     depth: float  # s/m
     decay: float  # 1/s; what is far ahead counts less
     near: float  # s/m short of the wished distance, at each step
-    risk: float  # s where contact begins, at each step; falls with the square to nothing where it is not likely
+    risk: float  # s where contact begins, where it is worst; falls with the square to nothing where it is not likely
     wall: float  # s for a wall nearer than
     wall_margin: float  # m
     off_plan: float  # s/m away from the plan
@@ -192,11 +193,18 @@ def _met(
         if square < max(disc[WISHED] * disc[WISHED], disc[LIKELY] * disc[LIKELY]):
             distance = math.sqrt(square) if len(field.discs) == 0 else _away(dx, dy, c, s, field.box)
             cost += w.near * max(disc[WISHED] - distance, 0.0)
+            harm = 0.0
             if distance < disc[LIKELY]:
                 share = min((disc[LIKELY] - distance) / (disc[LIKELY] - disc[CONTACT]), 1.0)
-                cost += decay * w.risk * share * share
+                harm += w.risk * share * share
             if distance < disc[CONTACT]:
-                cost += decay * (w.contact + w.depth * (disc[CONTACT] - distance))
+                harm += w.contact + w.depth * (disc[CONTACT] - distance)
+            harm, owner = decay * harm, int(disc[OWNER])
+            if len(outlook.harm) == 0:
+                cost += harm
+            elif harm > outlook.harm[owner]:
+                cost += harm - outlook.harm[owner]
+                outlook.harm[owner] = harm
         if guarded:
             most = disc[CONTACT] + disc[SPEED] * late
             dx, dy = sx - disc[CENTRE_X], sy - disc[CENTRE_Y]
@@ -280,6 +288,7 @@ def judge(
     c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
     steps, rows = len(controls), len(path)
     cost, decay = 0.0, 1.0
+    outlook.harm[:] = 0.0
     slower = math.exp(-w.decay * dt)
     for k in range(steps):
         x, y, c, s, a, b = step(x, y, c, s, a, b, controls[k, 0], controls[k, 1], limits, dt)
@@ -376,7 +385,7 @@ def look_ahead(
                     speed,
                 )
                 row[VX], row[VY] = segments[p, 4], segments[p, 5]
-                row[LIKELY] = contact + likely
+                row[LIKELY], row[OWNER] = contact + likely, obstacle % max(len(outlook.harm), 1)
                 row[STRAIGHT] = t1 - t if turns else math.inf
                 outlook.near[k] += 1
 

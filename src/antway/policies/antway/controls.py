@@ -19,7 +19,7 @@ from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import RobotState, commanded, finite_limits, static_field
 
-_DISCS = 64  # at most, near one another at one time
+_DISCS = 64  # at most, near one another at one time; of more tracks some share an entry of what they cost
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
 _NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
 _ALIKE = 0.3  # m; paths no farther apart are one
@@ -46,13 +46,14 @@ class ControlOptions:
     margin, wished, near : float
         Room kept to obstacles, room wished for beyond, and s for each m less at each step.
     risk, spread, spread_time, late : float
-        s where contact begins, at each step; it falls with the square to nothing at so many standard deviations of where a
-        track will be (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken as they will be `late` s
-        after, for a robot with inertia cannot answer at once; both are longer for robots slower than 0.8 m/s.
+        s where contact begins, for each obstacle at the step where it is worst, and more for robots slower than 0.8 m/s; it
+        falls with the square to nothing at so many standard deviations of where a track will be
+        (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken as they will be `late` s
+        after, for a robot with inertia cannot answer at once; both are longer for such slow robots.
     wall_margin : float
         Room kept to walls.
     contact, decay : float
-        s for a contact foreseen, fading by 1/s.
+        s for a contact foreseen, once for each obstacle, fading by 1/s.
     stop : float
         s for each m by which a stop could be cut off that the guard would not allow.
     search : str
@@ -77,12 +78,12 @@ class ControlOptions:
     margin: float = 0.01
     wished: float = 0.05
     near: float = 0.2
-    risk: float = 6.0
+    risk: float = 5.0
     spread: float = 2.0
     spread_time: float = 0.8
     late: float = 0.6
     wall_margin: float = 0.03
-    contact: float = 30.0
+    contact: float = 600.0
     decay: float = 0.3
     stop: float = 10.0
     search: str = "ants"
@@ -103,7 +104,8 @@ class ControlColony:
         horizon = max(o.horizon, min(_AHEAD / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        self.outlook = Outlook(np.zeros(steps, np.int64), np.zeros((steps, _DISCS, 9)), np.full((steps, 3), -math.inf))
+        discs, harm = np.zeros((steps, _DISCS, 10)), np.zeros(_DISCS)
+        self.outlook = Outlook(np.zeros(steps, np.int64), discs, harm, np.full((steps, 3), -math.inf))
         self.outlook.plan[:, :2] = 0.0
         self.archive = Archive(
             np.zeros((o.archive, steps, 2)),
@@ -146,7 +148,7 @@ class ControlColony:
             depth=o.contact,
             decay=o.decay,
             near=o.near,
-            risk=o.risk,
+            risk=o.risk * self.slowness,
             wall=100.0,
             wall_margin=o.wall_margin,
             off_plan=o.off_plan,
