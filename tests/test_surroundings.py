@@ -101,6 +101,15 @@ def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path) -> None:
         assert "Traceback" not in errors and "Error" not in errors, (delay, errors)
 
 
+def test_an_interrupt_that_a_compiler_swallows_comes_again() -> None:
+    """LLVM calls Python to keep what it compiled, and ignores what is raised there: Ctrl-C then ends the run all the same."""
+    swallowed = "ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))(); time.sleep(20)"
+    code = f"import ctypes, signal, sys, time, antway.cli\ndef run(): {swallowed}\nantway.cli.main = run\n"
+    code += "from antway.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
 def test_what_a_killed_run_leaves_is_sound_or_refused(tmp_path: Path) -> None:
     """kill -9 leaves no trace, a sound one, or one that is refused; the next run to the same folder succeeds."""

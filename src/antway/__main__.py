@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
 import sys
+import threading
+from typing import Any
+
+_AGAIN = 0.05  # s
+
+
+def _interrupt_again(ignored: Any) -> None:
+    """Interrupt once more a little later where an interrupt came while a compiler called Python: it ignores errors."""
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        again = threading.Timer(_AGAIN, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+    else:
+        sys.__unraisablehook__(ignored)
 
 
 def main() -> None:
     """Run the command line and exit with its status, 130 where Ctrl-C ends it."""
+    sys.unraisablehook = _interrupt_again
     try:
         from antway.cli import main as run
 
