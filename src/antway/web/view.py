@@ -14,7 +14,7 @@ from antway.policies.paper.tubes import Tubes
 from antway.web.inside import Look, edges, look_inside
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
-from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks
 from antway.world.scenario import Scenario
 
 Message = dict[str, Any]
@@ -26,6 +26,7 @@ _SHADES = 40_000  # greatest number of cells of pheromone in one frame
 _EDGES = 400  # greatest number of the ants' trails in one frame
 _KNOTS = 300  # greatest number of knots of a planned path in one frame
 MAX_SEEN = 1000  # greatest number of moments for which it is kept what was sensed
+_COLUMNS = 7  # see `_packed`
 _ROWS = 300  # greatest number of new rows of the driven path in one frame
 
 
@@ -47,13 +48,28 @@ class Watched:
         return self.policy.explain()
 
 
+def _packed(seen: Observation | None) -> bytes:
+    """Return what the page may ask of an observation later, in little room: hundreds of tabs keep hundreds of them.
+
+    Rows of seven numbers: its time and the sensor's; then place, velocity, radius and the variances of both of each track.
+    """
+    if seen is None:
+        return b""
+    tracks, rows = seen.tracks, np.zeros((len(seen.tracks) + 1, _COLUMNS))
+    rows[0, :2] = seen.t, seen.stamp
+    rows[1:, :2], rows[1:, 2:4], rows[1:, 4] = tracks.xy, np.nan_to_num(tracks.velocity, nan=0.0), tracks.radius
+    if tracks.covariance is not None:
+        rows[1:, 5], rows[1:, 6] = tracks.covariance[:, 0, 0], tracks.covariance[:, 2, 2]
+    return rows.tobytes()
+
+
 class Moment(NamedTuple):
     """What the episode's own record does not hold of each moment."""
 
-    seen: Observation | None
+    seen: bytes  # what was sensed, see `_packed`
     clearance: float  # the least so far, m
-    visited: list[list[Any]]  # stops, and whether each was reached too late
-    order: list[int]
+    visited: tuple[tuple[int, bool], ...]  # stops, and whether each was reached too late
+    order: tuple[int, ...]
 
 
 class View:
@@ -82,7 +98,7 @@ class View:
             self.episode.step()
             self.moments.append(self._moment())
             if len(self.moments) > MAX_SEEN:
-                self.moments[-MAX_SEEN - 1] = self.moments[-MAX_SEEN - 1]._replace(seen=None)
+                self.moments[-MAX_SEEN - 1] = self.moments[-MAX_SEEN - 1]._replace(seen=b"")
 
     def added(self) -> None:
         """Note that a stop was added: the page forgets what it has been told when it is told of a scene."""
@@ -92,10 +108,10 @@ class View:
     def _moment(self) -> Moment:
         tour, clearance = self.episode.tour, self.episode.stage.clearance
         if tour is None:
-            return Moment(self.watched.seen, clearance, [], [])
+            return Moment(_packed(self.watched.seen), clearance, (), ())
         rounds = tour.rounds
-        visited = [[visit.stop, rounds.lateness(visit) > 0] for visit in rounds.visits]
-        return Moment(self.watched.seen, clearance, visited, list(tour.order))
+        visited = tuple((visit.stop, rounds.lateness(visit) > 0) for visit in rounds.visits)
+        return Moment(_packed(self.watched.seen), clearance, visited, tuple(tour.order))
 
     def look_inside(self) -> bool:
         """Let the ants of the cycle to come do one cycle more, on a copy; tell whether there was one."""
@@ -138,7 +154,7 @@ class View:
             "idle": self.idle,
         }
         if episode.tour is not None:
-            record["visited"], record["order"] = moment.visited, moment.order
+            record["visited"], record["order"] = [list(visit) for visit in moment.visited], list(moment.order)
         made = bisect_left(episode.decisions, n, key=lambda one: one[0])  # decisions made before this moment
         decision = look.decision if look is not None else episode.decisions[made - 1][1] if made else None
         if decision is not self.decision:
@@ -161,22 +177,22 @@ class View:
         slower = 0.0 if periods == 1 else spec.a_max * spec.dt * periods * (periods - 1) / 2
         return (speed * periods - slower) * spec.dt, periods * spec.dt
 
-    def _tubes(self, seen: Observation | None, now: float) -> list[list[Any]]:
+    def _tubes(self, packed: bytes, now: float) -> list[list[Any]]:
         """Return [radius in m, growth in m/s, [[time from now, x, y], ...]] of each obstacle seen then."""
-        if seen is None or len(seen.tracks) == 0:
+        rows = np.frombuffer(packed).reshape(-1, _COLUMNS)
+        if len(rows) < 2:
             return []
-        velocity = np.nan_to_num(seen.tracks.velocity, nan=0.0)
+        (t, stamp), xy, velocity, radius = rows[0, :2].tolist(), rows[1:, :2], rows[1:, 2:4], rows[1:, 4]
+        tracks = Tracks(np.arange(len(xy)), xy, velocity, radius)
+        seen = Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks, stamp)
         tubes = Tubes.predict(seen, velocity, self.episode.stage.task.grid, HORIZON + now - seen.t)
         result: list[list[Any]] = []
-        for k, radius in enumerate(seen.tracks.radius.tolist()):
+        for k, (body, *variances) in enumerate(rows[1:, 4:].tolist()):
             t, xy = (a[tubes.first[k] : tubes.first[k + 1]] for a in (tubes.knot_t, tubes.knot_xy))
             times = np.unique(np.concatenate(([now], t[(t > now) & (t < now + HORIZON)], [now + HORIZON])))
             path = np.column_stack((times - now, *(np.interp(times, t, xy[:, i]) for i in (0, 1))))
-            spread = (0.0, 0.0)
-            if seen.tracks.covariance is not None:
-                spread = (seen.tracks.covariance[k, 0, 0], seen.tracks.covariance[k, 2, 2])
-            wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in spread)
-            result.append([short(radius + wide), short(_GROWTH + faster), [[short(v) for v in knot] for knot in path]])
+            wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in variances)
+            result.append([short(body + wide), short(_GROWTH + faster), [[short(v) for v in knot] for knot in path]])
         return result
 
 
