@@ -6,6 +6,7 @@ import hashlib
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from antway import (
     BadParameter,
     CellBlocked,
+    Command,
     Decision,
     Grid,
     Observation,
@@ -30,6 +32,8 @@ from antway import (
     run,
 )
 from antway.kernels.base import jit
+from antway.policies.antway import policy as policy_module
+from antway.policies.antway import state as state_module
 from antway.policies.antway.alternatives import CROSSING, ELSE
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guarded
@@ -439,3 +443,47 @@ def test_an_episode_without_a_record_is_the_same_and_goes_without_explanations(m
     assert plain.trace is None
     for name in ("outcome", "time", "length", "min_clearance", "replans", "waits"):
         assert getattr(plain, name) == getattr(announced, name)
+
+
+def test_tables_of_tracks_grow_as_tracks_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With few rows at first an episode has the same commands as with many, of up to more tracks than fit at all."""
+    task = Scenario(World(Grid(np.zeros((60, 60), dtype=bool), 0.5)), (2.0, 2.0), (28.0, 28.0)).task
+
+    def commands() -> list[Command]:
+        rng, policy, said = np.random.default_rng(3), AntwayPolicy(), []
+        xy, velocity = rng.uniform(4.0, 29.0, (300, 2)), rng.uniform(-0.5, 0.5, (300, 2))
+        policy.reset(task, 1)
+        for k, n in enumerate([5, 5, 30, 90, 90, 300, 300, 20]):
+            tracks = Tracks(np.arange(n), xy[:n] + 0.1 * k * velocity[:n], velocity[:n], np.full(n, 0.2))
+            said.append(policy.act(Observation(0.1 * k, (2.0, 2.0), (0.0, 0.0), 0.0, tracks)))
+        assert len(policy.state.table) == 256
+        return said
+
+    few = commands()
+    for module in (policy_module, state_module):
+        monkeypatch.setattr(module, "ROWS", 256)
+    assert commands() == few
+
+
+class Staying(AntwayPolicy):
+    """The policy, told that it is to stay at the goal."""
+
+    stay = 0.0
+
+    def reset(self, task: Task, seed: int) -> None:
+        super().reset(replace(task, stay=self.stay), seed)
+
+
+def test_who_is_to_stay_at_the_goal_arrives_when_that_is_clear() -> None:
+    """A disc crosses the goal just after the robot could be there: one that stays lets it pass."""
+    crossing = Obstacle(0.3, Line((8.0, 0.5), (8.0, 4.5), 0.5))  # over the goal (8, 2.5) after 4 s
+    scenario = Scenario(World(ROOM, (crossing,)), (5.6, 2.5), (8.0, 2.5), robot=RobotSpec(radius=0.25), through_walls=True)
+    arrivals = []
+    for stay in (0.0, 1.0):
+        policy = Staying()
+        policy.stay = stay
+        result = run(scenario, policy, seed=0)
+        check_episode(result)
+        assert result.outcome is Outcome.REACHED
+        arrivals.append(result.time)
+    assert arrivals[0] < 3.0 and arrivals[1] > 4.5

@@ -74,9 +74,7 @@ class Plan(NamedTuple):
     """The plan in use, and what was predicted when it was last tested."""
 
     knots: NDArray[np.float64]  # [N, 3] rows (t, x, y)
-    scratch: NDArray[np.float64]  # [N, 3]
-    segments: NDArray[np.float64]  # [SEGMENTS, 8]
-    roomy: NDArray[np.float64]  # [SEGMENTS, 8] the same with room to spare
+    segments: NDArray[np.float64]  # [P, 8]
     state: NDArray[np.float64]  # [7] see COUNT and the others above
 
 
@@ -132,7 +130,7 @@ def _follow(context: PlanningContext, settings: Settings, plan: Plan, now: float
     """Return the velocity (vx, vy) that is on the plan in one control period."""
     n, dt = int(plan.state[COUNT]), settings.dt
     tx, ty, knot = place_at(plan.knots, n, now + dt)
-    if plan.knots[n - 1, 0] <= now + dt:  # the plan ends at the centre of the goal's cell; the goal is a little off it
+    if plan.knots[n - 1, 0] - settings.colony.stay <= now + dt:  # it leads to the centre of the goal's cell: go to the goal
         tx, ty = settings.goal_x, settings.goal_y
     if not clear(context, x, y, tx, ty):  # the chord cuts a corner of a plan along a wall: go to the corner
         _, _, knot = place_at(plan.knots, n, now)
@@ -165,14 +163,17 @@ def _look(
     )
     if end < 0:
         return False
-    m = trace_back(memory, context, predictions, x, y, end, horizon, horizon + settings.horizon, plan.scratch)
-    late = plan.scratch[m - 1, 0]
+    m = trace_back(memory, context, predictions, x, y, end, horizon, horizon + settings.horizon, memory.knots)
+    late = memory.knots[m - 1, 0]
     arrival = cost
     if settings.colony.distance_weight > 0.0:
         rest = context.field[memory.cell[end]]
         arrival -= memory.toll[end] + settings.colony.distance_weight * context.speed * rest
-    n = shorten(context, predictions, plan.scratch, m, plan.knots)
+    n = shorten(context, predictions, memory.knots, m, plan.knots)
     plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
+    if settings.colony.stay > 0.0 and memory.cell[end] == context.goal and n < len(plan.knots):
+        plan.knots[n, 0], plan.knots[n, 1:] = plan.knots[n - 1, 0] + settings.colony.stay, plan.knots[n - 1, 1:]
+        plan.state[COUNT] += 1
     plan.state[PLANNED] += 1
     evaporate(trails, now, settings.low, settings.high, plan.state[PLANNED])
     return True
@@ -234,8 +235,8 @@ def cycle(
     if not (valid and foreseen and now < plan.state[LOOK] - 1e-9):
         spare, budget = False, s.improvement_expansions if valid else s.expansions
         if worth > _LITTLE and count > 0:
-            count = predict(averaged, now, age, s.horizon, x, y, s.roomy, terrain, trajectories, plan.roomy)
-            roomy = Predictions(plan.roomy[:count], time_shift(s.roomy), np.empty(2))
+            count = predict(averaged, now, age, s.horizon, x, y, s.roomy, terrain, trajectories, memory.segments)
+            roomy = Predictions(memory.segments[:count], time_shift(s.roomy), np.empty(2))
             spare, _ = _still_good(s, plan, roomy, now, x, y)
             before, left = plan.state[ARRIVAL], max(worth - plan.state[SPENT], 0.0)
             limit = before + (-s.hysteresis if spare else left) if valid or grazes else math.inf

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
-from antway.limits import MAX_PLACE, MAX_SPEED
+from antway.limits import MAX_PLACE, MAX_SPEED, MAX_STAY
 from antway.planning import TimedPath, find
 from antway.tables import POLICIES as POLICIES
 from antway.world.robots import RobotSpec as RobotSpec
@@ -45,6 +45,8 @@ class Task:
     obstacle_swerve : float
         Declared bound on how fast an obstacle's velocity changes as a vector, m/s^2, >= 0; infinite: it may turn at once. One
         that touches a wall may turn at once in any case. Only what is told to robots with inertia.
+    stay : float
+        For how long the robot is to stand at the goal, s, in [0, 60]: policy `antway` arrives when it is clear for so long.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Task:
     obstacle_speed: float = 1.5
     obstacle_surge: float = math.inf
     obstacle_swerve: float = math.inf
+    stay: float = 0.0
 
     def __post_init__(self) -> None:
         checks.instance("grid", self.grid, Grid)
@@ -83,6 +86,7 @@ class Task:
         checks.number("obstacle_speed", self.obstacle_speed, low=0.0, high=MAX_SPEED, unit="m/s")
         for name in ("obstacle_surge", "obstacle_swerve"):
             checks.number(name, getattr(self, name), low=0.0, infinite=True, unit="m/s^2")
+        checks.number("stay", self.stay, low=0.0, high=MAX_STAY, unit="s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,7 @@ CYCLES = 2  # of the colony for more of them
 MANY = 40  # stops; for more, local search alone goes on from the last order, in a fraction of the time
 SHAKES = 8  # cycles of that local search for so many stops; for more so many fewer that it takes no longer
 PACE = 0.85  # share of its top speed that a robot makes good among obstacles
+STAY = 1.0  # s; the robot is to arrive at a stop when it can stand there for so long
 REVIEW = 1.0  # s between two looks at the order
 STANDS, FORGOTTEN = 3.0, 30.0  # s: an obstacle that stood so long counts as a wall, until it was not seen so long
 EARLIER, LESS_LATE = 3.0, 0.5  # s that another order must be done earlier, or be less late, to be taken
@@ -157,7 +158,7 @@ class RoundsPolicy:
         """Have the policy drive to the next stop, or to the end."""
         self.homeward, self.started, self._explained = not self.left, self.now, None
         self.legs += 1
-        task = replace(self.task, grid=self._seen(), start=self.xy, goal=self._target)
+        task = replace(self.task, grid=self._seen(), start=self.xy, goal=self._target, stay=STAY if self.order else 0.0)
         self.policy.reset(task, (self.seed + self.legs - 1) % 2**64)
 
     def _watch(self, observation: Observation) -> None:

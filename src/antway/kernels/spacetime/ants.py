@@ -51,6 +51,7 @@ class ColonySettings(NamedTuple):
     minimum_improvement: float  # s; a path counts as better only by more than this
     amount: float  # s; Q of the deposit Q / L on a path better than all before, L its cost in s; 0: no pheromone
     distance_weight: float  # s/m; what a metre costs beside the time that it takes
+    stay: float  # s; a path ends at the goal only where the robot can stay there for so long
 
 
 class _Origin(NamedTuple):
@@ -351,12 +352,13 @@ def search(
         while memory.counter[EXPANSIONS] < max_expansions:
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until obstacles are forgotten can go on along the field then.
-            done = now if cell == context.goal else max(now, horizon) if memory.high[s] >= horizon else math.inf
+            arrived = cell == context.goal and memory.high[s] >= now + settings.stay
+            done = now if arrived else max(now, horizon) if memory.high[s] >= horizon else math.inf
             cost = done + context.field[cell] + (memory.toll[s] + toll * context.field[cell]) if cell >= 0 else math.inf
             if cost < best_cost - settings.minimum_improvement:
                 best, best_cost = s, cost
                 deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
-            if cell == context.goal or now >= horizon:
+            if arrived or now >= horizon:
                 memory.key[s] = math.inf
                 break
             then = _step(

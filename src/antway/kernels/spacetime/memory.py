@@ -12,6 +12,7 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, T0, T1, VX, VY, Predictions, X, Y
 from antway.kernels.spacetime.segments import TOUCH, delayed, unsafe_stay, within
 
+KNOTS = 2048  # greatest number of knots of a plan
 SEGMENTS = 2048  # greatest number of motion segments of all predictions together
 NEAR = 1 << 16  # greatest number of pairs of an open cell and a motion segment near it in one search
 STATES = 1 << 14  # greatest number of states; a search that has made so many ends with the best path so far
@@ -47,6 +48,8 @@ class Memory(NamedTuple):
     leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
     span: NDArray[np.float64]  # [2, SEGMENTS] scratch
+    knots: NDArray[np.float64]  # [KNOTS, 3] scratch, rows (t, x, y)
+    segments: NDArray[np.float64]  # [SEGMENTS, 8] scratch
     counter: NDArray[np.int64]  # [6] see GENERATION and the others above
 
 

@@ -16,7 +16,7 @@ from antway.kernels.crossing import Settings
 from antway.kernels.spacetime.alternatives import free_time, passing
 from antway.kernels.spacetime.ants import search
 from antway.kernels.spacetime.context import PlanningContext
-from antway.kernels.spacetime.memory import Memory
+from antway.kernels.spacetime.memory import KNOTS, Memory
 from antway.kernels.spacetime.motion import first_conflict, shorten, trace_back
 from antway.kernels.tracking.predict import predict, time_shift
 from antway.planning import TimedPath
@@ -70,9 +70,9 @@ class Situation:
         last, _, _ = search(memory, trails, context, predictions, settings, x, y, self.now, end, math.inf, s.expansions, state)
         if last < 0:
             return None
-        scratch, knots = np.empty((2048, 3)), np.empty((2048, 3))
-        n = trace_back(memory, context, predictions, x, y, last, end, end + s.horizon, scratch)
-        n = shorten(context, predictions, scratch, n, knots)
+        knots = np.empty((KNOTS, 3))
+        n = trace_back(memory, context, predictions, x, y, last, end, end + s.horizon, memory.knots)
+        n = shorten(context, predictions, memory.knots, n, knots)
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:

@@ -19,7 +19,7 @@ from antway.kernels.crossing import COUNT, FORESEEN, KEPT, LOOK, NEW, Crowd, Pla
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.ants import ColonySettings
 from antway.kernels.spacetime.context import PlanningContext
-from antway.kernels.spacetime.memory import EXPANSIONS, SEGMENTS, Memory
+from antway.kernels.spacetime.memory import EXPANSIONS, KNOTS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd, foretold
@@ -31,13 +31,16 @@ from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
+    ROWS,
     Paces,
     State,
     as_estimated,
     away_from_walls,
+    fit_tables,
     make_context,
     make_memory,
     make_trails,
+    most_segments,
     shared_memory,
     variances,
     without_edges,
@@ -50,7 +53,6 @@ from antway.world.terrain import terrain_of
 
 _HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
 _HERE.flags.writeable = False
-_KNOTS = 2048  # greatest number of knots of a plan
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _BRAKES = 0.5  # s; with tracks in sight the robot drives no faster than it can brake from in so long
 _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well yet, and
@@ -192,15 +194,15 @@ class AntwayPolicy:
             context=context,
             memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
-            plan=Plan(np.empty((_KNOTS, 3)), np.empty((_KNOTS, 3)), np.empty((SEGMENTS, 8)), np.empty((SEGMENTS, 8)), empty),
+            plan=Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), empty),
             crowd=Crowd(
-                np.zeros((256, crowd.COLUMNS)),
+                np.zeros((ROWS, crowd.COLUMNS)),
                 np.zeros(2, np.int64),
-                np.empty((256, crowd.STEPS, 2)),
-                np.zeros((256, 8)),
-                np.zeros((256, foretold.COLUMNS)),
+                np.empty((ROWS, crowd.STEPS, 2)),
+                np.zeros((ROWS, 8)),
+                np.zeros((ROWS, foretold.COLUMNS)),
                 np.array([foretold.FIRST, 0.0]),
-                np.zeros(256),
+                np.zeros(ROWS),
             ),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
@@ -258,6 +260,7 @@ class AntwayPolicy:
                 minimum_improvement=self.minimum_improvement,
                 amount=self.deposit,
                 distance_weight=self.distance_weight,
+                stay=float(task.stay),
             ),
         )
 
@@ -315,6 +318,7 @@ class AntwayPolicy:
         """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
         t = o.tracks
         stamp = o.t if math.isnan(o.stamp) else o.stamp
+        fit_tables(s, len(t))
         scan = t.id, t.xy, t.velocity, t.radius, variances(s, t, stamp)
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
         if known:

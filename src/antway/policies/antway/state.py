@@ -13,7 +13,7 @@ from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
-from antway.kernels.spacetime.memory import HEAP, LEGS, NEAR, SEGMENTS, STATES, Memory
+from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.tracking import averages, noise
 from antway.kernels.tracking.kalman import COLUMNS, UNKNOWN
@@ -25,6 +25,8 @@ from antway.world.policy import Decision, Observation, RobotSpec, Task, Tracks
 
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
+ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
+_SEGMENTS = 48  # motion segments of one track, at most: each step of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
 
@@ -78,13 +80,13 @@ class State:
     crowd: Crowd
     rng: NDArray[np.uint64]
     controls: ControlColony | None = None
-    table: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, COLUMNS)))
+    table: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, COLUMNS)))
     count: int = 0
     variance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((64, 2)))
-    estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, 8)))
-    measured: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, noise.COLUMNS)))
+    estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, 8)))
+    measured: NDArray[np.float64] = field(default_factory=lambda: np.zeros((MOST_ROWS, noise.COLUMNS)))
     noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((256, averages.COLUMNS)))
+    averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, averages.COLUMNS)))
     averaging: int = 0
     pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(averages.MODELS))
     fastest: float = 0.0
@@ -140,6 +142,8 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         leg_cell=np.zeros(LEGS, np.int64),
         leg_time=np.zeros(LEGS),
         span=np.zeros((2, SEGMENTS)),
+        knots=np.zeros((KNOTS, 3)),
+        segments=np.zeros((SEGMENTS, 8)),
         counter=np.zeros(6, np.int64),
     )
 
@@ -172,6 +176,33 @@ def make_context(
         radius=robot.radius,
         speed=robot.v_max,
         goal=goal[0] * cols + goal[1],
+    )
+
+
+def most_segments(tracks: int) -> int:
+    """Return how many motion segments may be predicted of so many tracks."""
+    return min(_SEGMENTS * tracks, SEGMENTS)
+
+
+def fit_tables(s: State, tracks: int) -> None:
+    """Make the tables of tracks longer, up to MOST_ROWS, where so many seen now and all known before might not fit."""
+    needed = max(s.count, s.averaging, int(s.crowd.known.max())) + tracks
+    n = min(2 * needed, MOST_ROWS)
+    if needed <= len(s.table) or n <= len(s.table):
+        return
+
+    def longer(rows: NDArray[np.float64], size: int = n) -> NDArray[np.float64]:
+        return np.concatenate((rows, np.zeros((size - len(rows), *rows.shape[1:]))))
+
+    c = s.crowd
+    s.plan = s.plan._replace(segments=longer(s.plan.segments, most_segments(n)))
+    s.table, s.estimates, s.averages = map(longer, (s.table, s.estimates, s.averages))
+    s.crowd = c._replace(
+        rows=longer(c.rows),
+        prediction=longer(c.prediction),
+        averaged=longer(c.averaged),
+        foretold=longer(c.foretold),
+        wrong=longer(c.wrong),
     )
 
 
