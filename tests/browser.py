@@ -84,6 +84,7 @@ def opened(browser: Any, address: str, own: tuple[str, ...], **context: Any) -> 
     page.on("dialog", lambda dialog: (complaints.append(f"dialog {dialog.message}"), dialog.dismiss()))
     page.goto(address)
     page.wait_for_selector("body[data-ready=true]", timeout=60_000)
+    drawn(page)
     return page, complaints
 
 

@@ -54,9 +54,8 @@ function takeScene(scene) {
   const typing = document.activeElement === byId("size");
   if (!page.dropped && !typing && scene.radii.length) byId("size").value = String((page.size = scene.radii[0]));
   showSettings(scene.parameters);
-  if (!document.body.dataset.ready) openAddress(), keeper.offer();
+  if (!page.begun) (page.begun = true), openAddress(), keeper.offer();
   keeper.changed();
-  document.body.dataset.ready = "true";
   redraw();
 }
 
@@ -113,6 +112,7 @@ function redraw() {
   requestAnimationFrame((time) => {
     queued = false;
     const moving = page.views.map((view) => view.draw(time));
+    if (page.views.length && page.views.every((view) => view.now)) document.body.dataset.ready = "true"; // nothing moves under a finger any more
     if (moving.includes(true)) redraw();
   });
 }

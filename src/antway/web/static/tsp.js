@@ -42,7 +42,6 @@ function takeScene(scene) {
   byId("curve-title").textContent = scene.optimum == null ? "Length by cycle" : "Gap to the optimum by cycle";
   byId("map").setAttribute("aria-label", `${scene.size} cities, the pheromone on their edges, and the best tour. The arrow keys move a cursor, Enter adds or removes a city there.`);
   document.title = `${scene.name} – tours – antway`;
-  document.body.dataset.ready = "true";
   redraw();
 }
 
@@ -223,6 +222,7 @@ function redraw() {
     if (!state.scene) return;
     drawMap();
     drawCurve();
+    if (state.frame) document.body.dataset.ready = "true";
   });
 }
 
