@@ -147,7 +147,7 @@ def _tour(kind: str) -> None:
         times = np.hypot(*(xy[:, None] - xy[None]).T)
         solve_tsptw(Tsptw(times, np.array([(0.0, 1000.0)] * 12)), cycles=1)
     else:
-        plan_tour(load_map("office"), (1.5, 3.0), [(22.0, 12.5), (1.5, 12.5), (12.0, 3.0)], robot_radius=0.25, seconds=0.1)
+        plan_tour(load_map("office"), (1.5, 3.0), [(22.0, 12.5), (1.5, 12.5), (12.0, 2.0)], robot_radius=0.25, seconds=0.1)
 
 
 _DO: dict[str, Callable[[str], None]] = {

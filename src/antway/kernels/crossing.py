@@ -12,6 +12,7 @@ from antway.kernels.base import records
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Predictions, Terrain
 from antway.kernels.base.rng import State
+from antway.kernels.base.rows import copy_row
 from antway.kernels.spacetime.ants import ColonySettings, search
 from antway.kernels.spacetime.context import PlanningContext, clear
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
@@ -172,7 +173,8 @@ def _look(
     n = shorten(context, predictions, memory.knots, m, plan.knots)
     plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
     if settings.colony.stay > 0.0 and memory.cell[end] == context.goal and n < len(plan.knots):
-        plan.knots[n, 0], plan.knots[n, 1:] = plan.knots[n - 1, 0] + settings.colony.stay, plan.knots[n - 1, 1:]
+        copy_row(plan.knots[n - 1], plan.knots[n])
+        plan.knots[n, 0] += settings.colony.stay
         plan.state[COUNT] += 1
     plan.state[PLANNED] += 1
     evaporate(trails, now, settings.low, settings.high, plan.state[PLANNED])
@@ -218,7 +220,7 @@ def cycle(
     crowd.known[1] = compared(crowd.foretold, crowd.known[1], crowd.pool, averaged, seen, wrong)
     worth = 0.0
     if s.roomy.robot_radius > 0.0 and len(estimates) > 0:
-        averaged[:, SIGMA_V] = wrong
+        copy_row(wrong, averaged[:, SIGMA_V])
         worth = s.spare_worth * wrong.mean()
     crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, seen, s.preferred_speed, crowd.prediction)
     foreseen = _as_foreseen(averaged, now, age, plan.segments[: int(plan.state[FORESEEN])])

@@ -13,6 +13,7 @@ import numpy as np
 
 from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.time_windows import Beam, Draw, search
 from antway.kernels.colony.window_search import Moves, Trail, refresh, settle, shake, value
 from antway.kernels.colony.windows import Floats, Ids, Windows
@@ -82,16 +83,16 @@ def note(colony: Colony, order: Ids, cost: float) -> None:
     """Take `order` as the best ever and since the restart, where it is."""
     if cost < colony.record[BEST]:
         colony.record[BEST] = cost
-        colony.orders[0] = order
+        copy_row(order, colony.orders[0])
     if cost < colony.record[SINCE]:
         colony.record[SINCE] = cost
-        colony.orders[1] = order
+        copy_row(order, colony.orders[1])
 
 
 @kernel
 def adopt(problem: Windows, colony: Colony, moves: Moves, t: Trail, order: Ids) -> None:
     """Take `order`, which no stop is late in, from elsewhere, and improve it."""
-    t.order[:] = order
+    copy_row(order, t.order)
     t.look[:] = True
     refresh(problem, t)
     settle(problem, t, moves)
@@ -105,9 +106,9 @@ def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Tr
     settle(problem, t, moves)
     here = value(t, moves.makespan)
     best = here
-    colony.orders[2] = t.order
+    copy_row(t.order, colony.orders[2])
     last = t.saved
-    last[:] = t.order
+    copy_row(t.order, last)
     for a in range(habits.attempts):
         for _ in range(1 + rng.below(state, 4)):
             shake(problem, t, moves, habits.scale, state)
@@ -116,12 +117,12 @@ def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Tr
         allowed = -habits.temperature * (1.0 - a / habits.attempts) * math.log(1.0 - rng.uniform(state))
         if cost <= here + allowed:
             here = cost
-            last[:] = t.order
+            copy_row(t.order, last)
             if cost < best - moves.least:
                 best = cost
-                colony.orders[2] = t.order
+                copy_row(t.order, colony.orders[2])
         else:
-            t.order[:] = last
+            copy_row(last, t.order)
             refresh(problem, t)
     note(colony, colony.orders[2], best)
 
@@ -180,7 +181,7 @@ def cycles(
         record[CYCLE] += 1
         if found == np.inf and record[BEST] == np.inf:
             continue
-        t.order[:] = colony.orders[2] if found < np.inf else colony.orders[0]
+        copy_row(colony.orders[2 if found < np.inf else 0], t.order)
         refresh(problem, t)
         wander(problem, colony, habits, moves, t, state)
         learn(colony, habits)

@@ -6,6 +6,7 @@ import numpy as np
 
 from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.windows import Floats, Ids
 
 WORK = 600_000_000  # stops driven to in one descent at most, about a second,
@@ -83,14 +84,14 @@ def repair(time: Floats, opens: Floats, closes: Floats, order: Ids, attempts: in
     for _ in range(attempts):
         if late == 0.0:
             break
-        trial[:] = order
+        copy_row(order, trial)
         for _ in range(level):
             move(trial, 1 + rng.below(state, len(order) - 2), 1 + rng.below(state, len(order) - 2))
         here = descend(time, opens, closes, trial, lateness(time, opens, closes, trial, np.inf), work, state)
         level = level + 1 if level < 8 else 1
         if here < late:
             late, level = here, 1
-            order[:] = trial
+            copy_row(trial, order)
         elif here == late:
-            order[:] = trial
+            copy_row(trial, order)
     return late

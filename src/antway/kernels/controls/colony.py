@@ -228,7 +228,8 @@ def forage(
     kept, before = archive.sequence[:n].copy(), archive.order[:n].copy()
     block = colony.block
     for i in range(n):
-        archive.ant[:] = kept[before[i]]
+        for k in range(len(archive.ant)):
+            archive.ant[k, 0], archive.ant[k, 1] = kept[before[i], k, 0], kept[before[i], k, 1]
         take(archive, block, start, limits, dt, field, outlook, weights)
     take_seeds(archive, block, start, limits, dt, field, outlook, weights)
     for _ in range(colony.rounds):

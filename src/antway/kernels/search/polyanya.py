@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.rows import copy_row
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -320,6 +321,6 @@ def unwind(ports: Ints, ends: Ints, parent: Ints, corner: int) -> Ints:
         on_the_path = (r1 - r0) * (c2 - c1) == (c1 - c0) * (r2 - r1)
         if (on_the_path and i + 1 < count) or (r0 == r1 and c0 == c1):
             continue
-        path[n] = path[i]
+        copy_row(path[i], path[n])
         n += 1
     return path[:n].copy()

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from antway.kernels.base import rng
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.rows import copy_row
 
 _TIGHT = 1e-9  # 1/m; a curve below this is straight
 _SHORT = 1e-9  # m; no two samples are nearer
@@ -263,7 +264,7 @@ def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, tria
         for j in range(low, high + 1):
             curve.points[j] = old.points[j]
         _copy(old, curve, a, b)
-        curve.high[lowest:b] = old.high[lowest:b]
-        curve.square[start : end + 1] = old.square[start : end + 1]
-        curve.cost[start : end + 1] = old.cost[start : end + 1]
+        copy_row(old.high[lowest:b], curve.high[lowest:b])
+        copy_row(old.square[start : end + 1], curve.square[start : end + 1])
+        copy_row(old.cost[start : end + 1], curve.cost[start : end + 1])
     return total
