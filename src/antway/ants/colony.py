@@ -209,6 +209,7 @@ class Colony:
         """Build the cycle's tours, ants spread over threads; those of ACS change pheromone as they walk and keep to one."""
         m = len(self.state.lengths)
         kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight, self.state.whole)
+        kernel.select(self.state, self.options, self._seed)
         whole = (self.cities, self.state, self.numbers, self.options, self._seed)
         if pool is None or threads == 1 or self.numbers.xi > 0.0:
             kernel.build(*whole, 0, m)

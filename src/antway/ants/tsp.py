@@ -30,10 +30,10 @@ _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3),
 MMAS_WITH_SEARCH = MaxMinAntSystem(
     persistence=Constant(0.8), choices=7.0, schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1))
 )
-# Temperatures in mean edges of the best tour: ants that build tours anew need little, those that only change theirs would stay.
-_TEMPERATURE, _FOCUSED_TEMPERATURE = 0.05, 0.8
-_FOCUSED_FROM = 1000  # cities from which ants change their last tour in most cycles, instead of building one anew
-_ANEW_EVERY = 10  # cycles from one in which they build anew to the next
+# Temperatures in mean edges of the best tour: tours built anew need little; ants that change their old ones would stay.
+_TEMPERATURE_ANEW, _TEMPERATURE = 0.05, 0.8
+_FOCUSED_FROM = 1000  # cities from which an ant changes its last tour in most cycles, instead of building one anew
+_ANEW_EVERY = 4  # cycles from one in which it builds anew to the next; the ants take turns
 _FOCUSED_ALONE_FROM = 2000  # cities from which they never build anew after the first cycle
 _SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
 _SLICE = 0.02  # s: how long cycles run before the budget is looked at
@@ -128,7 +128,7 @@ def solve_tsp(
     focused : bool or None
         Whether ants change a few edges of their last tour at a time and repair it, instead of building tours anew (in the
         manner of Skinderowicz 2022); needs a local search. None: they build tours anew and then change them so, 2 n times;
-        from 1,000 cities on they build anew in every tenth cycle only, and from 2,000 on as with True.
+        from 1,000 cities on each builds anew in every fourth cycle only, and from 2,000 on as with True.
     pheromone : array_like[n, k] or None
         Where to start from, such as the pheromone of an earlier `Tour` with as many candidates.
     progress : callable or None
@@ -220,8 +220,8 @@ def local_search_options(
     breadth, longest = _SEARCHES[local_search]
     anew = 0 if focused is not None or n >= _FOCUSED_ALONE_FROM else 1 if n < _FOCUSED_FROM else _ANEW_EVERY
     attempts = 2 * n if anew == 1 else 0 if focused is False else min(10 * n, 5000)
-    temperature = _TEMPERATURE if anew == 1 else _FOCUSED_TEMPERATURE
-    options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, temperature, anew)
+    temperatures = _TEMPERATURE, _TEMPERATURE_ANEW
+    options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, *temperatures, anew)
     return options, MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 

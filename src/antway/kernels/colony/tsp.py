@@ -40,7 +40,8 @@ class LocalSearchOptions(NamedTuple):
     longest: int  # of the local search
     attempts: int  # > 0: focused construction, so many changes a cycle
     window: int  # how many cities a part of a change spans at most
-    temperature: float = 0.0  # temperature at which a cycle's changes begin, in mean edges of the best tour
+    temperature: float = 0.0  # temperature at which a cycle's changes of an old tour begin, in mean edges of the best tour
+    temperature_anew: float = 0.0  # the same for a tour that was built anew: its edges are those of many good tours
     anew: int = 0  # an ant builds its tour anew every so many cycles, and changes its last one in the others; 0: never
 
 
@@ -239,6 +240,21 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
 
 
 @kernel
+def select(colony: Colony, plan: LocalSearchOptions, seed: np.uint64) -> None:
+    """Let each ant take the better of its last tour and a drawn ant's (tournament selection), where they build and change."""
+    m, cycle = len(colony.lengths), int(colony.record[CYCLE])
+    if plan.anew < 2 or cycle == 0:
+        return
+    state = np.empty(1, dtype=np.uint64)
+    state[0] = rng.stream(rng.mix(seed), np.uint64(cycle))
+    for ant in range(m):
+        other = np.int64(rng.below(state, m))
+        if colony.lengths[other] < colony.lengths[ant]:
+            copy_row(colony.orders[other], colony.orders[ant])
+            colony.lengths[ant] = colony.lengths[other]
+
+
+@kernel
 def build(
     cities: Cities, colony: Colony, numbers: Numbers, plan: LocalSearchOptions, seed: np.uint64, first: int, last: int
 ) -> None:
@@ -252,22 +268,28 @@ def build(
         order = colony.orders[ant]
         state[0] = rng.stream(seed, np.uint64(int(colony.record[CYCLE]) * m + ant))
         cycle = int(colony.record[CYCLE])
-        if plan.attempts > 0 and cycle > 0 and (plan.anew == 0 or cycle % plan.anew != 0):
+        if plan.attempts > 0 and cycle > 0 and (plan.anew == 0 or (cycle + ant) % plan.anew != 0):
             set_tour(search, order)
-            colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
+            colony.lengths[ant] -= refine(cities, colony, plan, plan.temperature, state, search, sums)
             copy_row(search.order, order)
             continue
         colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
         if plan.breadth >= 0:
             colony.lengths[ant] -= improve(cities, whole, order, plan.breadth, plan.longest)
             if plan.anew > 0:
-                colony.lengths[ant] -= refine(cities, colony, plan, state, search, sums)
+                colony.lengths[ant] -= refine(cities, colony, plan, plan.temperature_anew, state, search, sums)
                 copy_row(search.order, order)
 
 
 @bare_kernel
 def refine(
-    cities: Cities, colony: Colony, plan: LocalSearchOptions, state: rng.State, search: Search, sums: NDArray[np.float32]
+    cities: Cities,
+    colony: Colony,
+    plan: LocalSearchOptions,
+    temperature: float,
+    state: rng.State,
+    search: Search,
+    sums: NDArray[np.float32],
 ) -> float:
     """Focused construction: copy a tour, change four edges, repair around them, keep what is no longer.
 
@@ -279,7 +301,7 @@ def refine(
     n, k = cities.near.shape
     window = min(plan.window, (n - 2) // 3)
     total = 0.0
-    temperature = plan.temperature * colony.record[BEST] / n
+    temperature *= colony.record[BEST] / n
     for a in range(plan.attempts):
         p = np.int64(rng.below(state, n))
         u = search.order[p]
@@ -351,6 +373,7 @@ def cycles(
     noted = 0
     for _ in range(count):
         combine(colony.tau, colony.eta, numbers.alpha, colony.weight, colony.whole)
+        select(colony, plan, seed)
         build(cities, colony, numbers, plan, seed, 0, colony.orders.shape[0])
         if learn(cities, colony, numbers):
             history[noted, 0], history[noted, 1] = colony.record[CYCLE], colony.record[BEST]
