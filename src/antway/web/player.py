@@ -29,7 +29,7 @@ TICK = 1 / 40  # s between frames, at least
 THREADS = 2  # threads that play; more would take time from the event loop, which shares the interpreter
 SLICE = 0.05  # s that a tab may play before others have their turn
 LULL = 0.01  # s without a request after which play continues
-HOLD = 0.5  # s that requests may delay play, at most
+HOLD = 1.0  # s that requests may delay play, at most
 
 
 class Turns:

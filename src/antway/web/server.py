@@ -103,10 +103,13 @@ def names_of(host: str, port: int) -> frozenset[str]:
 
 
 class Gate:
-    """Passes requests that name this server and come from its own page on; all others are answered with 403."""
+    """Passes requests that name this server and come from its own page on; all others are answered with 403.
 
-    def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns) -> None:
-        self.app, self.names, self.turns = app, names, turns
+    `files` are answers to a GET of their paths: they are given at once, without the framework's search for a route.
+    """
+
+    def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns, files: Mapping[str, Response]) -> None:
+        self.app, self.names, self.turns, self.files = app, names, turns, files
         self.origins = frozenset(f"http://{name}" for name in names)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -120,6 +123,8 @@ class Gate:
         own = origins == [] if scope["type"] == "http" else False
         own = own or (len(origins) == 1 and origins[0] in self.origins)
         ours = own and len(hosts) == 1 and hosts[0] in self.names
+        if ours and scope["type"] == "http" and scope["method"] == "GET" and scope["path"] in self.files:
+            return await self.files[scope["path"]](scope, receive, send)
         if ours:
             return await self.app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send))
         if scope["type"] == "websocket":
@@ -172,21 +177,24 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
     }
     pages = {"/": _embedded(crossing), "/tsp": _embedded(touring)}
 
-    def file(path: str) -> ASGIApp | Callable[[Request], Awaitable[Response]]:
+    def file(path: str) -> Response:
         package, name, kind = _FILES[path]
         text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", pages.get(path, ""))
-        whole = Response(text, 200, _HEADERS, kind)  # made once, because it is the same for all
+        return Response(text, 200, _HEADERS, kind)
 
-        async def with_token(request: Request) -> Response:
+    whole = {path: file(path) for path in _FILES}  # made once, because they are the same for all
+
+    def with_token(path: str) -> Callable[[Request], Awaitable[Response]]:
+        async def answer(request: Request) -> Response:
             if _same(request.query_params.get("token", ""), token):
-                granted = Response(text, 200, _HEADERS, kind)
+                granted = file(path)
                 granted.set_cookie(cookie, token, httponly=True, samesite="strict")
                 return granted
             if _same(request.cookies.get(cookie, ""), token):
-                return whole
+                return whole[path]
             return PlainTextResponse("open the address that antway serve printed, with its token\n", 403, _HEADERS)
 
-        return whole if path not in pages else with_token
+        return answer
 
     turns, exports, open_tabs = Turns(), Turns(EXPORTS), set[WebSocket]()
 
@@ -208,10 +216,10 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
 
         return play
 
-    routes = [Route(path, file(path), methods=["GET"]) for path in _FILES]
+    routes = [Route(path, with_token(path) if path in pages else whole[path], methods=["GET"]) for path in _FILES]
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
-    return Gate(app, names, turns)
+    return Gate(app, names, turns, {path: answer for path, answer in whole.items() if path not in pages})
 
 
 def _embedded(choices: Mapping[str, object]) -> str:
