@@ -187,6 +187,16 @@ def test_wrong_files(tmp_path, text, kind, field):
     assert caught.value.field == field and caught.value.where.startswith(str(path))
 
 
+def test_a_comment_may_take_several_lines(tmp_path):
+    """As in TSPLIB's usa13509; no other key may come twice."""
+    path, comment = tmp_path / "told.tsp", "COMMENT : by two people\n"
+    path.write_text(PLANE.format("EUC_2D").replace("DIMENSION", f"{comment}{comment}DIMENSION"))
+    assert load_tsp(path).size == 4
+    path.write_text(PLANE.format("EUC_2D").replace("DIMENSION", "TYPE : TSP\nDIMENSION"))
+    with pytest.raises(BadMap, match="the only one of its key"):
+        load_tsp(path)
+
+
 def test_spoilt_files():
     """A file with flipped bits, parts cut out or numbers put in is an instance or a `BadInput`, within two seconds."""
     sound = [PLANE.format(kind).encode() for kind in ("EUC_2D", "CEIL_2D", "ATT")] + [BURMA.encode()]

@@ -252,7 +252,7 @@ def _split(lines: list[str], where: str) -> tuple[dict[str, str], dict[str, list
             continue
         key, colon, value = words.partition(":")
         key = key.strip()
-        if key in header or key in sections:
+        if (key in header or key in sections) and key != "COMMENT":  # which may take several lines, as in usa13509
             raise BadMap("line", words, "the only one of its key", where=f"{where}:{number}")
         if key.endswith("_SECTION") and not value.strip():
             body = sections[key] = []
