@@ -259,7 +259,7 @@ def tsplib(folder: Path, seconds: float, seeds: int, only: list[str]) -> Rows:
 
             options = {"local_search": "3opt", "seconds": np.inf, "seed": seed, "progress": watch, "cancel": stop}
             gaps.append(100.0 * (solve_tsp(problem, **options).length / problem.optimum - 1.0))
-            if command is not None:
+            if command is not None and "EXPLICIT" not in file.read_text():  # ACOTSP reads no matrices
                 words = [command, "-i", str(file.resolve()), "-x", "-l", "3", "-r", "1", "-e", "0.2", "-t", str(seconds)]
                 with tempfile.TemporaryDirectory() as out:
                     subprocess.run([*words, "-o", str(int(problem.optimum))], cwd=out, check=True, capture_output=True)

@@ -156,3 +156,20 @@ def test_focused_changes_keep_the_books():
         assert lengths == colony.state.lengths.tolist()
         assert (colony.state.lengths <= before).all()
         before = colony.state.lengths.copy()
+
+
+@pytest.mark.parametrize("anew", [0, 1, 2, 4])
+def test_ants_go_on_from_the_better_of_two_tours(anew):
+    """`select` against its twin, over many cycles; it does nothing where ants build anew always, never, or for the first time."""
+    dice = np.random.default_rng(8)
+    colony = Colony(Tsp(dice.random((30, 2))), "mmas", ants=9, seed=3)
+    plan = colony.options._replace(anew=anew)
+    for cycle in range(cases(20, 200)):
+        seed = int(dice.integers(0, 2**63))
+        orders = [dice.permutation(30).tolist() for _ in range(9)]
+        lengths = dice.integers(1, 6, 9).astype(float).tolist()
+        state = colony.state
+        state.orders[:], state.lengths[:], state.record[tsp.CYCLE] = orders, lengths, cycle
+        tsp.select(state, plan, np.uint64(seed))
+        wanted = ants.select(orders, lengths, seed, cycle) if anew >= 2 and cycle > 0 else (orders, lengths)
+        assert (state.orders.tolist(), state.lengths.tolist()) == wanted

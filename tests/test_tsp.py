@@ -63,6 +63,13 @@ def test_same_seed_same_bytes_with_any_threads(options):
     assert solve_tsp(RANDOM, cycles=8, seed=6, **options).pheromone.tobytes() != one.pheromone.tobytes()
 
 
+def test_same_seed_same_bytes_where_ants_take_turns():
+    """From 1,000 cities on ants select, change and build anew in turns: with any number of threads to the same bytes."""
+    many = Tsp(np.random.default_rng(2).random((1000, 2)) * 1e4, metric="EUC_2D")
+    runs = [contents(solve_tsp(many, local_search="3opt", cycles=5, seed=5, threads=threads)) for threads in (1, 2, 3)]
+    assert runs[0] == runs[1] == runs[2]
+
+
 @pytest.mark.parametrize("rule", ["as", "eas", "rank", "mmas", "acs"])
 @pytest.mark.parametrize("local_search", [None, "2opt", "oropt", "3opt"])
 def test_answers_are_tours(rule, local_search):

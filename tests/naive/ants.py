@@ -65,6 +65,16 @@ def walk(matrix, near, weight, seed, index):
     return order
 
 
+def select(orders, lengths, seed, cycle):
+    """The tours that the ants go on from: in turn, each its own or, if it is shorter, that of an ant drawn for it."""
+    stream, tours = Stream(mix(seed), cycle), list(zip(lengths, orders, strict=True))
+    for ant in range(len(tours)):
+        other = tours[((stream.bits() >> 32) * len(tours)) >> 32]
+        if other[0] < tours[ant][0]:
+            tours[ant] = other
+    return [order for _, order in tours], [length for length, _ in tours]
+
+
 def persistence(policy, tau, tau_min, t, excess):
     """rho of an edge."""
     name = type(policy).__name__
