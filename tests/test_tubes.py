@@ -17,10 +17,8 @@ OPEN = Grid(np.zeros((40, 40), dtype=bool), 0.25)
 
 
 def tubes(rng: np.random.Generator, count: int = 3) -> Tubes:
-    tracks = Tracks(
-        np.arange(count), rng.uniform(1, 9, (count, 2)), rng.uniform(-1, 1, (count, 2)), rng.uniform(0.2, 0.5, count)
-    )
-    return Tubes.predict(Observation(0.0, (5.0, 5.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 8.0)
+    discs = np.column_stack((rng.uniform(1, 9, (count, 2)), rng.uniform(-1, 1, (count, 2)), rng.uniform(0.2, 0.5, count)))
+    return Tubes.predict(0.0, 0.0, discs, OPEN, 8.0)
 
 
 def gap(trajectory: Tubes, t: float, x: float, y: float, growth: float) -> float:
@@ -109,6 +107,5 @@ def test_the_timed_path_is_what_the_robot_drives(robot: RobotSpec) -> None:
 
 def test_a_standing_obstacle_has_a_standing_tube() -> None:
     """What does not move is predicted to stay."""
-    tracks = Tracks(np.array([1]), np.array([[5.0, 5.0]]), np.zeros((1, 2)), np.array([0.3]))
-    trajectory = Tubes.predict(Observation(2.0, (1.0, 1.0), (0.0, 0.0), 0.0, tracks), tracks.velocity, OPEN, 5.0)
+    trajectory = Tubes.predict(2.0, 2.0, np.array([[5.0, 5.0, 0.0, 0.0, 0.3]]), OPEN, 5.0)
     assert np.allclose(trajectory.knot_xy, (5.0, 5.0))

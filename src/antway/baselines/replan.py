@@ -223,8 +223,7 @@ class DStarLite(Follow):
 def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places (m) and velocities (m/s) of the tracks as they would be now; an unknown velocity counts as none."""
     velocity = np.nan_to_num(o.tracks.velocity)
-    age = 0.0 if math.isnan(o.stamp) else o.t - o.stamp
-    return o.tracks.xy + velocity * age if len(o.tracks) else o.tracks.xy, velocity
+    return o.tracks.xy + velocity * (o.t - o.sensed_at) if len(o.tracks) else o.tracks.xy, velocity
 
 
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:

@@ -165,7 +165,7 @@ class Guard:
             For robots with inertia: commands in place of one that does not pass, best first. The first that passes is taken.
         """
         o, robot = observation, self.task.robot
-        stamp = o.t if math.isnan(o.stamp) else o.stamp
+        stamp = o.sensed_at
         if (
             not -1e-6 <= o.t - stamp <= self.timeout
             or stamp < self.last_stamp

@@ -14,7 +14,7 @@ from antway.policies.paper.tubes import Tubes
 from antway.web.inside import Look, edges, look_inside
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
-from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks
+from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.scenario import Scenario
 
 Message = dict[str, Any]
@@ -56,7 +56,7 @@ def _packed(seen: Observation | None) -> bytes:
     if seen is None:
         return b""
     tracks, rows = seen.tracks, np.zeros((len(seen.tracks) + 1, _COLUMNS))
-    rows[0, :2] = seen.t, seen.stamp
+    rows[0, :2] = seen.t, seen.sensed_at
     rows[1:, :2], rows[1:, 2:4], rows[1:, 4] = tracks.xy, np.nan_to_num(tracks.velocity, nan=0.0), tracks.radius
     if tracks.covariance is not None:
         rows[1:, 5], rows[1:, 6] = tracks.covariance[:, 0, 0], tracks.covariance[:, 2, 2]
@@ -182,10 +182,8 @@ class View:
         rows = np.frombuffer(packed).reshape(-1, _COLUMNS)
         if len(rows) < 2:
             return []
-        (t, stamp), xy, velocity, radius = rows[0, :2].tolist(), rows[1:, :2], rows[1:, 2:4], rows[1:, 4]
-        tracks = Tracks(np.arange(len(xy)), xy, velocity, radius)
-        seen = Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks, stamp)
-        tubes = Tubes.predict(seen, velocity, self.episode.stage.task.grid, HORIZON + now - seen.t)
+        t, seen_at = rows[0, :2].tolist()
+        tubes = Tubes.predict(t, seen_at, rows[1:, :5], self.episode.stage.task.grid, HORIZON + now - t)
         result: list[list[Any]] = []
         for k, (body, *variances) in enumerate(rows[1:, 4:].tolist()):
             t, xy = (a[tubes.first[k] : tubes.first[k + 1]] for a in (tubes.knot_t, tubes.knot_xy))

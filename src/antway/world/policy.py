@@ -214,6 +214,11 @@ class Observation:
         checks.instance("observation.tracks", self.tracks, Tracks)
 
     @property
+    def sensed_at(self) -> float:
+        """When the tracks were where they are said to be, s."""
+        return self.t if math.isnan(self.stamp) else self.stamp
+
+    @property
     def speed(self) -> float:
         """Speed along the heading, m/s; negative in reverse."""
         return self.velocity[0] * math.cos(self.heading) + self.velocity[1] * math.sin(self.heading)

@@ -317,7 +317,7 @@ class AntwayPolicy:
     def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
         """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
         t = o.tracks
-        stamp = o.t if math.isnan(o.stamp) else o.stamp
+        stamp = o.sensed_at
         fit_tables(s, len(t))
         scan = t.id, t.xy, t.velocity, t.radius, variances(s, t, stamp)
         s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)

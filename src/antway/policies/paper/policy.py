@@ -214,7 +214,8 @@ class PaperPolicy:
             if not np.isfinite(velocity[k]).all():
                 velocity[k] = ((x - px) / (seen.t - t), (y - py) / (seen.t - t)) if seen.t > t else (0.0, 0.0)
             self.places[number] = (seen.t, (x, y))
-        tubes = Tubes.predict(seen, velocity, self.routes.task.grid, 2 * self.lookahead)
+        discs = np.column_stack((tracks.xy, velocity, tracks.radius))
+        tubes = Tubes.predict(seen.t, seen.sensed_at, discs, self.routes.task.grid, 2 * self.lookahead)
         inflated = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
         if len(tracks):
             gaps = np.hypot(tracks.xy[:, 0] - seen.xy[0], tracks.xy[:, 1] - seen.xy[1]) - tracks.radius - self.spec.radius

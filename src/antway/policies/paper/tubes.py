@@ -13,7 +13,7 @@ from antway.kernels.base.records import Trajectories
 from antway.kernels.base.rng import stream
 from antway.kernels.robot.motions import bounce
 from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_free
-from antway.world.policy import XY, Observation
+from antway.world.policy import XY
 from antway.world.terrain import terrain_of
 
 _KNOTS = 64  # knots of one predicted trajectory, at most; after the last one the obstacle is assumed to stand
@@ -43,35 +43,25 @@ class Tubes:
         return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
 
     @staticmethod
-    def predict(seen: Observation, velocity: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
-        """Step 3: predict the tracks of `seen`, moving at `velocity` (float64[K, 2], m/s), up to `horizon` s later."""
-        stamp = seen.t if math.isnan(seen.stamp) else seen.stamp
+    def predict(t: float, seen_at: float, discs: NDArray[np.float64], grid: Grid, horizon: float) -> Tubes:
+        """Step 3: predict from `seen_at` s to `horizon` s after `t` discs that were at (x, y), float64[K, 5].
+
+        Columns x, y in m, velocity in m/s along x and y, and radius in m.
+        """
         state = np.array([stream(np.uint64(0), np.uint64(0))], np.uint64)
-        points = grid.to_points(seen.tracks.xy)
+        points = grid.to_points(discs[:, :2])
         scale, times, places = grid.resolution, [], []
-        for k in range(len(seen.tracks)):
-            vx, vy = velocity[k].tolist()
-            t, rc = np.empty(_KNOTS), np.empty((_KNOTS, 2))
-            n = bounce(
-                grid.blocked,
-                points[k, 0],
-                points[k, 1],
-                math.hypot(vx, vy) / scale,
-                math.atan2(vy, vx),
-                float(seen.tracks.radius[k]) / scale,
-                math.inf,
-                seen.t - stamp + horizon,
-                state,
-                t,
-                rc,
-            )
+        for (row, col), (vx, vy, radius) in zip(points.tolist(), discs[:, 2:].tolist(), strict=True):
+            speed, heading, until = math.hypot(vx, vy) / scale, math.atan2(vy, vx), t - seen_at + horizon
+            knots, rc = np.empty(_KNOTS), np.empty((_KNOTS, 2))
+            n = bounce(grid.blocked, row, col, speed, heading, radius / scale, math.inf, until, state, knots, rc)
             n = min(n, _KNOTS)
-            times.append(stamp + t[:n])
+            times.append(seen_at + knots[:n])
             places.append(grid.to_xy(rc[:n]))
         first = np.cumsum([0, *map(len, times)], dtype=np.int64)
         if not times:
-            return Tubes(seen.t, np.empty(0), np.empty((0, 2)), first, np.empty(0))
-        return Tubes(seen.t, np.concatenate(times), np.concatenate(places), first, seen.tracks.radius)
+            return Tubes(t, np.empty(0), np.empty((0, 2)), first, np.empty(0))
+        return Tubes(t, np.concatenate(times), np.concatenate(places), first, discs[:, 4].copy())
 
     def rows(self) -> NDArray[np.float32]:
         """Return the prediction as a `Decision` holds it, float32[P, 7]."""
