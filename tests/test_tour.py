@@ -160,7 +160,7 @@ def test_focused_changes_keep_the_books():
 
 @pytest.mark.parametrize("anew", [0, 1, 2, 4])
 def test_ants_go_on_from_the_better_of_two_tours(anew):
-    """`select` against its twin, over many cycles; it does nothing where ants build anew always, never, or for the first time."""
+    """`select` against its twin, over many cycles; it does nothing where ants always or never build anew, and at first."""
     dice = np.random.default_rng(8)
     colony = Colony(Tsp(dice.random((30, 2))), "mmas", ants=9, seed=3)
     plan = colony.options._replace(anew=anew)

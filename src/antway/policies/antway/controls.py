@@ -43,8 +43,9 @@ class ControlOptions:
     unsure : float
         Velocities of obstacles that may swerve are taken to be wrong by at least this share of their speed, however well they
         were foretold.
-    margin, wished, near : float
-        Room kept to obstacles, room wished for beyond, and s for each m less at each step.
+    margin, wished, wished_slow, near : float
+        Room kept to obstacles; room wished for beyond, with so much more from obstacles that may swerve for a robot of half of
+        0.8 m/s (thrice as much for one of a quarter), which takes longer to get out of the way; s for each m less at each step.
     risk, spread, spread_time, late : float
         s where contact begins, for each obstacle at the step where it is worst, and more for robots slower than 0.8 m/s; it
         falls with the square to nothing at so many standard deviations of where a track will be
@@ -77,6 +78,7 @@ class ControlOptions:
     unsure: float = 0.12
     margin: float = 0.01
     wished: float = 0.05
+    wished_slow: float = 0.35
     near: float = 0.2
     risk: float = 5.0
     spread: float = 2.0
@@ -130,7 +132,9 @@ class ControlColony:
             wide_b=0.35 * turn,
         )
         self.slowness = max(_NIMBLE / robot.v_max, 1.0)
-        self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
+        declared = math.isfinite(task.obstacle_swerve)
+        self.unsure = 0.0 if declared else o.unsure
+        self.wished = o.wished + (0.0 if declared else o.wished_slow * (self.slowness - 1.0))
         self.averaging = None
         if o.search != "ants":
             self.averaging = Averaging(
@@ -215,7 +219,7 @@ class ControlColony:
             self.state,
             self.robot.v_max,
             self.braking,
-            Margins(o.margin, o.wished, o.spread, self.slowness * o.spread_time, self.slowness * o.late),
+            Margins(o.margin, self.wished, o.spread, self.slowness * o.spread_time, self.slowness * o.late),
             self.speed_bound,
             self.growth,
         )
