@@ -236,9 +236,9 @@ def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, na
         _paste_pheromone(picture, trace, painter, *decision.pheromone)
     _paste_predictions(picture, trace, step, painter)
     draw = ImageDraw.Draw(picture)
-    painter.line(draw, trace.xy[: step + 1], style.BLUE, 3)
     if decision is not None and decision.path is not None:
         painter.line(draw, decision.path.xy, style.TEAL, 2)
+    painter.line(draw, trace.xy[: step + 1], style.BLUE, 3)
     for k, radius in enumerate(trace.obstacle_radius):
         painter.disc(
             draw, trace.obstacle_xy[step, k], float(radius), style.RED if trace.sensed[step, k] else "white", style.RED

@@ -147,8 +147,8 @@ class Stage {
     if (show.trails && moment.trails) drawTrails(this, moment.trails);
     if (show.global) this.line(moment.global, this.colour.ink, 1.6, [7, 5]);
     if (show.braking && moment.braking) drawBraking(this, moment.robot, moment.braking, obstacles);
-    if (show.trail) this.line(moment.trail, this.colour.robot, 3, [], true);
     if (show.planned) this.line(moment.planned, this.colour.planned, 2.6, [], true);
+    if (show.trail) this.line(moment.trail, this.colour.robot, 3, [], true);
     if (show.target && moment.target) this.diamond(moment.target);
     if (moment.goal) this.drawEnds(moment);
     for (const stop of moment.stops ?? []) this.drawStop(stop);
