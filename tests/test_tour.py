@@ -48,6 +48,29 @@ def test_distances_and_candidates(metric):
                 assert (cities.near[j, back] == i) if back >= 0 else (i not in cities.near[j])
 
 
+@pytest.mark.parametrize("metric", ["EUCLID", "GEO"])
+def test_candidates_lie_on_every_side(metric):
+    """Candidates by quadrant against their twin; on a globe east and north are those of the map as seen from the city."""
+    dice = np.random.default_rng(9)
+    for _ in range(cases(5, 50)):
+        n, k = int(dice.integers(40, 260)), 10
+        xy = dice.normal(dice.uniform(-50, 50, (4, 2))[dice.integers(0, 4, n)], 6.0)  # clusters
+        instance = Tsp(xy, metric=metric)
+        near = instance.cities(k, by_quadrant=True).near
+        for i in range(n):
+            others = [j for j in range(n) if j != i]
+            if metric == "GEO":
+                degrees = np.trunc(xy) + (xy - np.trunc(xy)) / 0.6
+                gaps = [instance.matrix[i, j] for j in others]
+                turn = (degrees[others, 1] - degrees[i, 1] + 180.0) % 360.0 - 180.0
+                offsets = list(zip(turn, degrees[others, 0] - degrees[i, 0], strict=True))
+            else:
+                offsets = (xy[others] - xy[i]).tolist()
+                gaps = [np.hypot(*offset) for offset in offsets]
+            wanted = tour.candidates_by_quadrant(gaps, offsets, k)
+            assert set(near[i].tolist()) == {others[j] for j in wanted}
+
+
 def test_computed_and_tabled_distances_agree():
     """Below and above the size up to which distances are tabled, tours have the same length."""
     xy = np.random.default_rng(6).random((1200, 2)) * 1e4

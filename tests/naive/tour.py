@@ -53,3 +53,18 @@ def or_opt_moves(order, longest=3):
             for j in range(1, len(rest)):
                 yield rest[:j] + part + rest[j:]
                 yield rest[:j] + part[::-1] + rest[j:]
+
+
+def candidates_by_quadrant(gaps, offsets, k):
+    """The k candidates of a city from (gap, offset east, offset north) to all others, as a set of their numbers.
+
+    The k // 5 nearest of each quadrant among the 12 k nearest, then the nearest of the rest.
+    """
+    nearest = sorted(range(len(gaps)), key=lambda j: gaps[j])[: 12 * k]
+    quadrants = {0: [], 1: [], 2: [], 3: []}
+    for j in nearest:
+        x, y = offsets[j]
+        number = 0 if x > 0 and y >= 0 else 1 if x <= 0 and y > 0 else 2 if x < 0 and y <= 0 else 3
+        quadrants[number].append(j)
+    taken = [j for members in quadrants.values() for j in members[: k // 5]]
+    return set(taken + [j for j in nearest if j not in taken][: k - len(taken)])

@@ -44,6 +44,7 @@ _KINDS = {
     "CEIL_2D": kernel.CEIL_2D,
     "ATT": kernel.ATT,
     "EUCLID": kernel.EUCLID,
+    "GEO": kernel.MATRIX,
 }
 _BLOCK = 8192  # cities whose surroundings are looked at together
 _MATRIX_UP_TO = 1_000  # cities up to which looking distances up is faster than computing them
@@ -56,11 +57,12 @@ class Tsp:
     Parameters
     ----------
     xy : array_like[n, 2] or None
-        Places of the cities; |coordinate| <= 1e9.
+        Places of the cities; |coordinate| <= 1e9. Latitude and longitude, in degrees.minutes, where the metric is GEO.
     matrix : array_like[n, n] or None
-        Distances >= 0, symmetric; its diagonal is not looked at. Exactly one of `xy` and `matrix` is given.
+        Distances >= 0, symmetric; its diagonal is not looked at. Exactly one of `xy` and `matrix` is given; where the metric is
+        GEO, `matrix` is computed.
     metric : str
-        How distances come from `xy`: EUCLID (not rounded), or by TSPLIB's definitions EUC_2D, CEIL_2D or ATT.
+        How distances come from `xy`: EUCLID (not rounded), or by TSPLIB's definitions EUC_2D, CEIL_2D, ATT or GEO.
     name : str
     optimum : float or None
         Length of the shortest tour, where it is known.
@@ -101,9 +103,12 @@ class Tsp:
             xy = checks.array("xy", self.xy, (None, 2))
             if len(xy) == 0 or (np.abs(xy) > 1e9).any():
                 raise BadParameter("xy", xy, "one place or more, of coordinates in [-1e9, 1e9]")
-            if len(xy) > MAX_CITIES:
-                raise TooLarge("xy", len(xy), f"at most {MAX_CITIES} cities")
+            limit = MAX_MATRIX if self.metric == "GEO" else MAX_CITIES
+            if len(xy) > limit:
+                raise TooLarge("xy", len(xy), f"at most {limit} cities")
             object.__setattr__(self, "xy", xy)
+            if self.metric == "GEO":
+                object.__setattr__(self, "matrix", _geographic(xy))
         if self.optimum is not None:
             object.__setattr__(self, "optimum", checks.number("optimum", self.optimum, low=0.0))
 
@@ -126,14 +131,15 @@ class Tsp:
         n = self.size
         k = min(candidates, n - 1)
         none = np.empty((0, 0))
-        xy = np.zeros((0, 2)) if self.xy is None else np.ascontiguousarray(self.xy)
+        xy = np.zeros((0, 2)) if self.xy is None or self.matrix is not None else np.ascontiguousarray(self.xy)
         kind, matrix = _KINDS[self.metric], none if self.matrix is None else np.ascontiguousarray(self.matrix)
-        if self.xy is None:
-            near = np.array(
-                [np.argsort(np.where(np.arange(n) == i, np.inf, row), kind="stable")[:k] for i, row in enumerate(matrix)]
-            )
-        elif k == n - 1:
+        if k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
+        elif self.matrix is not None and self.xy is not None and by_quadrant:
+            found = _nearest(matrix, min(12 * k, n - 1))
+            near = _by_quadrant(found, _bearings(self.xy, found), k)
+        elif self.matrix is not None:
+            near = _nearest(matrix, k)
         elif by_quadrant:
             near = _around(xy, k)
         else:
@@ -148,7 +154,7 @@ class Tsp:
         gap = kernel.gaps(kind, xy, matrix, near)
         ranking = np.argsort(gap, axis=1, kind="stable")
         near, gap = np.take_along_axis(near, ranking, 1), np.take_along_axis(gap, ranking, 1)
-        if self.xy is not None and n <= _MATRIX_UP_TO:
+        if self.matrix is None and n <= _MATRIX_UP_TO:
             kind, matrix = kernel.MATRIX, kernel.gaps(kind, xy, none, np.tile(np.arange(n, dtype=np.uint32), (n, 1)))
         span = matrix.max(initial=0.0) if matrix.size else float(np.hypot(*np.ptp(xy, axis=0)))
         return kernel.Cities(kind, xy, matrix, near, gap, 1e-12 * float(span), kernel.backs(near))
@@ -166,16 +172,46 @@ def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
     for first in range(0, n, _BLOCK):
         part = np.arange(first, min(first + _BLOCK, n))
         found = np.asarray(tree.query(xy[part], many)[1])
-        dx, dy = np.moveaxis(xy[found] - xy[part, None], -1, 0)
-        quadrant = np.select([(dx > 0) & (dy >= 0), (dx <= 0) & (dy > 0), (dx < 0) & (dy <= 0)], [0, 1, 2], 3)
-        own = found == part[:, None]
-        key = np.tile(np.arange(many), (len(part), 1)) + many
-        for number in range(4):
-            members = (quadrant == number) & ~own
-            key[members & (np.cumsum(members, axis=1) <= k // 5)] -= many
-        key[own] = 3 * many
-        near[part] = np.take_along_axis(found, np.argsort(key, axis=1)[:, :k], 1)
+        near[part] = _by_quadrant(found, xy[found] - xy[part, None], k, own=found == part[:, None])
     return near
+
+
+def _by_quadrant(
+    found: NDArray[np.int64], offset: NDArray[np.float64], k: int, own: NDArray[np.bool_] | None = None
+) -> NDArray[np.int64]:
+    """Return k of the `found` for each city: the k // 5 first in each quadrant, by their `offset`, then the first of the rest.
+
+    `own` marks the city itself, which is never taken.
+    """
+    many = found.shape[1]
+    dx, dy = np.moveaxis(offset, -1, 0)
+    quadrant = np.select([(dx > 0) & (dy >= 0), (dx <= 0) & (dy > 0), (dx < 0) & (dy <= 0)], [0, 1, 2], 3)
+    own = np.zeros(found.shape, np.bool_) if own is None else own
+    key = np.tile(np.arange(many), (len(found), 1)) + many
+    for number in range(4):
+        members = (quadrant == number) & ~own
+        key[members & (np.cumsum(members, axis=1) <= k // 5)] -= many
+    key[own] = 3 * many
+    return np.take_along_axis(found, np.argsort(key, axis=1)[:, :k], 1)
+
+
+def _nearest(matrix: NDArray[np.float64], k: int) -> NDArray[np.int64]:
+    """Return the k nearest others of each city, nearest first, int64[n, k]."""
+    own = np.arange(len(matrix))
+    return np.array([np.argsort(np.where(own == i, np.inf, row), kind="stable")[:k] for i, row in enumerate(matrix)])
+
+
+def _degrees(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return degrees of degrees.minutes, as TSPLIB writes latitudes and longitudes."""
+    whole = np.trunc(places)
+    return whole + 5.0 * (places - whole) / 3.0
+
+
+def _bearings(places: NDArray[np.float64], found: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return how far east and north of each city the `found` lie, float64[n, m, 2], on the map as seen from that city."""
+    latitude, longitude = _degrees(places).T
+    east = (longitude[found] - longitude[:, None] + 180.0) % 360.0 - 180.0
+    return np.stack((east * np.cos(np.radians(latitude))[:, None], latitude[found] - latitude[:, None]), axis=-1)
 
 
 def permutation(field: str, order: object, n: int) -> NDArray[np.uint32]:
@@ -237,8 +273,6 @@ def parse(data: bytes, where: str = "") -> Tsp:
     if not np.array_equal(np.sort(rows[:, 0]), np.arange(1, n + 1)):
         raise BadMap("NODE_COORD_SECTION", rows[:, 0].tolist()[:5], f"the cities 1 to {n}, each once", where=where)
     xy = rows[np.argsort(rows[:, 0]), 1:]
-    if kind == "GEO":
-        return Tsp(matrix=_geographic(xy), name=name, optimum=optimum)
     return Tsp(xy=xy, metric=kind, name=name, optimum=optimum)
 
 
@@ -306,8 +340,7 @@ def _matrix(weights: NDArray[np.float64], n: int, form: str, where: str) -> NDAr
 
 def _geographic(places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return TSPLIB's GEO distances in km of places in degrees.minutes (latitude, longitude)."""
-    degrees = np.trunc(places)
-    latitude, longitude = (3.141592 * (degrees + 5.0 * (places - degrees) / 3.0) / 180.0).T
+    latitude, longitude = (3.141592 * _degrees(places) / 180.0).T
     result = np.zeros((len(places), len(places)))
     for i in range(len(places)):
         q1 = np.cos(longitude[i] - longitude)

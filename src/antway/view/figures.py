@@ -199,10 +199,12 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     fig = style.figure(10.4 if mapped else 5.6, 5.2)
     *left, right = fig.subplots(1, 2 if mapped else 1, squeeze=False, width_ratios=(1.35, 1) if mapped else None)[0]
     if instance.xy is not None:
-        axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)
+        geographic = instance.metric == "GEO"
+        axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)[:, :: -1 if geographic else 1]
         axes.plot(*xy[np.append(tour.order, tour.order[:1])].T, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
         axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 5.0 - np.log2(max(len(xy), 1)) / 2.5), markeredgewidth=0)
-        axes.set(title=title or instance.name, xlabel="x", ylabel="y", aspect="equal")
+        names = ("longitude (degrees.minutes)", "latitude (degrees.minutes)") if geographic else ("x", "y")
+        axes.set(title=title or instance.name, xlabel=names[0], ylabel=names[1], aspect="equal")
         axes.locator_params(nbins=7, steps=[1, 2, 5, 10])
     made, best, _ = np.vstack((tour.history, [tour.tours, tour.length, tour.elapsed])).T
     dot = {"marker": "o"} if len(set(made)) == 1 else {}  # a line of one point is not seen

@@ -156,9 +156,9 @@ class Tours(Tab):
 
     def _restart(self, instance: Tsp, settings: dict[str, Any], frame: Frame | None = None) -> list[Message]:
         """Start again with these, and another map if one is given; if that is refused, everything stays as it was."""
-        if instance.xy is None:
+        if instance.metric in ("MATRIX", "GEO"):
             raise BadParameter(
-                "EDGE_WEIGHT_TYPE", "a matrix", "one of cities with places: EUC_2D, CEIL_2D or ATT", where=instance.name
+                "EDGE_WEIGHT_TYPE", instance.metric, "one of cities with places: EUC_2D, CEIL_2D or ATT", where=instance.name
             )
         if instance.size > MAX_CITIES:
             raise TooLarge("DIMENSION", instance.size, f"at most {MAX_CITIES} cities on the page", where=instance.name)
