@@ -348,4 +348,6 @@ def _geographic(places: NDArray[np.float64]) -> NDArray[np.float64]:
         q3 = np.cos(latitude[i] + latitude)
         result[i] = np.trunc(6378.388 * np.arccos(np.clip(0.5 * ((1.0 + q1) * q2 - (1.0 - q1) * q3), -1.0, 1.0)) + 1.0)
     np.fill_diagonal(result, 0.0)
-    return np.maximum(result, result.T)
+    result = np.maximum(result, result.T)
+    result.flags.writeable = False
+    return result
