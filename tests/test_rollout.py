@@ -354,21 +354,22 @@ def test_options_of_another_kind_are_refused() -> None:
 def test_robots_keep_room_from_walkers_who_may_turn_back(robot: str, seeds: range) -> None:
     """One walks straight for so long that its predictions hold to a hair, and then turns towards the robot at a corner.
 
-    The slow one was touched on seed 44, until robots of its kind wished for more room from such walkers.
+    The slow one was touched on seed 44, until the risk grew with the square of its slowness.
     """
     office = load_scenario("office").driven_by(load_robot(robot))
     ends = [run(office, AntwayPolicy(), seed=seed) for seed in seeds]
     assert all(end.outcome is Outcome.REACHED for end in ends)
 
 
-def test_slow_robots_wish_for_more_room_from_what_may_swerve() -> None:
-    """The room wished for grows as the speed falls, from obstacles of which nobody declares that they keep their velocity."""
-    room = {}
-    for v_max in (1.0, 0.4, 0.2):
+def test_slow_robots_keep_more_room() -> None:
+    """A robot n times as slow as 0.8 m/s looks n times as long ahead for what may swerve; faster ones are all alike."""
+    kept = {}
+    for v_max in (2.0, 0.8, 0.2):
         task = _task(replace(WHEELS, v_max=v_max, v_reverse=0.0))
         field = make_context(task.grid, task.robot, task.grid.cell_at(task.goal)).field.reshape(task.grid.shape)
-        for swerve in (0.0, math.inf):
-            colony = ControlColony(ControlOptions(), replace(task, obstacle_swerve=swerve), field, 3, None)
-            room[v_max, swerve] = colony.wished
-    assert [room[v_max, 0.0] for v_max in (1.0, 0.4, 0.2)] == [0.05, 0.05, 0.05]
-    assert [room[v_max, math.inf] for v_max in (1.0, 0.4, 0.2)] == pytest.approx([0.05, 0.4, 1.1])
+        colony = ControlColony(ControlOptions(), task, field, 3, None)
+        kept[v_max] = colony.margins, colony.weights.risk, colony.weights.decay
+    assert kept[2.0] == kept[0.8]
+    (fast, risk, decay), (slow, great, slowly) = kept[0.8], kept[0.2]
+    assert (slow.spread, slow.until, slow.late) == pytest.approx((2.0 * fast.spread, 4.0 * fast.until, 4.0 * fast.late))
+    assert (great, slowly) == pytest.approx((16.0 * risk, decay / 4.0))

@@ -105,6 +105,7 @@ def test_an_interrupt_that_a_compiler_swallows_comes_again() -> None:
     """LLVM calls Python to keep what it compiled, and ignores what is raised there: Ctrl-C then ends the run all the same."""
     swallowed = "ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))(); time.sleep(20)"
     code = f"import ctypes, signal, sys, time, antway.cli\ndef run(): {swallowed}\nantway.cli.main = run\n"
+    code += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where the tests run in the background
     code += "from antway.__main__ import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (130, "interrupted\n")

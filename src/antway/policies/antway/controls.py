@@ -43,18 +43,18 @@ class ControlOptions:
     unsure : float
         Velocities of obstacles that may swerve are taken to be wrong by at least this share of their speed, however well they
         were foretold.
-    margin, wished, wished_slow, near : float
-        Room kept to obstacles; room wished for beyond, with so much more from obstacles that may swerve for a robot of half of
-        0.8 m/s (thrice as much for one of a quarter), which takes longer to get out of the way; s for each m less at each step.
+    margin, wished, near : float
+        Room kept to obstacles, room wished for beyond, and s for each m less at each step.
     risk, spread, spread_time, late : float
-        s where contact begins, for each obstacle at the step where it is worst, and more for robots slower than 0.8 m/s; it
-        falls with the square to nothing at so many standard deviations of where a track will be
-        (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken as they will be `late` s
-        after, for a robot with inertia cannot answer at once; both are longer for such slow robots.
+        s where contact begins, for each obstacle at the step where it is worst; it falls with the square to nothing at so many
+        standard deviations of where a track will be (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken
+        as they will be `late` s after, for a robot with inertia cannot answer at once. A robot that is n times as slow as 0.8
+        m/s takes n times as long to get out of the way: both times are n times as long, the risk n**2 times as great, and it
+        reaches n**0.5 times as far.
     wall_margin : float
         Room kept to walls.
     contact, decay : float
-        s for a contact foreseen, once for each obstacle, fading by 1/s.
+        s for a contact foreseen, once for each obstacle, fading by 1/s, for such slow robots n times as slowly.
     stop : float
         s for each m by which a stop could be cut off that the guard would not allow.
     search : str
@@ -78,7 +78,6 @@ class ControlOptions:
     unsure: float = 0.12
     margin: float = 0.01
     wished: float = 0.05
-    wished_slow: float = 0.35
     near: float = 0.2
     risk: float = 5.0
     spread: float = 2.0
@@ -131,10 +130,10 @@ class ControlColony:
             wide_a=0.35 * robot.v_max,
             wide_b=0.35 * turn,
         )
-        self.slowness = max(_NIMBLE / robot.v_max, 1.0)
-        declared = math.isfinite(task.obstacle_swerve)
-        self.unsure = 0.0 if declared else o.unsure
-        self.wished = o.wished + (0.0 if declared else o.wished_slow * (self.slowness - 1.0))
+        slowness = max(_NIMBLE / robot.v_max, 1.0)
+        times = slowness * o.spread_time, slowness * o.late
+        self.margins = Margins(o.margin, o.wished, math.sqrt(slowness) * o.spread, *times)
+        self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
         self.averaging = None
         if o.search != "ants":
             self.averaging = Averaging(
@@ -150,9 +149,9 @@ class ControlColony:
             progress=o.progress,
             contact=o.contact,
             depth=o.contact,
-            decay=o.decay,
+            decay=o.decay / slowness,
             near=o.near,
-            risk=o.risk * self.slowness,
+            risk=o.risk * slowness**2,
             wall=100.0,
             wall_margin=o.wall_margin,
             off_plan=o.off_plan,
@@ -219,7 +218,7 @@ class ControlColony:
             self.state,
             self.robot.v_max,
             self.braking,
-            Margins(o.margin, self.wished, o.spread, self.slowness * o.spread_time, self.slowness * o.late),
+            self.margins,
             self.speed_bound,
             self.growth,
         )
