@@ -131,13 +131,13 @@ class Tsp:
         n = self.size
         k = min(candidates, n - 1)
         none = np.empty((0, 0))
-        xy = np.zeros((0, 2)) if self.xy is None or self.matrix is not None else np.ascontiguousarray(self.xy)
+        xy = np.ascontiguousarray(self.xy) if self.matrix is None else np.zeros((0, 2))
         kind, matrix = _KINDS[self.metric], none if self.matrix is None else np.ascontiguousarray(self.matrix)
         if k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
         elif self.matrix is not None and self.xy is not None and by_quadrant:
             found = _nearest(matrix, min(12 * k, n - 1))
-            near = _by_quadrant(found, _bearings(self.xy, found), k)
+            near = _by_quadrant(np.arange(n), found, _bearings(self.xy, found), k)
         elif self.matrix is not None:
             near = _nearest(matrix, k)
         elif by_quadrant:
@@ -172,21 +172,19 @@ def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
     for first in range(0, n, _BLOCK):
         part = np.arange(first, min(first + _BLOCK, n))
         found = np.asarray(tree.query(xy[part], many)[1])
-        near[part] = _by_quadrant(found, xy[found] - xy[part, None], k, own=found == part[:, None])
+        near[part] = _by_quadrant(part, found, xy[found] - xy[part, None], k)
     return near
 
 
-def _by_quadrant(
-    found: NDArray[np.int64], offset: NDArray[np.float64], k: int, own: NDArray[np.bool_] | None = None
-) -> NDArray[np.int64]:
+def _by_quadrant(cities: NDArray[np.int64], found: NDArray[np.int64], offset: NDArray[np.float64], k: int) -> NDArray[np.int64]:
     """Return k of the `found` for each city: the k // 5 first in each quadrant, by their `offset`, then the first of the rest.
 
-    `own` marks the city itself, which is never taken.
+    A city that is among its own `found` is not taken.
     """
     many = found.shape[1]
     dx, dy = np.moveaxis(offset, -1, 0)
     quadrant = np.select([(dx > 0) & (dy >= 0), (dx <= 0) & (dy > 0), (dx < 0) & (dy <= 0)], [0, 1, 2], 3)
-    own = np.zeros(found.shape, np.bool_) if own is None else own
+    own = found == cities[:, None]
     key = np.tile(np.arange(many), (len(found), 1)) + many
     for number in range(4):
         members = (quadrant == number) & ~own

@@ -200,7 +200,9 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     *left, right = fig.subplots(1, 2 if mapped else 1, squeeze=False, width_ratios=(1.35, 1) if mapped else None)[0]
     if instance.xy is not None:
         geographic = instance.metric == "GEO"
-        axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)[:, :: -1 if geographic else 1]
+        axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)
+        if geographic:
+            xy = xy[:, ::-1]
         axes.plot(*xy[np.append(tour.order, tour.order[:1])].T, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
         axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 5.0 - np.log2(max(len(xy), 1)) / 2.5), markeredgewidth=0)
         names = ("longitude (degrees.minutes)", "latitude (degrees.minutes)") if geographic else ("x", "y")

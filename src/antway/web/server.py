@@ -187,7 +187,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
     def with_token(path: str) -> Callable[[Request], Awaitable[Response]]:
         async def answer(request: Request) -> Response:
             if _same(request.query_params.get("token", ""), token):
-                granted = file(path)
+                granted = Response(whole[path].body, 200, _HEADERS, whole[path].media_type)
                 granted.set_cookie(cookie, token, httponly=True, samesite="strict")
                 return granted
             if _same(request.cookies.get(cookie, ""), token):
