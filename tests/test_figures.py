@@ -194,3 +194,14 @@ def test_the_encounter_is_found() -> None:
     gaps = np.hypot(*(calm.obstacle_xy[:, 0] - calm.xy).T)
     assert gaps[midst] == gaps.min() and meet <= midst
     assert figures.moments(sample_trace(1, 0)) == (0, 0)
+
+
+def test_a_tour_over_the_date_line_stays_on_its_map() -> None:
+    """Its leg there is drawn at both sides of the map, not across it."""
+    places = [(0.0, 170.0), (5.0, -170.0), (-5.0, -160.0), (-5.0, 160.0)]
+    instance = Tsp(places, metric="GEO")
+    axes = figures.tour_figure(instance, solve_tsp(instance, cycles=2)).axes[0]
+    low, high = axes.get_xlim()
+    assert -190.0 < low < -170.0 and 170.0 < high < 190.0
+    legs = [np.abs(np.diff(line.get_xdata())).max() for line in axes.lines if line.get_linestyle() == "-"]
+    assert len(legs) == 3 and max(legs) < 60.0

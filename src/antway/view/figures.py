@@ -203,7 +203,13 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
         axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)
         if geographic:
             xy = xy[:, ::-1]
-        axes.plot(*xy[np.append(tour.order, tour.order[:1])].T, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
+        x, y = xy[np.append(tour.order, tour.order[:1])].T
+        if geographic:  # a leg over the date line leaves the map at one side and comes back at the other
+            x = np.unwrap(x, period=360.0)
+            margin = 0.03 * float(np.ptp(xy[:, 0])) or 1.0
+            axes.set_xlim(xy[:, 0].min() - margin, xy[:, 0].max() + margin)
+        for shift in (-360.0, 0.0, 360.0) if geographic else (0.0,):
+            axes.plot(x + shift, y, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
         axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 5.0 - np.log2(max(len(xy), 1)) / 2.5), markeredgewidth=0)
         names = ("longitude (degrees.minutes)", "latitude (degrees.minutes)") if geographic else ("x", "y")
         axes.set(title=title or instance.name, xlabel=names[0], ylabel=names[1], aspect="equal")
