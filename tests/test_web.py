@@ -22,7 +22,7 @@ from antway import Grid, RobotSpec, Scenario, World
 from antway.errors import BadInput
 from antway.web.files import MAX_OBSTACLES, read_upload
 from antway.web.player import SLICE, Player
-from antway.web.server import serve
+from antway.web.server import Gate, serve
 from antway.web.session import MAX_UNDO_BYTES, Session
 from antway.world.episode import Episode
 from antway.world.motions import Bounce
@@ -126,6 +126,29 @@ def test_every_answer_has_the_security_headers(port: int) -> None:
         assert int(answer.split()[1]) == expected
         for header in (b"content-security-policy: default-src 'none'", b"x-content-type-options: nosniff", b"no-referrer"):
             assert answer.lower().count(header) == 1, (path, header)
+
+
+def test_a_file_written_at_once_is_the_answer_of_the_framework(port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fixed files leave without a task; the answers are the framework's, kept alive, in HTTP 1.0 and pipelined too."""
+
+    def answers() -> list[list[bytes]]:
+        own, kept = f"Host: 127.0.0.1:{port}\r\n", []
+        for path in ("/page.js", "/page.css", "/tsp.js", "/nowhere"):
+            one = f"GET {path} HTTP/1.1\r\n{own}"
+            kept.append(asked(port, f"{one}Connection: close\r\n\r\n"))
+            kept.append(asked(port, f"GET {path} HTTP/1.0\r\n{own}\r\n"))
+            kept.append(asked(port, f"{one}Origin: http://elsewhere.org\r\nConnection: close\r\n\r\n"))
+            page = f"GET /?token={TOKEN} HTTP/1.1\r\n{own}\r\n"
+            kept.append(asked(port, f"{one}\r\n{one}\r\n{page}{one}\r\n{one}\r\n{one}Connection: close\r\n\r\n"))
+        return [sorted(re.sub(rb"date: [^\r]+", b"date", answer).split(b"\r\n")) for answer in kept]  # headers in any order
+
+    at_once, made = Gate.at_once, []
+    monkeypatch.setattr(Gate, "at_once", lambda gate, scope: made.append(at_once(gate, scope)) or made[-1])
+    written = answers()
+    assert sum(map(bool, made)) >= 3 * 4, "the override of uvicorn's method is called"
+    assert all(b"".join(answer).count(b"HTTP/1.1 ") == count for answer, count in zip(written, [1, 1, 1, 6] * 4, strict=True))
+    monkeypatch.setattr(Gate, "at_once", lambda gate, scope: b"")
+    assert written == answers()
 
 
 @pytest.mark.parametrize("host", ["0", "0x0", "0.0", "0.0.0.0", "::", "[::]", "::0", "0:0:0:0:0:0:0:0", "", "*"])

@@ -15,7 +15,7 @@ import os
 import secrets
 import socket
 import zlib
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from importlib.resources import files
 from typing import Any
 
@@ -26,7 +26,8 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from antway import checks
@@ -105,27 +106,35 @@ def names_of(host: str, port: int) -> frozenset[str]:
 class Gate:
     """Passes requests that name this server and come from its own page on; all others are answered with 403.
 
-    `files` are answers to a GET of their paths: they are given at once, without the framework's search for a route.
+    `files` are answers to a GET of their paths, from their headers on: `Prompt` writes them at once, without the framework.
     """
 
-    def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns, files: Mapping[str, Response]) -> None:
+    def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns, files: Mapping[str, bytes]) -> None:
         self.app, self.names, self.turns, self.files = app, names, turns, files
         self.origins = frozenset(f"http://{name}" for name in names)
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] not in ("http", "websocket"):
-            return await self.app(scope, receive, send)
-        self.turns.request()
+    def is_ours(self, scope: Scope) -> bool:
+        """Tell whether a request names this server and comes from its own page."""
         hosts, origins = (
             [value.decode("latin-1").lower() for key, value in scope["headers"] if key == name] for name in (b"host", b"origin")
         )
         # A browser names the origin of every websocket, but not that of a plain GET of a page.
         own = origins == [] if scope["type"] == "http" else False
         own = own or (len(origins) == 1 and origins[0] in self.origins)
-        ours = own and len(hosts) == 1 and hosts[0] in self.names
-        if ours and scope["type"] == "http" and scope["method"] == "GET" and scope["path"] in self.files:
-            return await self.files[scope["path"]](scope, receive, send)
-        if ours:
+        return own and len(hosts) == 1 and hosts[0] in self.names
+
+    def at_once(self, scope: Scope) -> bytes:
+        """Return the answer to a GET of a fixed file, from its headers on; nothing for any other request."""
+        if scope["method"] != "GET" or scope["path"] not in self.files or not self.is_ours(scope):
+            return b""
+        self.turns.request()
+        return self.files[scope["path"]]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            return await self.app(scope, receive, send)
+        self.turns.request()
+        if self.is_ours(scope):
             return await self.app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send))
         if scope["type"] == "websocket":
             return await send({"type": "websocket.close", "code": 1008})
@@ -219,7 +228,16 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
     routes = [Route(path, with_token(path) if path in pages else whole[path], methods=["GET"]) for path in _FILES]
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
-    return Gate(app, names, turns, {path: answer for path, answer in whole.items() if path not in pages})
+    return Gate(app, names, turns, {path: _written(answer) for path, answer in whole.items() if path not in pages})
+
+
+def _written(answer: Response) -> bytes:
+    """Return an answer as it is sent, from its headers on."""
+    return _lines(answer.raw_headers) + b"\r\n" + bytes(answer.body)
+
+
+def _lines(headers: Iterable[tuple[bytes, bytes]]) -> bytes:
+    return b"".join(name + b": " + value + b"\r\n" for name, value in headers)
 
 
 def _embedded(choices: Mapping[str, object]) -> str:
@@ -253,6 +271,13 @@ class Wire(Unstuck, WebSocketsSansIOProtocol):
         super().__init__(*given, **named)
         self.close_timeout = CLOSING
 
+    async def send(self, message: Any) -> None:
+        """Send a message of the application; to a page on which uvicorn has hung up by itself there is nothing to send."""
+        await self.writable.wait()
+        if self.handshake_complete and self.close_sent and self.close_timer is None:
+            raise ClientDisconnected
+        await super().send(message)
+
 
 class Prompt(Unstuck, HttpToolsProtocol):
     """HTTP that cuts a connection without a whole request, body and all, in `TIMEOUT` s, or with one of over `MAX_HEAD` bytes.
@@ -279,6 +304,19 @@ class Prompt(Unstuck, HttpToolsProtocol):
     def on_message_complete(self) -> None:
         super().on_message_complete()
         self.settle()
+
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
+        """Answer a request: with a fixed file at once, where nothing else waits to be written, else by the application."""
+        file = b"" if self.pipeline or self.flow.write_paused or not isinstance(app, Gate) else app.at_once(dict(cycle.scope))
+        if not file:
+            return super()._start_asgi_task(cycle, app)
+        close = [] if cycle.keep_alive else [(b"connection", b"close")]
+        self.transport.write(STATUS_LINE[200] + _lines([*cycle.default_headers, *close]) + file)
+        cycle.response_started = cycle.response_complete = True
+        if close:
+            self.transport.close()
+        cycle.on_response()
+        return None
 
     def settle(self) -> None:
         """Note that a request is whole, or that the connection is gone."""

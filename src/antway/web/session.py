@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
@@ -68,6 +69,12 @@ PARAMETERS = (
 )
 
 
+@cache
+def _first() -> Scenario:
+    """Return what a tab shows at first; all tabs share it, for scenarios and their maps do not change."""
+    return load_scenario(scene(SCENES[0]))
+
+
 class Session(Tab):
     """The state behind one tab; its speed is the number of simulated seconds in a second of the clock."""
 
@@ -79,7 +86,7 @@ class Session(Tab):
         self.history: list[Scenario] = []
         self.position = -1
         self.at = 0  # control cycles that are shown
-        self._open(load_scenario(scene(SCENES[0])))
+        self._open(_first())
         self.operations |= {
             "at": self._at,
             "ants": self._ants,
