@@ -6,6 +6,7 @@ import hashlib
 import math
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -228,14 +229,17 @@ def ambush(rng: np.random.Generator) -> Scenario:
 def test_adversaries_within_the_assumptions_never_meet_a_moving_robot(policy: str) -> None:
     """Head-on, in a corridor, at a corner, in the way of the goal: no contact while the robot moves (C24).
 
-    Mode strict promises it, here with obstacles that turn in no time; the default mode does not, and does it here all the same.
+    Mode strict promises it, here with obstacles that turn in no time; the default mode does not: at most one in 1,000.
     """
-    rng = np.random.default_rng(0)
-    for _ in range(cases(60, 10_000)):
+    rng, outcomes = np.random.default_rng(0), Counter()
+    for _ in range(n := cases(60, 10_000)):
         scenario, seed = ambush(rng), int(rng.integers(2**32))
         result = run(scenario, policy, seed=seed)
         check_episode(result)
-        assert result.outcome in (Outcome.REACHED, Outcome.HIT_STANDING, Outcome.TIMEOUT), (seed, result.reason)
+        outcomes[result.outcome] += 1
+    print(f"C24: {policy}, {n} episodes: {dict(outcomes)}")
+    moving = n - sum(outcomes[one] for one in (Outcome.REACHED, Outcome.HIT_STANDING, Outcome.TIMEOUT))
+    assert moving <= (0 if "strict" in policy else n // 1000)
 
 
 def digest(seed: int) -> str:
