@@ -71,6 +71,26 @@ def test_what_is_played_passes_the_check(name: str, tmp_path: Path) -> None:
     check_episode(again)
 
 
+def test_cars_of_every_kind_pass_the_check() -> None:
+    """The speed, which holds the steering, passes 0 or reaches what is asked amid a step: no right drive is refused."""
+    rng = np.random.default_rng(1)
+    for seed in range(cases(30, 3000)):
+        v, a = rng.uniform(0.3, 2.0), rng.uniform(0.4, 3.0)
+        car = RobotSpec(
+            drive="ackermann",
+            v_max=v,
+            v_reverse=v * rng.choice([0.0, 0.3, 1.0]),
+            a_max=a,
+            brake_max=a * rng.uniform(1.0, 2.0),
+            turn_rate=rng.uniform(0.8, 4.0),
+            alpha_max=rng.choice([2.0, 4.0, math.inf]),
+            turning_radius=rng.uniform(0.4, 1.0),
+            latency=rng.choice([0.0, 0.1, 0.25]),
+            dt=rng.choice([0.05, 0.1, 0.2]),
+        )
+        check_episode(run(hall(rng, car, 0), Wanderer(), seed=seed))
+
+
 @pytest.mark.parametrize("name", ["diff", "amr", "tricycle", "slider", "inertia"])
 def test_the_check_finds_what_is_false(name: str) -> None:
     """A place, a heading, a speed or a command that is not as driven is found."""

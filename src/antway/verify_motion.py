@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 _NEAR = 1e-6  # m, m/s, rad
 _SLACK = 1e-5  # m: gaps are taken from samples
-_STEPS = 100  # of each of the two parts of a cycle: before and after the command of late arrives
+_STEPS = 100  # of each of the two parts of a cycle at least: before and after the command of late arrives
 
 Floats = NDArray[np.float64]
 
@@ -36,14 +36,17 @@ def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
     span = np.diff(trace.t)
     t, times, states = trace.t[:-1].copy(), [trace.t[:-1].copy()], [np.stack((x, y, theta), axis=-1)]
     for part in range(2):
-        h = (np.minimum(late, span) if part == 0 else np.maximum(span - late, 0.0)) / _STEPS
+        time = np.minimum(late, span) if part == 0 else np.maximum(span - late, 0.0)
         asked = np.zeros((n, 2))
         first = whole + 1 - part
         asked[first:] = trace.command[: max(n - first, 0)]
         asked[~np.isfinite(asked).all(axis=1)] = 0.0
         if part == 0 and late <= 1e-9 * spec.dt:
             continue
-        for _ in range(_STEPS):
+        knots = np.linspace(0.0, time, _STEPS + 1, axis=1)
+        if wheels:
+            knots = np.sort(np.hstack((knots, _bends(a, asked, trace, time))), axis=1)
+        for h in np.diff(knots).T:
             if wheels:
                 x, y, theta, a, b = _roll(x, y, theta, a, b, asked, trace, h)
             else:
@@ -69,6 +72,23 @@ def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) ->
     return result
 
 
+def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
+    """Return when the speed's ramps pass 0 and end, float64[N, 2] s, at most `time`.
+
+    A car's steering keeps |omega| <= |v| / turning_radius. Between these times that bound is linear in time, as the ramp of the
+    steering is, so that a step that ends at them gives both exactly.
+    """
+    spec = trace.task.robot
+    brake = spec.a_max if spec.brake_max is None else spec.brake_max
+    target = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
+    through = v * target < 0.0
+    falls = through | (np.abs(target) < np.abs(v))
+    zero = np.where(through, np.abs(v) / brake, 0.0)
+    end = zero + np.where(through, np.abs(target) / spec.a_max, np.abs(target - v) / np.where(falls, brake, spec.a_max))
+    times: Floats = np.minimum(np.stack((zero, end), axis=1), time[:, None])
+    return times
+
+
 def _roll(
     x: Floats, y: Floats, theta: Floats, v: Floats, w: Floats, asked: Floats, trace: Trace, h: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
@@ -81,10 +101,10 @@ def _roll(
         v1 = _nearer(v, cv, spec.a_max, brake, h / 4)
         w1 = _nearer(w, cw, spec.alpha_max, spec.alpha_max, h / 4)
         v0 = v1 if math.isinf(spec.a_max) and math.isinf(brake) else v
+        w0 = cw if math.isinf(spec.alpha_max) else w
         if spec.turning_radius > 0.0:
-            most = np.abs(v1) / spec.turning_radius
-            w1 = np.clip(w1, -most, most)
-        w0 = w1 if math.isinf(spec.alpha_max) else w
+            most, last = np.abs(v0) / spec.turning_radius, np.abs(v1) / spec.turning_radius
+            w0, w1 = np.clip(w0, -most, most), np.clip(w1, -last, last)
         middle = theta + (3 * w0 + w1) / 8 * h / 4
         x = x + (v0 + v1) / 2 * np.cos(middle) * h / 4
         y = y + (v0 + v1) / 2 * np.sin(middle) * h / 4
