@@ -62,7 +62,7 @@ def test_examples_run(script: Path, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-W", "error", str(script)],
         cwd=tmp_path,
-        env={**os.environ, "TMPDIR": str(tmp_path)},
+        env={**os.environ, "TMPDIR": str(tmp_path), "ANTWAY_QUIET": "1"},
         capture_output=True,
         text=True,
     )

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, RobotSpec, Scenario, World, make_policy, run
+from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, make_policy, run
 from antway.arena.suites import Chance, Episode, build, episodes, facts, seed_of, stage
 from antway.errors import BadParameter
 from antway.world.motions import Bounce, Line
@@ -106,6 +106,25 @@ def test_mirrored_predictions_are_better():
     assert ends["constant"] == pytest.approx(11.0)
     assert ends["mirrored"] == pytest.approx(2 * 7.7 - 11.0)
     assert ends["frozen"] == 7.0
+
+
+@pytest.mark.parametrize("name", ["follow", "stop", "sipp", "replan", "dstarlite", "dwa", "potential-field", "nh-orca"])
+def test_a_footprint_may_stand_where_its_disc_has_no_room(name):
+    """Beside a wall that only the disc round the footprint overlaps, policies command something, and most lead away from it."""
+    if name == "nh-orca":
+        pytest.importorskip("pyrvo")
+    blocked = np.zeros((40, 40), np.bool_)
+    blocked[:, 0] = True  # as far as x = 0.25 m
+    slim = ((0.1, 0.4), (-0.1, 0.4), (-0.1, -0.4), (0.1, -0.4))
+    robot = RobotSpec(drive="holonomic" if name != "nh-orca" else "differential", footprint=slim)
+    task = Task(Grid(blocked, 0.25), robot, (5.0, 5.0), (8.0, 5.0))
+    policy = make_policy(name)
+    policy.reset(task, 0)
+    command = policy.act(Observation(0.0, (0.4, 5.0), (0.0, 0.0), 0.0, Tracks.none()))
+    x, y = command.velocity if command.twist is None else command.twist
+    assert math.hypot(x, y) <= robot.v_max + robot.turn_rate
+    if name in ("follow", "stop", "sipp", "replan"):
+        assert x > 0.5
 
 
 def test_wrong_options_are_refused():

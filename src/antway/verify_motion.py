@@ -57,18 +57,23 @@ def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
     return np.stack(times, axis=1), np.stack(states, axis=1), np.stack((a, b), axis=-1)
 
 
+def _at_once(v: Floats, target: Floats, growth: float, fall: float) -> Floats:
+    """Speed after what infinite rates do to it at once; one that is all but 0 on its way to the other sign is 0."""
+    through = v * target < 0.0
+    v = np.where(through & (math.isinf(fall) | (np.abs(v) < 1e-12)), 0.0, v)
+    falls = np.abs(target) < np.abs(v)
+    at_once = (v * target >= 0.0) & np.where(falls, math.isinf(fall), math.isinf(growth))
+    result: Floats = np.where(at_once, target, v)
+    return result
+
+
 def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) -> Floats:
-    """Speed after h s on its ramp to a target; where it passes 0 the rest of the time counts for the growth."""
-    falls = v * (target - v) < 0.0
-    end = np.where(falls & (v * target < 0.0), 0.0, target)
-    rate = np.where(falls, fall, growth)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        need = np.where(end == v, 0.0, np.abs(end - v) / rate)
-        moved = np.where(need <= h, end, v + np.sign(end - v) * np.where(need <= h, 0.0, rate * h))
-        rest = np.maximum(h - need, 0.0)
-        on = falls & (end != target) & (need < h)
-        further = np.where(np.abs(target - moved) <= growth * rest, target, moved + np.sign(target - moved) * growth * rest)
-    result: Floats = np.where(on, further, moved)
+    """Speed after h s on its ramp to a target, which is over at 0 where it goes to the other sign."""
+    through = v * target < 0.0
+    change = np.where(through, 0.0, target) - v
+    with np.errstate(invalid="ignore"):
+        most = np.where(through | (np.abs(target) < np.abs(v)), fall, growth) * h
+    result: Floats = v + np.sign(change) * np.fmin(np.abs(change), most)
     return result
 
 
@@ -97,14 +102,16 @@ def _roll(
     brake = spec.a_max if spec.brake_max is None else spec.brake_max
     cv = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
     cw = np.clip(asked[:, 1], -spec.turn_rate, spec.turn_rate)
+    turn = 1e9 if math.isinf(spec.alpha_max) else spec.alpha_max
     for _ in range(4):
-        v1 = _nearer(v, cv, spec.a_max, brake, h / 4)
-        w1 = _nearer(w, cw, spec.alpha_max, spec.alpha_max, h / 4)
-        v0 = v1 if math.isinf(spec.a_max) and math.isinf(brake) else v
+        v0 = _at_once(v, cv, spec.a_max, brake)
+        v1 = _nearer(v0, cv, spec.a_max, brake, h / 4)
         w0 = cw if math.isinf(spec.alpha_max) else w
         if spec.turning_radius > 0.0:
-            most, last = np.abs(v0) / spec.turning_radius, np.abs(v1) / spec.turning_radius
-            w0, w1 = np.clip(w0, -most, most), np.clip(w1, -last, last)
+            w0 = np.clip(w0, -np.abs(v0) / spec.turning_radius, np.abs(v0) / spec.turning_radius)
+        w1 = w0 + np.clip(cw - w0, -turn * h / 4, turn * h / 4)
+        if spec.turning_radius > 0.0:
+            w1 = np.clip(w1, -np.abs(v1) / spec.turning_radius, np.abs(v1) / spec.turning_radius)
         middle = theta + (3 * w0 + w1) / 8 * h / 4
         x = x + (v0 + v1) / 2 * np.cos(middle) * h / 4
         y = y + (v0 + v1) / 2 * np.sin(middle) * h / 4
@@ -125,10 +132,10 @@ def _glide(
         dx, dy = cx - vx, cy - vy
         change = np.hypot(dx, dy)
         rate = np.where(cx * dx + cy * dy <= 0.0, brake, spec.a_max)
-        with np.errstate(invalid="ignore"):
-            share = np.where(change <= rate * h / 4, 1.0, rate * h / 4 / np.where(change > 0, change, 1.0))
-        ux, uy = vx + dx * share, vy + dy * share
         at_once = np.isinf(rate)
+        most = np.where(at_once, 0.0, rate) * h / 4
+        share = np.where(at_once | (change <= most), 1.0, most / np.where(change > 0, change, 1.0))
+        ux, uy = vx + dx * share, vy + dy * share
         x = x + np.where(at_once, ux, (vx + ux) / 2) * h / 4
         y = y + np.where(at_once, uy, (vy + uy) / 2) * h / 4
         vx, vy = np.where(h > 0, ux, vx), np.where(h > 0, uy, vy)

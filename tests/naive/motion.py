@@ -10,15 +10,21 @@ ACKERMANN = 2
 MS = 1e-3
 
 
-def ramp(v: float, target: float, growth: float, fall: float, h: float) -> float:
-    """The speed after h s on its ramp to the target; through 0 the rate changes, so the step is cut there."""
-    if v * (target - v) < 0.0:
-        end = target if v * target >= 0.0 else 0.0
-        if abs(end - v) > fall * h:
-            return v + math.copysign(fall * h, end - v)
-        h -= abs(end - v) / fall
+def ramp(v: float, target: float, growth: float, fall: float) -> tuple[float, float, float]:
+    """The speed after what infinite rates do to it at once, the end of the ramp it is on, and the ramp's rate."""
+    while v != target:
+        falls = v * (target - v) < 0.0
+        end = 0.0 if falls and v * target < 0.0 else target
+        rate = fall if falls else growth
+        if rate < math.inf:
+            return v, end, rate
         v = end
-    return target if abs(target - v) <= growth * h else v + math.copysign(growth * h, target - v)
+    return v, v, 1.0
+
+
+def on(v: float, end: float, rate: float, h: float) -> float:
+    """The speed after h s on a ramp."""
+    return end if abs(end - v) <= rate * h else v + math.copysign(rate * h, end - v)
 
 
 def wheels(state, command, limits, dt: float) -> np.ndarray:
@@ -26,24 +32,29 @@ def wheels(state, command, limits, dt: float) -> np.ndarray:
     x, y, theta, v, w = state
     cv, cw = command if all(map(math.isfinite, command)) else (0.0, 0.0)
     cv, cw = min(max(cv, -limits.v_reverse), limits.v_max), min(max(cw, -limits.turn_rate), limits.turn_rate)
+
+    def held(w: float, v: float) -> float:
+        most = abs(v) / limits.turning_radius if limits.drive == ACKERMANN else math.inf
+        return min(max(w, -most), most)
+
     steps = max(round(dt / MS), 1)
-    h = dt / steps
     rows = [(x, y, theta, v, w)]
     for _ in range(steps):
-        fine = []
-        for _ in range(4):  # quarters, so that a ramp that ends within the step is met
-            v = ramp(v, cv, limits.a_max, limits.brake_max, h / 4)
-            w = ramp(w, cw, limits.alpha_max, limits.alpha_max, h / 4)
-            if limits.drive == ACKERMANN:
-                w = min(max(w, -abs(v) / limits.turning_radius), abs(v) / limits.turning_radius)
-            fine.append((v, w))
-        v0, w0 = rows[-1][3], rows[-1][4]
-        for v1, w1 in fine:
-            middle = theta + (3 * w0 + w1) / 8 * h / 4
-            x += (v0 + v1) / 2 * math.cos(middle) * h / 4
-            y += (v0 + v1) / 2 * math.sin(middle) * h / 4
-            theta += (w0 + w1) / 2 * h / 4
-            v0, w0 = v1, w1
+        left = dt / steps
+        while left > 0.0:  # in quarters that end where the speed's ramp does
+            v0, end, rate = ramp(v, cv, limits.a_max, limits.brake_max)
+            h = min(left, dt / steps / 4)
+            if v0 != end and abs(end - v0) < rate * h:
+                h = abs(end - v0) / rate
+                v = end
+            else:
+                v = on(v0, end, rate, h)
+            w0 = held(cw if limits.alpha_max == math.inf else w, v0)
+            w = held(cw if limits.alpha_max == math.inf else on(w0, cw, limits.alpha_max, h), v)
+            middle = theta + (3 * w0 + w) / 8 * h
+            x, y = x + (v0 + v) / 2 * math.cos(middle) * h, y + (v0 + v) / 2 * math.sin(middle) * h
+            theta += (w0 + w) / 2 * h
+            left -= h
         rows.append((x, y, theta, v, w))
     return np.array(rows)
 
@@ -64,6 +75,7 @@ def holonomic(state, command, limits, dt: float) -> np.ndarray:
             change = command - v
             size = math.hypot(*change)
             new = command if size <= rate * h / 8 else v + change / size * rate * h / 8
+            v = new if rate == math.inf else v
             x, y = x + (v[0] + new[0]) / 2 * h / 8, y + (v[1] + new[1]) / 2 * h / 8
             v = new
         rows.append((x, y, theta, *v))

@@ -11,8 +11,6 @@ from antway import checks
 from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, now
 from antway.kernels.baselines.dwa import roll_out, roll_out_twists
-
-from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
 from antway.world.rollouts import RobotState, acting, commanded
 
@@ -93,7 +91,7 @@ class Dwa(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
-        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
+        path = self.path(o)
         if not len(path.t):
             self.decide("stuck", "the map has no path for this robot")
             return STOP

@@ -12,8 +12,6 @@ from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, now
 from antway.errors import BadParameter
 from antway.grid import Grid
-
-from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
 from antway.world.rollouts import commanded
 
@@ -75,7 +73,7 @@ class Orca(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot, mind = observation, self.task.robot, self.mind
-        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
+        path = self.path(o)
         if not len(path.t):
             self.decide("stuck", "the map has no path for this robot")
             return STOP

@@ -11,8 +11,6 @@ from antway import checks
 from antway.baselines.look_ahead import look_ahead, short_of_walls
 from antway.baselines.replan import STOP, Follow, now
 from antway.kernels.baselines.potential_field import disc_force, wall_force
-
-from antway.search.sipp import NO_SEGMENTS  # isort: skip
 from antway.world.policy import XY, Command, Observation, Task
 
 
@@ -94,7 +92,7 @@ class PotentialField(Follow):
     def _target(self, o: Observation) -> XY | None:
         if self.look_ahead is None:
             return self.task.goal
-        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
+        path = self.path(o)
         return look_ahead(self.task, o, path, self.look_ahead) if len(path.t) else None
 
     def _force(self, o: Observation, target: XY) -> tuple[float, float, int]:

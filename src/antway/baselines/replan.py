@@ -38,8 +38,22 @@ class Follow:
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        path = self.search.search(observation.xy, observation.t, NO_SEGMENTS).path
-        return drive(self.task, observation, path)
+        return drive(self.task, observation, self.path(observation))
+
+    def path(self, o: Observation, segments: NDArray[np.float64] = NO_SEGMENTS) -> TimedPath:
+        """Return the path that arrives first from where the robot is, empty if there is none.
+
+        Where the disc that holds a footprint overlaps a wall, as the footprint itself does not, it leads to the nearest cell
+        with room first.
+        """
+        if self.search.stands(o.xy):
+            return self.search.search(o.xy, o.t, segments).path
+        grid = self.task.grid
+        centres = grid.to_xy(np.argwhere(~grid.inflate(self.task.robot.radius).blocked))
+        away = np.hypot(*(centres - o.xy).T)
+        i = int(np.argmin(away))
+        path = self.search.search(centres[i], o.t + away[i] / self.task.robot.v_max, segments).path
+        return TimedPath(np.append(o.t, path.t), np.vstack((o.xy, path.xy))) if len(path.t) else path
 
     def explain(self) -> Decision:
         """Return the decision that stands."""
@@ -71,7 +85,7 @@ class Stop(Follow):
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         o, robot = observation, self.task.robot
-        path = self.search.search(o.xy, o.t, NO_SEGMENTS).path
+        path = self.path(o)
         n, ends = len(o.tracks), np.array([o.t, o.t + self.lookahead])
         xy, velocity = now(o)
         knots = np.stack((xy, xy + velocity * self.lookahead), axis=1).reshape(-1, 2)
@@ -113,7 +127,7 @@ class Sipp(Follow):
         """Return the command for the next control period."""
         o = observation
         for margin in (self.clearance, 0.0):
-            path = self.search.search(o.xy, o.t, self._segments(o, margin)).path
+            path = self.path(o, self._segments(o, margin))
             if len(path.t):
                 self.decide("avoid", "the path that arrives first, as the obstacles are predicted")
                 return drive(self.task, o, path)

@@ -271,10 +271,14 @@ class Sipp:
             arrival = bound = float(path.t[-1])
         return TimedPlan(_STATUS[code], path, arrival, bound, expanded, time.perf_counter() - started)
 
+    def stands(self, xy: tuple[float, float]) -> bool:
+        """Tell whether the robot at `xy` (m) touches no wall."""
+        row, col = self.grid.to_points(xy)[0]
+        return self._stands(float(row), float(col))
+
     def _check_start(self, start: tuple[float, float]) -> None:
         self.grid.cell_at(start)
-        row, col = self.grid.to_points(start)[0]
-        if not self._stands(float(row), float(col)):
+        if not self.stands(start):
             raise CellBlocked("start", start, f"where a disc of {self.radius:g} m is free of walls")
 
     def _stands(self, row: float, col: float) -> bool:

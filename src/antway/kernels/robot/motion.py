@@ -77,14 +77,18 @@ def wheels_segment(
     """
     v0, a, v_end, time = ramp(v, cv, limits.a_max, limits.brake_max)
     h = min(time, left)
+    car = limits.drive == ACKERMANN and limits.turning_radius > 0.0
+    if car:  # a speed that changed at once holds the steering at once
+        most = abs(v0) / limits.turning_radius
+        omega = min(max(omega, -most), most)
     w0, b, w_end, w_time = ramp(omega, cw, limits.alpha_max, limits.alpha_max)
     if b != 0.0 and w_end != cw:  # growth and fall are alike: straight through 0
         w_end, w_time = cw, abs(cw - w0) / limits.alpha_max
-    if limits.drive != ACKERMANN or limits.turning_radius <= 0.0:
+    if not car:
         h = min(h, w_time)
         return h, v0, a, w0, b, (v_end if h == time else v0 + a * h), (w_end if h == w_time else w0 + b * h)
     side = 1.0 if v0 > 0.0 or (v0 == 0.0 and a > 0.0) else -1.0
-    most, growth = abs(v0) / limits.turning_radius, side * a / limits.turning_radius
+    growth = side * a / limits.turning_radius
     w0 = min(max(w0, -most), most)
     if b == 0.0 and w0 != cw:
         b = math.copysign(math.inf, cw - w0)  # an infinite alpha that the steering holds back
