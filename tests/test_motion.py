@@ -129,6 +129,8 @@ def some_play(rng: np.random.Generator, drive: int, shape: str, latency: float):
     record.heading[count], record.turn_rate[count] = theta, 0.0 if drive == HOLONOMIC else b
     shifted = Trajectories(discs.knot_t + 0.1 * count, discs.knot_xy, discs.first, discs.radius)
     aim = np.array([*rng.uniform(0.0, 6.0, 2), 0.2])
+    while math.dist(aim[:2], (x, y)) < 0.201:  # an episode that begins at its goal is over
+        aim[:2] = rng.uniform(0.0, 6.0, 2)
     return limits, corners, rounding, radius, grid, (x, y, theta, a, b), shifted, record, aim, count
 
 

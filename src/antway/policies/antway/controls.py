@@ -16,7 +16,6 @@ from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
-from antway.world.robots import RobotSpec
 from antway.world.rollouts import RobotState, commanded, finite_limits, static_field
 
 _DISCS = 64  # at most, near one another at one time; of more tracks some share an entry of what they cost
@@ -255,11 +254,6 @@ class ControlColony:
             return True
         self.path = path
         return False
-
-
-def has_inertia(robot: RobotSpec) -> bool:
-    """Tell whether a robot's speed takes time to change, so that the colony in the space of controls drives it."""
-    return not robot.stepwise and math.isfinite(robot.a_max)
 
 
 def _alike(one: TimedPath, other: TimedPath) -> bool:

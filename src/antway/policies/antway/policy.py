@@ -28,7 +28,7 @@ from antway.kernels.tracking.averages import averaged
 from antway.kernels.tracking.predict import VX, VY, TubeMargins, crosses_edge
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.alternatives import Situation
-from antway.policies.antway.controls import ControlColony, ControlOptions, has_inertia
+from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
     ROWS,
@@ -95,11 +95,12 @@ class AntwayPolicy:
     deposit : float
         Q of the deposit Q / L on a path that is better than all before, s; 0 switches pheromone off.
     distance_weight : float
-        s/m, >= 0; what a metre costs beside its time (least distance against least time); 0 for robots with inertia.
+        s/m, >= 0; what a metre costs beside its time (least distance against least time); 0 for a robot that `controls` drives.
     guard : bool
         Whether commands pass the guard.
     controls : ControlOptions or None
-        Numbers of the colony in the space of controls, which drives robots with inertia; None: the usual ones.
+        Numbers of the colony in the space of controls, which drives all robots but a disc that can have any
+            velocity at once; None: the usual ones.
     mode : str
         Of the guard, "strict" or "least-harm". Where it is "least-harm", a plan that keeps room to spare is taken before one
         that arrives a little sooner, and where no path keeps all margins one is taken that keeps none.
@@ -175,9 +176,9 @@ class AntwayPolicy:
         settings = self._settings(task)
         paces = self._paces(context, settings, robot)
         controls = None
-        if has_inertia(robot):
+        if not robot.stepwise:
             if self.distance_weight > 0.0:
-                raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia")
+                raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
             context = away_from_walls(context, task, goal, self.moves)
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
@@ -221,19 +222,19 @@ class AntwayPolicy:
 
     def _settings(self, task: Task) -> Settings:
         robot = task.robot
-        inertia = has_inertia(robot)  # the colony in the space of controls keeps the margins then
-        guarded = self.guard is not None and not inertia
+        controlled = not robot.stepwise  # the colony in the space of controls keeps the margins then
+        guarded = self.guard is not None and not controlled
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
-        strict = self._strict(task)
+        strict = self.mode == "strict"
         tubes = TubeMargins(
             robot_radius=robot.radius,
             margin=_MARGIN if self.margin is None else self.margin,
-            quantile=self.quantile if strict else 0.0 if inertia else self.quantile * _DISCOUNT,
+            quantile=self.quantile if strict else 0.0 if controlled else self.quantile * _DISCOUNT,
             speed_bound=float(task.obstacle_speed) if guarded else 0.0,
             acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
             stopping_time=stopping if guarded else 0.0,
             vector_bound=assumed_accel(task, self.mode),
-            sway=0.0 if strict or inertia or self.margin is not None else _SWAY,
+            sway=0.0 if strict or controlled or self.margin is not None else _SWAY,
         )
         bare = TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
         return Settings(
@@ -251,7 +252,7 @@ class AntwayPolicy:
             goal_y=task.goal[1],
             tubes=tubes,
             bare=bare,
-            roomy=tubes._replace(robot_radius=0.0 if strict or inertia else robot.radius, extra=_SPARE),
+            roomy=tubes._replace(robot_radius=0.0 if strict or controlled else robot.radius, extra=_SPARE),
             spare_worth=_SPARE_WORTH,
             colony=ColonySettings(
                 leg_cells=2,
@@ -263,10 +264,6 @@ class AntwayPolicy:
                 stay=float(task.stay),
             ),
         )
-
-    def _strict(self, task: Task) -> bool:
-        """Tell whether a plan keeps the margins of what is certain: also for wheels that drive the plan itself."""
-        return self.mode == "strict" or not (task.robot.stepwise or has_inertia(task.robot))
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period.
@@ -327,7 +324,7 @@ class AntwayPolicy:
                 seen = s.table[:known, track.T] == stamp  # one that is not seen now may have turned back already
                 if crosses_edge(s.estimates[:known][seen], s.terrain):
                     s.settings = without_edges(s.settings)
-        if self._strict(s.task):
+        if self.mode == "strict":
             s.crowd.averaged[:known] = s.estimates[:known]
         else:
             estimates = s.estimates[:known]
