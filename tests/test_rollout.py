@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
+from antway.arena.suites import Episode, build
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
@@ -22,6 +23,7 @@ from antway.world.motions import Line
 from antway.world.policy import Task
 from antway.world.robots import load_robot
 from antway.world.world import Obstacle
+from common import cases
 
 WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
 HOLONOMIC = RobotSpec(a_max=1.0)
@@ -373,3 +375,14 @@ def test_slow_robots_keep_more_room() -> None:
     (fast, risk, decay), (slow, great, slowly) = kept[0.8], kept[0.2]
     assert (slow.spread, slow.until, slow.late) == pytest.approx((2.0 * fast.spread, 4.0 * fast.until, 4.0 * fast.late))
     assert (great, slowly) == pytest.approx((16.0 * risk, decay / 4.0))
+
+
+@pytest.mark.parametrize(
+    "robot", [RobotSpec(drive="differential"), RobotSpec(drive="ackermann", turning_radius=0.5, v_reverse=0.3)]
+)
+def test_wheels_whose_speed_changes_at_once_arrive(robot: RobotSpec) -> None:
+    """A robot of which nobody says how it accelerates is driven by the colony, too; the plan alone knows no heading."""
+    for number in range(cases(2, 50)):
+        result = run(build(Episode("synthetic", "synthetic", "clutter/medium", number, "")).driven_by(robot), seed=number)
+        check_episode(result)
+        assert result.reached, (number, result.reason)
