@@ -99,8 +99,8 @@ class AntwayPolicy:
     guard : bool
         Whether commands pass the guard.
     controls : ControlOptions or None
-        Numbers of the colony in the space of controls, which drives all robots but a disc that can have any
-            velocity at once; None: the usual ones.
+        Numbers of the colony in the space of controls, which drives all robots but a disc that can have any velocity at once;
+        None: the usual ones.
     mode : str
         Of the guard, "strict" or "least-harm". Where it is "least-harm", a plan that keeps room to spare is taken before one
         that arrives a little sooner, and where no path keeps all margins one is taken that keeps none.
