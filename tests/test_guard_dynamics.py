@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -33,8 +34,14 @@ FOOTPRINTS = (
 )
 
 
-def some_robot(rng: np.random.Generator, drive: str, polygon: bool) -> RobotSpec:
-    """A robot with inertia, sometimes with latency, slow steering, brakes that differ from its drive."""
+def some_robot(rng: np.random.Generator, drive: str, polygon: bool, at_once: bool = False) -> RobotSpec:
+    """A robot with inertia, sometimes with latency, slow steering, brakes of its own; `at_once`: infinite rates, too."""
+    if at_once:
+        robot, (a, brake, alpha) = some_robot(rng, drive, polygon), rng.random(3)
+        robot = replace(
+            robot, a_max=math.inf if a < 0.6 else robot.a_max, alpha_max=math.inf if alpha < 0.5 else robot.alpha_max
+        )
+        return replace(robot, brake_max=math.inf if brake < 0.5 else robot.brake_max)
     wheels = drive != "holonomic"
     return RobotSpec(
         radius=0.3,
@@ -100,14 +107,21 @@ def wish(rng: np.random.Generator, policy: str, spec: RobotSpec, apart: np.ndarr
 
 
 def episode(
-    seed: int, drive: str, polygon: bool, surge: float, stale: float = 0.0, swerve: float = math.inf, mode: str = ""
+    seed: int,
+    drive: str,
+    polygon: bool,
+    surge: float,
+    stale: float = 0.0,
+    swerve: float = math.inf,
+    mode: str = "",
+    at_once: bool = False,
 ) -> dict[str, int]:
     """Play one robot of that drive among chasers; returns how often what happened.
 
     With a `mode` policy antway drives, and its own guard is in that mode; else a guard stands before the worst of policies.
     """
     rng = np.random.default_rng([seed, len(drive), polygon])
-    spec, which = some_robot(rng, drive, polygon), int(rng.integers(2))
+    spec, which = some_robot(rng, drive, polygon, at_once), int(rng.integers(2))
     grid = MAPS[which]
     xy, theta = np.array(STARTS[which][rng.integers(4)]), float(rng.uniform(-math.pi, math.pi))
     task = Task(grid, spec, tuple(xy), GOAL, obstacle_speed=BOUND, obstacle_surge=surge, obstacle_swerve=swerve)
@@ -171,10 +185,17 @@ def episode(
 
 
 def total(
-    seeds: range, drive: str, polygon: bool, surge: float, stale: float = 0.0, swerve: float = math.inf, mode: str = ""
+    seeds: range,
+    drive: str,
+    polygon: bool,
+    surge: float,
+    stale: float = 0.0,
+    swerve: float = math.inf,
+    mode: str = "",
+    at_once: bool = False,
 ) -> dict[str, int]:
     """Sum over episodes."""
-    counts = [episode(seed, drive, polygon, surge, stale, swerve, mode) for seed in seeds]
+    counts = [episode(seed, drive, polygon, surge, stale, swerve, mode, at_once) for seed in seeds]
     return {key: sum(c[key] for c in counts) for key in counts[0]}
 
 
@@ -218,3 +239,18 @@ def test_policy_antway_on_wheels_never_moves_into_a_contact(drive: str, mode: st
     calm = total(seeds, drive, False, 0.5, swerve=1.0, mode=mode)
     assert n["moving"] > 10 and calm["moving"] > 10, (n, calm)
     assert mode == "least-harm" or (n["slowed"] > 0 and n["contacts"] == 0), n
+
+
+@pytest.mark.parametrize("polygon", [False, True])
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_a_robot_whose_rates_are_infinite_never_moves_into_a_contact(drive: str, polygon: bool) -> None:
+    """C24, C45: and so where speeds change at once, or where they only fall in time, at the very end of a cycle too."""
+    n = total(range(50_000, 50_000 + cases(66, 1500)), drive, polygon, math.inf, at_once=True)
+    assert n["moving"] > 20 and n["braked"] > 20, n
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_a_strict_guard_goes_by_what_is_measured_where_velocities_lie(drive: str) -> None:
+    """C24: discs that press on a robot that stands tell a velocity all the same: no estimate leads them through it."""
+    n = total(range(60_000, 60_000 + cases(12, 300)), drive, False, math.inf, mode="strict")
+    assert n["moving"] > 10 and n["contacts"] == 0, n

@@ -89,6 +89,7 @@ def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
     through = v * target < 0.0
     falls = through | (np.abs(target) < np.abs(v))
     zero = np.where(through, np.abs(v) / brake, 0.0)
+    zero = np.where(np.abs(zero - time) < 1e-12, time, zero)  # at its end a speed is 0 and does not jump to the other sign
     end = zero + np.where(through, np.abs(target) / spec.a_max, np.abs(target - v) / np.where(falls, brake, spec.a_max))
     times: Floats = np.minimum(np.stack((zero, end), axis=1), time[:, None])
     return times

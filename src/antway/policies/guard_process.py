@@ -26,6 +26,7 @@ import os
 import pickle
 import select
 import shutil
+import struct
 import subprocess
 import sys
 import tempfile
@@ -51,17 +52,16 @@ _LOOK = 1e-3  # s; how often the guard looks for the planner's command: to be wo
 _TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
 _PARTS = {  # what lies in the shared memory: type and shape
     "observation": ("<f8", (_OBSERVATION,)),
-    "names": ("<i8", (MAX_TRACKS,)),
-    "xy": ("<f8", (MAX_TRACKS, 2)),
-    "velocity": ("<f8", (MAX_TRACKS, 2)),
-    "radius": ("<f8", (MAX_TRACKS,)),
+    "tracks": ("<f8", (6 * MAX_TRACKS,)),  # numbers, places, velocities and radii of n tracks, one after the other: `_arrays`
     "covariance": ("<f8", (MAX_TRACKS, 4, 4)),
     "pending": ("<f8", (_PENDING, 2)),
     "asked": ("<f8", (5,)),
     "answer": ("<f8", (8,)),
     "rest": ("<f8", (1,)),
 }
-_TRACKS = ("names", "xy", "velocity", "radius")
+_READ = struct.Struct(f"<{_OBSERVATION}d").unpack_from
+_WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
+_TRACKS = 8 * _OBSERVATION  # byte at which they begin
 _SIZE = sum(math.prod(shape) * 8 for _, shape in _PARTS.values())
 Driver = Callable[[Command, Observation], None]  # takes a command that passes, and what it answers, to the motors
 
@@ -82,6 +82,24 @@ class Answer:
     number: int
     command: Command
     did: str
+
+
+def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:
+    """Return numbers, places, velocities and radii of n tracks that lie in `memory` from byte `at` on."""
+    return (
+        np.ndarray((n,), _WHOLE, memory, at),
+        np.ndarray((n, 2), _REAL, memory, at + 8 * n),
+        np.ndarray((n, 2), _REAL, memory, at + 24 * n),
+        np.ndarray((n,), _REAL, memory, at + 40 * n),
+    )
+
+
+def _record(kind: type[Any], *values: object) -> Any:
+    """Return a record of values that were checked before they came here: to check them again takes longer than all else."""
+    made = object.__new__(kind)
+    for name, value in zip(kind.__slots__, values, strict=True):
+        object.__setattr__(made, name, value)
+    return made
 
 
 class Link:
@@ -141,7 +159,8 @@ class Link:
         if t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
             raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
         view, views = self._cleared("observation"), self.views
-        views["names"][:n], views["xy"][:n], views["velocity"][:n], views["radius"][:n] = t.id, t.xy, t.velocity, t.radius
+        names, xy, velocity, radius = _arrays(n, self.memory, _TRACKS)
+        names[:], xy[:], velocity[:], radius[:] = t.id, t.xy, t.velocity, t.radius
         if t.covariance is not None:
             views["covariance"][:n] = t.covariance
         if o.pending is not None:
@@ -162,22 +181,17 @@ class Link:
 
     def observed(self, after: int) -> tuple[int, Observation] | None:
         """Return the last observation and its number, if there is one after number `after` and nobody is writing it."""
-        view, views = self.views["observation"], self.views
-        number = view[0]
-        if number <= after:
+        number, t, x, y, vx, vy, heading, stamp, rate, n, m, noisy, last = _READ(self.memory)
+        if number <= after or number != last or not 0 <= n <= MAX_TRACKS:
             return None
-        parts = view.tolist()
-        n, m = int(parts[9]), int(parts[10])
-        if number != parts[-1] or not 0 <= n <= MAX_TRACKS:
-            return None
-        covariance = views["covariance"][:n].copy() if parts[11] else None
-        names, xy, velocity, radius = (views[name][:n].copy() for name in _TRACKS)
-        tracks = Tracks(names, xy, velocity, radius, covariance)
+        n, m, views = int(n), int(m), self.views
+        arrays = _arrays(n, bytearray(self.memory[_TRACKS : _TRACKS + 48 * n]))
+        covariance = views["covariance"][:n].copy() if noisy else None
         pending = views["pending"][:m].copy() if m >= 0 else None
-        t, x, y, vx, vy, heading, stamp, rate = parts[1:9]
-        if view[0] != number:
+        if _READ(self.memory)[0] != number:
             return None
-        return int(number), Observation(t, (x, y), (vx, vy), heading, tracks, stamp, rate, pending)
+        tracks = _record(Tracks, *arrays, covariance)
+        return int(number), _record(Observation, t, (x, y), (vx, vy), heading, tracks, stamp, rate, pending)
 
     def ask(self, number: int, command: Command | None) -> None:
         """Write the command that the planner asks for in answer to that observation."""

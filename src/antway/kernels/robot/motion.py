@@ -22,6 +22,7 @@ from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
 
 REST = 1e-9  # m/s; a robot slower than this stands
 _TURN = 0.8  # rad; four nodes give the place to 1e-10 of the length on a segment that turns by no more
+_AT_END = 1e-12  # s; a speed that is 0 so near to the end of a command does not jump to the other sign before it
 _SNAP = 1e-12  # rad/s; steering so near to its bound is at it: no segment is as short as a rounding error
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
@@ -76,6 +77,8 @@ def wheels_segment(
         At its end, exactly on what ended it.
     """
     v0, a, v_end, time = ramp(v, cv, limits.a_max, limits.brake_max)
+    if limits.a_max == math.inf and abs(time - left) < _AT_END:
+        time = left
     h = min(time, left)
     car = limits.drive == ACKERMANN and limits.turning_radius > 0.0
     if car:  # a speed that changed at once holds the steering at once

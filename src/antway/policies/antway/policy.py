@@ -43,6 +43,7 @@ from antway.policies.antway.state import (
     most_segments,
     shared_memory,
     variances,
+    with_noise,
     without_edges,
 )
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
@@ -368,8 +369,10 @@ class AntwayPolicy:
         """Return the command that may pass, and what the guard did."""
         if self.guard is None:
             return command, ""
-        untold = self.mode != "strict" and bool(np.isnan(o.tracks.velocity).any())
-        if o.tracks.covariance is not None or s.noise[1] > _NOISY or untold:
+        noisy = s.noise[1] > _NOISY
+        if self.mode == "strict" and o.tracks.covariance is None:
+            o = with_noise(s, o) if noisy else o  # velocities that lie lead estimates away from where places are measured
+        elif o.tracks.covariance is not None or noisy or bool(np.isnan(o.tracks.velocity).any()):
             o = as_estimated(s, o, known)
         others = None if s.controls is None else s.controls.others()
         return self.guard.passed(o, command, others), self.guard.did

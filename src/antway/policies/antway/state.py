@@ -246,6 +246,14 @@ def away_from_walls(context: PlanningContext, task: Task, goal: Cell, moves: Mov
     return context
 
 
+def with_noise(state: State, seen: Observation) -> Observation:
+    """Return what is seen with the covariance of its places that their innovations tell."""
+    n, tracks = len(seen.tracks), seen.tracks
+    covariance = np.zeros((n, 4, 4))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = state.variance[:n, 0]
+    return replace(seen, tracks=replace(tracks, covariance=covariance))
+
+
 def as_estimated(state: State, seen: Observation, known: int) -> Observation:
     """Return what is seen, as the filter sees it: its first `known` estimates, velocities NaN where it knows none."""
     b = state.estimates[:known]
