@@ -166,17 +166,8 @@ class Link:
         if o.pending is not None:
             views["pending"][:pending] = o.pending
         noisy = float(t.covariance is not None)
-        view[1:-1] = (
-            o.t,
-            *o.xy,
-            *o.velocity,
-            o.heading,
-            o.stamp,
-            o.turn_rate,
-            n,
-            pending if o.pending is not None else -1,
-            noisy,
-        )
+        waiting = -1 if o.pending is None else pending
+        view[1:-1] = o.t, *o.xy, *o.velocity, o.heading, o.stamp, o.turn_rate, n, waiting, noisy
         view[-1] = view[0] = number
 
     def observed(self, after: int) -> tuple[int, Observation] | None:
