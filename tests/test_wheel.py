@@ -66,10 +66,12 @@ def home(wheel: Path) -> Iterator[Path]:
 
 
 def run(home: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the environment's Python in a folder of its own, as nobody if we are root and nobody may read this Python."""
+    """Run the environment's Python in a folder of its own, as nobody if we are root and nobody may read all that it needs."""
     path = f"{home / 'venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
     given = {"PATH": path, "TMPDIR": str(home / "tmp"), "PYTHONDONTWRITEBYTECODE": "1", "ANTWAY_QUIET": "1"}
-    open_to_all = all(part.stat().st_mode & 0o5 == 0o5 for part in Path(interpreter()).parents)
+    needed = Path(next((home / "venv").glob("lib/python*/site-packages/needed.pth")).read_text().strip())
+    folders = (*Path(interpreter()).parents, needed, *needed.parents)  # a checkout in a folder of mktemp -d is closed to others
+    open_to_all = all(part.stat().st_mode & 0o5 == 0o5 for part in folders)
     user = {"user": NOBODY, "group": NOBODY} if os.getuid() == 0 and open_to_all else {}
     command = [str(home / "venv" / "bin" / "python"), *arguments]
     return subprocess.run(command, cwd=home / "work", env=given, capture_output=True, text=True, check=False, **user)
