@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 
 import uvicorn
+from starlette.types import ASGIApp
 
 from antway.web.apart import Apart
 from antway.web.server import config_of, make_app, names_of
@@ -32,9 +33,16 @@ def compile_all() -> None:
 def served(host: str = "127.0.0.1", port: int | None = None, *, apart: Apart | None = None) -> Iterator[int]:
     """Serve on 127.0.0.1 under the names of `host` and `port` (None: the port that is taken); the port taken is given."""
     compile_all()
+    with serving(lambda taken: make_app(names_of(host, port or taken), TOKEN, apart=apart)) as taken:
+        yield taken
+
+
+@contextmanager
+def serving(make: Callable[[int], ASGIApp]) -> Iterator[int]:
+    """Serve the application that is made for the port taken on 127.0.0.1, which is given."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         taken = listener.getsockname()[1]
-        server = uvicorn.Server(config_of(make_app(names_of(host, port or taken), TOKEN, apart=apart)))
+        server = uvicorn.Server(config_of(make(taken)))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

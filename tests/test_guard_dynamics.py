@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -184,18 +185,9 @@ def episode(
     return count
 
 
-def total(
-    seeds: range,
-    drive: str,
-    polygon: bool,
-    surge: float,
-    stale: float = 0.0,
-    swerve: float = math.inf,
-    mode: str = "",
-    at_once: bool = False,
-) -> dict[str, int]:
+def total(seeds: range, drive: str, polygon: bool, surge: float, **options: Any) -> dict[str, int]:
     """Sum over episodes."""
-    counts = [episode(seed, drive, polygon, surge, stale, swerve, mode, at_once) for seed in seeds]
+    counts = [episode(seed, drive, polygon, surge, **options) for seed in seeds]
     return {key: sum(c[key] for c in counts) for key in counts[0]}
 
 

@@ -20,16 +20,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import uvicorn
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from antway.web import player
 from antway.web.player import LULL, Turns
-from antway.web.server import config_of
 from antway.web.session import Session
 from common import cases
-from serving import TOKEN, compile_all, served
+from serving import TOKEN, compile_all, served, serving
 
 PAGES, REQUESTS, SLOW, LORIS, JUNK = cases(12, 200), cases(60, 1000), cases(2, 20), cases(10, 200), cases(100, 10_000)
 STEPS = 20
@@ -316,22 +314,14 @@ def test_what_is_sent_after_uvicorn_has_hung_up_is_dropped() -> None:
         except Exception as error:
             met.append(error)
 
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        server = uvicorn.Server(config_of(app))
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
-        thread.start()
-        try:
-            with socket.create_connection(listener.getsockname(), timeout=10) as wire:
-                key = base64.b64encode(bytes(16)).decode()
-                head = "GET / HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
-                wire.sendall(f"{head}Sec-WebSocket-Key: {key}\r\n\r\n".encode())
-                assert wire.recv(12) == b"HTTP/1.1 101"
-                wire.sendall(b"\xff\xff")  # no frame
-                while wire.recv(4096):
-                    pass
-        finally:
-            server.should_exit = True
-            thread.join()
+    with serving(lambda port: app) as port, socket.create_connection(("127.0.0.1", port), timeout=10) as wire:
+        key = base64.b64encode(bytes(16)).decode()
+        head = "GET / HTTP/1.1\r\nHost: x\r\nConnection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        wire.sendall(f"{head}Sec-WebSocket-Key: {key}\r\n\r\n".encode())
+        assert wire.recv(12) == b"HTTP/1.1 101"
+        wire.sendall(b"\xff\xff")  # no frame
+        while wire.recv(4096):
+            pass
     assert [isinstance(error, OSError) for error in met] == [True], met  # Starlette takes an OSError as a page that has left
 
 

@@ -95,7 +95,7 @@ def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:
 
 
 def _record(kind: type[Any], *values: object) -> Any:
-    """Return a record of values that were checked before they came here: to check them again takes longer than all else."""
+    """Return a record of values that were checked where they were written, and need not be again."""
     made = object.__new__(kind)
     for name, value in zip(kind.__slots__, values, strict=True):
         object.__setattr__(made, name, value)

@@ -26,7 +26,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
@@ -305,9 +305,9 @@ class Prompt(Unstuck, HttpToolsProtocol):
         super().on_message_complete()
         self.settle()
 
-    def _start_asgi_task(self, cycle: RequestResponseCycle, app: Any) -> None:
+    def _start_asgi_task(self, cycle: Any, app: Any) -> None:
         """Answer a request: with a fixed file at once, where nothing else waits to be written, else by the application."""
-        file = b"" if self.pipeline or self.flow.write_paused or not isinstance(app, Gate) else app.at_once(dict(cycle.scope))
+        file = b"" if self.pipeline or self.flow.write_paused or not isinstance(app, Gate) else app.at_once(cycle.scope)
         if not file:
             return super()._start_asgi_task(cycle, app)
         close = [] if cycle.keep_alive else [(b"connection", b"close")]
