@@ -16,7 +16,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Outcome
-from antway.policies.guard_process import GuardProcess, Link
+from antway.policies.guard_memory import Link
+from antway.policies.guard_process import GuardProcess
 from antway.world.episode import Stage
 from antway.world.policy import make_policy
 from guard_drives import PERIOD, ROBOTS, drives, place

@@ -15,7 +15,8 @@ import pytest
 
 from antway import BadInput, Command, Grid, Observation, Outcome, RobotSpec, Task, Tracks
 from antway.policies.guard import Guard
-from antway.policies.guard_process import MAX_TRACKS, GuardProcess, Link
+from antway.policies.guard_memory import MAX_TRACKS, Link
+from antway.policies.guard_process import GuardProcess
 from common import cases
 from guard_drives import PERIOD, drives
 

@@ -21,196 +21,31 @@ from __future__ import annotations
 
 import contextlib
 import math
-import mmap
 import os
 import pickle
 import select
 import shutil
-import struct
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from antway import checks
-from antway.errors import BadInput, BadParameter, TooLarge
+from antway.errors import BadInput, BadParameter
 from antway.policies.guard import DID, Guard
+from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
-MAX_TRACKS = 1024  # of an observation
-_PENDING = 128  # commands on their way to the robot
-_OBSERVATION = 13  # numbers of an observation without its tracks
 SILENT = "silent"
-_SIDES = ("robot", "planner", "guard")
 _LOOK = 1e-3  # s; how often the guard looks for the planner's command: to be woken for it would cost the planner 10 us and more
 _TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
-_PARTS = {  # what lies in the shared memory: type and shape
-    "observation": ("<f8", (_OBSERVATION,)),
-    "tracks": ("<f8", (6 * MAX_TRACKS,)),  # numbers, places, velocities and radii of n tracks, one after the other: `_arrays`
-    "covariance": ("<f8", (MAX_TRACKS, 4, 4)),
-    "pending": ("<f8", (_PENDING, 2)),
-    "asked": ("<f8", (5,)),
-    "answer": ("<f8", (8,)),
-    "rest": ("<f8", (1,)),
-}
-_READ = struct.Struct(f"<{_OBSERVATION}d").unpack_from
-_WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
-_TRACKS = 8 * _OBSERVATION  # byte at which they begin
-_SIZE = sum(math.prod(shape) * 8 for _, shape in _PARTS.values())
 Driver = Callable[[Command, Observation], None]  # takes a command that passes, and what it answers, to the motors
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """What the robot is to do.
-
-    Attributes
-    ----------
-    number : int
-        Of the observation that it answers.
-    command : Command
-    did : str
-        What the guard did (`antway.policies.guard.DID`); "silent": the guard's process gave no answer, and the robot brakes.
-    """
-
-    number: int
-    command: Command
-    did: str
-
-
-def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:
-    """Return numbers, places, velocities and radii of n tracks that lie in `memory` from byte `at` on."""
-    return (
-        np.ndarray((n,), _WHOLE, memory, at),
-        np.ndarray((n, 2), _REAL, memory, at + 8 * n),
-        np.ndarray((n, 2), _REAL, memory, at + 24 * n),
-        np.ndarray((n,), _REAL, memory, at + 40 * n),
-    )
-
-
-def _record(kind: type[Any], *values: object) -> Any:
-    """Return a record of values that were checked where they were written, and need not be again."""
-    made = object.__new__(kind)
-    for name, value in zip(kind.__slots__, values, strict=True):
-        object.__setattr__(made, name, value)
-    return made
-
-
-class Link:
-    """One side's hold on the shared memory; each record has its number at both ends, so that no half of one is ever read."""
-
-    def __init__(self, folder: str, side: str) -> None:
-        self.folder, self.side = folder, side
-        with open(Path(folder) / "memory", "r+b") as file:
-            self.memory = mmap.mmap(file.fileno(), _SIZE)
-        at, views = 0, {}
-        for name, (kind, shape) in _PARTS.items():
-            views[name] = np.frombuffer(self.memory, kind, math.prod(shape), at).reshape(shape)
-            at += math.prod(shape) * 8
-        self.views: dict[str, Any] = views
-        # A named pipe each, open at both ends, so that who writes needs nobody who reads.
-        self.bells = {other: os.open(f"{folder}/{other}", os.O_RDWR | os.O_NONBLOCK) for other in _SIDES}
-        self.bell = self.bells[side]
-        self.poll = select.poll()
-        self.poll.register(self.bell, select.POLLIN)
-
-    def close(self) -> None:
-        """Let go of the memory."""
-        while self.bells:
-            os.close(self.bells.popitem()[1])
-        self.views.clear()
-        with contextlib.suppress(BufferError):
-            self.memory.close()
-
-    def ring(self, *sides: str) -> None:
-        """Wake other sides that wait; the pipe of one that never listens is full some day, which is no concern."""
-        for side in sides:
-            try:  # noqa: SIM105 - in half the time
-                os.write(self.bells[side], b".")
-            except BlockingIOError:
-                pass
-
-    def wait(self, until: float) -> bool:
-        """Return when the bell rings, or at time `until` s of the steady clock; True if what else is polled has something."""
-        ready = self.poll.poll(max((until - time.monotonic()) * 1e3, 0.0))
-        if ready:
-            with contextlib.suppress(BlockingIOError):
-                os.read(self.bell, select.PIPE_BUF)
-        return any(number != self.bell for number, _ in ready)
-
-    def _cleared(self, name: str) -> Any:
-        view = self.views[name]
-        view[-1] = -1.0
-        view[0] = -1.0
-        return view
-
-    def observe(self, number: int, o: Observation) -> None:
-        """Write an observation."""
-        t, n = o.tracks, len(o.tracks)
-        pending = 0 if o.pending is None else len(o.pending)
-        if n > MAX_TRACKS or pending > _PENDING:
-            raise TooLarge("tracks, pending", (n, pending), f"at most {MAX_TRACKS} and {_PENDING}")
-        if t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
-            raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
-        view, views = self._cleared("observation"), self.views
-        names, xy, velocity, radius = _arrays(n, self.memory, _TRACKS)
-        names[:], xy[:], velocity[:], radius[:] = t.id, t.xy, t.velocity, t.radius
-        if t.covariance is not None:
-            views["covariance"][:n] = t.covariance
-        if o.pending is not None:
-            views["pending"][:pending] = o.pending
-        noisy = float(t.covariance is not None)
-        waiting = -1 if o.pending is None else pending
-        view[1:-1] = o.t, *o.xy, *o.velocity, o.heading, o.stamp, o.turn_rate, n, waiting, noisy
-        view[-1] = view[0] = number
-
-    def observed(self, after: int) -> tuple[int, Observation] | None:
-        """Return the last observation and its number, if there is one after number `after` and nobody is writing it."""
-        number, t, x, y, vx, vy, heading, stamp, rate, n, m, noisy, last = _READ(self.memory)
-        if number <= after or number != last or not 0 <= n <= MAX_TRACKS:
-            return None
-        n, m, views = int(n), int(m), self.views
-        arrays = _arrays(n, bytearray(self.memory[_TRACKS : _TRACKS + 48 * n]))
-        covariance = views["covariance"][:n].copy() if noisy else None
-        pending = views["pending"][:m].copy() if m >= 0 else None
-        if _READ(self.memory)[0] != number:
-            return None
-        tracks = _record(Tracks, *arrays, covariance)
-        return int(number), _record(Observation, t, (x, y), (vx, vy), heading, tracks, stamp, rate, pending)
-
-    def ask(self, number: int, command: Command | None) -> None:
-        """Write the command that the planner asks for in answer to that observation."""
-        view = self._cleared("asked")
-        pair = (0.0, 0.0) if command is None else command.velocity if command.twist is None else command.twist
-        view[1:-1] = 0.0 if command is None else 1.0 if command.twist is None else 2.0, *pair
-        view[-1] = view[0] = number
-
-    def asked(self, number: int) -> tuple[bool, Command | None]:
-        """Return whether the planner has answered that observation, and the command that it asks for."""
-        first, kind, one, two, last = self.views["asked"].tolist()
-        if not first == last == number:
-            return False, None
-        return True, None if kind == 0.0 else Command((one, two)) if kind == 1.0 else Command(twist=(one, two))
-
-    def reply(self, number: int, command: Command, did: str) -> None:
-        """Write the guard's answer."""
-        view = self._cleared("answer")
-        v, omega = (math.nan, math.nan) if command.twist is None else command.twist
-        view[1:-1] = *command.velocity, v, omega, DID.index(did), time.monotonic()
-        view[-1] = view[0] = number
-
-    def replied(self, number: int) -> Answer | None:
-        """Return the guard's answer to that observation, if it is there."""
-        first, vx, vy, v, omega, did, _, last = self.views["answer"].tolist()
-        if not first == last == number:
-            return None
-        return Answer(number, Command((vx, vy), None if math.isnan(v) else (v, omega)), DID[int(did)])
 
 
 class GuardProcess:
@@ -257,8 +92,8 @@ class GuardProcess:
         Guard(**guard)  # what it refuses is refused here
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
         self.folder = tempfile.mkdtemp(prefix="antway-", dir=shared)
-        (Path(self.folder) / "memory").write_bytes(bytes(_SIZE))
-        for side in _SIDES:
+        (Path(self.folder) / "memory").write_bytes(bytes(SIZE))
+        for side in SIDES:
             os.mkfifo(f"{self.folder}/{side}")
         self.link, self.number = Link(self.folder, "robot"), 0
         command = [sys.executable, "-c", "from antway.policies.guard_process import main; main()"]

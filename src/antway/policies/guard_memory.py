@@ -1,0 +1,201 @@
+"""The memory that a guard's process, a planner and a robot's side share: observations, commands asked for, answers, bells.
+
+Each record has its number at both ends: the writer takes both away, writes what lies between and puts the number back, at the
+end first; so a reader that meets the same number at both ends has a whole record. What is read here was checked where it was
+written, and the reader makes its records without checking again: in a planner's cycle every microsecond of this is added.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import mmap
+import os
+import select
+import struct
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from antway.errors import BadParameter, TooLarge
+from antway.policies.guard import DID
+from antway.world.policy import Command, Observation, Tracks
+
+MAX_TRACKS = 1024  # of an observation
+_PENDING = 128  # commands on their way to the robot
+_OBSERVATION = 13  # numbers of an observation without its tracks
+SIDES = ("robot", "planner", "guard")
+_LAYOUT = np.dtype(
+    [
+        ("observation", "<f8", _OBSERVATION),
+        ("tracks", "<f8", 6 * MAX_TRACKS),  # numbers, places, velocities and radii of n tracks, one after the other: `_arrays`
+        ("covariance", "<f8", (MAX_TRACKS, 4, 4)),
+        ("pending", "<f8", (_PENDING, 2)),
+        ("asked", "<f8", 5),
+        ("answer", "<f8", 8),
+        ("rest", "<f8", (1,)),
+    ]
+)
+_FIELDS: Any = _LAYOUT.fields
+SIZE, _TRACKS, _ASKED = _LAYOUT.itemsize, _FIELDS["tracks"][1], _FIELDS["asked"][1]  # bytes
+_READ = struct.Struct(f"<{_OBSERVATION}d").unpack_from
+_ASK = struct.Struct("<4d").pack_into
+_WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What the robot is to do.
+
+    Attributes
+    ----------
+    number : int
+        Of the observation that it answers.
+    command : Command
+    did : str
+        What the guard did (`antway.policies.guard.DID`); "silent": the guard's process gave no answer, and the robot brakes.
+    """
+
+    number: int
+    command: Command
+    did: str
+
+
+def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:
+    """Return numbers, places, velocities and radii of n tracks that lie in `memory` from byte `at` on."""
+    make, pairs = np.ndarray, (n, 2)
+    return (
+        make(n, _WHOLE, memory, at),
+        make(pairs, _REAL, memory, at + 8 * n),
+        make(pairs, _REAL, memory, at + 24 * n),
+        make(n, _REAL, memory, at + 40 * n),
+    )
+
+
+# What puts each field into a record; a loop over them, or the classes' own checks, would take twice the time.
+_put_id, _put_xy, _put_velocity, _put_radius, _put_covariance = (getattr(Tracks, name).__set__ for name in Tracks.__slots__)
+_put_t, _put_place, _put_speed, _put_heading, _put_tracks, _put_stamp, _put_turn_rate, _put_pending = (
+    getattr(Observation, name).__set__ for name in Observation.__slots__
+)
+
+
+class Link:
+    """One side's hold on the shared memory; each record has its number at both ends, so that no half of one is ever read."""
+
+    def __init__(self, folder: str, side: str) -> None:
+        self.folder, self.side = folder, side
+        with open(Path(folder) / "memory", "r+b") as file:
+            self.memory = mmap.mmap(file.fileno(), SIZE)
+        whole = np.ndarray((), _LAYOUT, self.memory)
+        self.views: dict[str, Any] = {name: whole[name] for name in _FIELDS}
+        # A named pipe each, open at both ends, so that who writes needs nobody who reads.
+        self.bells = {other: os.open(f"{folder}/{other}", os.O_RDWR | os.O_NONBLOCK) for other in SIDES}
+        self.bell = self.bells[side]
+        self.poll = select.poll()
+        self.poll.register(self.bell, select.POLLIN)
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        while self.bells:
+            os.close(self.bells.popitem()[1])
+        self.views.clear()
+        with contextlib.suppress(BufferError):
+            self.memory.close()
+
+    def ring(self, *sides: str) -> None:
+        """Wake other sides that wait; the pipe of one that never listens is full some day, which is no concern."""
+        for side in sides:
+            try:  # noqa: SIM105 - in half the time
+                os.write(self.bells[side], b".")
+            except BlockingIOError:
+                pass
+
+    def wait(self, until: float) -> bool:
+        """Return when the bell rings, or at time `until` s of the steady clock; True if what else is polled has something."""
+        ready = self.poll.poll(max((until - time.monotonic()) * 1e3, 0.0))
+        if ready:
+            with contextlib.suppress(BlockingIOError):
+                os.read(self.bell, select.PIPE_BUF)
+        return any(number != self.bell for number, _ in ready)
+
+    def _cleared(self, name: str) -> Any:
+        view = self.views[name]
+        view[-1] = -1.0
+        view[0] = -1.0
+        return view
+
+    def observe(self, number: int, o: Observation) -> None:
+        """Write an observation."""
+        t, n = o.tracks, len(o.tracks)
+        pending = 0 if o.pending is None else len(o.pending)
+        if n > MAX_TRACKS or pending > _PENDING:
+            raise TooLarge("tracks, pending", (n, pending), f"at most {MAX_TRACKS} and {_PENDING}")
+        if t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
+            raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
+        view, views = self._cleared("observation"), self.views
+        names, xy, velocity, radius = _arrays(n, self.memory, _TRACKS)
+        names[:], xy[:], velocity[:], radius[:] = t.id, t.xy, t.velocity, t.radius
+        if t.covariance is not None:
+            views["covariance"][:n] = t.covariance
+        if o.pending is not None:
+            views["pending"][:pending] = o.pending
+        noisy = float(t.covariance is not None)
+        waiting = -1 if o.pending is None else pending
+        view[1:-1] = o.t, *o.xy, *o.velocity, o.heading, o.stamp, o.turn_rate, n, waiting, noisy
+        view[-1] = view[0] = number
+
+    def observed(self, after: int) -> tuple[int, Observation] | None:
+        """Return the last observation and its number, if there is one after number `after` and nobody is writing it."""
+        memory, views, make = self.memory, self.views, object.__new__
+        number, t, x, y, vx, vy, heading, stamp, turn_rate, n, m, noisy, last = _READ(memory)
+        if number <= after or number != last or not 0 <= n <= MAX_TRACKS:
+            return None
+        n, m = int(n), int(m)
+        names, xy, velocity, radius = _arrays(n, bytearray(memory[_TRACKS : _TRACKS + 48 * n]))
+        tracks, observation = make(Tracks), make(Observation)
+        _put_id(tracks, names)
+        _put_xy(tracks, xy)
+        _put_velocity(tracks, velocity)
+        _put_radius(tracks, radius)
+        _put_covariance(tracks, views["covariance"][:n].copy() if noisy else None)
+        _put_t(observation, t)
+        _put_place(observation, (x, y))
+        _put_speed(observation, (vx, vy))
+        _put_heading(observation, heading)
+        _put_tracks(observation, tracks)
+        _put_stamp(observation, stamp)
+        _put_turn_rate(observation, turn_rate)
+        _put_pending(observation, views["pending"][:m].copy() if m >= 0 else None)
+        return None if _READ(memory)[0] != number else (int(number), observation)
+
+    def ask(self, number: int, command: Command | None) -> None:
+        """Write the command that the planner asks for in answer to that observation."""
+        view = self._cleared("asked")
+        one, two = (0.0, 0.0) if command is None else command.velocity if command.twist is None else command.twist
+        kind = 0.0 if command is None else 1.0 if command.twist is None else 2.0
+        _ASK(self.memory, _ASKED + 8, kind, one, two, number)
+        view[0] = number
+
+    def asked(self, number: int) -> tuple[bool, Command | None]:
+        """Return whether the planner has answered that observation, and the command that it asks for."""
+        first, kind, one, two, last = self.views["asked"].tolist()
+        if not first == last == number:
+            return False, None
+        return True, None if kind == 0.0 else Command((one, two)) if kind == 1.0 else Command(twist=(one, two))
+
+    def reply(self, number: int, command: Command, did: str) -> None:
+        """Write the guard's answer."""
+        view = self._cleared("answer")
+        v, omega = (math.nan, math.nan) if command.twist is None else command.twist
+        view[1:-1] = *command.velocity, v, omega, DID.index(did), time.monotonic()
+        view[-1] = view[0] = number
+
+    def replied(self, number: int) -> Answer | None:
+        """Return the guard's answer to that observation, if it is there."""
+        first, vx, vy, v, omega, did, _, last = self.views["answer"].tolist()
+        if not first == last == number:
+            return None
+        return Answer(number, Command((vx, vy), None if math.isnan(v) else (v, omega)), DID[int(did)])
