@@ -260,12 +260,36 @@ def test_a_start_beside_a_wall_does_not_lead_wheels_through_a_narrow_gap() -> No
     robot = replace(WHEELS, radius=0.31)
     task = Task(Grid(blocked, resolution=0.1), robot, (0.35, 3.05), (2.35, 5.5))
     narrow = make_context(task.grid, robot, task.grid.cell_at(task.goal))
-    kept = away_from_walls(narrow, task, task.grid.cell_at(task.goal), Moves.THIRTY_TWO)
+    kept = away_from_walls(narrow, task, task.grid.cell_at(task.start), task.grid.cell_at(task.goal), Moves.THIRTY_TWO)
     row, col = task.grid.cell_at(task.start)
     assert narrow.field[row * 80 + col] < 4.0 / robot.v_max < 10.0 / robot.v_max < kept.field[row * 80 + col]
     result = run(Scenario(World(task.grid), task.start, task.goal, robot, horizon=60.0), "antway", seed=1)
     check_episode(result)
     assert result.reached and result.length > 10.0
+
+
+@pytest.mark.parametrize("door", [0.9, 1.0, 1.2])
+def test_a_footprint_passes_doors_narrower_than_the_disc_that_holds_it(door: float) -> None:
+    """A robot of 1.0 x 0.7 m, which a disc of 1.22 m holds, passes doors of 0.9 m without a pause."""
+    blocked, half = np.zeros((80, 120), dtype=bool), round(5 * door)
+    blocked[:, 60:62] = True
+    blocked[40 - half : 40 - half + round(10 * door), 60:62] = False
+    world = World(Grid(blocked, resolution=0.1))
+    result = run(Scenario(world, (1.0, 0.63), (11.0, 7.36), load_robot("amr"), horizon=15.0), "antway", seed=3)
+    check_episode(result)
+    assert result.reached and result.time < 10.0
+
+
+@pytest.mark.parametrize("robot", [RobotSpec(radius=0.37), replace(WHEELS, radius=0.37)], ids=["at-once", "wheels"])
+def test_a_robot_starts_and_ends_where_the_centre_of_its_cell_has_no_room(robot: RobotSpec) -> None:
+    """A disc of 0.37 m fits 0.4 m from a wall, but not in the middle of that cell of 0.5 m."""
+    blocked = np.zeros((16, 20), dtype=bool)
+    blocked[6:8, 4:16] = True
+    scenario = Scenario(World(Grid(blocked, 0.5)), (0.38, 0.39), (5.3, 4.38), robot, horizon=30.0)
+    assert scenario.task.grid.inflate(robot.radius).blocked[scenario.task.grid.cell_at(scenario.start)]
+    result = run(scenario, "antway", seed=1)
+    check_episode(result)
+    assert result.reached
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])

@@ -10,17 +10,18 @@ from antway.kernels.base.geometry import segment_hits_cells
 from antway.world.policy import XY, Task
 
 
-def clear(task: Task, a: XY, b: XY) -> bool:
-    """Tell whether the robot can drive straight from `a` to `b` among the map's walls."""
+def clear(task: Task, a: XY, b: XY, radius: float | None = None) -> bool:
+    """Tell whether the robot, or a disc of another `radius` in m, can drive straight from `a` to `b` among the map's walls."""
     (ar, ac), (br, bc) = task.grid.to_points((a, b)).tolist()
-    return not segment_hits_cells(task.grid.blocked, ar, ac, br, bc, task.robot.radius / task.grid.resolution, True)
+    radius = task.robot.radius if radius is None else radius
+    return not segment_hits_cells(task.grid.blocked, ar, ac, br, bc, radius / task.grid.resolution, True)
 
 
-def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int) -> Cell | None:
+def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float | None = None) -> Cell | None:
     """Return the cell from which a path from `xy` starts, None if there is none.
 
     It is free in `inflated`, at most `cells` rows and columns from that of `xy`, its centre is reached in a straight line, and
-    of all such it is the nearest.
+    of all such it is the nearest. With `radius` (m) for a disc of that radius in place of the robot.
     """
     try:
         row, col = inflated.cell_at(xy)
@@ -29,4 +30,4 @@ def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int) -> Cell | None:
     span = range(-cells, cells + 1)
     free = [(row + i, col + j) for i in span for j in span if inflated.is_free((row + i, col + j))]
     free.sort(key=lambda cell: (math.dist(inflated.centre(cell), xy), cell))
-    return next((cell for cell in free if clear(task, xy, inflated.centre(cell))), None)
+    return next((cell for cell in free if clear(task, xy, inflated.centre(cell), radius)), None)

@@ -163,6 +163,21 @@ class RobotSpec:
         return np.array(self.footprint) if self.footprint is not None else np.zeros((1, 2))
 
     @property
+    def inscribed(self) -> float:
+        """Radius of the largest disc around (0, 0) that the body holds, m; 0 where the footprint does not hold that point.
+
+        Examples
+        --------
+        >>> RobotSpec(footprint=((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))).inscribed
+        0.3
+        """
+        if self.footprint is None:
+            return self.radius
+        corners = self.corners
+        x, y = (np.roll(corners, -1, axis=0) - corners).T
+        return max(float(((x * -corners[:, 1] + y * corners[:, 0]) / np.hypot(x, y)).min()), 0.0)
+
+    @property
     def rounding(self) -> float:
         """By how much, in m, the body reaches beyond the convex hull of `corners`: the radius of a disc, else 0."""
         return self.radius if self.footprint is None else 0.0

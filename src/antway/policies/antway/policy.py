@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -21,12 +20,11 @@ from antway.kernels.spacetime.ants import ColonySettings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import EXPANSIONS, KNOTS, Memory
 from antway.kernels.spacetime.pheromone import window
-from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd, foretold
 from antway.kernels.tracking import kalman as track
 from antway.kernels.tracking.averages import averaged
 from antway.kernels.tracking.predict import VX, VY, TubeMargins, crosses_edge
-from antway.planning import TimedPath, standing_cell
+from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.explain import explain, wait_of
@@ -37,11 +35,11 @@ from antway.policies.antway.state import (
     as_estimated,
     away_from_walls,
     fit_tables,
-    make_context,
     make_memory,
     make_trails,
     most_segments,
     shared_memory,
+    static_side,
     variances,
     with_noise,
     without_edges,
@@ -52,8 +50,6 @@ from antway.world.policy import Command, Decision, Observation, RobotSpec, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
-_HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
-_HERE.flags.writeable = False
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _BRAKES = 0.5  # s; with tracks in sight the robot drives no faster than it can brake from in so long
 _OUTSET = 0.5  # s; in so long after the start no track's velocity is known well yet, and
@@ -168,19 +164,15 @@ class AntwayPolicy:
             If the robot does not fit at the start or at the goal.
         """
         robot, grid = task.robot, task.grid
-        # what Grid.inflate tells, from a stencil of the few cells round a robot
-        stands = move_mask(grid.blocked, _HERE, robot.radius / grid.resolution)
-        inflated = replace(grid, blocked=stands == 0)
-        standing_cell("start", task.start, grid, inflated, robot.radius)
-        goal = standing_cell("goal", task.goal, grid, inflated, robot.radius)
-        context, cells = make_context(grid, robot, goal, self.moves), grid.blocked.size
+        context, start, goal = static_side(task, self.moves)
+        cells = grid.blocked.size
         settings = self._settings(task)
         paces = self._paces(context, settings, robot)
         controls = None
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
-            context = away_from_walls(context, task, goal, self.moves)
+            context = away_from_walls(context, task, start, goal, self.moves)
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
             swerve = float(task.obstacle_swerve) if strict else None  # else no stop is better than the best ant

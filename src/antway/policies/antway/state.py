@@ -9,20 +9,26 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.errors import OutOfBounds
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
+from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import averages, noise
 from antway.kernels.tracking.kalman import COLUMNS, UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
-from antway.planning import TimedPath
+from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.controls import ControlColony
 from antway.search.sipp import timed_field, timed_moves
-from antway.world.policy import Decision, Observation, RobotSpec, Task, Tracks
+from antway.world.line_of_sight import nearest_free
+from antway.world.policy import XY, Decision, Observation, RobotSpec, Task, Tracks
 
+_HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
+_HERE.flags.writeable = False
+_WIDTHS = 6  # discs between the one that holds a footprint and the one that it holds
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
@@ -153,10 +159,55 @@ def make_trails(cells: int, bin: float = 0.5) -> Trails:
     return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
 
 
+def static_side(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
+    """Return the context of a task, and the cells at which its paths begin and end.
+
+    Where the disc that holds a footprint finds no way, as through a door that the robot passes by a hand's breadth, it is that
+    of the widest one that does, of a few down to the disc that the footprint holds: it leads through the middle of narrow
+    places. Rollouts and the guard look at the body itself.
+
+    Raises
+    ------
+    OutOfBounds, CellBlocked
+        If the robot does not fit at the start or at the goal.
+    """
+    grid, robot = task.grid, task.robot
+    ends = {"start": task.start, "goal": task.goal}
+    widest = None
+    for radius in dict.fromkeys(np.linspace(robot.radius, robot.inscribed, _WIDTHS).tolist()):
+        # what Grid.inflate tells, from a stencil of the few cells round a robot
+        stands = move_mask(grid.blocked, _HERE, radius / grid.resolution)
+        inflated = replace(grid, blocked=stands == 0)
+        start, goal = (_end_cell(task, inflated, radius, name, xy) for name, xy in ends.items())
+        if start is None or goal is None:
+            continue
+        context = make_context(grid, replace(robot, radius=radius, footprint=None), goal, moves)
+        if math.isfinite(context.field[start[0] * grid.shape[1] + start[1]]):
+            return context, start, goal
+        widest = widest or (context, start, goal)
+    if widest is None:
+        for name, xy in ends.items():
+            standing_cell(name, xy, grid, inflated, radius)
+    assert widest is not None, "an end without room has raised"
+    return widest
+
+
+def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> Cell | None:
+    """Return the cell of `xy`, or else the nearest one with room to which the robot can drive straight; None: there is none."""
+    try:
+        cell = inflated.cell_at(xy)
+    except OutOfBounds as error:
+        raise error.at("", name) from None
+    if inflated.is_free(cell):
+        return cell
+    inscribed = task.robot.inscribed
+    return nearest_free(task, inflated, xy, 2 + math.ceil((radius - inscribed) / inflated.resolution), inscribed)
+
+
 def make_context(
-    grid: Grid, robot: RobotSpec, goal: tuple[int, int], moves: Moves = Moves.THIRTY_TWO, mask: NDArray[np.uint32] | None = None
+    grid: Grid, robot: RobotSpec, goal: Cell, moves: Moves = Moves.THIRTY_TWO, mask: NDArray[np.uint32] | None = None
 ) -> PlanningContext:
-    """Return the static side of a task: the moves that `robot` can make on `grid`, and the exact field to `goal` over them.
+    """Return the moves that the disc of `robot` can make on `grid`, and the exact field to `goal` over them.
 
     With `mask` those moves of `timed_moves` alone.
     """
@@ -227,20 +278,20 @@ def without_edges(settings: Settings) -> Settings:
     return settings._replace(**open_ended)
 
 
-def away_from_walls(context: PlanningContext, task: Task, goal: Cell, moves: Moves) -> PlanningContext:
+def away_from_walls(context: PlanningContext, task: Task, start: Cell, goal: Cell, moves: Moves) -> PlanningContext:
     """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal.
 
     If it does not, as where one of them is too near a wall, it keeps that room away from both of them, or else nowhere.
     """
-    grid, start = task.grid, task.grid.cell_at(task.start)
-    wide = timed_moves(grid, task.robot.radius + _WALL_MARGIN, moves)
+    grid, radius = task.grid, context.radius
+    wide = timed_moves(grid, radius + _WALL_MARGIN, moves)
     rows, cols = np.ogrid[: grid.shape[0], : grid.shape[1]]
     ends = np.zeros(grid.shape, dtype=bool)
     for row, col in (start, goal):
         ends |= np.hypot(rows - row, cols - col) * grid.resolution <= _ENDS
     mixed = np.where(ends, context.legal.reshape(grid.shape), wide)
-    for mask, radius in ((wide, task.robot.radius + _WALL_MARGIN), (mixed, task.robot.radius)):
-        found = make_context(grid, replace(task.robot, radius=radius, footprint=None), goal, moves, mask)
+    for mask, kept in ((wide, radius + _WALL_MARGIN), (mixed, radius)):
+        found = make_context(grid, replace(task.robot, radius=kept, footprint=None), goal, moves, mask)
         if math.isfinite(found.field[start[0] * grid.shape[1] + start[1]]):
             return found
     return context
