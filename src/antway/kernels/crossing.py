@@ -131,7 +131,11 @@ def _follow(context: PlanningContext, settings: Settings, plan: Plan, now: float
     """Return the velocity (vx, vy) that is on the plan in one control period."""
     n, dt = int(plan.state[COUNT]), settings.dt
     tx, ty, knot = place_at(plan.knots, n, now + dt)
-    if plan.knots[n - 1, 0] - settings.colony.stay <= now + dt:  # it leads to the centre of the goal's cell: go to the goal
+    end, ex, ey = plan.knots[n - 1, 0] - settings.colony.stay, plan.knots[n - 1, 1], plan.knots[n - 1, 2]
+    # It leads to the centre of the goal's cell: from there, or if that were a way back, go to the goal.
+    beyond = math.hypot(ex - settings.goal_x, ey - settings.goal_y)
+    back = math.hypot(x - settings.goal_x, y - settings.goal_y) < beyond < 3.0 * context.resolution
+    if end <= now + dt or (back and end <= now + dt + math.hypot(ex - x, ey - y) / context.speed):
         tx, ty = settings.goal_x, settings.goal_y
     if not clear(context, x, y, tx, ty):  # the chord cuts a corner of a plan along a wall: go to the corner
         _, _, knot = place_at(plan.knots, n, now)
