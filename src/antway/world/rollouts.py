@@ -18,6 +18,7 @@ from antway.world.robots import RobotSpec
 
 _NODE = 0.05  # m; distances to walls are exact at nodes no farther apart
 _NODES = 4_000_000  # at most
+_NEAR = 1.0  # m; so near the goal, and less up to twice as far, times count to the goal itself
 _LAYERS = 4  # cells by which the time to the goal is continued into walls
 _DISCS = 8  # at most, that cover a footprint's longer side
 _FAST = 1e3  # m/s^2, rad/s^2: as good as at once
@@ -61,7 +62,8 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
     size, (x, y, _), cells = grid.resolution, grid.origin, grid.blocked.size
     factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // cells)), 1)
     wall = wall_distance(grid.blocked, size, factor) - np.float32(robot.radius)
-    time = beyond_walls(time_to_goal - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
+    near = _to_the_goal_itself(time_to_goal, grid, robot.v_max, goal)
+    time = beyond_walls(near - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
     return StaticField(
         wall,
         np.array([x, y, factor / size]),
@@ -70,6 +72,18 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
         np.array([*goal, tolerance]),
         *_body(robot),
     )
+
+
+def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: float, goal: XY) -> NDArray[np.float64]:
+    """Return the times with those of cells from which the goal is near and straight ahead to it, not to its cell's centre."""
+    cells = grid.to_xy(np.argwhere(np.ones(grid.shape, dtype=bool)))
+    ends = cells[int(np.argmin(time_to_goal))]
+    to_centre, to_goal = (np.hypot(*(cells - xy).T).reshape(grid.shape) for xy in (ends, goal))
+    straight = time_to_goal * v_max <= 1.03 * to_centre
+    nearer = np.clip(2.0 - to_goal / _NEAR, 0.0, 1.0) * (to_goal - to_centre) / v_max
+    # Off its centre, the robot can stand in a cell of which the centre has no room.
+    off_centre = np.isinf(time_to_goal) & (to_goal <= math.dist(ends, goal))
+    return np.where(off_centre, to_goal / v_max, time_to_goal + np.where(straight, nearer, 0.0))
 
 
 def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

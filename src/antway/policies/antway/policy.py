@@ -41,6 +41,7 @@ from antway.policies.antway.state import (
     shared_memory,
     static_side,
     variances,
+    with_fine_cells,
     with_noise,
     without_edges,
 )
@@ -176,7 +177,11 @@ class AntwayPolicy:
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
             swerve = float(task.obstacle_swerve) if strict else None  # else no stop is better than the best ant
-            controls = ControlColony(self.controls, task, context.field.reshape(grid.shape), seed, swerve)
+            field, fine = context.field, with_fine_cells(task)
+            if fine is not task:
+                side, start, goal = static_side(fine, self.moves)
+                field = away_from_walls(side, fine, start, goal, self.moves).field
+            controls = ControlColony(self.controls, fine, field.reshape(fine.grid.shape), seed, swerve)
         if self.guard:
             self.guard.reset(task)
         empty = np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0])

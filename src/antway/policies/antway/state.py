@@ -29,6 +29,7 @@ from antway.world.policy import XY, Decision, Observation, RobotSpec, Task, Trac
 _HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
 _HERE.flags.writeable = False
 _WIDTHS = 6  # discs between the one that holds a footprint and the one that it holds
+_MOST_CELLS = 1_000_000
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
@@ -295,6 +296,20 @@ def away_from_walls(context: PlanningContext, task: Task, start: Cell, goal: Cel
         if math.isfinite(found.field[start[0] * grid.shape[1] + start[1]]):
             return found
     return context
+
+
+def with_fine_cells(task: Task) -> Task:
+    """Return the task on the same map in cells no larger than the robot, as far as they are not too many.
+
+    Moves of 32 directions lead through cells in whose centre a robot has no room. Where such cells are larger than the robot, a
+    field that is interpolated between centres has a ridge across these moves, in front of which it would stand.
+    """
+    grid = task.grid
+    finer = min(math.ceil(grid.resolution / task.robot.radius - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
+    if finer <= 1:
+        return task
+    cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)
+    return replace(task, grid=replace(grid, blocked=cells, resolution=grid.resolution / finer))
 
 
 def with_noise(state: State, seen: Observation) -> Observation:
