@@ -225,6 +225,26 @@ def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotS
     assert costs == pytest.approx([_naive_cost(one, *known) for one in (fast, slow)])
 
 
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
+def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSpec) -> None:
+    """Who reaches a goal before a wall too fast is stopped by the guard, and a car that swerves misses the goal."""
+    colony = _colony(robot)
+    colony.state[:] = 8.0, 4.1, 0.0, 0.5, 0.0
+    edge = (colony.field.wall.shape[1] - 1) / colony.field.wall_frame[2] - robot.radius
+    field = colony.field._replace(goal=np.array([edge - 0.15, 4.1, 0.2]))
+    known = colony.state, colony.limits, robot.dt, field, colony.outlook, colony.weights._replace(progress=0.0)
+    for speed in (0.4, 0.7, 1.0):
+        controls, path = np.full((len(colony.outlook.near), 2), (speed, 0.0)), np.zeros((60, 2))
+        cost = judge(controls, *known, math.inf, path)
+        arrived = int((path[:, 0] > edge - 0.35).argmax())
+        span, ahead = speed**2 / (2.0 * robot.braking), edge - path[arrived, 0]
+        share = max(1.0 - ahead / span, 0.0)
+        late = math.exp(-known[-1].decay * (arrived + 1) * robot.dt)
+        in_time = -(len(controls) - 1 - arrived) * robot.dt
+        assert cost == pytest.approx(in_time + late * known[-1].wall * share, abs=late * known[-1].wall * 0.02 / span)
+        assert (share > 0.0) == (speed > 0.9)
+
+
 def test_distances_to_walls_are_exact_at_the_nodes() -> None:
     blocked = np.random.default_rng(2).random((9, 7)) < 0.2
     field = wall_distance(blocked, 0.5, 3)

@@ -256,6 +256,21 @@ def lost_time(
     return lost
 
 
+@inner_kernel
+def _too_fast(x: float, y: float, c: float, s: float, a: float, b: float, limits: RobotLimits, field: StaticField) -> float:
+    """Share of its speed with which a robot that brakes straight on from here meets a wall; the guard would not let it come."""
+    vx, vy = (a, b) if limits.drive == HOLONOMIC else (a * c, a * s)
+    speed = max(math.hypot(vx, vy), 1e-9)
+    dx, dy = vx / speed, vy / speed
+    span, far = 0.5 * speed * speed / limits.brake_max, 0.0
+    while far < span:
+        wall = _clearance(x + far * dx, y + far * dy, c, s, 0.0, field)
+        if wall < 0.0:
+            return 1.0 - far / span
+        far += max(wall, 0.02)
+    return 0.0
+
+
 @bare_kernel
 def judge(
     controls: NDArray[np.float64],
@@ -304,7 +319,7 @@ def judge(
         if gx * gx + gy * gy < field.goal[2] * field.goal[2]:
             for j in range(k + 1, rows):
                 path[j, 0], path[j, 1] = x, y
-            return cost - (steps - 1 - k) * dt
+            return cost + w.wall * decay * _too_fast(x, y, c, s, a, b, limits, field) - (steps - 1 - k) * dt
         to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
         px, py = x - outlook.plan[k, 0], y - outlook.plan[k, 1]
         value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))

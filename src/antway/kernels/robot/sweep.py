@@ -20,6 +20,7 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.robot.motion import along
 
 _CLOSE = 1e-12  # m; nearer than this is contact, if it closes
+_DIP = 1e-3  # m; between two looks the gap may be so much less than at both
 _LEAST = 1e-9  # s; no jump is shorter
 
 
@@ -260,32 +261,55 @@ def nearest_disc(
     radius: float,
     best: float,
 ) -> float:
-    """Least gap in m on the segment, `h` s long, from a disc at (ox, oy) that moves with (ux, uy); `best` if that is less."""
-    slice_ = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST)
-    s, where = 0.0, -1.0
+    """Least gap in m on the segment, `h` s long, from a disc at (ox, oy) that moves with (ux, uy); `best` if that is less.
+
+    Looks each 4 ms wherever the gap may be less than what was found, and round each look that finds less than those beside it.
+    """
+    apart, around = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST), radius + rounding
+    s, last, before, last_gap, gap_before = 0.0, 0.0, 0.0, math.inf, math.inf
     while True:
         s = min(s, h)
         at = pose(m, s)
         px, py = ox + ux * s, oy + uy * s
         nx, ny = disc_axis(at, corners, px, py)
-        gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + radius + rounding, nx * ux + ny * uy, 0.0)
-        if gap < best:
-            best, where = gap, s
+        gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + around, nx * ux + ny * uy, 0.0)
+        best = min(best, gap)
+        if last_gap <= gap_before and last_gap <= gap and last_gap < best + _DIP:
+            low, high = max(before, last - apart), min(last + apart, s)
+            best = _lowest(m, corners, around, ox, oy, ux, uy, low, high, best)
         if s >= h:
             break
-        level = nx * px + ny * py + radius + rounding + best
+        before, gap_before, last, last_gap = last, last_gap, s, gap
+        level = nx * px + ny * py + around + best
         _, _, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy, 0.0)
-        s += max(time, slice_)
-    if where < 0.0:
-        return best
-    low, high = max(where - slice_, 0.0), min(where + slice_, h)
-    for _ in range(40):  # the gap has one least value so near to it: thirds
+        s += max(time, apart)
+    if gap <= last_gap and gap < best + _DIP:
+        best = _lowest(m, corners, around, ox, oy, ux, uy, max(last, h - apart), h, best)
+    return best
+
+
+@bare_kernel
+def _lowest(
+    m: Segment,
+    corners: NDArray[np.float64],
+    around: float,
+    ox: float,
+    oy: float,
+    ux: float,
+    uy: float,
+    low: float,
+    high: float,
+    best: float,
+) -> float:
+    """Least gap from `low` to `high` s, where it has one dip, from a disc of radius `around`; `best` if that is less."""
+    first = math.inf
+    for _ in range(40):  # thirds
         for side in range(2):
             s = (2.0 * low + high) / 3.0 if side == 0 else (low + 2.0 * high) / 3.0
             at = pose(m, s)
             px, py = ox + ux * s, oy + uy * s
             nx, ny = disc_axis(at, corners, px, py)
-            gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + radius + rounding, 0.0, 0.0)
+            gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + around, 0.0, 0.0)
             if side == 0:
                 first = gap
         best = min(best, first, gap)
