@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import pickle
 from decimal import Decimal
@@ -9,7 +10,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from antway import checks, errors
+from antway import check_episode, check_motion, check_plan, check_tour, check_tsptw, checks, errors
 
 NO_NUMBERS = [True, np.True_, "1", None, math.nan, math.inf, -math.inf, 1j, [1.0], np.float64("nan"), 10**400, Decimal("NaN")]
 
@@ -95,3 +96,10 @@ def test_invalid_plan_survives_pickling() -> None:
     error = errors.InvalidPlan(["jumps", "leaves"])
     assert pickle.loads(pickle.dumps(error)).violations == ("jumps", "leaves")
     assert str(error) == "jumps; leaves"
+
+
+@pytest.mark.parametrize("check", [check_episode, check_motion, check_plan, check_tour, check_tsptw])
+def test_verifiers_name_what_is_of_another_kind(check) -> None:
+    needed = [one for one in inspect.signature(check).parameters.values() if one.default is one.empty]
+    with pytest.raises(errors.BadParameter):
+        check(*(object() for _ in needed))

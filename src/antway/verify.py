@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.errors import InvalidPlan
+from antway import checks
+from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Cell, Grid, Moves
 from antway.planning import Plan, Problem, Status
 from antway.verify_motion import driven, dynamic_faults, dynamic_gaps, last_gaps
@@ -42,6 +43,8 @@ def check_plan(problem: Problem, plan: Plan) -> None:
 
     Raises
     ------
+    BadParameter
+        For what is no problem, or no plan.
     InvalidPlan
         If the plan claims what it does not have, leaves the map, enters a blocked cell, jumps, cuts a corner that the moves
         forbid, begins or ends elsewhere, or states a length or bound that its own cells contradict. An any-angle plan (one with
@@ -53,7 +56,8 @@ def check_plan(problem: Problem, plan: Plan) -> None:
     >>> problem = Problem(Grid(np.zeros((2, 2), dtype=bool)), (0, 0), (1, 1))
     >>> check_plan(problem, Plan(Status.FOUND, np.array([[0, 0], [1, 1]], dtype=np.int32), math.sqrt(2)))
     """
-    faults = _faults(problem, plan)
+    checks.instance("problem", problem, Problem)
+    faults = _faults(problem, checks.instance("plan", plan, Plan))
     if faults:
         raise InvalidPlan(faults)
 
@@ -232,6 +236,8 @@ def check_episode(episode: EpisodeResult | Trace) -> None:
 
     Raises
     ------
+    BadParameter
+        For what is no episode.
     InvalidPlan
         If times do not increase by the control period, the robot does not begin at its start, jumps, exceeds a limit of speed,
         acceleration or turn rate, passes through an obstacle or a wall, the outcome or a figure contradicts the trace, or
@@ -249,6 +255,8 @@ def _trace_of(episode: EpisodeResult | Trace) -> Trace:
     trace = getattr(episode, "trace", episode)
     if trace is None:
         raise InvalidPlan(["the result has no trace: run it with record=True"])
+    if not all(hasattr(trace, name) for name in ("task", "timeline", "command", "decisions")):
+        raise BadParameter("episode", episode, "an EpisodeResult or a Trace")
     return cast("Trace", trace)
 
 

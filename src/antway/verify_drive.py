@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from antway.errors import InvalidPlan
+from antway import checks
+from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
 from antway.verify_motion import gap_from_square
 
@@ -40,12 +41,18 @@ def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
 
     Raises
     ------
+    BadParameter
+        For arguments of another kind.
     InvalidPlan
         If times do not increase from 0, the robot does not stand at both ends, velocities do not lead from knot to knot,
         wheels move aside, a limit of speed, acceleration, braking, turn rate, its change or the turning radius is exceeded, or
         the body (a disc, or the footprint as it is turned) touches a wall. Walls are checked in continuous time: steps are cut
         until the distance from walls is more than any point of the body moves, or that is less than a millimetre.
     """
+    checks.instance("grid", grid, Grid)
+    for name, value, has in (("robot", robot, "braking"), ("motion", motion, "turn_rate")):
+        if not hasattr(value, has):
+            raise BadParameter(name, value, f"a {'RobotSpec' if name == 'robot' else 'Motion'}")
     faults = _shape_faults(motion) or [*_limit_faults(robot, motion), *_wall_faults(grid, robot, motion)]
     if faults:
         raise InvalidPlan(faults)
