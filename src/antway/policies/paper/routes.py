@@ -63,7 +63,8 @@ class Routes:
         self.inflated = task.grid.inflate(radius if size >= 2 * radius else math.hypot(radius, size / math.sqrt(2)))
         goal = self.cell(task.goal)
         self.home = None if goal is None else PathsFrom(self.inflated, goal)
-        self.stops = task.robot.drive == "differential" or task.robot.a_max * task.robot.dt < 2 * task.robot.v_max
+        robot = task.robot
+        self.stops = robot.wheels or not robot.stepwise or robot.a_max * robot.dt < 2 * robot.v_max
 
     def clear(self, a: XY, b: XY) -> bool:
         """Tell whether the robot can drive straight from `a` to `b` among the map's walls."""
