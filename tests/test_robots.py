@@ -93,6 +93,25 @@ def test_robots_of_every_kind_pass_the_check() -> None:
         check_episode(run(hall(rng, slides, 0), Wanderer(), seed=seed))
 
 
+class Squarely(Wanderer):
+    """Turns its velocity by 60 degrees and halves it: each change is square to the command, as an ant's stop aside may be."""
+
+    def act(self, o):
+        (vx, vy), root = o.velocity, math.sqrt(3.0)
+        if math.hypot(vx, vy) < 0.1 or self.rng.random() < 0.3:
+            angle = self.rng.uniform(0.0, 6.3)
+            return Command((math.cos(angle), math.sin(angle)))
+        return Command(((vx - root * vy) / 4.0, (vy + root * vx) / 4.0))
+
+
+def test_ramps_square_to_the_command_pass_the_check() -> None:
+    """Whether a speed falls all along such a ramp is for roundings to say, and simulator and check have their own."""
+    rng = np.random.default_rng(3)
+    robot = RobotSpec(a_max=1.5, brake_max=2.5, dt=0.2)
+    for seed in range(cases(5, 200)):
+        check_episode(run(hall(rng, robot, 0), Squarely(), seed=seed))
+
+
 @pytest.mark.parametrize("name", ["diff", "amr", "tricycle", "slider", "inertia"])
 def test_the_check_finds_what_is_false(name: str) -> None:
     """A place, a heading, a speed or a command that is not as driven is found."""

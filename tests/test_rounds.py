@@ -318,3 +318,14 @@ def test_rounds_are_drawn_and_summed_up(tmp_path) -> None:
     assert numbers["stops"] == 5 and numbers["visited"] < 5 and numbers["lateness"] > 0.0
     json.dumps(numbers, allow_nan=False)
     assert '"name":"too late"' in replay_page(result.trace)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+@pytest.mark.parametrize("rates", [{}, {"a_max": 1.0, "alpha_max": 3.0}], ids=["at-once", "inertia"])
+def test_a_last_stop_within_the_goal_ends_the_rounds(drive: str, rates: dict) -> None:
+    """A robot that stands at the goal when its last stop is done has arrived, though it comes from nowhere."""
+    robot = RobotSpec(radius=0.25, drive=drive, turning_radius=0.5 if drive == "ackermann" else 0.0, **rates)
+    scenario = replace(hall(stops=(Stop((4.0, 1.0), "desk", service=1.0),)), start=(1.0, 1.0), goal=(4.05, 1.0), robot=robot)
+    result = run(scenario, "antway")
+    check_episode(result)
+    assert result.reached and result.time < 12.0

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _NEAR = 1e-6  # m, m/s, rad
 _SLACK = 1e-5  # m: gaps are taken from samples
+_EVEN = 1e-9  # m^2/s^2; so near to square to the command a ramp counts as one that brakes
 _STEPS = 100  # of each of the two parts of a cycle at least: before and after the command of late arrives
 
 Floats = NDArray[np.float64]
@@ -132,7 +133,7 @@ def _glide(
     for _ in range(4):
         dx, dy = cx - vx, cy - vy
         change = np.hypot(dx, dy)
-        rate = np.where(cx * dx + cy * dy <= 0.0, brake, spec.a_max)
+        rate = np.where(cx * dx + cy * dy <= _EVEN, brake, spec.a_max)
         at_once = np.isinf(rate)
         most = np.where(at_once, 0.0, rate) * h / 4
         share = np.where(at_once | (change <= most), 1.0, most / np.where(change > 0, change, 1.0))

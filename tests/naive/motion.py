@@ -66,7 +66,7 @@ def holonomic(state, command, limits, dt: float) -> np.ndarray:
     asked = math.hypot(*command)
     if asked > limits.v_max:
         command *= limits.v_max / asked
-    rate = limits.brake_max if command @ (command - v) <= 0.0 else limits.a_max
+    rate = limits.brake_max if command @ (command - v) <= 1e-9 else limits.a_max
     steps = max(round(dt / MS), 1)
     h = dt / steps
     rows = [(x, y, theta, *v)]

@@ -83,7 +83,10 @@ def _first_contact(
     if wall < when:
         what, obstacle, when = HIT_WALL, -1, wall
     x, y = m.x - aim[0], m.y - aim[1]
-    if math.hypot(x, y) - aim[2] <= fastest * h:
+    away = math.hypot(x, y) - aim[2]
+    if away < 0.0:  # where it stopped last
+        return REACHED, -1, 0.0
+    if away <= fastest * h:
         arrival = meets_disc(m, min(h, when), body.centre, 0.0, aim[0], aim[1], 0.0, 0.0, aim[2], 0.0, 0.0)
         if arrival < when:
             what, obstacle, when = REACHED, -1, arrival

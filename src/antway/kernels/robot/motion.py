@@ -22,6 +22,7 @@ from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
 
 REST = 1e-9  # m/s; a robot slower than this stands
 _TURN = 0.8  # rad; four nodes give the place to 1e-10 of the length on a segment that turns by no more
+_EVEN = 1e-9  # m^2/s^2; a ramp square to the command brakes, whatever roundings make of it
 _AT_END = 1e-12  # s; a speed that is 0 so near to the end of a command does not jump to the other sign before it
 _SNAP = 1e-12  # rad/s; steering so near to its bound is at it: no segment is as short as a rounding error
 
@@ -224,7 +225,7 @@ def holonomic_ramp(vx: float, vy: float, cx: float, cy: float, limits: RobotLimi
     """
     dx, dy = cx - vx, cy - vy
     change = math.hypot(dx, dy)
-    rate = limits.brake_max if cx * dx + cy * dy <= 0.0 else limits.a_max
+    rate = limits.brake_max if cx * dx + cy * dy <= _EVEN else limits.a_max
     if change == 0.0 or rate == math.inf:
         return 0.0, 0.0, 0.0
     return dx * (rate / change), dy * (rate / change), change / rate
