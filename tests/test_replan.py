@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, make_policy, run
+from antway import Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, make_policy, run
 from antway.arena.suites import Chance, Episode, build, episodes, facts, seed_of, stage
 from antway.errors import BadParameter
 from antway.world.motions import Bounce, Line
@@ -134,3 +134,16 @@ def test_wrong_options_are_refused():
             make_policy(name, **options)
     with pytest.raises(BadParameter, match="margin"):
         make_policy("replan", margin=math.nan)
+
+
+@pytest.mark.parametrize(
+    "policy", ["follow", "stop", "sipp", "replan", "dstarlite", "orca", "potential-field", "oracle", "paper"]
+)
+def test_a_goal_is_reached_where_the_centre_of_its_cell_has_no_room(policy: str) -> None:
+    """A disc of 0.37 m fits 0.38 m from a wall, but not in the middle of that cell of 0.5 m."""
+    world = World(Grid(np.zeros((16, 20), bool), 0.5))
+    scenario = Scenario(world, (3.25, 3.25), (9.62, 0.39), RobotSpec(radius=0.37), horizon=30.0)
+    result = run(scenario, policy)
+    check_episode(result)
+    assert result.reached
+    assert facts(scenario, 0).bound <= 1.001 * result.time  # over cells, the end of which is beside the straight line

@@ -11,17 +11,18 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import label
 
 from antway import checks
 from antway.errors import BadParameter, CellBlocked
 from antway.kernels.base.rng import below, stream, uniform
 from antway.kernels.baselines.oracle import first_contact
+from antway.planning import TimedPath
 from antway.search.sipp import Sipp
 from antway.tables import OF_FILES, SUITES
+from antway.world.line_of_sight import goal_of_cells
 from antway.world.motions import Pursue
-from antway.world.policy import XY
+from antway.world.policy import Task
 from antway.world.robots import ROBOTS as KNOWN
 from antway.world.robots import load_robot
 from antway.world.scenario import Scenario
@@ -230,20 +231,23 @@ def facts(scenario: Scenario, seed: int) -> Facts:
     """Return the facts about a scenario whose random choices are those of `seed`."""
     task, robot = scenario.task, scenario.robot
     timeline = scenario.world.timeline(seed, scenario.horizon)
-    search = Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
+    search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
     plan = search.plan(task.start, timeline, horizon=scenario.horizon)
     free = search.plan(task.start)
-    arrival = _arrival(plan.path.t, plan.path.xy, task.goal, task.goal_tolerance)
+    arrival = _arrival(plan.path, task)
     follows = any(isinstance(one.motion, Pursue) for one in scenario.world.obstacles)
     return Facts(
         bound=math.nan if follows else arrival if arrival <= scenario.horizon else math.inf,
-        shortest=_arrival(free.path.t, free.path.xy, task.goal, task.goal_tolerance) * robot.v_max,
+        shortest=_arrival(free.path, task) * robot.v_max,
         difficulty=_difficulty(scenario, seed),
     )
 
 
-def _arrival(t: NDArray[np.float64], xy: NDArray[np.float64], goal: XY, tolerance: float) -> float:
-    """Return when a motion that ends at the goal first comes within `tolerance` of it; infinite for an empty motion."""
+def _arrival(path: TimedPath, task: Task) -> float:
+    """Return when a motion to the centre of the goal's cell, and on to the goal, is there; infinite for an empty motion."""
+    t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
+    if len(t):
+        t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
     for i in range(len(t)):
         if math.dist(xy[i], goal) <= tolerance:
             if i == 0:

@@ -12,6 +12,7 @@ from antway.kernels.base.records import Trajectories
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
+from antway.world.line_of_sight import goal_of_cells
 from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
@@ -39,7 +40,7 @@ class Oracle:
         self.task, robot = task, task.robot
         self.path = TimedPath(np.empty(0), np.empty((0, 2)))
         self.decision = Decision("stuck", "no future has a path to the goal")
-        search = Sipp(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
+        search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
         for share in MARGINS:
             wide = self.timeline.radius + share * robot.v_max * robot.dt / 2
             plan = search.plan(task.start, replace(self.timeline, radius=wide))

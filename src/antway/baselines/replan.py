@@ -17,7 +17,7 @@ from antway.planning import Problem, TimedPath
 from antway.search.dstarlite import DStarLite as Search
 
 from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
-from antway.world.line_of_sight import clear, nearest_free
+from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
 from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.terrain import terrain_of
 
@@ -33,7 +33,7 @@ class Follow:
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         self.task, robot = task, task.robot
-        self.search = SpaceTime(task.grid, task.goal, radius=robot.radius, v_max=robot.v_max)
+        self.search = SpaceTime(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
         self.decision = Decision("follow", "the shortest path over the map")
 
     def act(self, observation: Observation) -> Command:

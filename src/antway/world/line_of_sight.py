@@ -31,3 +31,15 @@ def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float |
     free = [(row + i, col + j) for i in span for j in span if inflated.is_free((row + i, col + j))]
     free.sort(key=lambda cell: (math.dist(inflated.centre(cell), xy), cell))
     return next((cell for cell in free if clear(task, xy, inflated.centre(cell), radius)), None)
+
+
+def goal_of_cells(task: Task) -> XY:
+    """Return where a path over cells ends: the goal, or, where its cell's centre has no room, the nearest centre that has.
+
+    From there the goal is reached in a straight line; if there is no such cell, it is the goal.
+    """
+    inflated = task.grid.inflate(task.robot.radius)
+    if inflated.is_free(inflated.cell_at(task.goal)):
+        return task.goal
+    cell = nearest_free(task, inflated, task.goal, cells=2)
+    return task.goal if cell is None else inflated.centre(cell)
