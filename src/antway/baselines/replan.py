@@ -247,8 +247,11 @@ def drive(task: Task, o: Observation, path: TimedPath) -> Command:
     """
     if not len(path.t):
         return STOP
-    end, dt = o.t + task.robot.dt, task.robot.dt
-    target = task.goal if end >= path.t[-1] and clear(task, o.xy, task.goal) else path.at(end)
+    end, dt, last = o.t + task.robot.dt, task.robot.dt, tuple(path.xy[-1].tolist())
+    # It leads to the centre of the goal's cell: from there, or if that were a way back, go to the goal.
+    back = math.dist(o.xy, task.goal) < math.dist(last, task.goal)
+    there = path.t[-1] - (math.dist(o.xy, last) / task.robot.v_max if back else 0.0)
+    target = task.goal if end >= there and clear(task, o.xy, task.goal) else path.at(end)
     if not clear(task, o.xy, target):
         i = min(int(np.searchsorted(path.t, o.t + 1e-9, side="right")), len(path.t) - 1)
         target = (float(path.xy[i, 0]), float(path.xy[i, 1]))
