@@ -258,7 +258,7 @@ def lost_time(
 
 @inner_kernel
 def _too_fast(x: float, y: float, c: float, s: float, a: float, b: float, limits: RobotLimits, field: StaticField) -> float:
-    """Share of its speed with which a robot that brakes in a straight line from here meets a wall; the guard would not let it come."""
+    """Share of its speed with which a robot that brakes in a straight line meets a wall; the guard would not let it come."""
     vx, vy = (a, b) if limits.drive == HOLONOMIC else (a * c, a * s)
     speed = max(math.hypot(vx, vy), 1e-9)
     dx, dy = vx / speed, vy / speed
