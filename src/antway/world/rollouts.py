@@ -19,6 +19,7 @@ from antway.world.robots import RobotSpec
 _NODE = 0.05  # m; distances to walls are exact at nodes no farther apart
 _NODES = 4_000_000  # at most
 _NEAR = 1.0  # m; so near the goal, and less up to twice as far, times count to the goal itself
+_MOST_NEAR = 200  # cells to each side of the goal that are looked at for that
 _LAYERS = 4  # cells by which the time to the goal is continued into walls
 _DISCS = 8  # at most, that cover a footprint's longer side
 _FAST = 1e3  # m/s^2, rad/s^2: as good as at once
@@ -76,14 +77,20 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
 
 def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: float, goal: XY) -> NDArray[np.float64]:
     """Return the times with those of cells from which the goal is near and straight ahead to it, not to its cell's centre."""
-    cells = grid.to_xy(np.argwhere(np.ones(grid.shape, dtype=bool)))
-    ends = cells[int(np.argmin(time_to_goal))]
-    to_centre, to_goal = (np.hypot(*(cells - xy).T).reshape(grid.shape) for xy in (ends, goal))
-    straight = time_to_goal * v_max <= 1.03 * to_centre
+    row, col = np.unravel_index(int(np.argmin(time_to_goal)), grid.shape)
+    n = min(math.ceil(2.0 * _NEAR / grid.resolution) + 3, _MOST_NEAR)
+    window = np.s_[max(row - n, 0) : row + n + 1, max(col - n, 0) : col + n + 1]
+    near, (rows, cols) = time_to_goal[window], (np.arange(size)[side] for size, side in zip(grid.shape, window, strict=True))
+    cells = np.stack(np.meshgrid(rows, cols, indexing="ij"), axis=-1).reshape(-1, 2)
+    xy, end = grid.to_xy(cells), grid.centre((int(row), int(col)))
+    to_centre, to_goal = (np.hypot(*(xy - one).T).reshape(near.shape) for one in (end, goal))
+    straight = near * v_max <= 1.03 * to_centre
     nearer = np.clip(2.0 - to_goal / _NEAR, 0.0, 1.0) * (to_goal - to_centre) / v_max
     # Off its centre, the robot can stand in a cell of which the centre has no room.
-    off_centre = np.isinf(time_to_goal) & (to_goal <= math.dist(ends, goal))
-    return np.where(off_centre, to_goal / v_max, time_to_goal + np.where(straight, nearer, 0.0))
+    off_centre = np.isinf(near) & (to_goal <= math.dist(end, goal))
+    times = time_to_goal.copy()
+    times[window] = np.where(off_centre, to_goal / v_max, near + np.where(straight, nearer, 0.0))
+    return times
 
 
 def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
