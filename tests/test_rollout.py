@@ -300,6 +300,19 @@ def test_a_footprint_passes_doors_narrower_than_the_disc_that_holds_it(door: flo
     assert result.reached and result.time < 10.0
 
 
+@pytest.mark.parametrize(("door", "outcome"), [(5, Outcome.REACHED), (0, Outcome.TIMEOUT)])
+def test_a_footprint_beside_the_point_it_turns_about_is_led_as_well(door: int, outcome: Outcome) -> None:
+    """No disc round that point is within the body; the widest that passes a door leads, and a wall across is no error."""
+    blocked = np.zeros((40, 60), dtype=bool)
+    blocked[:, 30:32] = True
+    blocked[20 - door : 20 + door, 30:32] = False
+    trailer = replace(WHEELS, footprint=((0.05, -0.2), (0.7, -0.2), (0.7, 0.2), (0.05, 0.2)))
+    assert trailer.inscribed == 0.0
+    result = run(Scenario(World(Grid(blocked, 0.1)), (1.0, 2.0), (5.0, 2.0), trailer, horizon=20.0), "antway", seed=2)
+    check_episode(result)
+    assert result.outcome is outcome
+
+
 @pytest.mark.parametrize("robot", [RobotSpec(radius=0.37), replace(WHEELS, radius=0.37)], ids=["at-once", "wheels"])
 def test_a_robot_starts_and_ends_where_the_centre_of_its_cell_has_no_room(robot: RobotSpec) -> None:
     """A disc of 0.37 m fits 0.4 m from a wall, but not in the middle of that cell of 0.5 m."""

@@ -29,7 +29,9 @@ from antway.world.policy import XY, Decision, Observation, RobotSpec, Task, Trac
 _HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
 _HERE.flags.writeable = False
 _WIDTHS = 6  # discs between the one that holds a footprint and the one that it holds
-_MOST_CELLS = 1_000_000
+_NARROW = 0.1  # share of the first, at least; a footprint may turn about a point beside it
+_FAR_CELLS = 20  # so far from the start and the goal a cell with room is looked for
+_MOST_CELLS = 1_000_000  # of a map whose cells are cut
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
@@ -175,7 +177,8 @@ def static_side(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
     grid, robot = task.grid, task.robot
     ends = {"start": task.start, "goal": task.goal}
     widest = None
-    for radius in dict.fromkeys(np.linspace(robot.radius, robot.inscribed, _WIDTHS).tolist()):
+    narrowest = max(robot.inscribed, _NARROW * robot.radius)
+    for radius in dict.fromkeys(np.linspace(robot.radius, narrowest, _WIDTHS).tolist()):
         # what Grid.inflate tells, from a stencil of the few cells round a robot
         stands = move_mask(grid.blocked, _HERE, radius / grid.resolution)
         inflated = replace(grid, blocked=stands == 0)
@@ -202,7 +205,8 @@ def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> C
     if inflated.is_free(cell):
         return cell
     inscribed = task.robot.inscribed
-    return nearest_free(task, inflated, xy, 2 + math.ceil((radius - inscribed) / inflated.resolution), inscribed)
+    cells = min(2 + math.ceil((radius - inscribed) / inflated.resolution), _FAR_CELLS)
+    return nearest_free(task, inflated, xy, cells, inscribed)
 
 
 def make_context(
