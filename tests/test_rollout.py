@@ -280,7 +280,7 @@ def test_a_start_beside_a_wall_does_not_lead_wheels_through_a_narrow_gap() -> No
     robot = replace(WHEELS, radius=0.31)
     task = Task(Grid(blocked, resolution=0.1), robot, (0.35, 3.05), (2.35, 5.5))
     narrow = make_context(task.grid, robot, task.grid.cell_at(task.goal))
-    kept = away_from_walls(narrow, task, task.grid.cell_at(task.start), task.grid.cell_at(task.goal), Moves.THIRTY_TWO)
+    kept = away_from_walls(task, narrow, task.grid.cell_at(task.start), task.grid.cell_at(task.goal), Moves.THIRTY_TWO)
     row, col = task.grid.cell_at(task.start)
     assert narrow.field[row * 80 + col] < 4.0 / robot.v_max < 10.0 / robot.v_max < kept.field[row * 80 + col]
     result = run(Scenario(World(task.grid), task.start, task.goal, robot, horizon=60.0), "antway", seed=1)

@@ -50,9 +50,10 @@ def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
         until the distance from walls is more than any point of the body moves, or that is less than a millimetre.
     """
     checks.instance("grid", grid, Grid)
-    for name, value, has in (("robot", robot, "braking"), ("motion", motion, "turn_rate")):
-        if not hasattr(value, has):
-            raise BadParameter(name, value, f"a {'RobotSpec' if name == 'robot' else 'Motion'}")
+    if not hasattr(robot, "braking"):
+        raise BadParameter("robot", robot, "a RobotSpec")
+    if not hasattr(motion, "turn_rate"):
+        raise BadParameter("motion", motion, "a Motion")
     faults = _shape_faults(motion) or [*_limit_faults(robot, motion), *_wall_faults(grid, robot, motion)]
     if faults:
         raise InvalidPlan(faults)

@@ -38,8 +38,9 @@ def goal_of_cells(task: Task) -> XY:
 
     From there the goal is reached in a straight line; if there is no such cell, it is the goal.
     """
-    inflated = task.grid.inflate(task.robot.radius)
-    if inflated.is_free(inflated.cell_at(task.goal)):
+    centre = task.grid.centre(task.grid.cell_at(task.goal))
+    if clear(task, centre, centre):
         return task.goal
+    inflated = task.grid.inflate(task.robot.radius)
     cell = nearest_free(task, inflated, task.goal, cells=2)
     return task.goal if cell is None else inflated.centre(cell)

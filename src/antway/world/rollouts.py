@@ -99,7 +99,7 @@ def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     box = np.array([x0, x1, y0, y1, robot.radius])
     if robot.footprint is None:
         return box, np.empty((0, 3))
-    edge = min(x1 - x0, y1 - y0) / 4.0  # discs of this side's corners reach a twentieth of the body's width beyond it
+    edge = min(x1 - x0, y1 - y0) / 4.0  # so that discs reach a twentieth of the width beyond the body
     m, n = (min(max(round(side / edge), 1), _DISCS) for side in (x1 - x0, y1 - y0))
     radius = math.hypot((x1 - x0) / m, (y1 - y0) / n) / 2.0
     xs, ys = x0 + (np.arange(m) + 0.5) * (x1 - x0) / m, y0 + (np.arange(n) + 0.5) * (y1 - y0) / n

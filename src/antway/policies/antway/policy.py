@@ -165,22 +165,21 @@ class AntwayPolicy:
             If the robot does not fit at the start or at the goal.
         """
         robot, grid = task.robot, task.grid
-        context, start, goal = static_side(task, self.moves)
-        cells = grid.blocked.size
+        side = static_side(task, self.moves)
+        context, cells = side[0], grid.blocked.size
         settings = self._settings(task)
         paces = self._paces(context, settings, robot)
         controls = None
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
-            context = away_from_walls(context, task, start, goal, self.moves)
+            context = away_from_walls(task, *side, self.moves)
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
             swerve = float(task.obstacle_swerve) if strict else None  # else no stop is better than the best ant
             field, fine = context.field, with_fine_cells(task)
             if fine is not task:
-                side, start, goal = static_side(fine, self.moves)
-                field = away_from_walls(side, fine, start, goal, self.moves).field
+                field = away_from_walls(fine, *static_side(fine, self.moves), self.moves).field
             controls = ControlColony(self.controls, fine, field.reshape(fine.grid.shape), seed, swerve)
         if self.guard:
             self.guard.reset(task)

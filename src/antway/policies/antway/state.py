@@ -283,8 +283,8 @@ def without_edges(settings: Settings) -> Settings:
     return settings._replace(**open_ended)
 
 
-def away_from_walls(context: PlanningContext, task: Task, start: Cell, goal: Cell, moves: Moves) -> PlanningContext:
-    """Return the context of a robot that keeps a little room to walls, where that leads from the start to the goal.
+def away_from_walls(task: Task, context: PlanningContext, start: Cell, goal: Cell, moves: Moves) -> PlanningContext:
+    """Return the context, from `static_side`, with a little room kept to walls where that leads from the start to the goal.
 
     If it does not, as where one of them is too near a wall, it keeps that room away from both of them, or else nowhere.
     """
