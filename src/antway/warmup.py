@@ -77,6 +77,7 @@ def late() -> None:
     Each is there before the episode needs it: that compiles the map's moves and what senses meanwhile, then what predicts.
     """
     from antway import Command, Problem, RobotSpec, Task, load_map, load_scenario, solve
+    from antway.kernels.tracking.predict import crosses_edge
     from antway.policies.antway.alternatives import Situation, manner
     from antway.policies.antway.policy import AntwayPolicy
     from antway.policies.guard import Guard
@@ -85,6 +86,7 @@ def late() -> None:
 
     task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
     guard.reset(task)
+    solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")  # the episode is not done with its moves before
     policy.reset(task, 0)
     s = policy._state
     estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
@@ -98,10 +100,13 @@ def late() -> None:
         situation.cost(path)
         manner("crossing", (1.0, 0.0), path, segments, 0.0)
     stage = Episode(load_scenario("office"), policy, seed=0).stage
-    guard.limit(stage.observe(), Command((0.0, 0.0)))
+    seen = stage.observe()
+    guard.limit(seen, Command((0.0, 0.0)))
     stage.drive(0.0, 0.0)
+    policy.pheromone()
+    crosses_edge(estimates, s.terrain)
+    policy._aside(s, seen, 1, 0.0, (0.0, 0.0))
     Routes(task)
-    solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")
 
 
 def _timed(name: str, argument: str) -> tuple[str, float]:

@@ -9,30 +9,45 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.targetconfig import ConfigStack
 from numba.core.types import BaseFunction as _BaseFunction
 
-_GARBAGE = 100_000  # objects made until garbage is looked for; Python's own number is 700
+_GARBAGE = 100_000  # objects made until garbage is looked for among the young ones; Python's own number is 700
+_YOUNG = 1_000  # times that it is until older ones are looked at too, which are in use; Python's own number is 10
 
 BaseFunction: Any = _BaseFunction
-_flags_in_use: Any = ConfigStack.top_or_none
+FlagsStack: Any = ConfigStack
+_HANDED_ON = "nrt", "fastmath", "error_model", "forceinline"  # flags that a kernel hands on to what it calls
 _get_call_type = BaseFunction.get_call_type
 _typed: dict[Any, Any] = {}  # the signature and the implementation of a function for arguments of these types, with these flags
-_summaries: dict[int, tuple[Any, str]] = {}  # flags, kept so that no others have their id, and what they say
+_handed_on: dict[int, tuple[Any, Any, str]] = {}  # flags, kept so that no others have their id, those handed on, what they say
+
+
+def _flags_handed_on() -> tuple[Any, str]:
+    """Return flags with those alone that matter to what is called, and what they say."""
+    flags = FlagsStack.top_or_none()
+    if id(flags) not in _handed_on:
+        few = type(flags)() if flags is not None else None
+        for name in _HANDED_ON if few is not None else ():
+            setattr(few, name, getattr(flags, name))
+        _handed_on[id(flags)] = flags, few, "" if few is None else few.summary()
+    return _handed_on[id(flags)][1:]
 
 
 def _known_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-    """Return the signature of a call: one that has been found before is not looked for again."""
-    flags = _flags_in_use()
-    if id(flags) not in _summaries:
-        _summaries[id(flags)] = flags, "" if flags is None else flags.summary()
-    key = self, context, tuple(args), tuple(kws.items()), _summaries[id(flags)][1]
+    """Return the signature of a call: one that has been found before is not looked for again.
+
+    Numba compiles what is called anew for kernels with other flags, whether those matter to it or not.
+    """
+    flags, summary = _flags_handed_on()
+    key = self, context, tuple(args), tuple(kws.items()), summary
     if key not in _typed:
-        signature = _get_call_type(self, context, args, kws)
+        with nullcontext() if flags is None else FlagsStack().enter(flags):
+            signature = _get_call_type(self, context, args, kws)
         _typed[key] = signature, self._impl_keys[signature.args]
     signature, self._impl_keys[signature.args] = _typed[key]
     return signature
@@ -46,7 +61,7 @@ def quick_compiler() -> Iterator[None]:
             yield
             return
         garbage = gc.get_threshold()
-        gc.set_threshold(max(garbage[0], _GARBAGE) if garbage[0] else 0, *garbage[1:])
+        gc.set_threshold(max(garbage[0], _GARBAGE) if garbage[0] else 0, *(max(count, _YOUNG) for count in garbage[1:]))
         BaseFunction.get_call_type = _known_call_type
         try:
             yield
