@@ -15,7 +15,7 @@ from antway import BadInput, Grid, InvalidPlan, Outcome, RobotSpec, Scenario, Wo
 from antway.kernels.colony.held_karp import earliest_of_few
 from antway.scenes import scene
 from antway.world.episode import Episode
-from antway.world.motions import Line
+from antway.world.motions import Line, Replay
 from antway.world.policy import make_policy
 from antway.world.rounds import MANY, RoundsPolicy
 from antway.world.scenario import save_scenario
@@ -329,3 +329,14 @@ def test_a_last_stop_within_the_goal_ends_the_rounds(drive: str, rates: dict) ->
     result = run(scenario, "antway")
     check_episode(result)
     assert result.reached and result.time < 12.0
+
+
+@pytest.mark.parametrize("policy", ["antway", "paper", "replan"])
+def test_a_stop_on_which_somebody_stands_is_visited_once_he_leaves(policy: str) -> None:
+    stop = (3.0, 5.0)
+    stands = Replay((0.0, 2.0, 30.0, 35.0), ((3.0, 3.0), stop, stop, (3.0, 2.5)))
+    scenario = hall(stops=(Stop(stop, "ward"), Stop((5.0, 5.0), "desk")), obstacles=(Obstacle(0.4, stands),), horizon=90.0)
+    result = run(scenario, policy, seed=0)
+    check_episode(result)
+    assert result.outcome is Outcome.REACHED
+    assert 30.0 < result.time < 60.0

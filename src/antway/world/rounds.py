@@ -213,16 +213,20 @@ class RoundsPolicy:
         return Grid(blocked, self.free.resolution, self.free.origin)
 
     def _seen(self) -> Grid:
-        """Return the map with the cells that lie wholly within obstacles that stand."""
-        grid = self.task.grid
+        """Return the map with the cells that lie wholly within obstacles that stand.
+
+        Not those that stand where the robot is or is to go: no policy sets out for a place within a wall, and they may move on.
+        """
+        grid, ends = self.task.grid, (self.xy, self._target)
         if not self.walls:
             return grid
         rows, cols = np.indices(grid.shape)
         blocked = grid.blocked.copy()
         for number in self.walls & self.standing.keys():
             _, _, x, y, radius = self.standing[number]
-            row, col = grid.to_points([(x, y)])[0]
-            blocked |= np.hypot(rows - row, cols - col) < radius / grid.resolution - 0.71
+            if min(math.dist((x, y), end) for end in ends) >= radius + self.task.robot.radius + grid.resolution:
+                row, col = grid.to_points([(x, y)])[0]
+                blocked |= np.hypot(rows - row, cols - col) < radius / grid.resolution - 0.71
         return replace(grid, blocked=blocked)
 
     def _distance(self, around: Grid) -> float:
