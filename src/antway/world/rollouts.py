@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits
-from antway.kernels.controls.fields import beyond_walls, wall_distance
+from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
 from antway.kernels.controls.rollout import StaticField
 from antway.kernels.robot.motion import delayed
 from antway.world.policy import XY, Command, Observation
@@ -21,6 +21,11 @@ _NODES = 4_000_000  # at most
 _NEAR = 1.0  # m; so near the goal, and less up to twice as far, times count to the goal itself
 _MOST_NEAR = 200  # cells to each side of the goal that are looked at for that
 _LAYERS = 4  # cells by which the time to the goal is continued into walls
+_HEADINGS, _FEWEST = 24, 8  # of a car for each of which there is a time to the goal, at most and at least,
+_FINE = 4  # in cells of which its turning radius is so many, or in larger ones if there were
+_PARTS = 4  # parts of a cell's edge at most; on cells of larger parts its arcs cannot be told apart
+_POSES = 150_000  # more poses than this, for which it takes a few tenths of a second
+_SWEEPS = 80  # at most, of times by heading
 _DISCS = 8  # at most, that cover a footprint's longer side
 _FAST = 1e3  # m/s^2, rad/s^2: as good as at once
 
@@ -72,7 +77,42 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
         np.array([x + size / 2, y + size / 2, 1.0 / size]),
         np.array([*goal, tolerance]),
         *_body(robot),
+        *_by_heading(near, grid, robot),
     )
+
+
+def _by_heading(
+    time_to_goal: NDArray[np.float64], grid: Grid, robot: RobotSpec
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return the times of a car by its heading, and their frame: `StaticField.turning` and `StaticField.turning_frame`.
+
+    There are none for other robots, and where the map is too large for cells on which a car's arcs can be told apart.
+    """
+    if robot.turning_radius == 0.0:
+        return np.empty((0, 0, 0), np.float32), np.zeros(3)
+    fine = max(int(robot.turning_radius / (_FINE * grid.resolution)), 1)
+    fine = max(fine, math.ceil(math.sqrt(_HEADINGS * grid.blocked.size / _POSES)))
+    parts = max(math.ceil(_FEWEST * grid.resolution / (2.0 * math.pi * robot.turning_radius)), 1) if fine == 1 else 1
+    size = fine * grid.resolution / parts
+    headings = min(int(2.0 * math.pi * robot.turning_radius / size), _HEADINGS)
+    if headings < _FEWEST or min(grid.shape) * parts <= fine or parts > _PARTS:
+        return np.empty((0, 0, 0), np.float32), np.zeros(3)
+    rows, cols = (np.arange(0, side, fine) for side in grid.shape)
+    times = np.minimum.reduceat(np.minimum.reduceat(time_to_goal, rows, axis=0), cols, axis=1)
+    times = (times - times.min()).repeat(parts, axis=0).repeat(parts, axis=1)
+    poses = turning_times(times, headings, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
+    field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in poses])
+    return field, np.array([grid.origin[0] + size / 2, grid.origin[1] + size / 2, 1.0 / size])
+
+
+def static_time(field: StaticField, state: RobotState) -> float:
+    """Return the time in s to the goal of the nearest cell, of a car with the nearest heading."""
+    times, frame = field.time, field.time_frame
+    if len(field.turning):
+        times = field.turning[round(state[2] * len(field.turning) / (2.0 * math.pi)) % len(field.turning)]
+        frame = field.turning_frame
+    row, col = (round((at - low) * frame[2]) for at, low in ((state[1], frame[1]), (state[0], frame[0])))
+    return float(times[min(max(row, 0), times.shape[0] - 1), min(max(col, 0), times.shape[1] - 1)])
 
 
 def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: float, goal: XY) -> NDArray[np.float64]:

@@ -1,4 +1,7 @@
-"""The map as fields that a rollout looks up: the distance to walls, and the time to the goal continued into them."""
+"""The map as fields that a rollout looks up: the distance to walls, and the time to the goal continued into them.
+
+For cars, whose turning radius decides where they can go at all, the time to the goal is by heading as well.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 
+_SETTLED = 0.05  # s; times by heading are found once none changes by more
+_STEP = 1.5  # cells
+_STUCK = 60.0  # s; by how much later the goal is at most for what cannot turn at once
 _SIDES = 3.0  # cells; next to one wall cell, times differ by no more than it takes to go round it
 
 
@@ -95,3 +101,84 @@ def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArra
             if math.isinf(out[i, j]):
                 out[i, j] = top + layers * step
     return out.astype(np.float32)
+
+
+@kernel
+def turning_times(
+    times: NDArray[np.float64], headings: int, size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
+) -> NDArray[np.float64]:
+    """Time in s from each cell and heading to the goal, of a car that goes straight or turns at its turning radius.
+
+    Parameters
+    ----------
+    times : float64[H, W]
+        That of a robot that turns in no time; infinite where its centre cannot be, 0 at the goal.
+    headings : int
+        Heading k is 2 pi k / headings, rad.
+    size, radius : float
+        Edge of a cell and turning radius, m.
+    v_max, v_reverse : float
+        m/s; the second may be 0.
+    sweeps : int
+        At most so often all poses are looked at; few that would take much longer may then be told too short a time.
+
+    Returns
+    -------
+    float64[headings, H, W]
+        At most 60 s more than `times`, as from where no path leads to the goal: in front of a wall a car without reverse stays.
+
+    Notes
+    -----
+    Value iteration from `times`, which no car betters: t(pose) = min over what it can do of how long that takes and t of where
+    it leads, interpolated between cells. Arcs are as long as a turn from one heading to the next, a straight step is a cell and
+    a half; so near the goal no heading matters.
+    """
+    rows, cols = times.shape
+    by_heading = np.empty((headings, rows, cols))
+    turn = 2.0 * math.pi / headings
+    steps = np.empty((headings, 6, 4))  # of each heading: which it leads to, rows and columns from here, and how long it takes
+    for k in range(headings):
+        by_heading[k] = times
+        for n in range(6):
+            back, side = n % 2 == 1, n // 2 - 1
+            far = (2.0 * radius * math.sin(0.5 * turn) / size if side else _STEP) * (-1.0 if back else 1.0)
+            angle = (k + 0.5 * side) * turn
+            speed, length = v_reverse if back else v_max, radius * turn if side else _STEP * size
+            took = length / speed if speed > 0.0 else math.inf
+            steps[k, n] = float((k + side) % headings), far * math.sin(angle), far * math.cos(angle), took
+    sweep, change = 0, math.inf
+    while change > _SETTLED and sweep < sweeps:
+        change = 0.0
+        for i in range(headings):
+            k = i if sweep % 2 == 0 else headings - 1 - i
+            for m in range(rows):
+                r = m if sweep & 2 else rows - 1 - m
+                for n in range(cols):
+                    c = n if sweep & 4 else cols - 1 - n
+                    if times[r, c] * v_max <= _STEP * size or math.isinf(times[r, c]):
+                        continue
+                    best = times[r, c] + _STUCK
+                    for taken in steps[k]:
+                        if taken[3] < math.inf:
+                            best = min(best, taken[3] + _between(by_heading[int(taken[0])], r + taken[1], c + taken[2]))
+                    change = max(change, abs(best - by_heading[k, r, c]))
+                    by_heading[k, r, c] = best
+        sweep += 1
+    return by_heading
+
+
+@inner_kernel
+def _between(times: NDArray[np.float64], y: float, x: float) -> float:
+    """Time at row y and column x, interpolated between those of four cells that are free; infinite if the nearest is not."""
+    if y < 0.0 or x < 0.0 or y > times.shape[0] - 1.0 or x > times.shape[1] - 1.0:
+        return math.inf
+    if math.isinf(times[int(y + 0.5), int(x + 0.5)]):
+        return math.inf
+    i, j = min(int(y), times.shape[0] - 2), min(int(x), times.shape[1] - 2)
+    u, w, total, weight = y - i, x - j, 0.0, 0.0
+    for a in range(2):
+        for b in range(2):
+            time, share = times[i + a, j + b], (u if a else 1.0 - u) * (w if b else 1.0 - w)
+            if time < math.inf:
+                total, weight = total + share * time, weight + share
+    return total / weight

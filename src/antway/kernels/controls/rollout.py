@@ -28,6 +28,8 @@ class StaticField(NamedTuple):
     # of the disc round (0, 0) that does, m
     discs: NDArray[np.float64]  # [D, 3] x, y of discs that cover that box, and by how much smaller they are than that one, m;
     # none if the robot is a disc
+    turning: NDArray[np.float32]  # [K, H', W'] s to the goal from the heading 2 pi k / K, of a car; of other robots K = 0
+    turning_frame: NDArray[np.float64]
 
 
 class Outlook(NamedTuple):
@@ -135,6 +137,21 @@ def step(
 
 
 @inner_kernel
+def time_to_go(field: StaticField, x: float, y: float, c: float, s: float) -> float:
+    """Time in s to the goal, among the walls alone; of a car also by its heading, whose cosine is c and sine s."""
+    straight = max(sample(field.time, x, y, field.time_frame), 0.0)
+    headings = len(field.turning)
+    if headings == 0:
+        return straight
+    k = math.atan2(s, c) * headings / (2.0 * math.pi)
+    low = math.floor(k)
+    one, other = field.turning[int(low) % headings], field.turning[int(low + 1.0) % headings]
+    turned = sample(one, x, y, field.turning_frame)
+    turned += (k - low) * (sample(other, x, y, field.turning_frame) - turned)
+    return max(straight, turned)
+
+
+@inner_kernel
 def _clearance(x: float, y: float, c: float, s: float, enough: float, field: StaticField) -> float:
     """Distance to walls in m, of the disc that holds the robot; below `enough` that of its smaller discs, if it is more."""
     wall = sample(field.wall, x, y, field.wall_frame)
@@ -237,8 +254,10 @@ def lost_time(
     """Time in s that a robot loses to ramps and turns against the static time `to_go`, as it drives and points at the end.
 
     It turns on the way, at full rate: of the angle phi to the steepest descent that costs (phi - sin phi) / rate. Or wheels
-    drive there in reverse, if that takes less.
+    drive there in reverse, if that takes less. Of a car `to_go` knows its turns.
     """
+    if len(field.turning) > 0:
+        return _speeding_up(abs(a), limits.v_max, to_go, limits.v_max, limits.a_max)
     gx, gy, steep = slope(field, x, y, 1.0 / field.time_frame[2])
     if steep < 1e-9 or to_go <= 0.0:
         return 0.0
@@ -320,7 +339,7 @@ def judge(
             for j in range(k + 1, rows):
                 path[j, 0], path[j, 1] = x, y
             return cost + w.wall * decay * _too_fast(x, y, c, s, a, b, limits, field) - (steps - 1 - k) * dt
-        to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
+        to_go = time_to_go(field, x, y, c, s)
         px, py = x - outlook.plan[k, 0], y - outlook.plan[k, 1]
         value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))
         cost += w.progress * value

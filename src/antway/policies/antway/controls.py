@@ -16,12 +16,13 @@ from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
-from antway.world.rollouts import RobotState, commanded, finite_limits, static_field
+from antway.world.rollouts import RobotState, commanded, finite_limits, static_field, static_time
 
 _DISCS = 64  # at most, near one another at one time; of more tracks some share an entry of what they cost
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
 _NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
 _ALIKE = 0.3  # m; paths no farther apart are one
+_STALL = 20.0  # s; who has come no nearer to the goal for twice as long fears what is not certain half as much, and so on
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +167,7 @@ class ControlColony:
         self.path: TimedPath | None = None
         self.state = np.zeros(5)
         self.start = 0.0
+        self.nearest, self.since = math.inf, 0.0  # the least time to the goal so far, s, and when it was that
 
     def spread(self, estimates: NDArray[np.float64], wrong: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how wrong places (m) and velocities (m/s) of the tracks are, float64[K, 2].
@@ -228,7 +230,8 @@ class ControlColony:
         else:
             self.outlook.plan[:, 2] = -math.inf
         shift(self.archive)
-        known = self.state, self.limits, dt, self.field, self.outlook, self.weights, self.random
+        weights = self._impatient(start, static_time(self.field, state))
+        known = self.state, self.limits, dt, self.field, self.outlook, weights, self.random
         if self.averaging is None:
             entry(forage, self.archive, self.settings, *known)(self.archive, self.settings, *known)
         else:
@@ -236,6 +239,15 @@ class ControlColony:
             search(self.archive, self.settings, self.averaging, *known)
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
         return commanded(one, two, observation.heading, self.robot)
+
+    def _impatient(self, now: float, to_go: float) -> CostWeights:
+        """Return what rollouts cost: who comes no nearer to the goal takes more and more risk, or he would never arrive.
+
+        Beside a place where somebody stands whose velocity is not known well, to wait would be better for ever.
+        """
+        if to_go < self.nearest - self.robot.dt:
+            self.nearest, self.since = to_go, now
+        return self.weights._replace(risk=self.weights.risk * 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0))
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all other sequences kept, best first, float64[N, 2]."""

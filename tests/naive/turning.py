@@ -1,0 +1,43 @@
+"""How long a car takes to the goal from one pose, given that of all others: every way to go on is tried."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+def backup(
+    poses: np.ndarray, times: np.ndarray, pose: tuple[int, int, int], size: float, radius: float, v_max: float, v_reverse: float
+) -> float:
+    """Return the least time from a pose (heading, row, column) if those of the poses that it leads to are right."""
+    headings = len(poses)
+    turn = 2.0 * math.pi / headings
+    k, row, col = pose
+    least = times[row, col] + 60.0
+    for speed, sign in ((v_max, 1.0), (v_reverse, -1.0)):
+        for side in (-1, 0, 1):
+            if speed == 0.0:
+                continue
+            # drive an arc from one heading to the next, or straight for a cell and a half, and look where it ends
+            length = radius * turn if side else 1.5 * size
+            heading, bend = k * turn, side * turn
+            if side:
+                x = radius / side * (math.sin(heading + bend) - math.sin(heading))
+                y = -radius / side * (math.cos(heading + bend) - math.cos(heading))
+            else:
+                x, y = length * math.cos(heading), length * math.sin(heading)
+            r, c = row + sign * y / size, col + sign * x / size
+            if not (0.0 <= r <= times.shape[0] - 1 and 0.0 <= c <= times.shape[1] - 1):
+                continue
+            if np.isinf(times[math.floor(r + 0.5), math.floor(c + 0.5)]):
+                continue
+            shares = {}
+            for i in (math.floor(r), math.floor(r) + 1):
+                for j in (math.floor(c), math.floor(c) + 1):
+                    share = (1.0 - abs(r - i)) * (1.0 - abs(c - j))
+                    if share > 0.0 and np.isfinite(times[i, j]):
+                        shares[i, j] = share
+            after = sum(share * poses[(k + side) % headings][cell] for cell, share in shares.items()) / sum(shares.values())
+            least = min(least, length / speed + after)
+    return least

@@ -1,0 +1,72 @@
+"""Cars: how long they take to the goal from each heading, and that they find the way that their turning radius leaves them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import Grid, Outcome, RobotSpec, Scenario, World, check_episode, run
+from antway.kernels.controls.fields import turning_times
+from antway.world.rollouts import static_field, static_time
+from common import cases
+from naive.turning import backup
+
+CAR = RobotSpec(drive="ackermann", radius=0.3, v_max=0.8, a_max=1.5, turning_radius=1.2, turn_rate=2.0)
+
+
+@pytest.mark.parametrize("seed", range(cases(4)))
+@pytest.mark.parametrize("v_reverse", [0.0, 0.4])
+def test_no_pose_is_bettered_by_a_single_arc(seed: int, v_reverse: float) -> None:
+    rng = np.random.default_rng(seed)
+    rows, cols, headings, size, radius = 9, 11, 12, 0.3, 0.8
+    times = np.hypot(*np.indices((rows, cols)) - np.array([4.0, 5.0])[:, None, None]) * size
+    times[(rng.random((rows, cols)) < 0.15) & (times > 0.0)] = math.inf
+    poses = turning_times(times, headings, size, radius, 1.0, v_reverse, 10_000)
+    free = np.isfinite(times)
+    assert (np.isinf(poses) == ~free).all()
+    assert (poses[:, free] <= times[free] + 60.0).all()
+    for k in range(headings):
+        for row, col in np.argwhere(free & (times > 1.5 * size)).tolist():
+            at = k, row, col
+            assert poses[at] == pytest.approx(backup(poses, times, at, size, radius, 1.0, v_reverse), abs=0.1)
+
+
+def test_in_the_open_a_car_turns_before_it_comes_back() -> None:
+    """Beside the straight line stands what Dubins' paths take: half a circle and more to what is behind."""
+    side, size, radius = 81, 0.1, 1.0
+    times = np.hypot(*np.indices((side, side)) - 40.0) * size
+    poses = turning_times(times, 24, size, radius, 1.0, 0.0, 80)
+    assert poses[0, 40, 20] == pytest.approx(2.0, abs=0.05)  # ahead
+    behind = poses[12, 40, 20]  # 2 m behind: the shortest path there is a turn by 270 degrees less what the tangent saves
+    tangent = math.sqrt(2.0**2 + 1.0**2 - 1.0**2)
+    turned = 2.0 * math.pi - 2.0 * math.atan2(radius, tangent) - (math.pi - 2.0 * math.atan2(radius, tangent))
+    assert turned * radius < behind < 1.25 * (turned * radius + tangent)
+
+
+def aisle(v_reverse: float = 0.0) -> Scenario:
+    """A car that faces up an aisle in which it cannot turn; the shortest path leads down and out of it."""
+    blocked = np.zeros((120, 100), dtype=bool)
+    blocked[20:100, 30:39] = blocked[20:100, 60:69] = True
+    return Scenario(World(Grid(blocked, 0.1)), (5.0, 4.0), (1.5, 6.5), replace(CAR, v_reverse=v_reverse), horizon=60.0)
+
+
+@pytest.mark.parametrize("v_reverse", [0.0, 0.3])
+def test_a_car_drives_out_of_an_aisle_in_which_it_cannot_turn(v_reverse: float) -> None:
+    result = run(aisle(v_reverse), "antway", seed=0)
+    check_episode(result)
+    assert result.outcome is Outcome.REACHED
+
+
+def test_who_turns_at_once_needs_no_times_by_heading() -> None:
+    grid = Grid(np.zeros((20, 20), dtype=bool), 0.2)
+    times = np.hypot(*np.indices((20, 20)) - 10.0) * 0.2
+    field = static_field(grid, RobotSpec(drive="differential", a_max=1.0), times, (2.1, 2.1), 0.2)
+    assert field.turning.size == 0
+    assert static_time(field, (2.1, 0.1, 0.0, 0.0, 0.0)) == pytest.approx(1.8, abs=0.1)
+    field = static_field(grid, CAR, times / 0.8, (2.1, 2.1), 0.2)
+    ahead, behind = (static_time(field, (2.1, 0.3, heading, 0.0, 0.0)) for heading in (0.5 * math.pi, -0.5 * math.pi))
+    assert ahead == pytest.approx(2.25, abs=0.2)
+    assert behind > ahead + 3.0
