@@ -95,13 +95,14 @@ def _by_heading(
     parts = max(math.ceil(_FEWEST * grid.resolution / (2.0 * math.pi * robot.turning_radius)), 1) if fine == 1 else 1
     size = fine * grid.resolution / parts
     headings = min(int(2.0 * math.pi * robot.turning_radius / size), _HEADINGS)
-    if headings < _FEWEST or min(grid.shape) * parts <= fine or parts > _PARTS:
+    goal = time_to_goal.min()
+    if headings < _FEWEST or min(grid.shape) * parts <= fine or parts > _PARTS or math.isinf(goal):
         return np.empty((0, 0, 0), np.float32), np.zeros(3)
     rows, cols = (np.arange(0, side, fine) for side in grid.shape)
     times = np.minimum.reduceat(np.minimum.reduceat(time_to_goal, rows, axis=0), cols, axis=1)
-    times = (times - times.min()).repeat(parts, axis=0).repeat(parts, axis=1)
+    times = (times - goal).repeat(parts, axis=0).repeat(parts, axis=1)
     poses = turning_times(times, headings, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
-    field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in poses])
+    field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in (*poses, times)])
     return field, np.array([grid.origin[0] + size / 2, grid.origin[1] + size / 2, 1.0 / size])
 
 
@@ -109,7 +110,8 @@ def static_time(field: StaticField, state: RobotState) -> float:
     """Return the time in s to the goal of the nearest cell, of a car with the nearest heading."""
     times, frame = field.time, field.time_frame
     if len(field.turning):
-        times = field.turning[round(state[2] * len(field.turning) / (2.0 * math.pi)) % len(field.turning)]
+        headings = len(field.turning) - 1
+        times = field.turning[round(state[2] * headings / (2.0 * math.pi)) % headings]
         frame = field.turning_frame
     row, col = (round((at - low) * frame[2]) for at, low in ((state[1], frame[1]), (state[0], frame[0])))
     return float(times[min(max(row, 0), times.shape[0] - 1), min(max(col, 0), times.shape[1] - 1)])

@@ -13,6 +13,7 @@ from antway.kernels.base.records import HOLONOMIC, RobotLimits
 
 SX, SY, HEADING, A, B = range(5)  # of a state: place (m), heading (rad), and speed and turn rate, or the velocity's x and y
 CENTRE_X, CENTRE_Y, CONTACT, WISHED, SPEED, VX, VY, STRAIGHT, LIKELY, OWNER = range(10)  # of an obstacle at the end of a step
+_TURN = 1.0  # s; a turn that takes no longer is seen well enough by rollouts, and by what they lose at their end
 _NOW = 3.0  # times; what a guard would not allow at once counts so much more
 
 
@@ -28,7 +29,10 @@ class StaticField(NamedTuple):
     # of the disc round (0, 0) that does, m
     discs: NDArray[np.float64]  # [D, 3] x, y of discs that cover that box, and by how much smaller they are than that one, m;
     # none if the robot is a disc
-    turning: NDArray[np.float32]  # [K, H', W'] s to the goal from the heading 2 pi k / K, of a car; of other robots K = 0
+    turning: NDArray[
+        np.float32
+    ]  # [K + 1, H', W'] s to the goal of a car with the heading 2 pi k / K, and last of one that turns
+    # at once; empty for other robots
     turning_frame: NDArray[np.float64]
 
 
@@ -137,18 +141,17 @@ def step(
 
 
 @inner_kernel
-def time_to_go(field: StaticField, x: float, y: float, c: float, s: float) -> float:
-    """Time in s to the goal, among the walls alone; of a car also by its heading, whose cosine is c and sine s."""
-    straight = max(sample(field.time, x, y, field.time_frame), 0.0)
-    headings = len(field.turning)
-    if headings == 0:
-        return straight
+def _turning(field: StaticField, x: float, y: float, c: float, s: float) -> float:
+    """Time in s that a car loses to its turning radius, beyond _TURN; its heading has cosine c and sine s."""
+    headings = len(field.turning) - 1
+    if headings < 1:
+        return 0.0
     k = math.atan2(s, c) * headings / (2.0 * math.pi)
     low = math.floor(k)
     one, other = field.turning[int(low) % headings], field.turning[int(low + 1.0) % headings]
     turned = sample(one, x, y, field.turning_frame)
     turned += (k - low) * (sample(other, x, y, field.turning_frame) - turned)
-    return max(straight, turned)
+    return max(turned - sample(field.turning[headings], x, y, field.turning_frame) - _TURN, 0.0)
 
 
 @inner_kernel
@@ -254,10 +257,8 @@ def lost_time(
     """Time in s that a robot loses to ramps and turns against the static time `to_go`, as it drives and points at the end.
 
     It turns on the way, at full rate: of the angle phi to the steepest descent that costs (phi - sin phi) / rate. Or wheels
-    drive there in reverse, if that takes less. Of a car `to_go` knows its turns.
+    drive there in reverse, if that takes less.
     """
-    if len(field.turning) > 0:
-        return _speeding_up(abs(a), limits.v_max, to_go, limits.v_max, limits.a_max)
     gx, gy, steep = slope(field, x, y, 1.0 / field.time_frame[2])
     if steep < 1e-9 or to_go <= 0.0:
         return 0.0
@@ -315,8 +316,8 @@ def judge(
     Notes
     -----
     The time to go from (x, y) at a time is the static one, or what the plan still takes from where it is by then, and the path
-    there, if that is more: behind a moving obstacle the map's time promises too much. At the end of the sequence comes what
-    the robot will lose to ramps and turns. A rollout that reaches the goal ends.
+    there, if that is more: behind a moving obstacle the map's time promises too much. A car's turns come on top. At the end of
+    the sequence comes what the robot will lose to ramps and turns. A rollout that reaches the goal ends.
     """
     x, y, a, b = state[SX], state[SY], state[A], state[B]
     c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
@@ -339,9 +340,10 @@ def judge(
             for j in range(k + 1, rows):
                 path[j, 0], path[j, 1] = x, y
             return cost + w.wall * decay * _too_fast(x, y, c, s, a, b, limits, field) - (steps - 1 - k) * dt
-        to_go = time_to_go(field, x, y, c, s)
+        to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
         px, py = x - outlook.plan[k, 0], y - outlook.plan[k, 1]
         value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))
+        value += _turning(field, x, y, c, s)
         cost += w.progress * value
         if k == steps - 1:
             return cost + value + lost_time(x, y, c, s, a, b, to_go, field, limits)
