@@ -19,8 +19,8 @@ def backup(
         for side in (-1, 0, 1):
             if speed == 0.0:
                 continue
-            # drive an arc from one heading to the next, or straight for a cell and a half, and look where it ends
-            length = radius * turn if side else 1.5 * size
+            # drive an arc from one heading to the next, or straight for 1.4 cells, and look where it ends
+            length = radius * turn if side else 1.4 * size
             heading, bend = k * turn, side * turn
             if side:
                 x = radius / side * (math.sin(heading + bend) - math.sin(heading))
@@ -31,6 +31,11 @@ def backup(
             if not (0.0 <= r <= times.shape[0] - 1 and 0.0 <= c <= times.shape[1] - 1):
                 continue
             if np.isinf(times[math.floor(r + 0.5), math.floor(c + 0.5)]):
+                continue
+            looks = math.ceil(math.hypot(r - row, c - col) - 1e-9)
+            shares_of_it = [i / looks for i in range(1, looks)]
+            there = [(math.floor(row + (r - row) * one + 0.5), math.floor(col + (c - col) * one + 0.5)) for one in shares_of_it]
+            if any(np.isinf(times[cell]) for cell in there):
                 continue
             shares = {}
             for i in (math.floor(r), math.floor(r) + 1):

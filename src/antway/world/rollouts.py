@@ -22,7 +22,7 @@ _NEAR = 1.0  # m; so near the goal, and less up to twice as far, times count to 
 _MOST_NEAR = 200  # cells to each side of the goal that are looked at for that
 _LAYERS = 4  # cells by which the time to the goal is continued into walls
 _HEADINGS, _FEWEST = 24, 8  # of a car for each of which there is a time to the goal, at most and at least,
-_FINE = 4  # in cells of which its turning radius is so many, or in larger ones if there were
+_FINE, _FINEST = 4, 0.25  # in cells of which its turning radius is so many, and of so many m, or in larger ones if there were
 _PARTS = 4  # parts of a cell's edge at most; on cells of larger parts its arcs cannot be told apart
 _POSES = 150_000  # more poses than this, for which it takes a few tenths of a second
 _SWEEPS = 80  # at most, of times by heading
@@ -90,7 +90,7 @@ def _by_heading(
     """
     if robot.turning_radius == 0.0:
         return np.empty((0, 0, 0), np.float32), np.zeros(3)
-    fine = max(int(robot.turning_radius / (_FINE * grid.resolution)), 1)
+    fine = max(int(min(robot.turning_radius / _FINE, _FINEST) / grid.resolution), 1)
     fine = max(fine, math.ceil(math.sqrt(_HEADINGS * grid.blocked.size / _POSES)))
     parts = max(math.ceil(_FEWEST * grid.resolution / (2.0 * math.pi * robot.turning_radius)), 1) if fine == 1 else 1
     size = fine * grid.resolution / parts

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import inner_kernel, kernel
 
 _SETTLED = 0.05  # s; times by heading are found once none changes by more
-_STEP = 1.5  # cells
+_STEP = 1.4  # cells
 _STUCK = 60.0  # s; by how much later the goal is at most for what cannot turn at once
 _SIDES = 3.0  # cells; next to one wall cell, times differ by no more than it takes to go round it
 
@@ -130,8 +130,8 @@ def turning_times(
     Notes
     -----
     Value iteration from `times`, which no car betters: t(pose) = min over what it can do of how long that takes and t of where
-    it leads, interpolated between cells. Arcs are as long as a turn from one heading to the next, a straight step is a cell and
-    a half; so near the goal no heading matters.
+    it leads, interpolated between cells. Arcs are as long as a turn from one heading to the next, a straight step is 1.4
+    cells; nearer to the goal no heading matters.
     """
     rows, cols = times.shape
     by_heading = np.empty((headings, rows, cols))
@@ -159,12 +159,23 @@ def turning_times(
                         continue
                     best = times[r, c] + _STUCK
                     for taken in steps[k]:
-                        if taken[3] < math.inf:
+                        if taken[3] < math.inf and _free_between(times, r, c, taken[1], taken[2]):
                             best = min(best, taken[3] + _between(by_heading[int(taken[0])], r + taken[1], c + taken[2]))
                     change = max(change, abs(best - by_heading[k, r, c]))
                     by_heading[k, r, c] = best
         sweep += 1
     return by_heading
+
+
+@inner_kernel
+def _free_between(times: NDArray[np.float64], r: int, c: int, rows: float, cols: float) -> bool:
+    """Tell whether all is free on a straight line from a cell over so many rows and columns, looked at in steps of a cell."""
+    looks = math.ceil(math.hypot(rows, cols))
+    for i in range(1, looks):
+        y, x = r + rows * i / looks + 0.5, c + cols * i / looks + 0.5
+        if not (0.0 <= y < times.shape[0] and 0.0 <= x < times.shape[1]) or math.isinf(times[int(y), int(x)]):
+            return False
+    return True
 
 
 @inner_kernel
