@@ -22,6 +22,7 @@ from antway.policies.antway.state import away_from_walls, make_context
 from antway.world.motions import Line
 from antway.world.policy import Task
 from antway.world.robots import load_robot
+from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases
 
@@ -443,3 +444,16 @@ def test_wheels_whose_speed_changes_at_once_arrive(robot: RobotSpec) -> None:
         result = run(build(Episode("synthetic", "synthetic", "clutter/medium", number, "")).driven_by(robot), seed=number)
         check_episode(result)
         assert result.reached, (number, result.reason)
+
+
+def test_who_comes_no_nearer_to_the_goal_takes_more_risk() -> None:
+    """Somebody stands beside the goal, and the sensor tells no velocities and places a bit wrong: to wait was best for ever."""
+    slow = RobotSpec(radius=0.41, v_max=0.25, a_max=0.84, drive="differential", dt=0.2, turn_rate=1.13, v_reverse=0.22)
+    stands = Obstacle(0.11, Line((5.48, 4.64), (5.48, 4.64), speed=0.1))
+    world = World(Grid(np.zeros((80, 80), dtype=bool), 0.1), (stands,))
+    blurred = Sensor(velocity="none", noise=0.02)
+    scenario = Scenario(world, (2.0, 2.0), (5.0, 5.0), slow, blurred, horizon=180.0, goal_tolerance=0.05)
+    for seed in range(2):
+        result = run(scenario, "antway", seed=seed)
+        check_episode(result)
+        assert result.outcome is Outcome.REACHED

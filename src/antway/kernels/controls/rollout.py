@@ -31,8 +31,8 @@ class StaticField(NamedTuple):
     # none if the robot is a disc
     turning: NDArray[
         np.float32
-    ]  # [K + 1, H', W'] s to the goal of a car with the heading 2 pi k / K, and last of one that turns
-    # at once; empty for other robots
+    ]  # [K + 1, H', W'] s to the goal with the heading 2 pi k / K, and last if it turned at once; of a
+    # car, else empty
     turning_frame: NDArray[np.float64]
 
 

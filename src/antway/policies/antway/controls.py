@@ -230,7 +230,7 @@ class ControlColony:
         else:
             self.outlook.plan[:, 2] = -math.inf
         shift(self.archive)
-        weights = self._impatient(start, static_time(self.field, state))
+        weights = self._impatient(start, state)
         known = self.state, self.limits, dt, self.field, self.outlook, weights, self.random
         if self.averaging is None:
             entry(forage, self.archive, self.settings, *known)(self.archive, self.settings, *known)
@@ -240,12 +240,13 @@ class ControlColony:
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
         return commanded(one, two, observation.heading, self.robot)
 
-    def _impatient(self, now: float, to_go: float) -> CostWeights:
+    def _impatient(self, now: float, state: RobotState) -> CostWeights:
         """Return what rollouts cost: who comes no nearer to the goal takes more and more risk, or he would never arrive.
 
         Beside a place where somebody stands whose velocity is not known well, to wait would be better for ever.
         """
-        if to_go < self.nearest - self.robot.dt:
+        to_go, (x, y, tolerance) = static_time(self.field, state), self.field.goal
+        if to_go < self.nearest - self.robot.dt or math.dist((x, y), state[:2]) <= tolerance:
             self.nearest, self.since = to_go, now
         return self.weights._replace(risk=self.weights.risk * 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0))
 
