@@ -134,6 +134,22 @@ def test_a_heading_may_be_left_out(tmp_path):
         assert len(read_tracks(str(tmp_path / "t.csv"))) == 2
 
 
+def test_columns_of_a_recording_are_found_by_name(tmp_path):
+    """A heading names the columns, in any order and among others; one that lacks a name is refused, not guessed."""
+    (tmp_path / "t.csv").write_text('id, t ,"x",y,speed\n7,0.0,1.0,2.0,9\n7,0.4,1.5,2.5,9\n')
+    assert read_tracks(str(tmp_path / "t.csv")).tolist() == [[0.0, 7.0, 1.0, 2.0], [0.4, 7.0, 1.5, 2.5]]
+    (tmp_path / "t.csv").write_text("frame,id,x,y\n0,1,0,0\n1,1,1,0\n")
+    with pytest.raises(BadScenario, match="t,id,x,y"):
+        read_tracks(str(tmp_path / "t.csv"))
+
+
+def test_recordings_of_four_columns(tmp_path):
+    """Frame, id, x, y, as the sets of those who foretell paths have them: frames are 0.4 s apart."""
+    (tmp_path / "zara.txt").write_text("780\t1\t8.4\t3.5\n790\t1\t9.1\t3.6\n790\t2\t0.0\t0.0\n800\t2\t0.5\t0.0\n")
+    found = read_tracks(str(tmp_path / "zara.txt"))
+    assert found == pytest.approx(np.array([(0.0, 1, 8.4, 3.5), (0.4, 1, 9.1, 3.6), (0.4, 2, 0.0, 0.0), (0.8, 2, 0.5, 0.0)]))
+
+
 def test_budgets_add_up():
     """Parts count together, and what is refused takes nothing."""
     budget = Unpacked(10)

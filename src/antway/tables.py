@@ -94,7 +94,7 @@ ABOUT: dict[str, dict[str, str]] = {  # what each name means, for docs/guide.md
         "crossing": "CrowdNav's circle and square: five humans steered by ORCA who do not see the robot",
         "encounters": "head-on, doorway, overtaking, ambush at a corner, crossing flow, standing crowd, pursuer",
         "maps": "discs that bounce about on any map file, three densities",
-        "tracks": "recorded pedestrians: an ETH/UCY `obsmat.txt`, or CSV lines t,id,x,y in s and m",
+        "tracks": "recorded pedestrians: an ETH/UCY `obsmat.txt`, lines frame id x y, or CSV lines t,id,x,y in s and m",
         "barn": "fields of cylinders in which discs go from key frame to key frame",
     },
 }

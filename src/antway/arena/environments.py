@@ -84,9 +84,9 @@ def maps(file: str) -> Suite:
 def tracks(file: str) -> Suite:
     """Return recorded pedestrians, with a robot that crosses the area they walked in; they do not see it.
 
-    `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart) or CSV lines t,id,x,y (s,
-    m). Each episode begins at a time drawn from the record, with a start near one of the four sides of the area, drawn too, and
-    a goal near the opposite one; nobody's centre is within 1.5 m of the start then.
+    `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart), the same with frame,
+    id, x and y alone, or CSV lines t,id,x,y (s, m). Each episode begins at a time drawn from the record, with a start near one of the
+    four sides of the area, drawn too, and a goal near the opposite one; nobody's centre is within 1.5 m of the start then.
 
     Nobody comes out of nowhere: before a person's record begins he walks in straight, with the velocity of its first step, and
     after its end he walks on with that of its last. One whose record begins, at a time in the episode, within 1 m of the robot
@@ -135,7 +135,8 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     if not is_file(path):
         raise BadScenario("tracks", file, "an existing regular file")
     comma = path.suffix.lower() == ".csv"
-    allowed = "CSV lines t,id,x,y" if comma else "the columns of an obsmat.txt: frame, id, x, z, y, vx, vz, vy"
+    columns = "frame, id, x, z, y, vx, vz, vy of an obsmat.txt, or frame, id, x, y"
+    allowed = "CSV lines t,id,x,y, or with a heading that names these columns" if comma else f"the columns {columns}"
     with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
         try:
@@ -143,15 +144,20 @@ def read_tracks(file: str) -> NDArray[np.float64]:
             heading = text.readline(1000)
             skip = comma and any(c.isalpha() for c in heading.replace("e", ""))
             lines = text if skip else itertools.chain([heading], text)
-            table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS)
+            named = [name.strip(" \"'\r\n").lower() for name in heading.split(",")]
+            used = [named.index(name) for name in ("t", "id", "x", "y")] if skip else None
+            table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS, usecols=used)
         except ValueError as error:
             raise BadScenario("tracks", str(error), allowed, where=file) from None
-    if table.ndim != 2 or len(table) < 2 or table.shape[1] != (4 if comma else 8) or not (np.abs(table) <= MAX_PLACE).all():
+    wide = (4,) if comma else (4, 8)
+    if table.ndim != 2 or len(table) < 2 or table.shape[1] not in wide or not (np.abs(table) <= MAX_PLACE).all():
         raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
     if not comma:
         frames = np.unique(table[:, 0])
         step = float(np.diff(frames).min()) if len(frames) > 1 else 1.0
-        table = np.column_stack((table[:, 0] * (0.4 / step), table[:, 1], table[:, 2], table[:, 4]))
+        table = np.column_stack(
+            (table[:, 0] * (0.4 / step), table[:, 1], table[:, 2], table[:, 4 if table.shape[1] == 8 else 3])
+        )
     table[:, 0] -= table[:, 0].min()
     table = table[np.lexsort((table[:, 0], table[:, 1]))]
     same = (np.diff(table[:, 0]) <= 0) & (np.diff(table[:, 1]) == 0)
