@@ -86,7 +86,7 @@ def tracks(file: str) -> Suite:
 
     `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart), the same with frame,
     id, x and y alone, or CSV lines t,id,x,y (s, m). Each episode begins at a time drawn from the record, with a start near one
-    of the four sides of the area, drawn too, and a goal near the opposite one; nobody's centre is within 1.5 m of the start then.
+    of the four sides of the area, drawn too, and a goal near the opposite one; nobody is within 1.5 m of the start then.
 
     Nobody comes out of nowhere: before a person's record begins he walks in straight, with the velocity of its first step, and
     after its end he walks on with that of its last. One whose record begins, at a time in the episode, within 1 m of the robot
