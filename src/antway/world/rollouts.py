@@ -21,11 +21,13 @@ _NODES = 4_000_000  # at most
 _NEAR = 1.0  # m; so near the goal, and less up to twice as far, times count to the goal itself
 _MOST_NEAR = 200  # cells to each side of the goal that are looked at for that
 _LAYERS = 4  # cells by which the time to the goal is continued into walls
-_HEADINGS, _FEWEST = 24, 8  # of a car for each of which there is a time to the goal, at most and at least,
-_FINE, _FINEST = 4, 0.25  # in cells of which its turning radius is so many, and of so many m, or in larger ones if there were
-_PARTS = 4  # parts of a cell's edge at most; on cells of larger parts its arcs cannot be told apart
-_POSES = 150_000  # more poses than this, for which it takes a few tenths of a second
-_SWEEPS = 80  # at most, of times by heading
+_HEADINGS = 24  # headings of a car, at most, for each of which there is a time to the goal
+_FEWEST = 8  # headings; with fewer its arcs cannot be told apart, and there are no such times
+_SPANNED = 4  # cells of those times that its turning radius spans, if there are no more than _POSES then
+_FINEST = 0.25  # m; edge of such a cell, at most, if there are no more than _POSES then
+_POSES = 150_000  # cells times headings, at most; so many take a few tenths of a second
+_PARTS = 4  # parts, at most, into which the edges of larger cells are cut for them
+_SWEEPS = 80  # times, at most, that all poses are looked at
 _DISCS = 8  # at most, that cover a footprint's longer side
 _FAST = 1e3  # m/s^2, rad/s^2: as good as at once
 
@@ -90,17 +92,17 @@ def _by_heading(
     """
     if robot.turning_radius == 0.0:
         return np.empty((0, 0, 0), np.float32), np.zeros(3)
-    fine = max(int(min(robot.turning_radius / _FINE, _FINEST) / grid.resolution), 1)
+    fine = max(int(min(robot.turning_radius / _SPANNED, _FINEST) / grid.resolution), 1)  # cells that become one
     fine = max(fine, math.ceil(math.sqrt(_HEADINGS * grid.blocked.size / _POSES)))
     parts = max(math.ceil(_FEWEST * grid.resolution / (2.0 * math.pi * robot.turning_radius)), 1) if fine == 1 else 1
     size = fine * grid.resolution / parts
     headings = min(int(2.0 * math.pi * robot.turning_radius / size), _HEADINGS)
-    goal = time_to_goal.min()
-    if headings < _FEWEST or min(grid.shape) * parts <= fine or parts > _PARTS or math.isinf(goal):
+    least = time_to_goal.min()
+    if headings < _FEWEST or min(grid.shape) * parts <= fine or parts > _PARTS or math.isinf(least):
         return np.empty((0, 0, 0), np.float32), np.zeros(3)
     rows, cols = (np.arange(0, side, fine) for side in grid.shape)
     times = np.minimum.reduceat(np.minimum.reduceat(time_to_goal, rows, axis=0), cols, axis=1)
-    times = (times - goal).repeat(parts, axis=0).repeat(parts, axis=1)
+    times = (times - least).repeat(parts, axis=0).repeat(parts, axis=1)
     poses = turning_times(times, headings, size, robot.turning_radius, robot.v_max, robot.v_reverse, _SWEEPS)
     field = np.array([beyond_walls(one, 2.0 * size / robot.v_max, _LAYERS) for one in (*poses, times)])
     return field, np.array([grid.origin[0] + size / 2, grid.origin[1] + size / 2, 1.0 / size])

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import inner_kernel, kernel
 
-_SETTLED = 0.05  # s; times by heading are found once none changes by more
-_STEP = 1.4  # cells
-_STUCK = 60.0  # s; by how much later the goal is at most for what cannot turn at once
+_SETTLED = 0.05  # s; a car's times are found once none changes by more
+_STEP = 1.4  # cells; a car's straight step, whose end is nearest to one of the cells around
+_STUCK = 60.0  # s; a car's times are no greater by more than this than those of a robot that turns at once
 _SIDES = 3.0  # cells; next to one wall cell, times differ by no more than it takes to go round it
 
 

@@ -22,7 +22,7 @@ _DISCS = 64  # at most, near one another at one time; of more tracks some share 
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
 _NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
 _ALIKE = 0.3  # m; paths no farther apart are one
-_STALL = 20.0  # s; who has come no nearer to the goal for twice as long fears what is not certain half as much, and so on
+_STALL = 20.0  # s; for each such span, but the first, without coming nearer to the goal a robot fears risks half as much
 
 
 @dataclass(frozen=True, slots=True)
