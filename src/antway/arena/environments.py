@@ -135,8 +135,9 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     if not is_file(path):
         raise BadScenario("tracks", file, "an existing regular file")
     comma = path.suffix.lower() == ".csv"
-    columns = "frame, id, x, z, y, vx, vz, vy of an obsmat.txt, or frame, id, x, y"
-    allowed = "CSV lines t,id,x,y, or with a heading that names these columns" if comma else f"the columns {columns}"
+    allowed = "the columns frame, id, x, z, y, vx, vz, vy of an obsmat.txt, or frame, id, x, y"
+    if comma:
+        allowed = "CSV lines t,id,x,y, or with a heading that names these columns"
     with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
         try:
@@ -149,15 +150,13 @@ def read_tracks(file: str) -> NDArray[np.float64]:
             table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS, usecols=used)
         except ValueError as error:
             raise BadScenario("tracks", str(error), allowed, where=file) from None
-    wide = (4,) if comma else (4, 8)
-    if table.ndim != 2 or len(table) < 2 or table.shape[1] not in wide or not (np.abs(table) <= MAX_PLACE).all():
+    y = {4: 3} if comma else {4: 3, 8: 4}  # its column, by how many there are
+    if table.ndim != 2 or len(table) < 2 or table.shape[1] not in y or not (np.abs(table) <= MAX_PLACE).all():
         raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
     if not comma:
         frames = np.unique(table[:, 0])
         step = float(np.diff(frames).min()) if len(frames) > 1 else 1.0
-        table = np.column_stack(
-            (table[:, 0] * (0.4 / step), table[:, 1], table[:, 2], table[:, 4 if table.shape[1] == 8 else 3])
-        )
+        table = np.column_stack((table[:, 0] * (0.4 / step), table[:, 1], table[:, 2], table[:, y[table.shape[1]]]))
     table[:, 0] -= table[:, 0].min()
     table = table[np.lexsort((table[:, 0], table[:, 1]))]
     same = (np.diff(table[:, 0]) <= 0) & (np.diff(table[:, 1]) == 0)

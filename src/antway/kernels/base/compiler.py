@@ -30,11 +30,13 @@ _handed_on: dict[int, tuple[Any, Any, str]] = {}  # flags, kept so that no other
 def _flags_handed_on() -> tuple[Any, str]:
     """Return flags with those alone that matter to what is called, and what they say."""
     flags = FlagsStack.top_or_none()
+    if flags is None:
+        return None, ""
     if id(flags) not in _handed_on:
-        few = type(flags)() if flags is not None else None
-        for name in _HANDED_ON if few is not None else ():
+        few = type(flags)()
+        for name in _HANDED_ON:
             setattr(few, name, getattr(flags, name))
-        _handed_on[id(flags)] = flags, few, "" if few is None else few.summary()
+        _handed_on[id(flags)] = flags, few, few.summary()
     return _handed_on[id(flags)][1:]
 
 

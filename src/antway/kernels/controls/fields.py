@@ -146,6 +146,13 @@ def turning_times(
             speed, length = v_reverse if back else v_max, radius * turn if side else _STEP * size
             took = length / speed if speed > 0.0 else math.inf
             steps[k, n] = float((k + side) % headings), far * math.sin(angle), far * math.cos(angle), took
+    may = np.zeros((headings, 6, rows, cols), np.bool_)  # whether a step leads over free cells alone
+    for k in range(headings):
+        for n in range(6):
+            if steps[k, n, 3] < math.inf:
+                for r in range(rows):
+                    for c in range(cols):
+                        may[k, n, r, c] = _leads_over_free(times, r, c, steps[k, n, 1], steps[k, n, 2])
     sweep, change = 0, math.inf
     while change > _SETTLED and sweep < sweeps:
         change = 0.0
@@ -158,8 +165,9 @@ def turning_times(
                     if times[r, c] * v_max <= _STEP * size or math.isinf(times[r, c]):
                         continue
                     best = times[r, c] + _STUCK
-                    for taken in steps[k]:
-                        if taken[3] < math.inf and _free_between(times, r, c, taken[1], taken[2]):
+                    for j in range(6):
+                        if may[k, j, r, c]:
+                            taken = steps[k, j]
                             best = min(best, taken[3] + _between(by_heading[int(taken[0])], r + taken[1], c + taken[2]))
                     change = max(change, abs(best - by_heading[k, r, c]))
                     by_heading[k, r, c] = best
@@ -168,23 +176,20 @@ def turning_times(
 
 
 @inner_kernel
-def _free_between(times: NDArray[np.float64], r: int, c: int, rows: float, cols: float) -> bool:
+def _leads_over_free(times: NDArray[np.float64], r: int, c: int, rows: float, cols: float) -> bool:
     """Tell whether all is free on a straight line from a cell over so many rows and columns, looked at in steps of a cell."""
+    if not (0.0 <= r + rows <= times.shape[0] - 1.0 and 0.0 <= c + cols <= times.shape[1] - 1.0):
+        return False
     looks = math.ceil(math.hypot(rows, cols))
-    for i in range(1, looks):
-        y, x = r + rows * i / looks + 0.5, c + cols * i / looks + 0.5
-        if not (0.0 <= y < times.shape[0] and 0.0 <= x < times.shape[1]) or math.isinf(times[int(y), int(x)]):
+    for i in range(1, looks + 1):
+        if math.isinf(times[int(r + rows * i / looks + 0.5), int(c + cols * i / looks + 0.5)]):
             return False
     return True
 
 
 @inner_kernel
 def _between(times: NDArray[np.float64], y: float, x: float) -> float:
-    """Time at row y and column x, interpolated between those of four cells that are free; infinite if the nearest is not."""
-    if y < 0.0 or x < 0.0 or y > times.shape[0] - 1.0 or x > times.shape[1] - 1.0:
-        return math.inf
-    if math.isinf(times[int(y + 0.5), int(x + 0.5)]):
-        return math.inf
+    """Time at row y and column x, interpolated between those of four cells that are free; the nearest is."""
     i, j = min(int(y), times.shape[0] - 2), min(int(x), times.shape[1] - 2)
     u, w, total, weight = y - i, x - j, 0.0, 0.0
     for a in range(2):

@@ -29,10 +29,8 @@ class StaticField(NamedTuple):
     # of the disc round (0, 0) that does, m
     discs: NDArray[np.float64]  # [D, 3] x, y of discs that cover that box, and by how much smaller they are than that one, m;
     # none if the robot is a disc
-    turning: NDArray[
-        np.float32
-    ]  # [K + 1, H', W'] s to the goal with the heading 2 pi k / K, and last if it turned at once; of a
-    # car, else empty
+    turning: NDArray[np.float32]  # [K + 1, H', W'] s to the goal of a car with the heading 2 pi k / K, and last
+    # of one that turns at once; empty for other robots
     turning_frame: NDArray[np.float64]
 
 
