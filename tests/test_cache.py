@@ -159,6 +159,30 @@ def test_a_kernel_may_be_called_by_kernels_and_from_python(tmp_path: Path) -> No
     assert kept == {"both.more"}
 
 
+MACHINE_CODE = """
+from numba.core.codegen import JITCPUCodegen
+
+made, add_module = [], JITCPUCodegen._add_module
+
+def add(self, module):
+    made.append(module)
+    return add_module(self, module)
+
+JITCPUCodegen._add_module = add
+"""
+
+
+@pytest.mark.skipif(PLAIN, reason="kernels are plain Python here")
+def test_machine_code_is_made_of_what_python_calls_alone(tmp_path: Path) -> None:
+    """A kernel that another one calls is part of that one's code: made on its own as well, it took a sixth of a first run."""
+    (tmp_path / "both.py").write_text(
+        MACHINE_CODE + BOTH.replace("print(twice(1.0), more(1.0))", "print(twice(1.0), len(made))")
+    )
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": "1"}
+    done = subprocess.run([sys.executable, "both.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["4.0", "1"]
+
+
 @pytest.mark.parametrize(("policy", "compiled", "started"), [("antway", False, 1), ("antway", True, 0), ("paper", False, 0)])
 def test_a_first_run_compiles_in_two_processes(
     policy: str, compiled: bool, started: int, monkeypatch: pytest.MonkeyPatch

@@ -74,9 +74,11 @@ def compiling_beside(policy: str) -> Iterator[None]:
 def late() -> None:
     """Compile what an episode of policy antway needs: the guard, the search, what else could be done, the shortest path.
 
-    Each is there before the episode needs it: that compiles the map's moves and what senses meanwhile, then what predicts.
+    Guard and search are there before the episode needs them: that compiles the map's moves and what senses meanwhile, then
+    what predicts.
     """
     from antway import Command, Problem, RobotSpec, Task, load_map, load_scenario, solve
+    from antway.kernels.search.polyanya import build_mesh
     from antway.kernels.tracking.predict import crosses_edge
     from antway.policies.antway.alternatives import Situation, manner
     from antway.policies.antway.policy import AntwayPolicy
@@ -86,7 +88,7 @@ def late() -> None:
 
     task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
     guard.reset(task)
-    solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")  # the episode is not done with its moves before
+    build_mesh(task.grid.blocked)  # the episode is not done with its moves before
     policy.reset(task, 0)
     s = policy._state
     estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
@@ -99,14 +101,16 @@ def late() -> None:
         situation.conflict(path, segments)
         situation.cost(path)
         manner("crossing", (1.0, 0.0), path, segments, 0.0)
+    # The rest in the order opposite to the one in which the episode needs it: each compiles what the other has not reached.
+    solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")
+    Routes(task)
     stage = Episode(load_scenario("office"), policy, seed=0).stage
     seen = stage.observe()
-    guard.limit(seen, Command((0.0, 0.0)))
+    policy._aside(s, seen, 1, 0.0, (0.0, 0.0))
+    crosses_edge(estimates, s.terrain)
     stage.drive(0.0, 0.0)
     policy.pheromone()
-    crosses_edge(estimates, s.terrain)
-    policy._aside(s, seen, 1, 0.0, (0.0, 0.0))
-    Routes(task)
+    guard.limit(seen, Command((0.0, 0.0)))
 
 
 def _timed(name: str, argument: str) -> tuple[str, float]:

@@ -74,8 +74,10 @@ class _Code(JITCodeLibrary):
 class _Bitcode(_Code):
     """Code that becomes a part of the kernels that call it: kept as such, for machine code of it alone would never run."""
 
-    def _finalize_specific(self) -> None:
-        self._codegen._scan_and_fix_unresolved_refs(self._final_module)
+    def _finalize_final_module(self) -> None:
+        """Leave the module out of what is compiled: LLVM makes machine code of all modules that it has been given."""
+        self._finalize_dynamic_globals()
+        self._finalized = True
 
     def serialize_using_object_code(self) -> Any:
         return self.serialize_using_bitcode()
