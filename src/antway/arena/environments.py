@@ -33,6 +33,7 @@ DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # discs a square metre o
 MOST = 300  # discs in an episode, at most
 MAX_BYTES = 64 * 2**20  # of a track file, at most
 MAX_ROWS = 2_000_000  # of it that are read
+_COLUMNS = "t", "id", "x", "y"  # of a recording in CSV
 
 
 def paper() -> Suite:
@@ -146,7 +147,10 @@ def read_tracks(file: str) -> NDArray[np.float64]:
             skip = comma and any(c.isalpha() for c in heading.replace("e", ""))
             lines = text if skip else itertools.chain([heading], text)
             named = [name.strip(" \"'\r\n").lower() for name in heading.split(",")]
-            used = [named.index(name) for name in ("t", "id", "x", "y")] if skip else None
+            missing = [name for name in _COLUMNS if name not in named]
+            if skip and missing:
+                raise ValueError(f"a heading without {', '.join(missing)}")
+            used = [named.index(name) for name in _COLUMNS] if skip else None
             table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS, usecols=used)
         except ValueError as error:
             raise BadScenario("tracks", str(error), allowed, where=file) from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -199,34 +199,30 @@ class RoundsPolicy:
 
     def _with(self, walls: frozenset[int]) -> Grid:
         """Return the free cells without those in which the robot would touch an obstacle that stands."""
-        if not walls:
-            return self.free
-        rows, cols = np.indices(self.free.shape)
-        blocked = self.free.blocked.copy()
-        for number in walls & self.standing.keys():
-            _, _, x, y, radius = self.standing[number]
-            (row, col), radius_in_cells = (
-                self.free.to_points([(x, y)])[0],
-                (radius + self.task.robot.radius) / self.free.resolution,
-            )
-            blocked |= np.hypot(rows - row, cols - col) < radius_in_cells
-        return Grid(blocked, self.free.resolution, self.free.origin)
+        return self._marked(self.free, walls & self.standing.keys(), self.task.robot.radius)
 
     def _seen(self) -> Grid:
         """Return the map with the cells that lie wholly within obstacles that stand.
 
         Not those that stand where the robot is or is to go: no policy sets out for a place within a wall, and they may move on.
         """
-        grid, ends = self.task.grid, (self.xy, self._target)
-        if not self.walls:
-            return grid
-        rows, cols = np.indices(grid.shape)
-        blocked = grid.blocked.copy()
+        grid, ends, apart = self.task.grid, (self.xy, self._target), set()
         for number in self.walls & self.standing.keys():
             _, _, x, y, radius = self.standing[number]
             if min(math.dist((x, y), end) for end in ends) >= radius + self.task.robot.radius + grid.resolution:
-                row, col = grid.to_points([(x, y)])[0]
-                blocked |= np.hypot(rows - row, cols - col) < radius / grid.resolution - 0.71
+                apart.add(number)
+        return self._marked(grid, apart, -0.71 * grid.resolution)  # half the diagonal of a cell
+
+    def _marked(self, grid: Grid, walls: Set[int], wider: float) -> Grid:
+        """Return `grid` without the cells whose centre is within the radius, and `wider` m more, of one of these obstacles."""
+        if not walls:
+            return grid
+        rows, cols = np.indices(grid.shape)
+        blocked = grid.blocked.copy()
+        for number in walls:
+            _, _, x, y, radius = self.standing[number]
+            row, col = grid.to_points([(x, y)])[0]
+            blocked |= np.hypot(rows - row, cols - col) < (radius + wider) / grid.resolution
         return replace(grid, blocked=blocked)
 
     def _distance(self, around: Grid) -> float:
