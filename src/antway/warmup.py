@@ -88,7 +88,7 @@ def late() -> None:
 
     task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
     guard.reset(task)
-    build_mesh(task.grid.blocked)  # the episode is not done with its moves before
+    build_mesh(task.grid.blocked)  # meanwhile the episode compiles the map's moves, which the policy needs
     policy.reset(task, 0)
     s = policy._state
     estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
