@@ -101,6 +101,14 @@ def test_compiling_is_said_once_and_can_be_silenced(tmp_path: Path, quiet: str, 
     assert again.stderr == ""
 
 
+def printed(program: str, folder: Path) -> list[str]:
+    """Run a program that compiles kernels, and keeps them in `folder`; returns the words that it prints."""
+    (folder / "program.py").write_text(program)
+    given = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "ANTWAY_QUIET": "1"}
+    done = subprocess.run([sys.executable, "program.py"], cwd=folder, env=given, capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
 SLOW = """
 import numpy as np
 import antway
@@ -126,10 +134,7 @@ print(result.cycle_ms[0] / 1e3, first)
 
 def test_compile_time_is_in_no_cycle(tmp_path: Path) -> None:
     """The first cycle of a policy that compiles a kernel is not charged with that."""
-    (tmp_path / "slow.py").write_text(SLOW)
-    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": "1"}
-    done = subprocess.run([sys.executable, "slow.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
-    cycle, compiled = map(float, done.stdout.split())
+    cycle, compiled = map(float, printed(SLOW, tmp_path))
     assert compiled > 0.05 and cycle < 0.5 * compiled
 
 
@@ -150,13 +155,10 @@ print(twice(1.0), more(1.0))
 
 def test_a_kernel_may_be_called_by_kernels_and_from_python(tmp_path: Path) -> None:
     """Compiled, found on disk, and without what Python needs where only kernels call it: the answers are the same."""
-    (tmp_path / "both.py").write_text(BOTH)
-    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": "1"}
     for _ in range(2):
-        done = subprocess.run([sys.executable, "both.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
-        assert done.stdout.split() == ["4.0", "2.0"]
+        assert printed(BOTH, tmp_path) == ["4.0", "2.0"]
     kept = {path.name.split("-")[0] for path in (tmp_path / "cache").rglob("*.inner.nbi")}
-    assert kept == {"both.more"}
+    assert kept == {"program.more"}
 
 
 MACHINE_CODE = """
@@ -175,10 +177,8 @@ JITCPUCodegen._add_module = add
 @pytest.mark.skipif(PLAIN, reason="kernels are plain Python here")
 def test_machine_code_is_made_of_what_python_calls_alone(tmp_path: Path) -> None:
     """A kernel that another one calls is part of that one's code: made on its own as well, it took a sixth of a first run."""
-    (tmp_path / "both.py").write_text(MACHINE_CODE + BOTH.replace("print(twice(1.0), more(1.0))", "print(twice(1.0), *made)"))
-    given = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ANTWAY_QUIET": "1"}
-    done = subprocess.run([sys.executable, "both.py"], cwd=tmp_path, env=given, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["4.0", "nrt", "twice"]  # the first is what Numba counts references by
+    program = MACHINE_CODE + BOTH.replace("print(twice(1.0), more(1.0))", "print(twice(1.0), *made)")
+    assert printed(program, tmp_path) == ["4.0", "nrt", "twice"]  # the first is what Numba counts references by
 
 
 @pytest.mark.parametrize(("policy", "compiled", "started"), [("antway", False, 1), ("antway", True, 0), ("paper", False, 0)])
