@@ -48,16 +48,11 @@ def home(wheel: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="antway-wheel-") as name:
         folder = Path(name)
         subprocess.run([interpreter(), "-m", "venv", "--without-pip", str(folder / "venv")], check=True)
+        install = ["install", "--no-deps", "--no-index", "--quiet", str(wheel)]
+        subprocess.run([sys.executable, "-m", "pip", "--python", str(folder / "venv" / "bin" / "python"), *install], check=True)
         site = next((folder / "venv").glob("lib/python*/site-packages"))
-        with zipfile.ZipFile(wheel) as archive:
-            archive.extractall(site)
         needed = next(Path(p) for p in sys.path if p.endswith("site-packages") and (Path(p) / "numba").is_dir())
         (site / "needed.pth").write_text(f"{needed}\n")
-        python, command = folder / "venv" / "bin" / "python", folder / "venv" / "bin" / "antway"
-        command.write_text(
-            f"#!{python}\nfrom antway.__main__ import main\n\nif __name__ == '__main__':\n    main()\n"
-        )  # as pip writes it
-        command.chmod(0o755)
         for work in ("work", "tmp"):
             (folder / work).mkdir()
             (folder / work).chmod(0o777)
