@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.base.rng import State, next_bits, uniform
+from antway.kernels.controls.lattice import Lattice, best_arcs
 from antway.kernels.controls.rollout import HEADING, CostWeights, Outlook, StaticField, judge
 from antway.kernels.controls.seeds import along_plan, downhill, turn_and_go
 
@@ -174,6 +175,7 @@ def take(
 @inner_kernel
 def take_seeds(
     archive: Archive,
+    lattice: Lattice,
     block: int,
     start: NDArray[np.float64],
     limits: RobotLimits,
@@ -182,8 +184,11 @@ def take_seeds(
     outlook: Outlook,
     weights: CostWeights,
 ) -> None:
-    """Judge the sequences to begin with: turn and go, reverse, stop, down the field, aside of it, along the plan."""
+    """Judge the sequences to begin with: arcs, turn and go, reverse, stop, down the field, aside of it, along the plan."""
     steps = len(archive.ant)
+    if outlook.near.any():
+        best_arcs(archive.ant, lattice, start, limits, dt, field, outlook, weights)
+        take(archive, block, start, limits, dt, field, outlook, weights)
     for i in range(36 + 6):
         if i < 24:
             speed = limits.v_max if i % 2 == 0 else 0.5 * limits.v_max
@@ -210,6 +215,7 @@ def take_seeds(
 @kernel
 def forage(
     archive: Archive,
+    lattice: Lattice,
     colony: ColonySettings,
     start: NDArray[np.float64],
     limits: RobotLimits,
@@ -231,7 +237,7 @@ def forage(
         for k in range(len(archive.ant)):
             archive.ant[k, 0], archive.ant[k, 1] = kept[before[i], k, 0], kept[before[i], k, 1]
         take(archive, block, start, limits, dt, field, outlook, weights)
-    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
+    take_seeds(archive, lattice, block, start, limits, dt, field, outlook, weights)
     for _ in range(colony.rounds):
         for i in range(archive.used[0]):
             _spread(archive, i, block)

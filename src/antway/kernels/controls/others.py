@@ -12,6 +12,7 @@ from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, below
 from antway.kernels.controls.colony import Archive, ColonySettings, insert, take, take_seeds, vary
+from antway.kernels.controls.lattice import Lattice
 from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
 
 
@@ -29,6 +30,7 @@ class Averaging(NamedTuple):
 @kernel
 def _seed(
     archive: Archive,
+    lattice: Lattice,
     block: int,
     start: NDArray[np.float64],
     limits: RobotLimits,
@@ -43,12 +45,13 @@ def _seed(
     if n > 0:
         archive.ant[:] = last
         take(archive, block, start, limits, dt, field, outlook, weights)
-    take_seeds(archive, block, start, limits, dt, field, outlook, weights)
+    take_seeds(archive, lattice, block, start, limits, dt, field, outlook, weights)
 
 
 @kernel
 def average(
     archive: Archive,
+    lattice: Lattice,
     colony: ColonySettings,
     averaging: Averaging,
     start: NDArray[np.float64],
@@ -65,7 +68,7 @@ def average(
     the cross-entropy method (Rubinstein and Kroese 2004), whose spread is that of its elite.
     """
     mean, spread, block = averaging.mean, averaging.spread, colony.block
-    _seed(archive, block, start, limits, dt, field, outlook, weights)
+    _seed(archive, lattice, block, start, limits, dt, field, outlook, weights)
     mean[:] = archive.sequence[archive.order[0]]
     spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
     for _ in range(colony.rounds):
@@ -106,6 +109,7 @@ def average(
 @kernel
 def restart(
     archive: Archive,
+    lattice: Lattice,
     colony: ColonySettings,
     averaging: Averaging,
     start: NDArray[np.float64],
@@ -118,7 +122,7 @@ def restart(
 ) -> float:
     """Do as `forage`, but without an archive: each sequence is drawn anew around some seed, and the best of all is kept."""
     spread, block = averaging.spread, colony.block
-    _seed(archive, block, start, limits, dt, field, outlook, weights)
+    _seed(archive, lattice, block, start, limits, dt, field, outlook, weights)
     spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
     best = archive.cost[archive.order[0]]
     averaging.mean[:] = archive.sequence[archive.order[0]]

@@ -139,7 +139,7 @@ def step(
 
 
 @inner_kernel
-def _turning(field: StaticField, x: float, y: float, c: float, s: float) -> float:
+def turning_loss(field: StaticField, x: float, y: float, c: float, s: float) -> float:
     """Time in s that a car loses to its turning radius, beyond _TURN; its heading has cosine c and sine s."""
     headings = len(field.turning) - 1
     if headings < 1:
@@ -153,7 +153,7 @@ def _turning(field: StaticField, x: float, y: float, c: float, s: float) -> floa
 
 
 @inner_kernel
-def _clearance(x: float, y: float, c: float, s: float, enough: float, field: StaticField) -> float:
+def clearance(x: float, y: float, c: float, s: float, enough: float, field: StaticField) -> float:
     """Distance to walls in m, of the disc that holds the robot; below `enough` that of its smaller discs, if it is more."""
     wall = sample(field.wall, x, y, field.wall_frame)
     if wall >= enough or len(field.discs) == 0:
@@ -177,7 +177,7 @@ def _away(dx: float, dy: float, c: float, s: float, box: NDArray[np.float64]) ->
 
 
 @inner_kernel
-def _met(
+def met(
     x: float,
     y: float,
     c: float,
@@ -282,7 +282,7 @@ def _too_fast(x: float, y: float, c: float, s: float, a: float, b: float, limits
     dx, dy = vx / speed, vy / speed
     span, far = 0.5 * speed * speed / limits.brake_max, 0.0
     while far < span:
-        wall = _clearance(x + far * dx, y + far * dy, c, s, 0.0, field)
+        wall = clearance(x + far * dx, y + far * dy, c, s, 0.0, field)
         if wall < 0.0:
             return 1.0 - far / span
         far += max(wall, 0.02)
@@ -327,11 +327,11 @@ def judge(
         x, y, c, s, a, b = step(x, y, c, s, a, b, controls[k, 0], controls[k, 1], limits, dt)
         if k < rows:
             path[k, 0], path[k, 1] = x, y
-        wall = _clearance(x, y, c, s, w.wall_margin, field)
+        wall = clearance(x, y, c, s, w.wall_margin, field)
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         if outlook.near[k] > 0:
-            cost += _met(x, y, c, s, a, b, limits, k, decay, field, outlook, w)
+            cost += met(x, y, c, s, a, b, limits, k, decay, field, outlook, w)
         decay *= slower
         gx, gy = x - field.goal[0], y - field.goal[1]
         if gx * gx + gy * gy < field.goal[2] * field.goal[2]:
@@ -341,7 +341,7 @@ def judge(
         to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
         px, py = x - outlook.plan[k, 0], y - outlook.plan[k, 1]
         value: float = max(to_go, outlook.plan[k, 2] + w.off_plan * math.sqrt(px * px + py * py))
-        value += _turning(field, x, y, c, s)
+        value += turning_loss(field, x, y, c, s)
         cost += w.progress * value
         if k == steps - 1:
             return cost + value + lost_time(x, y, c, s, a, b, to_go, field, limits)

@@ -11,18 +11,22 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
+from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
+from antway.world.robots import RobotSpec
 from antway.world.rollouts import RobotState, commanded, finite_limits, static_field, static_time
 
 _DISCS = 64  # at most, near one another at one time; of more tracks some share an entry of what they cost
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
 _NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
 _ALIKE = 0.3  # m; paths no farther apart are one
-_STALL = 20.0  # s; for each such span, but the first, without coming nearer to the goal a robot fears risks half as much
+_BEARINGS = 12  # directions in which a robot without wheels sets out
+_EXPANSIONS = 100  # of the search over arcs, at most, in a cycle
+_STALL = 10.0  # s; for each such span, but the first, without coming nearer to the goal a robot fears risks half as much
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +121,7 @@ class ControlColony:
             np.zeros((steps, 2)),
             np.empty((0, 2)),
         )
+        self.lattice = _lattice(robot, block)
         turn = robot.turn_rate if robot.wheels else robot.v_max
         self.settings = ColonySettings(
             rounds=o.rounds,
@@ -233,10 +238,11 @@ class ControlColony:
         weights = self._impatient(start, state)
         known = self.state, self.limits, dt, self.field, self.outlook, weights, self.random
         if self.averaging is None:
-            entry(forage, self.archive, self.settings, *known)(self.archive, self.settings, *known)
+            arguments = self.archive, self.lattice, self.settings, *known
+            entry(forage, *arguments)(*arguments)
         else:
             search = restart if o.search == "random" else average
-            search(self.archive, self.settings, self.averaging, *known)
+            search(self.archive, self.lattice, self.settings, self.averaging, *known)
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
         return commanded(one, two, observation.heading, self.robot)
 
@@ -267,6 +273,32 @@ class ControlColony:
             return True
         self.path = path
         return False
+
+
+def _lattice(robot: RobotSpec, block: int) -> Lattice:
+    """Return the commands that are held for `block` periods, and room for a search over them."""
+    if robot.wheels:
+        turn = min(robot.turn_rate, robot.v_max / max(robot.turning_radius, 1e-9))
+        speeds = [robot.v_max, 0.5 * robot.v_max, 0.0] + [-robot.v_reverse] * (robot.v_reverse > 0.0)
+        held = np.array([(v, turn * part) for v in speeds for part in (-1.0, -0.35, 0.0, 0.35, 1.0)])
+    else:
+        bearing = np.arange(_BEARINGS) * (2.0 * math.pi / _BEARINGS)
+        full = robot.v_max * np.column_stack((np.cos(bearing), np.sin(bearing)))
+        held = np.vstack((full, 0.5 * full, (0.0, 0.0)))
+    nodes = 1 + _EXPANSIONS * (len(held) + DOWNHILL)
+    return Lattice(
+        held,
+        np.zeros((nodes, 7)),
+        np.zeros((nodes, 3), np.int64),
+        np.zeros((nodes, block, 2)),
+        np.zeros((nodes, 2)),
+        np.zeros((4 * nodes, 2), np.int64),
+        np.zeros(4 * nodes),
+        np.zeros(1, np.int64),
+        _EXPANSIONS,
+        np.zeros(5),
+        np.zeros(0),
+    )
 
 
 def _alike(one: TimedPath, other: TimedPath) -> bool:

@@ -33,6 +33,7 @@ _NARROW = 0.1  # share of the first, at least; a footprint may turn about a poin
 _FAR_CELLS = 20  # so far from the start and the goal a cell with room is looked for
 _MOST_CELLS = 1_000_000  # of a map whose cells are cut
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
+_FINE = 0.4  # of the radius; cells of the field that robots on wheels or with inertia follow are no larger
 _ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
 _SEGMENTS = 48  # motion segments of one track, at most: each step of its trajectory, the widths of its tube, four walls
@@ -303,13 +304,14 @@ def away_from_walls(task: Task, context: PlanningContext, start: Cell, goal: Cel
 
 
 def with_fine_cells(task: Task) -> Task:
-    """Return the task on the same map in cells no larger than the robot, as far as they are not too many.
+    """Return the task on the same map in cells no larger than a part of the robot, as far as they are not too many.
 
     Moves of 32 directions lead through cells in whose centre a robot has no room. Where such cells are larger than the robot, a
-    field that is interpolated between centres has a ridge across these moves, in front of which it would stand.
+    field that is interpolated between centres has a ridge across these moves, in front of which it would stand. And where a
+    passage is hardly wider than the robot, or not at all, large cells do not tell which.
     """
     grid = task.grid
-    finer = min(math.ceil(grid.resolution / task.robot.radius - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
+    finer = min(math.ceil(grid.resolution / (_FINE * task.robot.radius) - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
     if finer <= 1:
         return task
     cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)

@@ -1,0 +1,151 @@
+"""What a sequence of controls costs, as the definition says it, and the best of all sequences of arcs."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from antway.kernels.base.records import RobotLimits
+from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField
+from antway.kernels.controls.seeds import downhill
+from antway.kernels.robot.motion import drive_cycle
+
+Corners = tuple[tuple[float, float], ...]
+
+
+def bilinear(field: np.ndarray, x: float, y: float, frame: np.ndarray) -> float:
+    c, r = (x - frame[0]) * frame[2], (y - frame[1]) * frame[2]
+    c, r = min(max(c, 0.0), field.shape[1] - 1.001), min(max(r, 0.0), field.shape[0] - 1.001)
+    i, j = int(r), int(c)
+    weights = {(i, j): (i + 1 - r) * (j + 1 - c), (i, j + 1): (i + 1 - r) * (c - j)}
+    weights |= {(i + 1, j): (r - i) * (j + 1 - c), (i + 1, j + 1): (r - i) * (c - j)}
+    return sum(share * float(field[cell]) for cell, share in weights.items())
+
+
+def _from_footprint(point: np.ndarray, corners: Corners) -> float:
+    """Distance in m of a point in the robot's frame from its footprint, edge by edge; 0 within it."""
+    edges = [(np.array(p), np.array(q)) for p, q in zip(corners, corners[1:] + corners[:1])]
+    if all((q - p)[0] * (point - p)[1] >= (q - p)[1] * (point - p)[0] for p, q in edges):
+        return 0.0
+    along = [min(max((point - p) @ (q - p) / ((q - p) @ (q - p)), 0.0), 1.0) for p, q in edges]
+    return min(math.dist(point, p + share * (q - p)) for share, (p, q) in zip(along, edges))
+
+
+def cost_of(
+    controls: np.ndarray,
+    state: np.ndarray,
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    w: CostWeights,
+    corners: Corners = (),
+) -> float:
+    """The cost as its definition says it, of a robot that drives exactly."""
+    now, cost, harm = tuple(map(float, state)), 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
+    for k, (ca, cb) in enumerate(controls.tolist()):
+        now = drive_cycle(*now, ca, cb, limits, dt)
+        x, y, theta, a, b = now
+        theta = theta if limits.drive else float(state[2])  # without wheels a footprint keeps its heading
+        decay = math.exp(-w.decay * k * dt)
+        wall = bilinear(field.wall, x, y, field.wall_frame)
+        turn = np.array([[math.cos(theta), math.sin(theta)], [-math.sin(theta), math.cos(theta)]])
+        if len(field.discs):
+            centres = [x, y] + field.discs[:, :2] @ turn
+            wall = max(
+                wall, min(bilinear(field.wall, *at, field.wall_frame) + less for at, less in zip(centres, field.discs[:, 2]))
+            )
+        if wall < w.wall_margin:
+            cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
+        speed = abs(a) if limits.drive else math.hypot(a, b)
+        course = (
+            math.copysign(1.0, a) * np.array([math.cos(theta), math.sin(theta)])
+            if limits.drive
+            else np.array([a, b]) / max(speed, 1e-9)
+        )
+        stands = np.array([x, y]) + course * speed**2 / (2.0 * limits.brake_max)
+        late = w.stopping_time + speed / limits.brake_max
+        for cx, cy, contact, wished, top, vx, vy, straight, likely, owner in outlook.disc[k, : outlook.near[k]].tolist():
+            away = math.hypot(x - cx, y - cy)
+            if len(field.discs):
+                away = _from_footprint(turn @ [cx - x, cy - y], corners) + field.box[4]
+            cost += w.near * max(wished - away, 0.0)
+            danger = 0.0
+            if away < likely:
+                danger += decay * w.risk * min((likely - away) / (likely - contact), 1.0) ** 2
+            if away < contact:
+                danger += decay * (w.contact + w.depth * (contact - away))
+            harm[owner] = max(harm[owner], danger) if len(outlook.harm) else harm.get(0, 0.0) + danger
+            t = min(late, straight)
+            far = math.hypot(stands[0] - cx, stands[1] - cy)
+            drifted = math.hypot(stands[0] - cx - vx * t, stands[1] - cy - vy * t)
+            reach = contact + 0.5 * w.swerve * t * t + top * (late - t)
+            short = max(min(contact + top * late - far, reach - drifted), 0.0)
+            cost += w.stop * short * (3.0 if k == 0 else decay)
+        if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2]:
+            return cost + sum(harm.values()) - (len(controls) - 1 - k) * dt
+        px, py, left = outlook.plan[k].tolist()
+        value = max(bilinear(field.time, x, y, field.time_frame), 0.0, left + w.off_plan * math.hypot(x - px, y - py))
+        cost += w.progress * value
+    return cost + sum(harm.values()) + value + lost_of(now, limits, field)
+
+
+def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -> float:
+    """Time lost to ramps and turns, driven in small steps: on a ramp to full speed, and turning while at full speed."""
+    x, y, theta, a, b = state
+    cell, h = 1.0 / field.time_frame[2], 1e-4
+    down = [
+        bilinear(field.time, x - dx, y - dy, field.time_frame) - bilinear(field.time, x + dx, y + dy, field.time_frame)
+        for dx, dy in ((cell, 0.0), (0.0, cell))
+    ]
+    to_go = max(bilinear(field.time, x, y, field.time_frame), 0.0)
+
+    def ramp(speed: float, top: float) -> float:
+        left, t = to_go * limits.v_max, 0.0
+        while left > 0.0:
+            left, t, speed = left - speed * h, t + h, min(speed + limits.a_max * h, top)
+        return t - to_go
+
+    if not limits.drive:
+        return ramp(float(np.array([a, b]) @ down / np.hypot(*down)), limits.v_max)
+    lost = []
+    for sign, top in ((1.0, limits.v_max), (-1.0, limits.v_reverse)):
+        course = sign * np.array([math.cos(theta), math.sin(theta)])
+        off, turned = math.acos(min(max(float(course @ down / np.hypot(*down)), -1.0), 1.0)), 0.0
+        while off > 0.0:
+            turned, off = turned + h * (1.0 - math.cos(off)), off - limits.turn_rate * h
+        lost.append(ramp(sign * a, top) + turned)
+    return min(lost)
+
+
+def least_of_arcs(
+    held: np.ndarray,
+    block: int,
+    arcs: int,
+    state: np.ndarray,
+    limits: RobotLimits,
+    dt: float,
+    field: StaticField,
+    outlook: Outlook,
+    w: CostWeights,
+) -> float:
+    """The least time to the goal of all sequences of arcs, each with a command held or down the field; none may touch."""
+    outlook = outlook._replace(harm=np.empty(0))
+    w = w._replace(progress=0.0, decay=0.0, near=w.near / block, risk=w.risk / block, contact=1e6, wall=1e6)
+    least = math.inf
+    for chosen in itertools.product(range(len(held) + 2), repeat=arcs):
+        controls, now = np.empty((arcs * block, 2)), tuple(map(float, state))
+        for i, one in enumerate(chosen):
+            part = controls[i * block : (i + 1) * block]
+            if one < len(held):
+                part[:] = held[one]
+            else:
+                downhill(part, np.array(now), limits, dt, field, 0.5, limits.v_max / (1 + one - len(held)), 0.0, 0)
+            for ca, cb in part.tolist():
+                now = drive_cycle(*now, ca, cb, limits, dt)
+        cost = cost_of(controls, state, limits, dt, field, outlook, w)
+        if cost < 1e5:
+            least = min(least, arcs * block * dt + cost)
+    return least

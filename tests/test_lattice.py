@@ -1,0 +1,87 @@
+"""The search over arcs that seeds the ants in the space of controls, beside all sequences of arcs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec
+from antway.kernels.controls.lattice import best_arcs
+from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.state import make_context
+from antway.world.policy import Task
+from common import cases
+from naive.lattice import least_bound
+from naive.rollout import cost_of, least_of_arcs
+
+WHEELS = RobotSpec(drive="differential", a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3)
+HOLONOMIC = RobotSpec(a_max=1.0)
+CAR = RobotSpec(drive="ackermann", a_max=1.0, v_reverse=0.3, turning_radius=0.6)
+FIRM = {"near": 0.0, "risk": 2.0, "decay": 0.0, "stop": 0.0, "progress": 0.0}
+
+
+def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
+    """A colony in a room with a pillar, and obstacles beside the robot that stand or go."""
+    blocked = np.zeros((40, 50), np.bool_)
+    blocked[12:30, 20:24] = True
+    task = Task(Grid(blocked, 0.2), robot, (1.1, 4.1), (3.9, 7.1))
+    context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
+    colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), 3, None)
+    colony.state[:] = 2.5, 4.1, rng.uniform(-3.0, 3.0), 0.4, 0.2
+    x, y, vx, vy = rng.uniform((2.5, 5.0, -0.5, -0.5), (3.7, 6.0, 0.5, 0.5), (3, 4)).T
+    colony.outlook.near[:] = 3
+    for k in range(len(colony.outlook.near)):
+        for i in range(3):
+            at = x[i] + 0.1 * k * vx[i], y[i] + 0.1 * k * vy[i]
+            colony.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i
+    colony.weights = colony.weights._replace(**FIRM)
+    return colony
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC, CAR], ids=["wheels", "holonomic", "car"])
+@pytest.mark.parametrize("seed", range(cases(3)))
+def test_the_search_is_best_first(robot: RobotSpec, seed: int) -> None:
+    colony = _colony(robot, np.random.default_rng(seed))
+    known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights
+    for arcs in (1, 3, 6):
+        ant = np.empty((arcs * 5, 2))
+        bound = least_bound(colony.lattice.held, 5, arcs, *known)
+        nodes = colony.lattice._replace(expansions=10_000 if arcs < 6 else 100)
+        found = best_arcs(ant, nodes, *known)
+        assert found == pytest.approx(bound, abs=1e-9) or (arcs == 6 and found == math.inf)
+
+
+@pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC, CAR], ids=["wheels", "holonomic", "car"])
+@pytest.mark.parametrize("seed", range(cases(2)))
+def test_what_is_found_costs_what_its_definition_says(robot: RobotSpec, seed: int) -> None:
+    """No sequence of two arcs costs less than the least of all."""
+    colony = _colony(robot, np.random.default_rng(seed))
+    held, block = colony.lattice.held[seed % 4 :: 4], colony.settings.block
+    lattice, ant = colony.lattice._replace(held=held), np.empty((2 * block, 2))
+    known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights
+    found = best_arcs(ant, lattice, *known)
+    assert found >= least_of_arcs(held, block, 2, *known) - 0.05
+    w = colony.weights._replace(risk=colony.weights.risk / block)
+    alone = colony.outlook._replace(harm=np.empty(0))
+    assert 2 * block * robot.dt + cost_of(ant, *known[:4], alone, w) == pytest.approx(found, abs=0.05)
+
+
+def test_without_expansions_it_is_the_longest_so_far_and_then_a_stop() -> None:
+    colony = _colony(WHEELS, np.random.default_rng(1))
+    known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
+    for expansions, arcs in ((0, 0), (1, 1), (2, 2)):
+        ant = np.ones((30, 2))
+        assert best_arcs(ant, colony.lattice._replace(expansions=expansions), *known) == math.inf
+        driven = np.flatnonzero(ant.any(axis=1))
+        assert len(driven) == 5 * arcs and (driven == np.arange(5 * arcs)).all()
+
+
+def test_where_all_arcs_touch_it_is_a_stop() -> None:
+    colony = _colony(WHEELS, np.random.default_rng(1))
+    colony.outlook.disc[:, 0, :2] = colony.state[:2]
+    ant = np.ones((30, 2))
+    known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
+    assert best_arcs(ant, colony.lattice, *known) == math.inf
+    assert (ant == 0.0).all()
