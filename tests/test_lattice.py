@@ -85,3 +85,8 @@ def test_where_all_arcs_touch_it_is_a_stop() -> None:
     known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
     assert best_arcs(ant, colony.lattice, *known) == math.inf
     assert (ant == 0.0).all()
+
+
+def test_arcs_of_who_turns_at_once_are_finite() -> None:
+    colony = _colony(RobotSpec(drive="differential", turn_rate=math.inf), np.random.default_rng(1))
+    assert np.isfinite(colony.lattice.held).all() and np.ptp(colony.lattice.held[:, 1]) == pytest.approx(4.0 * math.pi)

@@ -49,9 +49,9 @@ class Lattice(NamedTuple):
     node: NDArray[np.float64]  # [N, 7] at the end of an arc
     link: NDArray[np.int64]  # [N, 3]
     command: NDArray[np.float64]  # [N, B, 2] in each period of the arc
-    heap: NDArray[np.float64]  # [N, 2] lower bound on the time until the goal, s, and node
+    heap: NDArray[np.float64]  # [N, 2] time until the goal if nothing moves beyond the node, s, and the node
     key: NDArray[np.int64]  # [H, 2] poses that were met, in a hash table, and in which search
-    least: NDArray[np.float64]  # [H] and the least bound there, s
+    least: NDArray[np.float64]  # [H] and the least such time there, s
     search: NDArray[np.int64]  # [1] number of the last search
     expansions: int  # nodes from which arcs are driven, at most
     state: NDArray[np.float64]  # [5] room for the pose from which an arc begins
@@ -147,7 +147,7 @@ def best_arcs(
 ) -> float:
     """Write the best sequence of arcs, or the best of the longest if expansions end first; the rest of `ant` is a stop.
 
-    Returns a lower bound on the time to the goal on it, s; infinite if expansions ended first, or all ways are barred.
+    Returns the time to the goal on it if nothing moves beyond its end, s; infinite if expansions ended first, or all arcs touch.
 
     Parameters
     ----------

@@ -278,7 +278,8 @@ class ControlColony:
 def _lattice(robot: RobotSpec, block: int) -> Lattice:
     """Return the commands that are held for `block` periods, and room for a search over them."""
     if robot.wheels:
-        turn = min(robot.turn_rate, robot.v_max / max(robot.turning_radius, 1e-9))
+        half = math.pi / (block * robot.dt)  # half a turn in an arc is enough for who could turn at once
+        turn = min(robot.turn_rate, robot.v_max / max(robot.turning_radius, 1e-9), half)
         speeds = [robot.v_max, 0.5 * robot.v_max, 0.0] + [-robot.v_reverse] * (robot.v_reverse > 0.0)
         held = np.array([(v, turn * part) for v in speeds for part in (-1.0, -0.35, 0.0, 0.35, 1.0)])
     else:
