@@ -147,7 +147,7 @@ def best_arcs(
 ) -> float:
     """Write the best sequence of arcs, or the best of the longest if expansions end first; the rest of `ant` is a stop.
 
-    Returns the time to the goal on it if nothing moves beyond its end, s; infinite if expansions ended first, or all arcs touch.
+    Returns the time to the goal on it if nothing moves beyond its end, s; infinite if expansions ended first or all arcs touch.
 
     Parameters
     ----------
