@@ -118,6 +118,11 @@ def test_links_lead_somewhere(page: Path) -> None:
                 assert anchor[1:] in headings(target.read_text(encoding="utf-8")), (link, anchor)
 
 
+def test_no_page_has_a_name_of_sphinx() -> None:
+    """Sphinx writes search.html and genindex.html itself, over a page of that name."""
+    assert not {page.stem for page in DOCS if page.parent.name == "docs"} & {"search", "genindex", "py-modindex"}
+
+
 SCENARIOS = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
 START, *PARTS = re.findall(r"^```toml\n(.*?)^```", SCENARIOS, re.DOTALL | re.MULTILINE)
 

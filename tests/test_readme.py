@@ -89,8 +89,8 @@ def test_lengths_of_ants_are_what_the_example_prints() -> None:
 
 
 def test_the_readme_repeats_what_the_pages_of_docs_say() -> None:
-    """The README's figures of speed and of robots are those of docs/search.md and docs/robots.md, rounded."""
-    search = table((ROOT / "docs/search.md").read_text(encoding="utf-8"), "| map | nano-astar |")
+    """The README's figures of speed and of robots are those of docs/shortest_paths.md and docs/robots.md, rounded."""
+    search = table((ROOT / "docs/shortest_paths.md").read_text(encoding="utf-8"), "| map | nano-astar |")
     for name, (jps, subgoals, prepared) in table(README, "| map | `jps`").items():
         *_, faster, fastest, taken = search[name]
         for shown, whole in ((jps, faster), (subgoals, fastest)):
