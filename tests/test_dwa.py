@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway.kernels.base.records import Terrain
 from antway.kernels.baselines.dwa import roll_out, roll_out_twists, stops_clear
 from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth, Line
@@ -28,7 +29,7 @@ def hall(*obstacles: Obstacle, **changes) -> Scenario:
 def roll(command, state, limits, dt, steps, blocked, size, radius, discs):
     out = np.empty((1, 5))
     roll_out(
-        np.array([command]), np.array(state), np.array(limits), dt, steps, blocked, np.array([0.0, 0.0, size]), radius,
+        np.array([command]), np.array(state), np.array(limits), dt, steps, Terrain(blocked, 0.0, 0.0, size), radius,
         discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy(), out,
     )  # fmt: skip
     return out[0]
@@ -76,7 +77,7 @@ def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
         state = np.array([4.0, 4.0, rng.uniform(-3, 3), rng.uniform(0, 1), rng.uniform(-1, 1)])
         twist, out = np.array([[rng.uniform(-0.3, 1.0), rng.uniform(-1.9, 1.9)]]), np.empty((1, 7))
         roll_out_twists(
-            twist, state, WHEELS.limits, 0.1, 30, 10, blocked, np.array([0.0, 0.0, 0.2]),
+            twist, state, WHEELS.limits, 0.1, 30, 10, Terrain(blocked, 0.0, 0.0, 0.2),
             discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy(), out,
         )  # fmt: skip
         now, touch, wall, after = tuple(state.tolist()), math.inf, math.inf, None
@@ -162,7 +163,7 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
     for _ in range(cases(200, 3000)):
         state = np.array([rng.uniform(4.6, 5.7), 4.0, rng.uniform(-1.5, 1.5), rng.uniform(-0.3, 1), rng.uniform(-1.9, 1.9)])
         twist = float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.9, 1.9))
-        clear = stops_clear(*twist, state, WHEELS.limits, dt, blocked, np.array([0.0, 0.0, 0.2]))
+        clear = stops_clear(*twist, state, WHEELS.limits, dt, Terrain(blocked, 0.0, 0.0, 0.2))
         now, gap, t = tuple(state.tolist()), math.inf, 0.0
         while t < dt or abs(now[3]) > 1e-9:
             gap = min(gap, 6.0 - WHEELS.radius - now[0])

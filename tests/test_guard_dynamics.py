@@ -15,7 +15,7 @@ from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_
 from antway.kernels.robot.cycle import Body, Record, play
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
-from antway.world.walls import walls_of
+from antway.world.terrain import walls_of
 from common import cases
 
 DT, BOUND, CYCLES, WHOLE, COUNT = 0.1, 1.2, 60, 200, 5

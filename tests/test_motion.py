@@ -13,8 +13,8 @@ from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, Robo
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
 from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
+from antway.world.terrain import walls_of
 from antway.world.timeline import Timeline
-from antway.world.walls import walls_of
 from common import cases
 from naive import motion as twin
 

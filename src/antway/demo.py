@@ -14,7 +14,6 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from antway import checks
 from antway.errors import BadParameter
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
@@ -127,7 +126,6 @@ def static_shortest(task: Task) -> float:
 def write_episode(
     result: EpisodeResult,
     folder: Path,
-    on_progress: Callable[[str], None] = lambda what: None,
     *,
     beside: Sequence[EpisodeResult] = (),
 ) -> dict[str, Any]:
@@ -142,7 +140,6 @@ def write_episode(
     folder.mkdir(parents=True, exist_ok=True)
     numbers = write_record(result, folder)
     trace, others = _trace(result), [_trace(other) for other in beside]
-    on_progress("figures")
     for one in (*others, trace):
         write_figures(one, folder)
     if trace.rounds is not None:
@@ -150,10 +147,8 @@ def write_episode(
 
         figures.save(rounds_figure(trace), folder / "rounds.png")
     first, *rest = (*others, trace)
-    on_progress("animation")
     path = figures.shortest(trace.task)
     write_animation(first, folder / "demo.gif", beside=rest, shortest=path, width=360 if rest else 480)
-    on_progress("replay page")
     write_replay(first, folder / "replay.html", beside=rest, shortest=path)
     return numbers
 
@@ -297,13 +292,12 @@ def write_flow_charts(out: Path) -> None:
         save(draw(), out / name)
 
 
-def write_convergence(scenario: Scenario, path: Path, *, seed: int = 0, cycles: int = 50) -> dict[str, float]:
+def write_convergence(scenario: Scenario, path: Path) -> dict[str, float]:
     """Draw how the Ant System converges on a scene's map under each reading of the persistence; return the best lengths, m."""
     from antway.ants.gridpath import explore
     from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
     from antway.view import figures
 
-    checks.integer("cycles", cycles, low=1)
     task = scenario.task
     inflated = task.grid.inflate(task.robot.radius)
     problem = Problem(inflated, inflated.cell_at(task.start), inflated.cell_at(task.goal))
@@ -313,7 +307,7 @@ def write_convergence(scenario: Scenario, path: Path, *, seed: int = 0, cycles: 
         "adaptive, as printed": Printed(),
     }
     found = {
-        name: explore(problem, seed=seed, persistence=persistence, heuristic="goal", retreat=False, cycles=cycles)
+        name: explore(problem, persistence=persistence, heuristic="goal", retreat=False)
         for name, persistence in readings.items()
     }
     histories = {name: exploration.history for name, exploration in found.items()}

@@ -174,15 +174,13 @@ def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int
     return scalars
 
 
-def numbers_in(
-    data: bytes, most: int, where: str, *, field: str = "numbers", error: type[BadInput] = BadMap
-) -> NDArray[np.float64]:
+def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") -> NDArray[np.float64]:
     """Return the numbers in `data`, separated by white space, float64[N]; at most `most`, a block at a time.
 
     Raises
     ------
-    error
-        For what is no number, and more numbers than `most`.
+    BadMap
+        If there are more than `most` numbers, or something else than numbers.
     """
     parts, count, at = [np.empty(0)], 0, 0
     space = re.compile(rb"\s")
@@ -192,13 +190,13 @@ def numbers_in(
         words = data[at:end].split()
         count, at = count + len(words), end
         if count > most:
-            raise error(field, f"more than {most}", f"at most {most} numbers", where=where)
+            raise BadMap(field, f"more than {most}", f"at most {most} numbers", where=where)
         try:
             if any(b"_" in word for word in words):
                 raise ValueError("an underscore")  # which Python takes within numbers
             parts.append(np.array([float(word) for word in words]))
         except ValueError as fault:
-            raise error(field, str(fault), "numbers alone", where=where) from None
+            raise BadMap(field, str(fault), "numbers alone", where=where) from None
     return np.concatenate(parts)
 
 

@@ -6,7 +6,7 @@ An episode's outcome, time, length, least clearance and cycle times are those of
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,11 +46,11 @@ def jerk(trace: Trace) -> float:
     return float(np.sqrt((np.diff(whole, n=2, axis=0) ** 2).sum(axis=1).mean())) / trace.task.robot.dt**2
 
 
-def side_changes(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
+def side_changes(trace: Trace) -> int:
     """Return how often the robot changed the side on which it was about to pass an obstacle.
 
     The side is the sign of the cross product of the vector to the obstacle and the relative velocity. It counts while the two
-    approach each other within `near` m and would pass at least `clear` m off centre at constant velocities.
+    approach each other within 3 m and would pass at least 0.1 m off centre at constant velocities.
     """
     side_changes, steps = 0, np.diff(trace.t)[:, None, None]
     offset = (trace.obstacle_xy - trace.xy[:, None, :])[:-1]
@@ -58,7 +58,7 @@ def side_changes(trace: Trace, *, near: float = 3.0, clear: float = 0.1) -> int:
     speed = np.hypot(relative[..., 0], relative[..., 1])
     cross = relative[..., 0] * offset[..., 1] - relative[..., 1] * offset[..., 0]
     ahead = (relative * offset).sum(axis=2) > 0.0
-    counts = ahead & (np.hypot(offset[..., 0], offset[..., 1]) < near) & (np.abs(cross) >= clear * speed) & (speed > 0.0)
+    counts = ahead & (np.hypot(offset[..., 0], offset[..., 1]) < 3.0) & (np.abs(cross) >= 0.1 * speed) & (speed > 0.0)
     for k in range(counts.shape[1]):
         moments = np.flatnonzero(counts[:, k])
         side = np.sign(cross[moments, k])
@@ -80,8 +80,8 @@ def share(outcomes: Sequence[str], outcome: Outcome) -> float:
     return sum(one == outcome.value for one in outcomes) / len(outcomes) if outcomes else math.nan
 
 
-def wilson(count: int, total: int, z: float = Z95) -> Interval:
-    """Return Wilson's interval of a rate, by default at 95 %.
+def wilson(count: int, total: int) -> Interval:
+    """Return Wilson's 95 % interval of a rate.
 
     Wilson: Probable inference, the law of succession, and statistical inference, JASA 1927.
 
@@ -92,28 +92,24 @@ def wilson(count: int, total: int, z: float = Z95) -> Interval:
     """
     total = checks.integer("total", total, low=0)
     count = checks.integer("count", count, low=0, high=total)
-    z = checks.number("z", z, low=0.0)
     if total == 0:
         return 0.0, 1.0
-    p, n = count / total, float(total)
+    p, n, z = count / total, float(total), Z95
     middle = (p + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
     return (0.0 if count == 0 else middle - half), (1.0 if count == total else middle + half)
 
 
-def bootstrap(values: ArrayLike, statistic: Callable[..., NDArray[np.float64]] = np.mean, *, seed: int = 0) -> Interval:
-    """Return the 95 % percentile interval of a statistic of `values`, float[N], over 2000 resamples; NaN without values.
+def bootstrap(values: ArrayLike) -> Interval:
+    """Return the 95 % percentile interval of the mean of `values`, float[N], over 2000 resamples; NaN without values.
 
     Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes pass the differences.
     """
     sample = checks.array("values", values, (None,), finite=False)
-    if not callable(statistic):
-        raise BadParameter("statistic", statistic, "a function of an array and `axis`, such as numpy.mean")
-    seed = checks.seed(seed)
     if not len(sample):
         return math.nan, math.nan
-    drawn = np.random.default_rng(seed).integers(0, len(sample), (RESAMPLES, len(sample)))
-    low, high = np.quantile(statistic(sample[drawn], axis=1), (0.025, 0.975))
+    drawn = np.random.default_rng(0).integers(0, len(sample), (RESAMPLES, len(sample)))
+    low, high = np.quantile(sample[drawn].mean(axis=1), (0.025, 0.975))
     return float(low), float(high)
 
 
@@ -139,13 +135,13 @@ def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.
         return above / below
 
 
-def real_difference(a: ArrayLike, b: ArrayLike, *, seed: int = 0) -> tuple[float, Interval, bool]:
+def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
     """Return the mean of a - b over paired episodes, its 95 % interval, and whether it excludes 0 with ten pairs or more."""
     one = checks.array("a", a, (None,))
     difference = one - checks.array("b", b, one.shape)
     if not len(difference):
         return math.nan, (math.nan, math.nan), False
-    low, high = bootstrap(difference, seed=seed)
+    low, high = bootstrap(difference)
     return float(difference.mean()), (low, high), len(difference) >= PAIRS and not low <= 0.0 <= high
 
 

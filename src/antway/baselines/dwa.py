@@ -13,6 +13,7 @@ from antway.baselines.replan import STOP, Follow, now
 from antway.kernels.baselines.dwa import roll_out, roll_out_twists
 from antway.world.policy import XY, Command, Observation, Task
 from antway.world.rollouts import RobotState, acting, commanded
+from antway.world.terrain import terrain_of
 
 
 class Dwa(Follow):
@@ -83,7 +84,7 @@ class Dwa(Follow):
         speed = robot.v_max * np.arange(1, self.speeds + 1) / self.speeds
         self.circles = np.outer(speed, np.exp(1j * angle)).ravel()
         self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
-        self.frame = np.array([task.grid.origin[0], task.grid.origin[1], task.grid.resolution])
+        self.terrain = terrain_of(task.grid)
         self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
         self.rolls = robot.wheels and not robot.stepwise
         self.turning = 0.0
@@ -151,20 +152,19 @@ class Dwa(Follow):
         aim = max(math.ceil(self.aim / robot.dt - 1e-9), 1)
         roll_out_twists(
             commands, np.array(state), robot.limits, robot.dt, max(self.periods, aim), aim,
-            self.task.grid.blocked, self.frame, xy, velocity, contact_radius, ends,
+            self.terrain, xy, velocity, contact_radius, ends,
         )  # fmt: skip
         return ends
 
     def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
-        robot, grid = self.task.robot, self.task.grid
-        xy, velocity = now(o)
+        robot, (xy, velocity) = self.task.robot, now(o)
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
         contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)  # a margin that is broken already is cut to what there is
         ends = np.empty((len(commands), 5))
         roll_out(
             commands, np.array([*o.xy, *o.velocity, o.heading]), self.limits, robot.dt, self.periods,
-            grid.blocked, self.frame, robot.radius, xy, velocity, contact_radius, ends,
+            self.terrain, robot.radius, xy, velocity, contact_radius, ends,
         )  # fmt: skip
         return ends
 

@@ -29,8 +29,7 @@ from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task
-from antway.world.terrain import terrain_of
-from antway.world.walls import walls_of
+from antway.world.terrain import terrain_of, walls_of
 
 _MARGIN = 0.01  # m kept from walls by robots with inertia
 DID = ("free", "slowed", "braked", "stepped-aside", "least-harm")

@@ -106,18 +106,15 @@ class _Painter:
         """Return values by cell, [H, W, ...], top line first."""
         return cells if self.top_first else np.flipud(cells)
 
-    def disc(self, draw: ImageDraw.ImageDraw, centre: XY, radius: float, fill: str | None, edge: str, width: int = 2) -> None:
+    def disc(self, draw: ImageDraw.ImageDraw, centre: XY, radius: float, fill: str | None, edge: str) -> None:
         (x, y), r = self.at(centre), max(radius * self.scale, 3.0 * SUPER)
-        draw.ellipse((x - r, y - r, x + r, y + r), fill=fill, outline=edge, width=width * SUPER)
+        draw.ellipse((x - r, y - r, x + r, y + r), fill=fill, outline=edge, width=2 * SUPER)
 
-    def line(
-        self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, width: float, cased: bool = True
-    ) -> None:
+    def line(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, width: float) -> None:
         flat = [self.at(point) for point in points]
         if len(flat) < 2:
             return
-        if cased:
-            draw.line(flat, fill="white", width=round((width + 2) * SUPER), joint="curve")
+        draw.line(flat, fill="white", width=round((width + 2) * SUPER), joint="curve")
         draw.line(flat, fill=colour, width=round(width * SUPER), joint="curve")
 
     def dashes(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, dash: float) -> None:

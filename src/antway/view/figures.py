@@ -392,6 +392,6 @@ def in_words(decision: Decision | None) -> str:
     return "" if decision is None else f"{decision.action.replace('-', ' ')}: {decision.reason}"
 
 
-def _wrapped(text: str, width: int = 90) -> str:
+def _wrapped(text: str) -> str:
     """A text on at most two lines, with no character that Matplotlib would take for a formula."""
-    return "\n".join(textwrap.wrap(text, width, max_lines=2, placeholder=" ...")).replace("$", r"\$")
+    return "\n".join(textwrap.wrap(text, 90, max_lines=2, placeholder=" ...")).replace("$", r"\$")

@@ -80,10 +80,10 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
         "reason": trace.reason,
         "map": map_record(grid, lambda mask: _mask(mask, levels=1)),
         "box": {"x": box.low[0], "y": box.low[1], "width": box.size[0], "height": box.size[1]},
-        "t": _pack(trace.t, "<f4"),
+        "t": to_base64(trace.t, "<f4"),
         "robot": {
             "xy": box.pack(trace.xy),
-            "heading": _pack(trace.heading, "<f4"),
+            "heading": to_base64(trace.heading, "<f4"),
             "radius": task.robot.radius,
             "range": _number(task.robot.sensor_range),
             "occlusion": bool(trace.config.get("sensor", {}).get("occlusion", True)),
@@ -160,7 +160,9 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
         "gap": _number(decision.gap),
         "guard": decision.guard,
         "pheromone": heap,
-        "predicted": None if decision.predicted is None or not len(decision.predicted) else _pack(decision.predicted, "<f4"),
+        "predicted": None
+        if decision.predicted is None or not len(decision.predicted)
+        else to_base64(decision.predicted, "<f4"),
     }
     return {key: value for key, value in record.items() if value not in (None, "", [])}
 
@@ -175,10 +177,11 @@ class _Box:
         self.size: list[float] = np.maximum(high - low, 1e-9).tolist()
 
     def pack(self, points: NDArray[np.float64]) -> str:
-        return _pack(np.round((points - self.low) / self.size * 65535), "<u2")
+        return to_base64(np.round((points - self.low) / self.size * 65535), "<u2")
 
 
-def _pack(values: NDArray[np.floating[Any]], dtype: str) -> str:
+def to_base64(values: NDArray[Any], dtype: str) -> str:
+    """Return numbers as base64 of their bytes as `dtype`, such as "<f4"."""
     return base64.b64encode(np.ascontiguousarray(values).astype(dtype).tobytes()).decode()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import time
 from collections.abc import Callable
 from typing import Any
@@ -17,6 +16,7 @@ from antway.ants.rules import RULES
 from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
+from antway.view.replay import to_base64
 from antway.web.files import decoded, stem
 from antway.web.tab import Tab
 from antway.web.view import Message, short
@@ -121,9 +121,9 @@ class Tours(Tab):
             "gap": None if not optimum or not np.isfinite(best) else short(100.0 * (best / optimum - 1.0)),
             "ended": self.ended,
             "curve": [[short(value) for value in row] for row in curve],
-            "tour": _packed(self.colony.best, "<u2") if self.colony.cycle else None,
-            "ends": _packed(ends, "<u2"),
-            "amounts": _packed(amounts, "u1"),
+            "tour": to_base64(self.colony.best, "<u2") if self.colony.cycle else None,
+            "ends": to_base64(ends, "<u2"),
+            "amounts": to_base64(amounts, "u1"),
         }
 
     def describe(self) -> Message:
@@ -136,7 +136,7 @@ class Tours(Tab):
             "name": instance.name,
             "size": instance.size,
             "optimum": instance.optimum,
-            "cities": _packed(np.round((xy - low) / size.max() * 65535), "<u2"),
+            "cities": to_base64(np.round((xy - low) / size.max() * 65535), "<u2"),
             "frame": np.round(size / size.max() * 65535).tolist(),
             "settings": self.settings,
         }
@@ -238,7 +238,3 @@ def _around(instance: Tsp) -> Frame | None:
         return None
     size = np.ptp(instance.xy, axis=0)
     return instance.xy.min(axis=0), np.maximum(size, size.max() / 100 or 1.0)
-
-
-def _packed(values: NDArray[Any], dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values).astype(dtype).tobytes()).decode()

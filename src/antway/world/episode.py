@@ -29,10 +29,9 @@ from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
 from antway.world.stops import Rounds
-from antway.world.terrain import terrain_of
+from antway.world.terrain import terrain_of, walls_of
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
-from antway.world.walls import walls_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

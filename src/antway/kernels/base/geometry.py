@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import Terrain
 
 TOUCH = 1e-9  # by how much a distance must fall short to be a contact
 
@@ -224,6 +225,15 @@ def segment_hits_cells(
             if blocked[row, col] and segment_hits_square(ar, ac, br, bc, row, col, radius):
                 return True
     return False
+
+
+@kernel
+def hits_walls(terrain: Terrain, ax: float, ay: float, bx: float, by: float, radius: float, walled: bool) -> bool:
+    """Do as `segment_hits_cells` for places and a radius in m."""
+    size = terrain.resolution
+    ar, ac = (ay - terrain.y0) / size - 0.5, (ax - terrain.x0) / size - 0.5
+    br, bc = (by - terrain.y0) / size - 0.5, (bx - terrain.x0) / size - 0.5
+    return segment_hits_cells(terrain.blocked, ar, ac, br, bc, radius / size, walled)
 
 
 @kernel

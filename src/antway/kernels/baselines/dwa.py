@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import segment_hits_cells, swept_discs
+from antway.kernels.base.geometry import hits_walls, segment_hits_cells, swept_discs
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.records import RobotLimits, Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST, drive_roughly
 
@@ -23,8 +23,7 @@ def roll_out(
     limits: NDArray[np.float64],
     dt: float,
     steps: int,
-    blocked: NDArray[np.bool_],
-    frame: NDArray[np.float64],
+    terrain: Terrain,
     radius: float,
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
@@ -43,29 +42,25 @@ def roll_out(
         As in `kernels.robot.dynamics.drive`.
     dt, steps
         Control period in s, and how many of them.
-    blocked, frame, radius
-        The map; x and y of its corner and the edge of a cell, m; the robot's radius, m.
+    terrain, radius
+        The map, and the robot's radius in m.
     xy, velocity, contact_radius : float64[K, 2], float64[K, 2], float64[K]
         Obstacles in uniform motion: place now, velocity, least distance of the centres; m, m/s.
     out : float64[C, 5]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
         wall or none), speed at the end of the first period, and the robot's place after that period.
     """
-    size = frame[2]
+    size = terrain.resolution
     for c in range(len(candidates)):
         x, y, vx, vy, heading = state[0], state[1], state[2], state[3], state[4]
         contact, obstacle = math.inf, -1
         for i in range(steps):
             vx, vy, heading = drive(vx, vy, heading, candidates[c, 0], candidates[c, 1], limits, dt)
             t = i * dt
-            for k in range(len(contact_radius)):
-                px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
-                hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, contact_radius[k], dt)
-                if t + hit < contact:
-                    contact, obstacle = t + hit, k
-            row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
+            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, xy, velocity, contact_radius)
+            row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
             to_row, to_col = row + vy * dt / size, col + vx * dt / size
-            if contact > t and segment_hits_cells(blocked, row, col, to_row, to_col, radius / size, True):
+            if contact > t and segment_hits_cells(terrain.blocked, row, col, to_row, to_col, radius / size, True):
                 contact, obstacle = t, -1
             x, y = x + vx * dt, y + vy * dt
             if i == 0:
@@ -76,6 +71,28 @@ def roll_out(
 
 
 @kernel
+def _first_contact(
+    x: float,
+    y: float,
+    vx: float,
+    vy: float,
+    t: float,
+    dt: float,
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    contact_radius: NDArray[np.float64],
+) -> tuple[float, int]:
+    """Time of the first contact in the period from t s on, infinite if there is none, and with which obstacle, else -1."""
+    contact, obstacle = math.inf, -1
+    for k in range(len(contact_radius)):
+        px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
+        hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, contact_radius[k], dt)
+        if t + hit < contact:
+            contact, obstacle = t + hit, k
+    return contact, obstacle
+
+
+@kernel
 def roll_out_twists(
     candidates: NDArray[np.float64],
     state: NDArray[np.float64],
@@ -83,8 +100,7 @@ def roll_out_twists(
     dt: float,
     steps: int,
     aim: int,
-    blocked: NDArray[np.bool_],
-    frame: NDArray[np.float64],
+    terrain: Terrain,
     xy: NDArray[np.float64],
     velocity: NDArray[np.float64],
     contact_radius: NDArray[np.float64],
@@ -101,28 +117,21 @@ def roll_out_twists(
     limits : RobotLimits
     aim : int
         After so many periods, >= 1, place and heading are told.
-    dt, steps, blocked, frame, xy, velocity, contact_radius
-        As in `roll_out`. Within a period the robot's place goes along the chord of its arc.
+    dt, steps, terrain, xy, velocity, contact_radius
+        As in `roll_out`. Within a period the robot moves along the chord of its arc.
     out : float64[C, 7]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
         wall or none), speed at the end of the first period, x, y and heading after `aim` periods, or where it stopped, and
         whether a period of the command and then braking with its turn rate ends before any wall (`stops_clear`).
     """
-    size = frame[2]
     for c in range(len(candidates)):
         x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
         contact, obstacle = math.inf, -1
         for i in range(steps):
             x1, y1, theta, a, b = drive_roughly(x, y, theta, a, b, candidates[c, 0], candidates[c, 1], limits, dt)
             t, vx, vy = i * dt, (x1 - x) / dt, (y1 - y) / dt
-            for k in range(len(contact_radius)):
-                px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
-                hit, _, _ = swept_discs(px, py, velocity[k, 0] - vx, velocity[k, 1] - vy, contact_radius[k], dt)
-                if t + hit < contact:
-                    contact, obstacle = t + hit, k
-            row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
-            to_row, to_col = (y1 - frame[1]) / size - 0.5, (x1 - frame[0]) / size - 0.5
-            if contact > t and segment_hits_cells(blocked, row, col, to_row, to_col, limits.radius / size, True):
+            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, xy, velocity, contact_radius)
+            if contact > t and hits_walls(terrain, x, y, x1, y1, limits.radius, True):
                 contact, obstacle = t, -1
             x, y = x1, y1
             if i == 0:
@@ -132,7 +141,7 @@ def roll_out_twists(
             if contact < math.inf:
                 break
         out[c, 0], out[c, 1] = contact, obstacle
-        out[c, 6] = stops_clear(candidates[c, 0], candidates[c, 1], state, limits, dt, blocked, frame)
+        out[c, 6] = stops_clear(candidates[c, 0], candidates[c, 1], state, limits, dt, terrain)
 
 
 @kernel
@@ -142,24 +151,20 @@ def stops_clear(
     state: NDArray[np.float64],
     limits: RobotLimits,
     dt: float,
-    blocked: NDArray[np.bool_],
-    frame: NDArray[np.float64],
+    terrain: Terrain,
 ) -> bool:
     """Tell whether a period of the command (cv, cw), then (0, cw) until the robot stands, keeps clear of walls.
 
     The disc that is tested along the chord of each period is wider than the robot by what an arc bulges from its chord. Whoever
     gave such a command can go on with (0, cw), so that a robot that gives no others never drives into a wall.
     """
-    size = frame[2]
     x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
     first = True
     while first or abs(a) > REST:
         fastest = max(abs(a), abs(cv)) if first else abs(a)
         x1, y1, theta, a, b = drive_roughly(x, y, theta, a, b, cv if first else 0.0, cw, limits, dt)
         bulge = fastest * limits.turn_rate * dt * dt / 8.0 + (_ROUGH if fastest > REST else 0.0)
-        row, col = (y - frame[1]) / size - 0.5, (x - frame[0]) / size - 0.5
-        to_row, to_col = (y1 - frame[1]) / size - 0.5, (x1 - frame[0]) / size - 0.5
-        if segment_hits_cells(blocked, row, col, to_row, to_col, (limits.radius + bulge) / size, True):
+        if hits_walls(terrain, x, y, x1, y1, limits.radius + bulge, True):
             return False
         x, y, first = x1, y1, False
     return True

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import segment_hits_cells
+from antway.kernels.base.geometry import hits_walls
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain, Trajectories
 from antway.kernels.tracking.tubes import first_met
@@ -39,13 +39,10 @@ def first_contact(
     float
         s, infinite if never.
     """
-    size = terrain.resolution
     for i in range(len(t) - 1):
         ax, ay, bx, by = xy[i, 0], xy[i, 1], xy[i + 1, 0], xy[i + 1, 1]
         contact, _ = first_met(ax, ay, bx, by, t[i], t[i + 1], robot_radius, 0.0, trajectories)
-        row, col = (ay - terrain.y0) / size - 0.5, (ax - terrain.x0) / size - 0.5
-        row_end, col_end = (by - terrain.y0) / size - 0.5, (bx - terrain.x0) / size - 0.5
-        if contact > t[i] and segment_hits_cells(terrain.blocked, row, col, row_end, col_end, robot_radius / size, True):
+        if contact > t[i] and hits_walls(terrain, ax, ay, bx, by, robot_radius, True):
             contact = t[i]
         if contact < math.inf:
             return contact

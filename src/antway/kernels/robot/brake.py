@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.cycle import Body, next_segment
 from antway.kernels.robot.motion import REST, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
-from antway.kernels.robot.sweep import Segment, Walls, axis_gap, disc_axis, free_distance, meets_wall, pose
+from antway.kernels.robot.sweep import Segment, Walls, axis_gap, disc_axis, free_distance, meets_wall, pose, straight
 
 TURN, CYCLES, SIDE = range(3)  # of the state kept: turn rate of the stop held, how many cycles of it are left, last side taken
 _CLOSE = 1e-12
@@ -183,8 +184,7 @@ def nearby(x: float, y: float, a: float, b: float, robot: Robot, tracks: NDArray
     for k in range(len(tracks)):
         away = math.hypot(tracks[k, X] - x, tracks[k, Y] - y) - tracks[k, RADIUS]
         if away - tracks[k, SPEED] * (tracks[k, AGE] + time) <= far:
-            for j in range(8):
-                rows[n, j] = tracks[k, j]
+            copy_row(tracks[k], rows[n])
             n += 1
     return n
 
@@ -209,7 +209,7 @@ def _clear_of_walls(x: float, y: float, theta: float, robot: Robot, margin: floa
     """Tell whether the body, wider by the margin, touches no wall where it stands: nothing it creeps towards is met at once."""
     for side in range(4):
         ux, uy = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
-        m = Segment(False, x, y, theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        m = straight(x, y, theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0)
         if meets_wall(m, 1e-3, robot.body.corners, robot.body.rounding + margin, robot.body.radius + margin, robot.walls) < 1.0:
             return False
     return True

@@ -13,7 +13,7 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
 from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, holonomic_ramp, wheels_segment
-from antway.kernels.robot.sweep import Segment, Walls, meets_disc, meets_wall, nearest_disc, pose, rolling, straight
+from antway.kernels.robot.sweep import Segment, Walls, meets_disc, meets_wall, nearest_disc, pose, rolling, straight, top_speed
 
 
 class Body(NamedTuple):
@@ -63,9 +63,7 @@ def _first_contact(
 ) -> tuple[int, int, float]:
     """What comes first on a segment that begins at time t, with which obstacle, and after how long."""
     what, obstacle, when = GOES_ON, -1, math.inf
-    fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
-    if not m.curved:
-        fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
+    fastest = top_speed(m, h)
     for k in range(len(discs.radius)):
         s = 0.0
         while s < h and s < when:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH, first_wall, segment_hits_cells, swept_discs, wrap
+from antway.kernels.base.geometry import TOUCH, first_wall, hits_walls, swept_discs, wrap
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.base.rows import copy_row
@@ -173,7 +173,7 @@ def brakes_free(
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
         return True
-    a_max, radius, resolution = limits[1], limits[4], terrain.resolution
+    a_max, radius = limits[1], limits[4]
     t, x, y = 0.0, px, py
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
@@ -184,9 +184,7 @@ def brakes_free(
         y += uy * speed * dt
         t += dt
         speed -= a_max * dt
-    ar, ac = (py - terrain.y0) / resolution - 0.5, (px - terrain.x0) / resolution - 0.5
-    br, bc = (y - terrain.y0) / resolution - 0.5, (x - terrain.x0) / resolution - 0.5
-    return not segment_hits_cells(terrain.blocked, ar, ac, br, bc, radius / resolution, True)
+    return not hits_walls(terrain, px, py, x, y, radius, True)
 
 
 @kernel

@@ -167,38 +167,17 @@ def wheels_cycle(
     cw: float,
     limits: RobotLimits,
     dt: float,
+    roughly: bool,
 ) -> tuple[float, float, float, float, float]:
-    """State of wheels after dt s under the command (cv, cw), exact to 1e-10 m; theta is not wrapped."""
+    """Return the state of wheels after dt s under the command (cv, cw); theta is not wrapped.
+
+    The place is exact to 1e-10 m by `along`, or computed by `along_roughly`.
+    """
     cv, cw = clip_twist(cv, cw, limits)
     left = dt
     while left > 0.0:
         h, v0, a, w0, b, v, omega = wheels_segment(v, omega, cv, cw, limits, left)
-        dx, dy = along(theta, v0, a, w0, b, h)
-        x += dx
-        y += dy
-        theta += (w0 + 0.5 * b * h) * h
-        left -= h
-    return x, y, theta, v, omega
-
-
-@bare_kernel
-def wheels_roughly(
-    x: float,
-    y: float,
-    theta: float,
-    v: float,
-    omega: float,
-    cv: float,
-    cw: float,
-    limits: RobotLimits,
-    dt: float,
-) -> tuple[float, float, float, float, float]:
-    """Do as `wheels_cycle`, the place by `along_roughly`: for rollouts."""
-    cv, cw = clip_twist(cv, cw, limits)
-    left = dt
-    while left > 0.0:
-        h, v0, a, w0, b, v, omega = wheels_segment(v, omega, cv, cw, limits, left)
-        dx, dy = along_roughly(theta, v0, a, w0, b, h)
+        dx, dy = along_roughly(theta, v0, a, w0, b, h) if roughly else along(theta, v0, a, w0, b, h)
         x += dx
         y += dy
         theta += (w0 + 0.5 * b * h) * h
@@ -276,7 +255,7 @@ def drive_cycle(
     """State of any robot after dt s under a command: (v, omega) for wheels, (vx, vy) for a holonomic robot."""
     if limits.drive == HOLONOMIC:
         return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
-    return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
+    return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt, False)
 
 
 @bare_kernel
@@ -294,7 +273,7 @@ def drive_roughly(
     """Do as `drive_cycle`, within 1e-6 m for a cycle of 0.1 s: for rollouts."""
     if limits.drive == HOLONOMIC:
         return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
-    return wheels_roughly(x, y, theta, a, b, command_a, command_b, limits, dt)
+    return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt, True)
 
 
 @bare_kernel

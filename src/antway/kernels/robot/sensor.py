@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import segment_hits_cells, timeline_at
+from antway.kernels.base.geometry import hits_walls, timeline_at
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.kalman import measure_place
 from antway.kernels.base.records import Terrain, Trajectories
@@ -55,23 +55,15 @@ def scan(
             ux, uy = dx / distance, dy / distance
             r = radius[k]
             if (
-                _hidden(terrain, x, y, ox - r * ux, oy - r * uy)
-                and _hidden(terrain, x, y, ox - r * uy, oy + r * ux)
-                and _hidden(terrain, x, y, ox + r * uy, oy - r * ux)
+                hits_walls(terrain, x, y, ox - r * ux, oy - r * uy, 0.0, False)
+                and hits_walls(terrain, x, y, ox - r * uy, oy + r * ux, 0.0, False)
+                and hits_walls(terrain, x, y, ox + r * uy, oy - r * ux, 0.0, False)
             ):
                 continue
         seen[n] = k
         state[n, 0], state[n, 1], state[n, 2], state[n, 3] = ox, oy, vx, vy
         n += 1
     return n
-
-
-@kernel
-def _hidden(terrain: Terrain, x: float, y: float, px: float, py: float) -> bool:
-    s = terrain.resolution
-    r0, c0 = (y - terrain.y0) / s - 0.5, (x - terrain.x0) / s - 0.5
-    r1, c1 = (py - terrain.y0) / s - 0.5, (px - terrain.x0) / s - 0.5
-    return segment_hits_cells(terrain.blocked, r0, c0, r1, c1, 0.0, False)
 
 
 @kernel

@@ -72,6 +72,14 @@ def pose(m: Segment, s: float) -> tuple[float, float, float, float, float, float
 
 
 @bare_kernel
+def top_speed(m: Segment, h: float) -> float:
+    """Return the greatest speed on a segment, `h` s long, m/s."""
+    if m.curved:
+        return max(abs(m.v), abs(m.v + m.a * h))
+    return max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
+
+
+@bare_kernel
 def when_lost(d: float, c: float, q: float) -> float:
     """First s > 0 at which d + c s + q s^2 / 2 is 0, for d > 0; infinite if never."""
     under = c * c - 2.0 * q * d
@@ -352,9 +360,7 @@ def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: flo
     radius : float
         Of the disc around the body's centre that holds the body, its rounding included, m.
     """
-    fastest = max(abs(m.v), abs(m.v + m.a * h)) if m.curved else 0.0
-    if not m.curved:
-        fastest = max(math.hypot(m.vx, m.vy), math.hypot(m.vx + m.ax * h, m.vy + m.ay * h))
+    fastest = top_speed(m, h)
     window = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the path
     s = 0.0
     while s < h:
