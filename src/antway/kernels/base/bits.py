@@ -1,4 +1,4 @@
-"""Instructions that Numba has no name for; where compiling is switched off (NUMBA_DISABLE_JIT), Python that does the same."""
+"""Machine instructions that Numba does not offer. With NUMBA_DISABLE_JIT set, plain Python does the same."""
 
 from __future__ import annotations
 

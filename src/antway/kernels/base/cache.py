@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, and whether one is there. Imports no Numba, so that a command can ask before it does."""
+"""Where compiled kernels are kept, and whether a kernel is there. It does not import Numba, so it answers at once."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from antway.version import __version__
 
 
 def _writable(folder: Path) -> bool:
-    """Tell whether `folder` is, or can be made, a folder of this user's alone to write to."""
+    """Tell whether `folder` belongs to this user and can be written to; it is made if it does not exist."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -23,8 +23,8 @@ def _writable(folder: Path) -> bool:
 def cache_folder() -> str:
     """Return the folder that keeps compiled kernels: beside the package, else among the user's caches, else a temporary one.
 
-    Its name holds the version, for Numba does not notice that a kernel called by another one has changed. A checkout keeps
-    Numba's own choice, "", as does whoever sets NUMBA_CACHE_DIR.
+    The name contains the version, because Numba does not notice that a kernel called by another kernel has changed. In a
+    checkout, and where NUMBA_CACHE_DIR is set, the answer is "": Numba chooses.
     """
     package = Path(__file__).parents[2]
     if os.environ.get("NUMBA_CACHE_DIR") or (
@@ -42,7 +42,7 @@ def cache_folder() -> str:
 
 
 def is_compiled(folder: str, kernel: str) -> bool:
-    """Tell whether a kernel, "file.function" of a folder of kernels, has been compiled and kept by this version of Python.
+    """Tell whether this version of Python has compiled a kernel, "file.function" of a folder of kernels, and kept it.
 
     Examples
     --------

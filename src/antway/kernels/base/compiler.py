@@ -1,8 +1,8 @@
-"""How Numba is made to compile antway's kernels in three quarters of its time, to the same machine code.
+"""Makes Numba compile antway's kernels to the same machine code in three quarters of the time.
 
-Most of its time is Python's: for every `a + b` Numba finds out anew which of a dozen implementations suits these types, and
-Python looks again and again for garbage among a million objects that are all in use. Both are put right within `quick_compiler`
-and put back after it, so that kernels of other packages are compiled as ever.
+Most of the time is spent in Python. For every `a + b` Numba searches a dozen implementations for the one that suits the types,
+and the garbage collector scans a million objects that are all in use. `quick_compiler` avoids both while it is active.
+Kernels of other packages are compiled as usual.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.targetconfig import ConfigStack
 from numba.core.types import BaseFunction as _BaseFunction
 
-_GARBAGE = 100_000  # objects made until garbage is looked for among the young ones; Python's own number is 700
-_YOUNG = 1_000  # times that it is until older ones are looked at too, which are in use; Python's own number is 10
+_GARBAGE = 100_000  # allocations between two collections of the youngest generation; Python's default is 700
+_YOUNG = 1_000  # collections of a generation before the next older one is collected; Python's default is 10
 
 BaseFunction: Any = _BaseFunction
 FlagsStack: Any = ConfigStack
-_HANDED_ON = "nrt", "fastmath", "error_model", "forceinline"  # flags that a kernel hands on to what it calls
+_HANDED_ON = "nrt", "fastmath", "error_model", "forceinline"  # flags that a kernel passes on to the kernels it calls
 _get_call_type = BaseFunction.get_call_type
-_typed: dict[Any, Any] = {}  # the signature and the implementation of a function for arguments of these types, with these flags
-_handed_on: dict[int, tuple[Any, Any, str]] = {}  # flags, kept so that no others have their id, those handed on, what they say
+_typed: dict[Any, Any] = {}  # signature and implementation of a function, by argument types and flags
+_handed_on: dict[int, tuple[Any, Any, str]] = {}  # by id of the flags: the flags (kept alive), those passed on, their summary
 
 
 def _flags_handed_on() -> tuple[Any, str]:
-    """Return flags with those alone that matter to what is called, and what they say."""
+    """Return the flags that matter to called kernels, and their summary."""
     flags = FlagsStack.top_or_none()
     if flags is None:
         return None, ""
@@ -41,9 +41,9 @@ def _flags_handed_on() -> tuple[Any, str]:
 
 
 def _known_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-    """Return the signature of a call: one that has been found before is not looked for again.
+    """Return the signature of a call, from the cache if it was found before.
 
-    Numba compiles what is called anew for kernels with other flags, whether those matter to it or not.
+    Flags that do not matter to the callee are left out of the key: otherwise Numba would compile it once for each of them.
     """
     flags, summary = _flags_handed_on()
     key = self, context, tuple(args), tuple(kws.items()), summary
@@ -57,9 +57,9 @@ def _known_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
 
 @contextmanager
 def quick_compiler() -> Iterator[None]:
-    """Let Numba compile in less time within; one thread at a time does."""
+    """Make Numba compile faster within this context. Only one thread compiles at a time."""
     with global_compiler_lock:
-        if BaseFunction.get_call_type is _known_call_type:  # within a compilation that began so
+        if BaseFunction.get_call_type is _known_call_type:  # a nested compilation
             yield
             return
         garbage = gc.get_threshold()

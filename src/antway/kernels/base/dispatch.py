@@ -1,8 +1,8 @@
-"""How kernels are compiled twice: once for kernels that call them, and for Python only where Python calls them.
+"""Compiles kernels for the kernels that call them, and for Python only where Python calls them.
 
-Numba compiles for each kernel machine code and what Python needs to call it, which unpacks every array of every record. Most
-kernels are called by other kernels alone: that is compiled for nothing, and takes a third of the time. All that reaches into
-Numba's own parts is in this file, in compiler.py and in bits.py.
+For each kernel Numba compiles machine code and a wrapper for Python, which unpacks every array of every record. Most kernels
+are called only by other kernels, so that the wrapper, a third of the compile time, is wasted. Only this file, compiler.py and
+bits.py use internal parts of Numba.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ _log = logging.getLogger("antway")
 
 
 class _Watch(event.Listener):
-    """Adds up the time that compiling takes, and says once that kernels are being compiled.
+    """Adds up the time spent compiling, and announces once that kernels are being compiled.
 
-    One thread compiles at a time, and what a kernel calls is compiled while it is: the outermost compilation counts.
+    One thread compiles at a time. Compilations nest, and only the outermost one is timed.
     """
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ event.register("numba:compile", watch)
 
 
 class _Code(JITCodeLibrary):
-    """Code whose functions are optimized: Numba also sets out to for each function that it calls, which is most of them."""
+    """Code of which only the functions defined in it are optimized. Numba also starts on every function it merely calls."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
@@ -72,10 +72,10 @@ class _Code(JITCodeLibrary):
 
 
 class _Bitcode(_Code):
-    """Code that becomes a part of the kernels that call it: kept as such, for machine code of it alone would never run."""
+    """Bitcode that is linked into the kernels that call it. Machine code of it alone would never run."""
 
     def _finalize_final_module(self) -> None:
-        """Leave the module out of what is compiled: LLVM makes machine code of all modules that it has been given."""
+        """Do not hand the module to LLVM, which would compile machine code for it."""
         self._finalize_dynamic_globals()
         self._finalized = True
 
@@ -104,7 +104,7 @@ class _InnerCache(FunctionCache):
 
 
 class Inner(CPUDispatcher):
-    """A kernel as other kernels call it: without machine code of its own and what Python needs to call it."""
+    """A kernel as other kernels call it: without machine code of its own and without a wrapper for Python."""
 
     def enable_caching(self) -> None:
         self._cache = _InnerCache(self.py_func)
@@ -116,14 +116,14 @@ class Inner(CPUDispatcher):
         codegen = self.targetctx.codegen()
         with quick_compiler(), _compiling_to(_Bitcode, codegen):
             before = codegen.set_env
-            codegen.set_env = lambda name, env: None  # to set one compiles all around it
+            codegen.set_env = lambda name, env: None  # setting one would compile the surrounding code
             try:
                 return super().compile(sig)
             finally:
                 codegen.set_env = before
 
     def is_compiled(self, args: Any) -> bool:
-        """Tell whether it is compiled for arguments of these types, here or on disk."""
+        """Tell whether it has been compiled for arguments of these types, in this process or on disk."""
         sig, _ = sigutils.normalize_signature(args)
         key = self._cache._index_key(args, self.targetctx.codegen())
         return sig in self.overloads or key in self._cache._cache_file._load_index()
@@ -133,7 +133,7 @@ class Kernel(CPUDispatcher):
     """A kernel as Python calls it."""
 
     inner: Inner
-    shared: bool  # whether kernels call it wherever Python does, so that it is compiled for them first
+    shared: bool  # whether kernels call it with the same types as Python does; it is compiled for them first
 
     @property
     def _numba_type_(self) -> Any:
@@ -141,7 +141,7 @@ class Kernel(CPUDispatcher):
 
     def compile(self, sig: Any) -> Any:
         with quick_compiler(), _compiling_to(_Code, self.targetctx.codegen()):
-            entry_point = super().compile(sig)  # and set what Inner left unset
+            entry_point = super().compile(sig)  # then set the environments that Inner left unset
         args, _ = sigutils.normalize_signature(sig)
         compiled = self.overloads[tuple(args)]
         for env in compiled._find_referenced_environments():
@@ -150,7 +150,7 @@ class Kernel(CPUDispatcher):
 
 
 class _Compiler(_FunctionCompiler):
-    """Compiles for Python what other kernels call already as a call of that, which takes a fraction of the time."""
+    """Compiles a kernel for Python as a call of the one already compiled for kernels, which is much faster."""
 
     kernel: Kernel
 
@@ -164,10 +164,10 @@ class _Compiler(_FunctionCompiler):
 
 
 def for_kernels_and_python(function: Any, settings: dict[str, Any], shared: bool) -> Kernel:
-    """Return `function` to be compiled with these settings of Numba's and kept on disk, if `shared` for kernels first."""
+    """Return `function` as a kernel with these settings of Numba's, cached on disk; `shared` as in `Kernel`."""
     jit: Any = njit
     before = config.CACHE_DIR
-    config.CACHE_DIR = before or _CACHE  # for this kernel alone: other packages keep theirs where they did
+    config.CACHE_DIR = before or _CACHE  # only for this kernel: other packages keep their own cache folder
     try:
         compiled: Any = jit(cache=True, no_cfunc_wrapper=True, **settings)(function)
         compiled.__class__, compiled.shared = Kernel, shared
@@ -182,14 +182,14 @@ def for_kernels_and_python(function: Any, settings: dict[str, Any], shared: bool
 
 
 def compiled_for(function: Any, sample: tuple[object, ...]) -> Any:
-    """Return the kernel `function` as compiled for arguments of the types of these."""
+    """Return the kernel `function` compiled for arguments of the types in `sample`."""
     return function.compile(tuple(map(typeof, sample)))
 
 
 def _plain(kind: Any) -> Any:
-    """Return the type for which a kernel is compiled that another one calls: int64 for shorter integers and written numbers.
+    """Return int64 for shorter integers and integer literals, else the type itself.
 
-    Numba would compile it once more for each, at a second or two.
+    Otherwise Numba would compile a called kernel once more for each of them, at a second or two each.
     """
     if isinstance(kind, types.IntegerLiteral) or kind in (types.int32, types.int16, types.int8):
         return types.int64

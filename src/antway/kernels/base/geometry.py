@@ -1,11 +1,11 @@
 """Exact swept tests in closed form: disc against disc, disc against blocked squares, disc against a timeline.
 
-Contact is a distance below the reach by more than `TOUCH`; touching is legal. All lengths of one call share one unit; the tests
-against cells work in (row, col) points, integers at cell centres, so that lengths there are in cells.
+Two bodies are in contact if they are nearer than the sum of their radii by more than `TOUCH`; touching is legal. All lengths
+of a call have the same unit. Tests against cells use (row, col) points, integers at cell centres, and lengths in cells.
 
-A *timeline* is the piecewise linear course of a moving disc: at `knot_t[i]` s (strictly increasing) at `knot_xy[i]`, straight
-and at constant speed in between, standing before its first and after its last knot. Many share one pair of arrays: disc k has
-the knots `first[k]:first[k + 1]`.
+A *timeline* is the piecewise linear motion of a disc. It is at `knot_xy[i]` at the time `knot_t[i]` s (strictly increasing),
+moves straight at constant speed in between, and stands before the first knot and after the last. Several discs share one pair
+of arrays: disc k has the knots `first[k]:first[k + 1]`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Terrain
 
-TOUCH = 1e-9  # by how much a distance must fall short to be a contact
+TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than the contact radius by more than this
 
 
 @kernel
@@ -39,7 +39,7 @@ def swept_discs(px: float, py: float, vx: float, vy: float, contact_radius: floa
     Returns
     -------
     first : float
-        Time of the first contact in s, infinite if there is none: the smaller root of |p + v t|^2 = reach^2.
+        Time of the first contact in s, infinite if there is none: the smaller root of |p + v t|^2 = contact_radius^2.
     distance : float
         Least distance of the centres.
     when : float
@@ -55,7 +55,7 @@ def swept_discs(px: float, py: float, vx: float, vy: float, contact_radius: floa
     if now < contact_radius - TOUCH:
         return 0.0, distance, when
     cross = px * vy - py * vx
-    # |p| >= reach here, or within TOUCH of it, and p.v < 0: this form of the smaller root loses no digits.
+    # Here |p| >= contact_radius - TOUCH and p.v < 0: this form of the smaller root loses no digits.
     first = (
         (now - contact_radius)
         * (now + contact_radius)
@@ -117,7 +117,7 @@ def swept_timeline(
 def _place(
     knot_t: NDArray[np.float64], knot_xy: NDArray[np.float64], low: int, high: int, i: int, t: float
 ) -> tuple[float, float, float, float]:
-    """Place and velocity at time t on the piece that ends at knot i."""
+    """Return place and velocity at time t on the part that ends at knot i."""
     if i in (low, high):
         j = min(i, high - 1)
         return knot_xy[j, 0], knot_xy[j, 1], 0.0, 0.0
@@ -132,15 +132,15 @@ def _place(
 def timeline_at(
     t: float, knot_t: NDArray[np.float64], knot_xy: NDArray[np.float64], low: int, high: int
 ) -> tuple[float, float, float, float]:
-    """Place and velocity (x, y, vx, vy) at time t of the timeline with knots low:high; at a knot, of the piece that begins."""
+    """Return (x, y, vx, vy) at time t on the timeline with knots low:high; at a knot, of the part that begins there."""
     return _place(knot_t, knot_xy, low, high, low + int(np.searchsorted(knot_t[low:high], t, side="right")), t)
 
 
 @kernel
 def segment_square_distance(ar: float, ac: float, br: float, bc: float, row: float, col: float, half: float) -> float:
-    """Exact distance of the segment from (ar, ac) to (br, bc) from the closed square of half edge `half` around (row, col).
+    """Return the distance of the segment (ar, ac)-(br, bc) from the closed square of half edge `half` around (row, col).
 
-    0 where they meet; else it is taken at an end of the segment or at a corner of the square.
+    It is 0 where they meet. Otherwise it is the distance at an end of the segment or at a corner of the square.
     """
     if _enters(ar, ac, br, bc, row, col, half):
         return 0.0
@@ -176,9 +176,9 @@ def _enters(ar: float, ac: float, br: float, bc: float, row: float, col: float, 
 
 @kernel
 def segment_hits_square(ar: float, ac: float, br: float, bc: float, row: float, col: float, radius: float) -> bool:
-    """Tell whether a disc whose centre runs from (ar, ac) to (br, bc) comes into contact with the cell (row, col).
+    """Tell whether a disc whose centre moves from (ar, ac) to (br, bc) comes into contact with the cell (row, col).
 
-    A disc of radius 0 is a point: it may run along edges and through corners, not through the inside.
+    A disc of radius 0 is a point, which may move along edges and through corners but not through the interior.
     """
     if radius <= 2 * TOUCH:
         return _enters(ar, ac, br, bc, row, col, 0.5 - TOUCH)
@@ -189,7 +189,7 @@ def segment_hits_square(ar: float, ac: float, br: float, bc: float, row: float, 
 def segment_hits_cells(
     blocked: NDArray[np.bool_], ar: float, ac: float, br: float, bc: float, radius: float, walled: bool
 ) -> bool:
-    """Tell whether a disc whose centre runs from (ar, ac) to (br, bc) comes into contact with a blocked cell.
+    """Tell whether a disc whose centre moves from (ar, ac) to (br, bc) comes into contact with a blocked cell.
 
     Parameters
     ----------
@@ -199,12 +199,7 @@ def segment_hits_cells(
     radius : float
         In cells, >= 0.
     walled : bool
-        Whether what lies off the map counts as blocked.
-
-    Returns
-    -------
-    bool
-        Only the cells near the segment are looked at, row by row.
+        Whether everything off the map counts as blocked.
     """
     rows, cols = blocked.shape
     least, most = radius - TOUCH - 0.5, 0.5 - radius + TOUCH
@@ -215,7 +210,7 @@ def segment_hits_cells(
     margin = radius + 0.5
     dr, dc = br - ar, bc - ac
     for row in range(max(math.ceil(min(ar, br) - margin), 0), min(math.floor(max(ar, br) + margin), rows - 1) + 1):
-        # Of the segment only the part whose row is within `margin` of this row can come near it.
+        # Only the part of the segment that is within `margin` of this row can come near its cells.
         s, t = 0.0, 1.0
         if dr != 0.0:
             p, q = (row - margin - ar) / dr, (row + margin - ar) / dr
@@ -246,17 +241,17 @@ def wrap(angle: float) -> float:
 def first_wall(
     blocked: NDArray[np.bool_], row: float, col: float, dr: float, dc: float, radius: float
 ) -> tuple[float, float, float]:
-    """First contact of a disc that goes from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
+    """Return the first contact of a disc that moves from (row, col) by (dr, dc) with a blocked cell or an edge of the map.
 
-    All in cells, integers at cell centres. The segment is scanned a few cells at a time: its cost grows with its length.
+    All lengths are in cells, integers at cell centres. The segment is scanned a few cells at a time.
 
     Returns
     -------
     share : float
-        Share of the segment gone at contact, in [0, 1]; infinite if there is none. A disc that already touches what it does not
-        move towards has no contact with it.
+        Share of the segment, in [0, 1], at which the contact happens; infinite if there is none. A wall that the disc touches
+        but does not move towards does not count.
     n_row, n_col : float
-        Unit normal there, from the wall to the disc.
+        Unit normal at the contact, from the wall to the disc.
     """
     rows, cols = blocked.shape
     r = max(radius - TOUCH, 0.0)
@@ -272,7 +267,7 @@ def first_wall(
                     n_row, n_col = (-side, 0.0) if axis == 0 else (0.0, -side)
     parts = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
     margin = r + 0.5
-    enters, leaves = 0.0, 1.0  # the shares of the path between which the disc is near the map: only there can it meet a cell
+    enters, leaves = 0.0, 1.0  # shares of the segment between which the disc is near enough to the map to meet a cell
     for p, d, size in ((row, dr, rows), (col, dc, cols)):
         if d == 0.0:
             if p < -margin or p > size - 1.0 + margin:
@@ -298,7 +293,7 @@ def first_wall(
 
 @kernel
 def _first_square(p: float, q: float, dp: float, dq: float, r: float) -> tuple[float, float, float]:
-    """First contact of a point going from (p, q) by (dp, dq) with the unit square around 0 rounded by r, and its normal."""
+    """Return the first contact of a point that moves from (p, q) by (dp, dq) with the unit square around 0 rounded by r."""
     n0, n1, depth = _square_normal(p, q)
     if depth < r:
         return (0.0, n0, n1) if n0 * dp + n1 * dq < 0.0 else (math.inf, 0.0, 0.0)
@@ -318,7 +313,7 @@ def _first_square(p: float, q: float, dp: float, dq: float, r: float) -> tuple[f
 
 @kernel
 def _square_normal(p: float, q: float) -> tuple[float, float, float]:
-    """Unit normal of the unit square around 0 towards (p, q), and the distance from the square (not above 0 inside)."""
+    """Return the unit normal of the unit square around 0 towards (p, q), and the signed distance from the square."""
     u, v = p - min(max(p, -0.5), 0.5), q - min(max(q, -0.5), 0.5)
     distance = math.hypot(u, v)
     if distance > 0.0:
@@ -330,7 +325,7 @@ def _square_normal(p: float, q: float) -> tuple[float, float, float]:
 
 @kernel
 def _enter_box(p: float, q: float, dp: float, dq: float, a: float, b: float) -> float:
-    """Share of the segment (dp, dq) from (p, q) at which it enters the open box |p| < a, |q| < b; infinite if it never does."""
+    """Return the share of the segment (dp, dq) from (p, q) at which it enters the open box |p| < a, |q| < b; else infinity."""
     enter, leave = 0.0, math.inf
     for x, d, half in ((p, dp, a), (q, dq, b)):
         if d == 0.0:

@@ -1,11 +1,11 @@
-"""4-ary heaps, of rows or of items that know their places. Which of equal keys comes first depends on the order of calls.
+"""4-ary heaps. The order in which items of equal key come out depends on the order of calls.
 
-`push` and `pop` keep `size` rows of key and item in an array [M, 2] of integers or of floats, the row of least key first. An
-item may be there more than once. `put_item` and `pop_item` keep items 0, 1, ... in `heap`, each once, by the least of `key`;
-`place` says where each is, -1: not there.
+`push` and `pop` keep `size` rows (key, item) in an array [M, 2], the row of least key first; an item may occur several times.
+`put_item` and `pop_item` keep each of the items 0, 1, ... at most once in `heap`, ordered by `key[item]`; `place[item]` is its
+position, or -1.
 
-Three searches have binary heaps of their own, by pairs of keys or with arrays of their own: search/dstarlite, spacetime/sipp
-and spacetime/memory. A 4-ary heap takes equal keys in another order, so that their answers would not be the same bytes.
+search/dstarlite, spacetime/sipp and spacetime/memory have binary heaps of their own, with pairs of keys or other arrays. A
+4-ary heap would take equal keys in another order and so change their answers.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def pop(heap: Rows, size: int) -> int:
 
 @bare_kernel
 def put_item(key: Rows, heap: Rows, place: Rows, size: int, item: int) -> int:
-    """Put `item` on the heap, or raise it there because its key has fallen; return the new size."""
+    """Put `item` on the heap, or move it up because its key has decreased; return the new size."""
     hole = place[item]
     if hole < 0:
         hole = size

@@ -17,7 +17,7 @@ if not PLAIN:
 
 
 def compile_seconds() -> float:
-    """Return how long this process has compiled kernels so far, s; the difference of two calls is no time of a policy's own."""
+    """Return how long this process has spent compiling kernels, s. It is subtracted from measured times of policies."""
     return 0.0 if PLAIN else dispatch.watch.seconds
 
 
@@ -33,20 +33,20 @@ def kernel(function: F) -> F:
 
 
 def shared_kernel(function: F) -> F:
-    """Compile `function` as `kernel` does, for large ones that Python and kernels call with the same types: once for both."""
+    """Compile `function` as `kernel` does, but once for Python and for kernels, which call it with the same types."""
     return _compiled(function, shared=True)
 
 
 def bare_kernel(function: F) -> F:
-    """Compile `function` as `kernel` does, without counting references to arrays: that can be half the time of small helpers.
+    """Compile `function` as `kernel` does, without reference counts of arrays, which can take half the time of small kernels.
 
-    For kernels that only read and write the arrays they are handed: Numba refuses to compile an allocation here.
+    It is for kernels that only read and write their arguments: Numba refuses to compile an allocation here.
     """
     return _compiled(function, _nrt=False)
 
 
 def inner_kernel(function: F) -> F:
-    """Compile `function` as `bare_kernel` does, always as a part of its caller: to hand over many arrays takes 200 cycles."""
+    """Compile `function` as `bare_kernel` does, and always inline it: passing many arrays takes 200 cycles."""
     return _compiled(function, _nrt=False, forceinline=True)
 
 
@@ -54,10 +54,10 @@ _entries: dict[Any, Any] = {}
 
 
 def entry(function: F, *sample: object) -> F:
-    """Return the kernel `function` as compiled for arguments like these at its first use, to be called with such alone.
+    """Return the kernel `function` compiled for arguments of the types of `sample`. Call it only with arguments of these types.
 
-    An integer that comes where there was a float is taken as one; a float where there was an integer loses its fraction unsaid.
-    A call of the kernel itself finds out the types of all arguments each time, at 0.2 us for each part of a tuple.
+    An integer in place of a float is converted; a float in place of an integer loses its fraction without a warning. A normal
+    call of a kernel determines the types of all arguments each time, which takes 0.2 us for each part of a tuple.
     """
     if PLAIN:
         return function

@@ -1,4 +1,4 @@
-"""The scalar arithmetic of a Kalman filter for constant velocity, alike for every axis."""
+"""The scalar arithmetic of a Kalman filter for constant velocity, the same for every axis."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from antway.kernels.base.jit import bare_kernel
 def measure_place(
     p11: float, p12: float, p22: float, dt: float, agility: float, variance: float
 ) -> tuple[float, float, float, float, float]:
-    """Move a covariance on by `dt` s and take in a measurement of the place; return the gains and the new covariance.
+    """Predict a covariance `dt` s ahead and update it by a measured place; return the gains and the new covariance.
 
     Parameters
     ----------
@@ -30,9 +30,9 @@ def measure_place(
 
     Notes
     -----
-    Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6.2.2. The acceleration
-    changes all the time. Were it taken to be constant from one measurement to the next (their ch. 6.3.2), exact places would
-    let a wrong velocity swing to and fro for ever: twice the mean since the last measurement, less the velocity before.
+    Bar-Shalom, Li, Kirubarajan: Estimation with Applications to Tracking and Navigation, 2001, ch. 6.2.2, where the
+    acceleration is continuous white noise. With an acceleration that is constant between measurements (their ch. 6.3.2) and
+    exact places, a wrong velocity would oscillate for ever: it becomes twice the mean velocity minus itself at each update.
     """
     q = agility * agility
     p11 = p11 + 2 * dt * p12 + dt * dt * p22 + q * dt**4 / 3

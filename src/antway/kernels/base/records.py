@@ -11,18 +11,18 @@ HOLONOMIC, DIFFERENTIAL, ACKERMANN = range(3)  # drives: any direction; two whee
 
 
 class RobotLimits(NamedTuple):
-    """What a robot can do. Limits may be infinite, but for v_max and v_reverse."""
+    """What a robot can do. All limits but v_max and v_reverse may be infinite."""
 
     drive: int  # HOLONOMIC, DIFFERENTIAL or ACKERMANN
     v_max: float  # m/s, > 0
-    v_reverse: float  # m/s, >= 0; wheels drive backwards at most so fast
-    a_max: float  # m/s^2, > 0; growth of the speed
-    brake_max: float  # m/s^2, > 0; fall of the speed
+    v_reverse: float  # m/s, >= 0; the speed limit of wheels in reverse
+    a_max: float  # m/s^2, > 0; limit of acceleration
+    brake_max: float  # m/s^2, > 0; limit of deceleration
     turn_rate: float  # rad/s, > 0
-    alpha_max: float  # rad/s^2, > 0; growth and fall of the turn rate
+    alpha_max: float  # rad/s^2, > 0; limit of change of the turn rate
     turning_radius: float  # m, >= 0; for ACKERMANN |omega| <= |v| / turning_radius
-    latency: float  # s, >= 0; a command acts so long after it was given
-    radius: float  # m; of the disc around the robot's centre that holds all of it
+    latency: float  # s, >= 0; delay between a command and its effect
+    radius: float  # m; radius of the smallest disc around the robot's centre that contains the robot
 
 
 class Terrain(NamedTuple):
@@ -43,14 +43,14 @@ class Trajectories(NamedTuple):
     radius: NDArray[np.float64]  # [K] m
 
 
-# Columns of a motion segment, one row of float64[P, 8] (kernels/spacetime/segments.py): from T0 to T1 s an obstacle moves
-# uniformly from (X, Y) m with (VX, VY) m/s; a standing robot keeps CONTACT_RADIUS m, a moving one CLEARANCE_RADIUS m away.
+# Columns of a motion segment, one row of float64[P, 8] (kernels/spacetime/segments.py). From T0 to T1 s an obstacle moves
+# uniformly from (X, Y) m with (VX, VY) m/s. A standing robot keeps CONTACT_RADIUS m away, a moving one CLEARANCE_RADIUS m.
 T0, T1, X, Y, VX, VY, CONTACT_RADIUS, CLEARANCE_RADIUS = range(8)
 
 
 class Predictions(NamedTuple):
-    """What a robot has to keep clear of."""
+    """Predicted obstacles, which a robot has to keep clear of."""
 
     segments: NDArray[np.float64]  # [P, 8]
-    stopping_time: float  # s; a moving robot keeps clear of where each obstacle was so long before
+    stopping_time: float  # s; a moving robot keeps clear of where each obstacle was up to this time before
     work: NDArray[np.float64]  # [2] scratch

@@ -1,4 +1,4 @@
-"""A counter-based random generator (splitmix64): the state is one uint64[1] array handed to the kernel.
+"""A counter-based random generator (splitmix64), whose state is a uint64[1] array.
 
 Steele, Lea, Flood: Fast splittable pseudorandom number generators, OOPSLA 2014. Streams of different ants or threads come
 from `stream(seed, index)`, so results depend on neither the number of threads nor the order in which they run.
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 
 State = NDArray[np.uint64]
-GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step
+GAMMA = np.uint64(0x9E3779B97F4A7C15)  # increment of the state, an odd constant derived from the golden ratio
 
 
 @kernel
 def mix(z: np.uint64) -> np.uint64:
-    """Scramble 64 bits (the output function of splitmix64)."""
+    """Mix 64 bits (the output function of splitmix64)."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return z ^ (z >> np.uint64(31))

@@ -1,4 +1,4 @@
-"""Rows of tables are copied."""
+"""Copies rows of tables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from antway.kernels.base.jit import bare_kernel
 def copy_row(source: NDArray[np.generic], into: NDArray[np.generic]) -> None:
     """Copy `source`, [N], to `into`, [N].
 
-    For `into[:] = source` Numba compiles how to write down both shapes, should they differ: that takes seconds.
+    For `into[:] = source` Numba also compiles the error message for different shapes, which takes seconds.
     """
     for k in range(len(into)):
         into[k] = source[k]

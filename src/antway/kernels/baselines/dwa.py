@@ -1,4 +1,4 @@
-"""Roll out a robot that is given one command for a while: where it gets to, and when it touches what."""
+"""Rollouts of a robot that keeps one command: where it gets to, and when it touches what."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from antway.kernels.base.records import RobotLimits, Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST, drive_roughly
 
-_ROUGH = 1e-5  # m; by which places of a few periods may be wrong
+_ROUGH = 1e-5  # m; bound on the error of places after a few periods
 
 
 @kernel
@@ -41,11 +41,11 @@ def roll_out(
     limits : float64[4]
         As in `kernels.robot.dynamics.drive`.
     dt, steps
-        Control period in s, and how many of them.
+        Control period in s, and the number of periods.
     terrain, radius
         The map, and the robot's radius in m.
     xy, velocity, contact_radius : float64[K, 2], float64[K, 2], float64[K]
-        Obstacles in uniform motion: place now, velocity, least distance of the centres; m, m/s.
+        Obstacles in uniform motion: present place, velocity, contact distance of the centres; m, m/s.
     out : float64[C, 5]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
         wall or none), speed at the end of the first period, and the robot's place after that period.
@@ -82,7 +82,7 @@ def _first_contact(
     velocity: NDArray[np.float64],
     contact_radius: NDArray[np.float64],
 ) -> tuple[float, int]:
-    """Time of the first contact in the period from t s on, infinite if there is none, and with which obstacle, else -1."""
+    """Return the time of the first contact in the period that starts at t, or infinity, and the obstacle, or -1."""
     contact, obstacle = math.inf, -1
     for k in range(len(contact_radius)):
         px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
@@ -116,13 +116,13 @@ def roll_out_twists(
         x, y, heading, speed and turn rate of the robot.
     limits : RobotLimits
     aim : int
-        After so many periods, >= 1, place and heading are told.
+        Number of periods, >= 1, after which place and heading are written.
     dt, steps, terrain, xy, velocity, contact_radius
         As in `roll_out`. Within a period the robot moves along the chord of its arc.
     out : float64[C, 7]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
-        wall or none), speed at the end of the first period, x, y and heading after `aim` periods, or where it stopped, and
-        whether a period of the command and then braking with its turn rate ends before any wall (`stops_clear`).
+        wall or none), speed at the end of the first period, x, y and heading after `aim` periods or where it stopped, and
+        whether a period of the command followed by braking with its turn rate keeps clear of walls (`stops_clear`).
     """
     for c in range(len(candidates)):
         x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
@@ -153,10 +153,10 @@ def stops_clear(
     dt: float,
     terrain: Terrain,
 ) -> bool:
-    """Tell whether a period of the command (cv, cw), then (0, cw) until the robot stands, keeps clear of walls.
+    """Tell whether a period of the command (cv, cw), followed by (0, cw) until the robot stands, keeps clear of walls.
 
-    The disc that is tested along the chord of each period is wider than the robot by what an arc bulges from its chord. Whoever
-    gave such a command can go on with (0, cw), so that a robot that gives no others never drives into a wall.
+    The disc that is tested along the chord of each period is enlarged by the distance of the arc from its chord. After such a
+    command (0, cw) is safe, so a robot that uses only such commands never drives into a wall.
     """
     x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
     first = True

@@ -1,4 +1,4 @@
-"""Model predictive path integral control: many noisy copies of one sequence of controls, and their mean by what they cost."""
+"""Model predictive path integral control: the mean of many noisy copies of one sequence of controls, weighted by cost."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, j
 
 
 class Sampling(NamedTuple):
-    """How samples are drawn and weighed, and room for them."""
+    """How samples are drawn and weighted, and scratch for them."""
 
-    block: int  # steps that share a draw
+    block: int  # number of steps that share a draw
     spread_a: float  # standard deviation of the speed, or of the velocity's x and y, m/s
-    spread_b: float  # of the turn rate, rad/s, or of the velocity's x and y, m/s
+    spread_b: float  # standard deviation of the turn rate, rad/s, or of the velocity's x and y, m/s
     temperature: float  # s
     drawn: NDArray[np.float64]  # [K, S, 2]
     cost: NDArray[np.float64]  # [K] s
@@ -40,8 +40,7 @@ def path_integral(
 ) -> None:
     """Replace `nominal`, float64[S, 2], by the mean of its noisy copies, each with the weight exp(-cost / temperature).
 
-    One copy is without noise and one is a stop. The parameters that follow `sampling` are those of
-    kernels/controls/colony.py's `forage`.
+    One copy is without noise and one is a stop. The other parameters are those of `forage` in kernels/controls/colony.py.
     """
     count, steps = sampling.drawn.shape[0], len(nominal)
     holonomic = limits.drive == HOLONOMIC

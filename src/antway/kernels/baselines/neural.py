@@ -1,8 +1,8 @@
-"""Activity over a map's cells: shunting neurons (Yang, Meng), bounded relaxation (Glasius), and the path up.
+"""Activity over the cells of a map: shunting neurons (Yang, Meng), bounded relaxation (Glasius), and the ascending path.
 
-A sweep visits the cells in one of four orders in place, so that activity crosses a map in a few sweeps; the stationary state
-does not depend on the order. `kind` says what a cell is: `FREE`, `CLOSED` or `TARGET`. All arrays have a rim of closed cells
-around the map, never visited.
+A sweep updates the cells in place in one of four orders, so that activity crosses a map in a few sweeps. The stationary state
+does not depend on the order. `kind` is `FREE`, `CLOSED` or `TARGET` for each cell. All arrays have a rim of closed cells around
+the map, which are never visited.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def shunt(
     span: float,
     order: int,
 ) -> float:
-    """Let `span` s pass for every neuron: dx/dt = -A x + (B - x)(max(I, 0) + sum_j mu [x_j]+ / d_j) - (D + x) max(-I, 0).
+    """Let `span` s pass for each neuron: dx/dt = -A x + (B - x)(max(I, 0) + sum_j mu [x_j]+ / d_j) - (D + x) max(-I, 0).
 
-    For neighbours that stand still the equation is linear, and its solution, an exponential, is taken exactly.
+    With constant neighbours the equation is linear, and its exact solution is an exponential.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ def shunt(
     decay, upper, lower, mu, drive : float
         A, B, D, mu and E of the papers.
     span : float
-        s; infinite takes each neuron to where it would come to rest.
+        s; if infinite, each neuron gets its stationary value.
     order : int
-        0 to 3: in which direction rows and columns are gone through.
+        0 to 3: the direction in which rows and columns are visited.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagona
 
 @kernel
 def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, weight: float) -> float:
-    """Sum of the positive activities of the neighbours; diagonal ones `weight` times, if `_linked`."""
+    """Return the sum of the positive activities of the neighbours; diagonal ones count `weight` times, if `_linked`."""
     straight = max(x[row - 1, col], 0.0) + max(x[row, col - 1], 0.0) + max(x[row, col + 1], 0.0) + max(x[row + 1, col], 0.0)
     diagonal = 0.0
     for r in (row - 1, row + 1):
@@ -123,18 +123,18 @@ def _around(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int,
 
 @kernel
 def _linked(kind: NDArray[np.uint8], row: int, col: int, r: int, c: int) -> bool:
-    """Tell whether a robot can go from one cell to a neighbour: diagonally only past two cells that are not closed."""
+    """Tell whether a robot can go to a neighbour; diagonal moves must not touch a closed cell."""
     return not (kind[row, c] == CLOSED or kind[r, col] == CLOSED)
 
 
 @kernel
 def ascend(x: NDArray[np.float64], kind: NDArray[np.uint8], row: int, col: int, steps: int) -> NDArray[np.int64]:
-    """Go from a cell to its most active neighbour, and on, for at most `steps` steps or to where none is more active.
+    """Go from cell to most active neighbour for at most `steps` steps, or until no neighbour is more active.
 
     Returns
     -------
     int64[N, 2]
-        The cells after the first; empty where no neighbour is active and more so than the cell.
+        The cells after the first; empty if no neighbour is active and more active than the cell.
     """
     path = np.empty((steps, 2), np.int64)
     for n in range(steps):

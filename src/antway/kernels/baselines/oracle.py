@@ -21,7 +21,7 @@ def first_contact(
     terrain: Terrain,
     trajectories: Trajectories,
 ) -> float:
-    """When does a robot that goes straight from place to place touch an obstacle, or begin a leg that touches a wall?
+    """Return when a robot on a polyline touches an obstacle, or starts a leg that touches a wall.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 
-NEAREST = 1e-3  # m; distances below count as this, so that forces stay finite
+NEAREST = 1e-3  # m; smaller distances count as this, so that forces stay finite
 
 
 @kernel
@@ -22,10 +22,10 @@ def wall_force(
     influence: float,
     near: NDArray[np.float64],
 ) -> tuple[float, float, float]:
-    """Repulsion of a disc from walls, for a gain of 1: each wall acts from its point nearest to the disc.
+    """Return the repulsion of a disc from walls, for a gain of 1; each wall acts from its nearest point.
 
-    Its potential is (1/d - 1/influence)^2 / 2 at distance d below `influence`, its force (1/d - 1/influence) / d^2 away from
-    that point.
+    At a distance d below `influence` the potential is (1/d - 1/influence)^2 / 2 and the force (1/d - 1/influence) / d^2, away
+    from that point.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ def disc_force(
     velocity: NDArray[np.float64],
     radii: NDArray[np.float64],
 ) -> tuple[float, float, int]:
-    """Repulsion of a disc from moving discs, for a gain of 1, by distance and relative velocity.
+    """Return the repulsion of a disc from moving discs, for a gain of 1, by distance and relative velocity.
 
-    With the distance d between the edges, the speed v of approach along the line n of the centres, v' e the rest of the
-    relative velocity, and the distance b = v^2 / 2a that braking takes, the potential is 1 / (d - b) - 1 / influence where
-    v > 0 and d - b < influence. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, r being the distance of the centres
-    (the paper writes d; r is what the gradient gives for discs).
+    Let d be the distance between the edges, v the speed of approach along the line n of the centres, v' e the rest of the
+    relative velocity, and b = v^2 / 2a the braking distance. The potential is 1 / (d - b) - 1 / influence where v > 0 and
+    d - b < influence. The force is (-(1 + v/a) n + v v' / (a r) e) / (d - b)^2, where r is the distance of the centres (the
+    paper writes d; for discs the gradient gives r).
 
     Parameters
     ----------

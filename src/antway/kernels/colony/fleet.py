@@ -1,7 +1,7 @@
-"""Several routes, perhaps through some of the stops only: strings of neighbouring stops are taken out and put back.
+"""Several routes, possibly through only some of the stops: strings of neighbouring stops are removed and reinserted.
 
 Slack induction by string removals (Christiaens, Vanden Berghe, Transportation Science 54, 2020) under simulated annealing.
-Stops that fit nowhere stay out at a price.
+Stops that fit nowhere stay out and cost a price.
 """
 
 from __future__ import annotations
@@ -19,39 +19,39 @@ Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
 OUT = -1  # route of a stop that is in none
 HERE, BEST, WORTH, BEST_COST = range(4)
-SHORT, LONG = 10, 10  # stops taken out in a turn on average; the longest string
+SHORT, LONG = 10, 10  # average number of stops removed in a turn; length of the longest string
 
 
 class Fleet(NamedTuple):
-    """n stops, of which 0 is where all routes begin and n - 1 where they end."""
+    """n stops; all routes start at stop 0 and end at stop n - 1."""
 
-    time: Floats  # [n, n] service and travel, infinite where there is no path
-    opens: Floats  # [n] earliest begin of service
-    closes: Floats  # [n] latest
-    price: Floats  # [n] what it costs in the objective not to visit a stop
-    worth: Floats  # [n] priority of a stop: more of it is better, whatever the objective
+    time: Floats  # [n, n] time of service and travel, infinite where there is no path
+    opens: Floats  # [n] earliest start of service
+    closes: Floats  # [n] latest start of service
+    price: Floats  # [n] cost in the objective of not visiting a stop
+    worth: Floats  # [n] priority of a stop; a larger sum is better, before the objective is compared
     near: Ids  # [n, m] the other inner stops, nearest first
-    last_weight: float  # what the latest end of a route counts in the objective,
-    sum_weight: float  # and the travel time of all
+    last_weight: float  # weight of the latest end of a route in the objective
+    sum_weight: float  # weight of the total travel time in the objective
 
 
 class Routes(NamedTuple):
-    """k routes under change; kernels keep the times in step."""
+    """k routes that are being changed; kernels keep the times up to date."""
 
     stops: Ids  # [k, n]
-    sizes: Ids  # [k] stops in each, start and end included
-    route: Ids  # [n] the route that a stop is in, or OUT
-    ready: Floats  # [k, n] begin of service at each place
-    latest: Floats  # [k, n] latest begin of service such that nothing after it is late
-    duration: Floats  # [k, n] from each place to the end, without waiting
-    earliest: Floats  # [k, n] earliest end from each place on
-    ends: Floats  # [k] when each route ends,
-    travel: Floats  # [k] and how long it travels
+    sizes: Ids  # [k] number of stops in each route, with start and end
+    route: Ids  # [n] the route of each stop, or OUT
+    ready: Floats  # [k, n] start of service at each place
+    latest: Floats  # [k, n] latest start of service such that no later stop is late
+    duration: Floats  # [k, n] time from each place to the end, without waiting
+    earliest: Floats  # [k, n] earliest end of the route from each place on
+    ends: Floats  # [k] end time of each route
+    travel: Floats  # [k] travel time of each route
 
 
 @kernel
 def routes(n: int, k: int) -> Routes:
-    """Return k routes from start to end; `refresh` works out their times."""
+    """Return k empty routes from start to end; `refresh` computes their times."""
     stops = np.zeros((k, n), dtype=np.int32)
     stops[:, 1] = n - 1
     times = np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n)), np.zeros((k, n))
@@ -60,7 +60,7 @@ def routes(n: int, k: int) -> Routes:
 
 @bare_kernel
 def refresh(fleet: Fleet, r: Routes, k: int) -> None:
-    """Work out the times of route k."""
+    """Compute the times of route k."""
     size, stops = r.sizes[k], r.stops[k]
     r.ready[k, 0] = fleet.opens[0]
     for p in range(1, size):
@@ -78,7 +78,7 @@ def refresh(fleet: Fleet, r: Routes, k: int) -> None:
 
 @bare_kernel
 def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
-    """Return the price of the stops left out with the weighted times, and the priorities of the others."""
+    """Return the prices of the stops left out plus the weighted times, and the sum of the priorities of the others."""
     cost, worth, last = 0.0, 0.0, 0.0
     for k in range(len(r.sizes)):
         cost += fleet.sum_weight * r.travel[k]
@@ -94,7 +94,7 @@ def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
 
 @bare_kernel
 def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
-    """Put `stop` where it costs least (one place in a hundred is overlooked); False if it fits nowhere in time."""
+    """Insert `stop` where it costs least (one place in a hundred is skipped); return False if it fits nowhere in time."""
     most, second, longest = 0.0, 0.0, -1
     for k in range(len(r.sizes)):
         if r.ends[k] > most:
@@ -105,7 +105,7 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
     for k in range(len(r.sizes)):
         others = second if k == longest else most
         if r.sizes[k] == 2 and k > 0 and r.sizes[k - 1] == 2:
-            continue  # empty routes are alike
+            continue  # all empty routes are equivalent
         for p in range(1, r.sizes[k]):
             before, after = r.stops[k, p - 1], r.stops[k, p]
             here = max(r.ready[k, p - 1] + fleet.time[before, stop], fleet.opens[stop])
@@ -135,7 +135,7 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
 
 @bare_kernel
 def take_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state: rng.State) -> None:
-    """Take out `length` stops of route k that stand together around `stop`; in half the cases some between them stay."""
+    """Remove `length` neighbouring stops of route k around `stop`; in half of the cases some stops between them stay."""
     size = r.sizes[k] - 2
     place = 1
     while r.stops[k, place] != stop:
@@ -163,7 +163,7 @@ def take_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state: 
 
 @bare_kernel
 def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) -> None:
-    """Take strings out of routes that pass near a stop drawn."""
+    """Remove strings from routes that pass near a randomly drawn stop."""
     n, routes_used, visited = len(r.route), 0, 0
     for k in range(len(r.sizes)):
         touched[k] = False
@@ -175,7 +175,7 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
     strings = int(1.0 + rng.uniform(state) * (4.0 * SHORT / (1.0 + longest)))
     seed = 1 + rng.below(state, n - 2)
     if fleet.last_weight > 0.0 and rng.uniform(state) < 0.5:
-        # What ends last decides.
+        # The route that ends last determines the objective.
         last = 0
         for k in range(len(r.sizes)):
             if r.ends[k] > r.ends[last]:
@@ -197,7 +197,7 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
 
 @bare_kernel
 def recreate(fleet: Fleet, r: Routes, absent: Ids, keys: Floats, state: rng.State) -> None:
-    """Put the absent stops back, sorted at random, by time to the start, by their windows, or by what they are worth."""
+    """Reinsert the absent stops, sorted at random, by time from the start, by their windows, or by their prices."""
     count = 0
     kind = rng.below(state, 8)
     for stop in range(1, len(r.route) - 1):
@@ -249,7 +249,7 @@ def anneal(
     temperature: float,
     cooling: float,
 ) -> None:
-    """Ruin and recreate `turns` times, at temperatures from `temperature` on, each `cooling` times the last.
+    """Ruin and recreate `turns` times; the first temperature is `temperature`, and each next one is multiplied by `cooling`.
 
     record : [4] objective of `saved`, priorities of `best` (BEST), priorities of `saved`, objective of `best`.
     """
@@ -274,7 +274,7 @@ def anneal(
 
 @bare_kernel
 def shorten(fleet: Fleet, r: Routes, k: int) -> None:
-    """Take stops out of route k until none is late: before the first that is, those that save most time for their price."""
+    """Remove stops from route k until none is late: of those up to the first late one, what saves most time for its price."""
     while r.sizes[k] > 2:
         refresh(fleet, r, k)
         size, stops, late = r.sizes[k], r.stops[k], 0
@@ -297,7 +297,7 @@ def shorten(fleet: Fleet, r: Routes, k: int) -> None:
 
 @kernel
 def start(fleet: Fleet, r: Routes, seed: np.uint64) -> tuple[float, float]:
-    """Insert the stops that are in no route, after those that would be late are out; return objective and priorities."""
+    """Remove stops that would be late, then insert those that are in no route; return objective and priorities."""
     state = np.array([seed], dtype=np.uint64)
     for k in range(len(r.sizes)):
         shorten(fleet, r, k)

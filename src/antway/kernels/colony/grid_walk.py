@@ -1,7 +1,7 @@
-"""Ants that walk a grid: what they see, Eq. (1) as one table of weights, the roulette, the walk, the pheromone they leave.
+"""Ants that walk on a grid: the heuristic, Eq. (1) as a table of weights, the roulette, the walk, the deposit of pheromone.
 
-The map is flat with a margin, as in `search.derived.Graph`; `offsets` int64[8] are its flat steps, and a move is an index into
-them. A path is the moves from its start. Arrays [N, 8] hold a value for each move out of each cell, 0 where it is not legal.
+The map is flat with a margin, as in `kernels.search.best_first.Graph`. `offsets`, int64[8], are its flat steps; a move is an
+index into them. A path is a sequence of moves. Arrays [N, 8] hold a value for each move from each cell, 0 if it is illegal.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import mix, stream
 from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
-FLOOR = 1e-30  # a legal move keeps this share of the heaviest one's weight, so that 0 means "no move" and nothing else
-NEAR = 1e-3  # cells; a target nearer than this is seen as if it were so far: an ant beside it steps onto it
-LOW, HIGH = 1e-150, 1e150  # what pheromone without limits of its own is kept in, so that it never becomes 0 or infinite
-_GAMMA = np.uint64(0x9E3779B97F4A7C15)  # the step of splitmix64, see rng.py
-_UNIT, _LOW = np.float32(2.0**-23), np.uint64(0x7FFFFF)  # 23 bits make a number in [0, 1)
+FLOOR = 1e-30  # least weight of a legal move, as a share of the largest weight of its cell; only illegal moves have weight 0
+NEAR = 1e-3  # cells; smaller distances to the target count as this, so that an ant beside the target steps onto it
+LOW, HIGH = 1e-150, 1e150  # limits of pheromone for rules without limits, so that it never becomes 0 or infinite
+_GAMMA = np.uint64(0x9E3779B97F4A7C15)  # increment of splitmix64, see rng.py
+_UNIT, _LOW = np.float32(2.0**-23), np.uint64(0x7FFFFF)  # factor and mask that turn 23 bits into a number in [0, 1)
 
 
 class Paths(NamedTuple):
     """The paths of the ants of a cycle."""
 
     moves: NDArray[np.uint8]  # [A, L] moves of each path, from its start
-    depth: NDArray[np.int32]  # [A] how many moves it has, -1 for an ant that died
+    depth: NDArray[np.int32]  # [A] number of moves, -1 for an ant that died
     length: NDArray[np.float64]  # [A] L_k in cells, infinite for an ant that died
 
 
@@ -37,8 +37,8 @@ class Pheromone(NamedTuple):
     tau: NDArray[np.float64]  # [N, 8] pheromone on each move out of each cell
     seen: NDArray[np.float64]  # [N, 8] heuristic of each move, 0 where it is not legal
     first: float  # initial pheromone
-    low: float  # no legal move has less
-    high: float  # no move has more
+    low: float  # lower limit for legal moves
+    high: float  # upper limit
 
 
 @kernel
@@ -54,10 +54,10 @@ def visibility(
     end: int,
     seen: NDArray[np.float64],
 ) -> None:
-    """Write eta^beta of every legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor of each cell i.
+    """Write eta^beta of each legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor for each cell i.
 
-    Rows `from_cell` to `end` of `seen` are written, all of them 0 before.
-    eta = 1 / distance[j]; with `detour` eta = exp(-(length of the move + distance[j] - distance[i])), the detour, in cells.
+    Rows `from_cell` to `end` of `seen` are written; they must be 0 before.
+    eta = 1 / distance[j]; with `detour`, eta = exp(-(length of the move + distance[j] - distance[i])), with lengths in cells.
     """
     for i in range(from_cell, end):
         if not reachable[i] or legal[i] == 0:
@@ -74,7 +74,7 @@ def visibility(
 
 @kernel
 def weigh(tau: NDArray[np.float64], seen: NDArray[np.float64], alpha: float, weights: NDArray[np.float32]) -> None:
-    """Write the numerator of Eq. (1), tau^alpha eta^beta, to float32[N, 8], divided by the largest of the cell."""
+    """Write the numerator of Eq. (1), tau^alpha eta^beta, to float32[N, 8], divided by the largest one of the cell."""
     row = np.empty(8)
     for cell in range(tau.shape[0]):
         strongest, top = 0.0, 0.0
@@ -104,14 +104,14 @@ def roulette(
 ) -> int:
     """Return k with probability w_k / sum, by the upper 23 of 64 random bits; -1 if the sum is 0.
 
-    The partial sums are made of pairs, so that few additions wait for one another; such that they never fall, and that w_k = 0
-    leaves two of them equal, also after rounding: a move without weight is never drawn.
+    The partial sums are added in pairs, so that few additions depend on one another. Even after rounding they never decrease,
+    and w_k = 0 leaves two of them equal: a move without weight is never drawn.
     """
     c1 = w0 + w1
     c3 = c1 + (w2 + w3)
     w45 = w4 + w5
     c7 = c3 + (w45 + (w6 + w7))
-    drawn = np.float32(bits >> np.uint64(41)) * _UNIT * c7  # < c7 also after rounding
+    drawn = np.float32(bits >> np.uint64(41)) * _UNIT * c7  # less than c7 even after rounding
     if c7 == np.float32(0.0):
         return -1
     return (
@@ -140,17 +140,17 @@ def walk(
     depth: NDArray[np.int32],
     stamp: NDArray[np.int32],
 ) -> int:
-    """Let the ants first, first + 1, ... walk from `start`, one for each row of `moves`; return the steps they made.
+    """Let the ants first, first + 1, ... walk from `start`, one for each row of `moves`; return the total number of steps.
 
-    Each step draws among the neighbours that the ant has not visited, by the roulette over `weights`, Eq. (1); with probability
-    `greedy` it takes the heaviest instead (the pseudo-random proportional rule). turn[a, b] in [0, 1] scales the weight of move
-    b after move a; row 8 stands for the start. In a dead end the ant goes back one cell and never enters the dead one again, so
-    paths have no loops; without `retreat` it dies there. It dies, too, when as many steps as `moves` has columns, those back
-    included, have not brought it to `goal`.
+    Each step draws among the unvisited neighbours by the roulette over `weights`, Eq. (1); with probability `greedy` it takes
+    the move of largest weight instead (the pseudo-random proportional rule). turn[a, b] in [0, 1] scales the weight of move b
+    after move a; row 8 is for the start. In a dead end the ant goes back one cell and never enters the dead end again, so paths
+    have no loops; without `retreat` it dies. It also dies if it has not reached `goal` after as many steps, with those back, as
+    `moves` has columns.
 
-    `moves` uint8[A, L] and `depth` int32[A] are written: the moves of each path and how many, -1 for an ant that died.
-    `stamp` int32[N] is scratch, zeroed once; no ant number may come to the same one twice. Ant a draws from `stream(seed, a)`,
-    so its path does not depend on what runs beside it.
+    `moves`, uint8[A, L], and `depth`, int32[A], are written: the moves of each path and their number, -1 for an ant that died.
+    `stamp`, int32[N], is scratch, which is zeroed once; ant numbers must not repeat. Ant a draws from `stream(seed, a)`, so its
+    path does not depend on other threads.
     """
     steps, limit = 0, moves.shape[1]
     zero = np.float32(0.0)
@@ -167,8 +167,8 @@ def walk(
             bits = mix(state)
             k = -1
             if greedy == 0.0:
-                # A guess among all moves, taken with the odds of its turn unless it leads to a visited cell: rejection, so that
-                # the step has the odds of the roulette below. It mostly saves looking at all neighbours.
+                # Rejection sampling: draw among all moves and accept with the probability of the turn, unless the cell was
+                # visited. The step has the same distribution as the roulette below, mostly without looking at all neighbours.
                 k = roulette(
                     weights[cell, 0],
                     weights[cell, 1],
@@ -222,7 +222,7 @@ def walk(
 
 @kernel
 def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[np.float64]) -> None:
-    """Write L_k in cells to float64[A], straight moves and diagonals (4 to 7) counted apart; infinite for an ant that died."""
+    """Write L_k in cells to float64[A]; infinite for an ant that died. Moves 4 to 7 are diagonal."""
     for ant in range(depth.size):
         diagonal = 0
         for i in range(depth[ant]):
@@ -243,14 +243,14 @@ def update(
     t: int,
     since: int,
 ) -> None:
-    """End a cycle, Eq. (2): pheromone evaporates, and ants that arrived leave Q / L_k as often as the rule says.
+    """End a cycle by Eq. (2): pheromone evaporates, and ants that arrived deposit multiples of Q / L_k by the rule.
 
-    `order` ranks the ants by length, `best_path` and `best` are the best so far (none: empty and infinite), `t` the cycles
-    done, `since` those since the last restart.
+    `order` ranks the ants by length. `best_path` and `best` are the best so far (empty and infinite if there is none). `t` is
+    the number of cycles done, `since` that since the last restart.
     """
     tau, seen, first, low, high = pheromone.tau, pheromone.seen, pheromone.first, pheromone.low, pheromone.high
     moves, depth, length = paths.moves, paths.depth, paths.length
-    if rule.xi > 0.0:  # ACS's local update, for all ants of the cycle at once, so that they can walk side by side
+    if rule.xi > 0.0:  # the local update of ACS, for all ants of the cycle at once, so that they can walk in parallel
         for ant in range(depth.size):
             cell = start
             for i in range(depth[ant]):
@@ -311,7 +311,7 @@ def _lay(
 
 @kernel
 def entropy(tau: NDArray[np.float64]) -> float:
-    """Return the entropy of the pheromone's shares of all moves, nats: ln of their number at first, of few when converged."""
+    """Return the entropy of the pheromone over all moves, nats: the log of their number at first, small when converged."""
     flat = tau.reshape(tau.size)
     top = flat.max()
     if top == 0.0:
@@ -334,10 +334,10 @@ def guide(
     turn: float,
     goal: int,
 ) -> NDArray[np.float64]:
-    """Return the least cost from each cell to `goal` that begins with each move, float64[N, 8]; infinite without a path.
+    """Return the least cost from each cell to `goal` for each first move, float64[N, 8]; infinite if there is no path.
 
-    A move costs its length times the mean of `cost` float64[N] > 0 at its ends, and `turn` >= 0 more if the move before was
-    another one. By label correction: a queue of cells whose values fell.
+    A move costs its length times the mean of `cost`, float64[N] > 0, at its ends, plus `turn` >= 0 if the previous move was a
+    different one. The method is label correcting, with a queue of cells whose values have decreased.
     """
     size = legal.size + 1
     value = np.full((legal.size, 8), math.inf)
@@ -366,7 +366,7 @@ def guide(
 
 @kernel
 def guided(value: NDArray[np.float64], beta: float) -> NDArray[np.float32]:
-    """Return the weights exp(-beta * cost lost by the move), float32[N, 8], by the least costs `value` of `guide`."""
+    """Return the weights exp(-beta * excess cost of the move), float32[N, 8], from the least costs `value` of `guide`."""
     weights = np.zeros(value.shape, np.float32)
     for i in range(value.shape[0]):
         best = value[i].min()
@@ -386,10 +386,10 @@ def score(
     clearance: NDArray[np.float64],
     danger: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return for each ant float64[A, 4]: length, turns, -(least clearance on the path), integral of the danger along the path.
+    """Return float64[A, 4]: length, turns, -(least clearance on the path), and integral of the danger along the path.
 
-    `clearance`, `danger` float64[N]; the integral takes the mean of both ends of a move, as `guide` does; lengths in cells;
-    infinite for an ant that died.
+    `clearance` and `danger` are float64[N]. The integral uses the mean of both ends of a move, as `guide` does. Lengths are in
+    cells. All values are infinite for an ant that died.
     """
     out = np.full((depth.size, 4), math.inf)
     for ant in range(depth.size):

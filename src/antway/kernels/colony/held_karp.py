@@ -1,8 +1,8 @@
-"""What tours cost at least, and the best of few stops: the bound and the dynamic program of Held and Karp.
+"""A lower bound of tours, and the best tour of few stops: the bound and the dynamic program of Held and Karp.
 
-Every tour is a spanning tree of all nodes but one, and two edges to that one: a 1-tree. Prices on the nodes, which a tour pays
-twice each, make nodes of too many edges dear and those of too few cheap; the cheapest 1-tree less twice the prices is at most
-any tour, whatever the prices are (Held and Karp, The traveling-salesman problem and minimum spanning trees, 1970).
+Every tour is a 1-tree: a spanning tree of all nodes but one, and two edges to that one. A tour pays the price of each node
+twice. Prices make nodes with too many edges expensive and nodes with too few cheap. For any prices, the cheapest 1-tree minus
+twice the prices is a lower bound (Held and Karp, The traveling-salesman problem and minimum spanning trees, 1970).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ Ints = NDArray[np.int64]
 
 @bare_kernel
 def one_tree(cost: Floats, price: Floats, near: Floats, link: Ints, degree: Ints) -> float:
-    """Return the cost of the cheapest 1-tree under `price`, node 0 being the one left out, and write each node's edges.
+    """Return the cost of the cheapest 1-tree under `price`, whose tree leaves node 0 out, and write the degree of each node.
 
-    Prim's algorithm in n^2 steps. `near` float64[n] and `link` int64[n] are room; `degree` int64[n] is written.
+    This is Prim's algorithm in n^2 steps. `near`, float64[n], and `link`, int64[n], are scratch; `degree` is int64[n].
     """
     n = len(cost)
     degree[:] = 0
@@ -60,7 +60,7 @@ def one_tree(cost: Floats, price: Floats, near: Floats, link: Ints, degree: Ints
 def bound(cost: Floats, tour: float, rounds: int) -> float:
     """Return a lower bound on closed tours over the symmetric `cost`, float64[n, n] with n >= 3, by subgradients.
 
-    `tour` is the cost of some tour, which sets the length of the first step (Volgenant and Jonker 1982).
+    `tour` is the cost of any tour, which determines the length of the first step (Volgenant and Jonker 1982).
     """
     n = len(cost)
     price, last, degree = np.zeros(n), np.zeros(n), np.zeros(n, np.int64)
@@ -90,7 +90,7 @@ def bound(cost: Floats, tour: float, rounds: int) -> float:
 def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
     """Return the cheapest order of all n <= 14 nodes from node 0 to `end` (0: back to 0; -1: anywhere), by dynamic programming.
 
-    `cost` float64[n, n] may be asymmetric; for a closed tour the way back counts, and the order is without the second 0.
+    `cost`, float64[n, n], may be asymmetric. The cost of a closed tour includes the last leg; the order omits the second 0.
     """
     n = len(cost)
     if n == 1:
@@ -130,20 +130,20 @@ def best_of_few(cost: Floats, end: int) -> NDArray[np.int32]:
 
 @kernel
 def earliest_of_few(away: Floats, windows: Floats, service: Floats, now: float) -> NDArray[np.int32]:
-    """Return the order of m <= 14 stops that is least late, and of those with no lateness the one that is done first.
+    """Return the order of m <= 14 stops with the least lateness and, if there is none, the earliest end.
 
-    A label is the lateness so far and the time; of two labels of the same stops and the same last one the less late is kept,
-    then the earlier one. Who is earlier with no lateness can do all that a later one can, so that a tour without lateness is
-    found wherever there is one, and the earliest; the least lateness otherwise is only a good guess.
+    A label is the lateness so far and the time. Of two labels with the same stops and the same last stop, the less late one is
+    kept, then the earlier one. Without lateness the earlier label dominates, so the earliest order without lateness is found
+    if there is one. Otherwise the lateness found is only an approximation of the least.
 
     Parameters
     ----------
     away : float64[m + 2, m + 2]
-        Travel times in s; row 0 is where the robot is, rows 1 to m are the stops, row m + 1 is where it ends.
+        Travel times in s; row 0 is the robot's place, rows 1 to m are the stops, row m + 1 is the end.
     windows, service : float64[m, 2], float64[m]
         s.
     now : float
-        When it leaves, s.
+        Departure time, s.
     """
     m = len(service)
     if m == 0:

@@ -1,7 +1,7 @@
-"""2-opt, Or-opt and 3-opt of a tour held as an array, with neighbour lists and a queue of cities to look at.
+"""2-opt, Or-opt and 3-opt for a tour in an array, with neighbour lists and a queue of cities to examine.
 
-A move removes the edges (t1, t2), (t3, t4) and perhaps (t5, t6) and adds (t2, t3), (t4, t5), (t6, t1), such that the partial
-gains stay positive (Lin, Kernighan 1973; all sequential 3-opt moves). Moves are made of reversals, each of the shorter side.
+A move removes the edges (t1, t2), (t3, t4) and possibly (t5, t6) and adds (t2, t3), (t4, t5), (t6, t1), where all partial
+gains are positive (Lin, Kernighan 1973; all sequential 3-opt moves). Moves consist of reversals, each of the shorter side.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ TWO, THREE, SWAPPED, REVERSED = range(4)
 
 
 class Search(NamedTuple):
-    """A tour under improvement. order[place[i]] == i throughout."""
+    """A tour that is being improved. Always order[place[i]] == i."""
 
     order: Ids  # [n]
     place: Ids  # [n]
-    queue: Ids  # [n] ring of the cities to look at
-    queued: NDArray[np.bool_]  # [n] which those are (the don't-look bits, negated)
-    log: NDArray[np.int64]  # [r, 2] reversals made since the log was cleared, for undoing; empty: none is kept
-    counts: NDArray[np.int64]  # [3] head and size of the queue, reversals logged
+    queue: Ids  # [n] ring buffer of the cities to examine
+    queued: NDArray[np.bool_]  # [n] whether a city is in the queue (the negated don't-look bit)
+    log: NDArray[np.int64]  # [r, 2] reversals since the log was cleared, for undoing them; empty: nothing is logged
+    counts: NDArray[np.int64]  # [3] head and size of the queue, number of logged reversals
 
 
 @kernel
@@ -53,7 +53,7 @@ def set_tour(search: Search, order: Ids) -> None:
 
 @bare_kernel
 def push(search: Search, city: Index) -> None:
-    """Put `city` at the end of the queue, unless it is in it."""
+    """Put `city` at the end of the queue, unless it is queued already."""
     if not search.queued[city]:
         search.queued[city] = True
         tail = search.counts[HEAD] + search.counts[SIZE]
@@ -86,7 +86,7 @@ def beside(search: Search, city: Index, forward: bool) -> int:
 
 @bare_kernel
 def between(search: Search, a: Index, b: Index, c: Index, forward: bool) -> bool:
-    """Tell whether b lies on the tour from a to c, ends included, in that direction."""
+    """Tell whether b is on the tour from a to c, ends included, in the given direction."""
     p, q, r = search.place[a], search.place[b], search.place[c]
     if not forward:
         p, r = r, p
@@ -96,7 +96,7 @@ def between(search: Search, a: Index, b: Index, c: Index, forward: bool) -> bool
 
 @bare_kernel
 def reverse(search: Search, i: Index, j: Index) -> None:
-    """Reverse the places i to j (round the end if j < i), or all others if those are fewer, which is the same closed tour."""
+    """Reverse the places i to j (cyclically if j < i), or the other places if they are fewer: the closed tour is the same."""
     order, place = search.order, search.place
     n: Index = np.int64(len(order))
     inside = j - i + 1 if j >= i else j - i + 1 + n
@@ -120,7 +120,7 @@ def reverse(search: Search, i: Index, j: Index) -> None:
 
 @bare_kernel
 def flip(search: Search, a: Index, b: Index, c: Index, d: Index) -> None:
-    """Replace edges (a, b), (c, d) by (a, c), (b, d), where b comes next to a and d next to c in the same direction."""
+    """Replace the edges (a, b), (c, d) by (a, c), (b, d); b follows a and d follows c in the same direction."""
     if beside(search, a, True) == b:
         i, j = np.int64(search.place[b]), np.int64(search.place[c])
     else:
@@ -134,7 +134,7 @@ def flip(search: Search, a: Index, b: Index, c: Index, d: Index) -> None:
 
 @bare_kernel
 def undo(search: Search) -> None:
-    """Take back all logged reversals."""
+    """Undo all logged reversals."""
     for at in range(search.counts[LOGGED] - 1, -1, -1):
         reverse(search, search.log[at, 0], search.log[at, 1])
     search.counts[LOGGED] = 0
@@ -142,7 +142,7 @@ def undo(search: Search) -> None:
 
 @bare_kernel
 def small(search: Search, t2: Index, t3: Index, t5: Index, longest: int) -> bool:
-    """Tell whether a part that a 3-opt move displaces, cut at t2, t3 and t5, has at most `longest` cities or so."""
+    """Tell whether the part that a 3-opt move displaces, cut at t2, t3 and t5, has about `longest` cities at most."""
     n = len(search.order)
     if longest >= n:
         return True
@@ -156,7 +156,7 @@ def exchange(search: Search, shape: int, t1: Index, t2: Index, t3: Index, t4: In
     """Make a move by one to three flips, and queue its ends."""
     steps = (t1, t2, t4, t3), (t1, t4, t6, t5), (t1, t2, t4, t3)
     count = 1 if shape == TWO else 2
-    if shape == SWAPPED:  # the parts t2 ... t5 and t6 ... t3 change places
+    if shape == SWAPPED:  # the parts t2 ... t5 and t6 ... t3 are swapped
         steps, count = ((t1, t2, t3, t4), (t1, t3, t6, t5), (t3, t5, t2, t4)), 3
     elif shape == REVERSED:  # the parts t2 ... t6 and t5 ... t3 are reversed
         steps = (t1, t2, t6, t5), (t2, t5, t3, t4), (t1, t2, t4, t3)
@@ -213,7 +213,7 @@ def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) 
 
 @bare_kernel
 def settle(cities: Cities, search: Search, breadth: int, longest: int) -> float:
-    """Improve until the queue is empty (or the log of reversals full); return the gain."""
+    """Improve until the queue is empty or the log is full; return the gain."""
     total = 0.0
     slack = len(search.log)
     while search.counts[SIZE] > 0:
@@ -231,8 +231,8 @@ def settle(cities: Cities, search: Search, breadth: int, longest: int) -> float:
 def improve(cities: Cities, search: Search, order: Ids, breadth: int, longest: int) -> float:
     """Improve the tour `order` in place to a local optimum and return the gain.
 
-    breadth : candidates tried for the third edge; 0 is 2-opt.
-    longest : cities in the part that a 3-opt move displaces; 3 is Or-opt, n full 3-opt.
+    breadth : number of candidates tried for the third edge; 0 is 2-opt.
+    longest : number of cities in the part that a 3-opt move displaces; 3 is Or-opt, n full 3-opt.
     """
     set_tour(search, order)
     for city in order:

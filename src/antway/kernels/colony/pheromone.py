@@ -11,27 +11,27 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import kernel
 
 CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)
-FLOOR = 1e-150  # an edge that no ant takes keeps this much, so that pheromone is always > 0
+FLOOR = 1e-150  # least pheromone of an edge that no ant takes, so that it is always > 0
 
 
 class Numbers(NamedTuple):
-    """A colony's rule as kernels take it; the fields are the same for every rule, those that it does not use are 0 or empty."""
+    """A colony's rule as kernels use it. All rules have the same fields; unused ones are 0 or empty."""
 
     alpha: float  # exponent of pheromone, Eq. (1)
     beta: float  # exponent of the heuristic, Eq. (1)
     q: float  # Q of the deposit Q / L_k, Eq. (2)
-    persistence_rule: NDArray[np.float64]  # [4] persistence policy: kind and its parameters
-    deposit_weight: NDArray[np.float64]  # [ants] times Q / L_r that the r-th best ant of a cycle deposits
-    elite: float  # times Q / L_best that the best so far deposits, every cycle
+    persistence_rule: NDArray[np.float64]  # [4] kind of persistence, and its parameters
+    deposit_weight: NDArray[np.float64]  # [ants] the r-th best ant of a cycle deposits this times Q / L_r
+    elite: float  # in every cycle the best so far deposits this times Q / L_best
     schedule: NDArray[
         np.int64
-    ]  # [s, 2] MMAS: from this cycle on, the best so far deposits in place of `deposit_weight` every so many cycles
-    p_best: float  # MMAS: > 0 where pheromone has limits
-    choices: float  # MMAS: alternatives at each step on average; 0: as many as the problem has
-    restart: int  # MMAS: cycles without a better solution before pheromone is reset; 0: never
-    q0: float  # ACS: probability of taking the best edge
+    ]  # [s, 2] MMAS: from which cycle on, and every how many cycles, the best so far deposits in place of the ants
+    p_best: float  # MMAS: probability that determines the limits of pheromone; 0: no limits
+    choices: float  # MMAS: average number of alternatives at a step; 0: that of the problem
+    restart: int  # MMAS: number of cycles without improvement after which pheromone is reset; 0: never
+    q0: float  # ACS: probability of taking the edge of largest weight
     xi: float  # ACS: share of tau_0 in the local update
-    best_only: bool  # ACS: only the edges of the best so far fade
+    best_only: bool  # ACS: whether only the edges of the best so far evaporate
 
 
 @kernel
@@ -75,7 +75,7 @@ def evaporate(tau: NDArray[np.float64], persistence_rule: NDArray[np.float64], t
 def limits(numbers: Numbers, rho: float, best: float, nodes: int, choices: float) -> tuple[float, float]:
     """Return MMAS's (tau_min, tau_max) for a best length > 0 in `nodes` steps of `choices` alternatives on average.
 
-    rho is that of the strongest edge; a colony that forgets less than 1/1000 a cycle has the limits of one that forgets that.
+    rho is the persistence of the strongest edge; an evaporation below 1/1000 counts as 1/1000.
     tau_max = Q / ((1 - rho) best), tau_min = tau_max (1 - p) / ((choices - 1) p) with p = p_best ** (1 / nodes)
     (Stuetzle, Hoos 2000).
     """
@@ -86,7 +86,7 @@ def limits(numbers: Numbers, rho: float, best: float, nodes: int, choices: float
 
 @kernel
 def best_deposits(schedule: NDArray[np.int64], cycle: int) -> bool:
-    """Tell whether MMAS's best so far deposits in this cycle (counted from 0 since the last restart)."""
+    """Tell whether the best so far of MMAS deposits in this cycle, counted from 0 at the last restart."""
     every = 0
     for row in range(len(schedule)):
         if cycle >= schedule[row, 0]:

@@ -1,9 +1,9 @@
-"""Ants that build orders with time windows together: a beam of partial orders, in layers of as many stops.
+"""Ants that build orders with time windows together: a beam of partial orders, extended stop by stop.
 
-Of two partial orders through the same stops to the same last one, that which is neither earlier nor shorter is dropped
-(dynamic programming: Dumas, Desrosiers, Gelinas, Solomon, Operations Research 43, 1995); beyond `width` the least promising
-are, drawn by pheromone, lower bound and time (Beam-ACO: Lopez-Ibanez, Blum, Computers & Operations Research 37, 2010; drawing
-without replacement by Gumbel noise: Kool, van Hoof, Welling, ICML 2019). A beam that dropped none has found the best order.
+Of two partial orders with the same stops and the same last stop, one that is neither earlier nor shorter is dropped (dynamic
+programming: Dumas, Desrosiers, Gelinas, Solomon, Operations Research 43, 1995). Of the others `width` are kept, drawn by
+pheromone, lower bound and time (Beam-ACO: Lopez-Ibanez, Blum, Computers & Operations Research 37, 2010; drawing without
+replacement by Gumbel noise: Kool, van Hoof, Welling, ICML 2019). If none of these was dropped, the best order was found.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from antway.kernels.colony.windows import Floats, Ids, Sets, Windows
 
 
 class Beam(NamedTuple):
-    """Scratch for beams of up to w partial orders of n stops, and c candidates at a time."""
+    """Scratch for beams of up to w partial orders of n stops, with c candidates at a time."""
 
     sets: Sets  # [2, w, words] stops visited
     last: Ids  # [2, w] stop reached
-    ready: Floats  # [2, w] begin of service there
+    ready: Floats  # [2, w] start of service there
     cost: Floats  # [2, w] travel time until there
-    rest: Floats  # [2, w] lower bound of what is to come
+    rest: Floats  # [2, w] lower bound of the remaining travel time
     scent: Floats  # [2, w] sum of `score` over its arcs
-    mark: Sets  # [2, w] exclusive or of the marks of its stops
-    first: Ids  # [2, w] place in `by_closing` up to which all are visited
-    parent: Ids  # [n, w] the partial order that it extends, in the layer before,
-    stop: Ids  # [n, w] and by which stop
-    c_parent: Ids  # [c] the same of candidates
+    mark: Sets  # [2, w] exclusive or of the random words of its stops
+    first: Ids  # [2, w] index in `by_closing` before which all stops are visited
+    parent: Ids  # [n, w] the partial order of the previous layer that it extends
+    stop: Ids  # [n, w] the stop by which it extends it
+    c_parent: Ids  # [c] the same for candidates
     c_stop: Ids  # [c]
     c_ready: Floats  # [c]
     c_cost: Floats  # [c]
-    c_key: Floats  # [c] what decides who stays, least first; infinite: dropped
+    c_key: Floats  # [c] the candidates of least keys are kept; infinite: dropped
     c_mark: Sets  # [c]
     c_next: Ids  # [c] next candidate of the same entry in the table, or -1
-    table: Ids  # [power of 2] first candidate of an entry, or -1
+    table: Ids  # [power of 2] hash table: first candidate of an entry, or -1
 
 
 class Draw(NamedTuple):
-    """How a beam chooses: key = bound * lower bound + time * begin of service + scent + noise * Gumbel."""
+    """How a beam chooses: key = bound * lower bound + time * start of service + scent + noise * Gumbel."""
 
     bound: float
     time: float
     noise: float
-    makespan: bool  # whether to minimise when the end is reached, instead of the travel time
-    limit: float  # only orders of less than this
+    makespan: bool  # whether to minimise the arrival time at the end instead of the travel time
+    limit: float  # only orders that cost less than this are of interest
 
 
 @kernel
@@ -82,7 +82,7 @@ def workspace(n: int, width: int) -> Beam:
 
 @bare_kernel
 def misses(problem: Windows, beam: Beam, now: int, p: int, j: int, ready: float) -> bool:
-    """Tell whether some stop not yet visited is out of reach once partial order p has gone on to j."""
+    """Tell whether some unvisited stop can no longer be reached in time once partial order p continues to j."""
     horizon = ready + problem.farthest[j]
     for q in range(beam.first[now, p], len(problem.by_closing)):
         u = problem.by_closing[q]
@@ -99,14 +99,14 @@ def misses(problem: Windows, beam: Beam, now: int, p: int, j: int, ready: float)
 
 @bare_kernel
 def enter(beam: Beam, c: int, count: int) -> int:
-    """Put candidate c, the one at `count`, into the table unless another is as early and as short; return the new count."""
+    """Add candidate c, which is the one at `count`, unless another is as early and as short; return the new count."""
     spot = np.int64(
         (beam.c_mark[c] * np.uint64(0x9E3779B97F4A7C15) + np.uint64(beam.c_stop[c]) * np.uint64(0xBF58476D1CE4E5B9))
         >> np.uint64(20)
     ) & (len(beam.table) - 1)
     other = beam.table[spot]
     while other >= 0:
-        # Sets with equal marks are taken as equal: of 64 random bits, a coincidence is not to be expected in any run.
+        # Sets with equal marks count as equal: a collision of 64 random bits is not to be expected.
         if beam.c_mark[other] == beam.c_mark[c] and beam.c_stop[other] == beam.c_stop[c] and beam.c_key[other] < np.inf:
             if beam.c_ready[other] <= beam.c_ready[c] and beam.c_cost[other] <= beam.c_cost[c]:
                 return count
@@ -120,7 +120,7 @@ def enter(beam: Beam, c: int, count: int) -> int:
 
 @kernel
 def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
-    """Keep the `width` candidates of least keys, in their order; return how many are left and whether any was dropped."""
+    """Keep the `width` candidates of least keys, in their order; return their number and whether any was dropped."""
     alive = 0
     for c in range(count):
         if beam.c_key[c] < np.inf:
@@ -156,11 +156,11 @@ def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
 def search(
     problem: Windows, before: Sets, score: Floats, draw: Draw, width: int, seed: np.uint64, beam: Beam, order: Ids
 ) -> tuple[float, bool]:
-    """Extend the beam from stop 0 through all others; write the best order and return its cost, infinite if it found none.
+    """Extend the beam from stop 0 through all others; write the best order and return its cost, infinite if there is none.
 
     before : [n, w] the stops that must come earlier, at least those of `problem`.
-    score : [n, n] what pheromone says against each arc.
-    The second result tells whether no partial order was dropped that could have been better.
+    score : [n, n] penalty of each arc by its pheromone.
+    The second result is True if no partial order was dropped that could have been better.
     """
     n = len(problem.opens)
     words, capacity = before.shape[1], len(beam.c_parent)

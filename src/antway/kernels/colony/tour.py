@@ -1,4 +1,4 @@
-"""Cities: TSPLIB's distances, the length of a tour, candidate edges."""
+"""Cities: the distances of TSPLIB, the length of a tour, candidate edges."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ MATRIX, EUC_2D, CEIL_2D, ATT, EUCLID = range(5)
 
 Index = int | np.integer[Any]
 Floats = NDArray[np.float64]
-Ids = NDArray[np.uint32]  # unsigned, so that an index costs no test for counting from the end
+Ids = NDArray[np.uint32]  # unsigned, so that an index needs no test for negative values
 
 
 class Cities(NamedTuple):
     """n cities and the candidate edges to the k nearest of each."""
 
-    kind: int  # how distances come: MATRIX, EUC_2D, CEIL_2D, ATT (TSPLIB's roundings) or EUCLID (not rounded)
+    kind: int  # how distances are defined: MATRIX, EUC_2D, CEIL_2D, ATT (rounded as in TSPLIB) or EUCLID (not rounded)
     xy: Floats  # [n, 2] places; unused with a matrix
     matrix: Floats  # [n, n] distances, or empty
     near: Ids  # [n, k] nearest other cities, nearest first
-    gap: Floats  # [n, k] their distances
-    least: float  # a difference in length up to this may be rounding error
-    back: NDArray[np.int32]  # [n, k] column of i in near[near[i, c]], or -1: the same edge from its other end
+    gap: Floats  # [n, k] the distances to them
+    least: float  # differences in length up to this may be rounding errors
+    back: NDArray[np.int32]  # [n, k] column of i in near[near[i, c]], the same edge from its other end, or -1
 
 
 @bare_kernel
 def distance(kind: int, xy: Floats, matrix: Floats, i: Index, j: Index) -> float:
-    """Return the distance between cities i and j by TSPLIB's definitions."""
+    """Return the distance between cities i and j by the definitions of TSPLIB."""
     if kind == MATRIX:
         return float(matrix[i, j])
     dx, dy = xy[i, 0] - xy[j, 0], xy[i, 1] - xy[j, 1]
@@ -77,7 +77,7 @@ def column(near: Ids, i: Index, j: Index) -> int:
 
 @kernel
 def backs(near: Ids) -> NDArray[np.int32]:
-    """Return for each candidate edge its column at the other end, or -1."""
+    """Return the column of each candidate edge at its other end, or -1."""
     result = np.empty(near.shape, dtype=np.int32)
     for i in range(near.shape[0]):
         for c in range(near.shape[1]):

@@ -1,4 +1,4 @@
-"""A colony on the TSP: an ant's walk through all cities, what a cycle teaches, and the cycles."""
+"""A colony for the TSP: the walk of an ant, the update after a cycle, and the cycles."""
 
 from __future__ import annotations
 
@@ -17,37 +17,37 @@ from antway.kernels.colony.tour import Cities, Floats, Ids, Index, column, dista
 
 BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
 Weights = NDArray[np.float32]
-TINY, HUGE = np.float32(1e-30), np.float32(1e30)  # between them float32 multiplies without underflow or overflow
+TINY, HUGE = np.float32(1e-30), np.float32(1e30)  # within these limits float32 products neither underflow nor overflow
 
 
 class Colony(NamedTuple):
-    """What a colony of m ants knows; kernels change it in place."""
+    """The state of a colony of m ants, which kernels change in place."""
 
-    tau: Floats  # [n, k] pheromone on the candidate edges; where an edge is candidate at both ends, the same at both
-    eta: Floats  # [n, k] heuristic to the power beta, the nearest of each city 1
-    weight: NDArray[np.float32]  # [n, k] tau ** alpha * eta, row by row up to a factor: Eq. (1) before division
-    whole: Floats  # [n] sum of each row of it
-    orders: Ids  # [m, n] the ants' tours of the last cycle
+    tau: Floats  # [n, k] pheromone on the candidate edges; equal at both ends if an edge is a candidate of both
+    eta: Floats  # [n, k] heuristic to the power beta, scaled to 1 for the nearest city
+    weight: NDArray[np.float32]  # [n, k] tau ** alpha * eta up to a factor for each row: the numerator of Eq. (1)
+    whole: Floats  # [n] sum of each row of `weight`
+    orders: Ids  # [m, n] the tours of the last cycle
     lengths: Floats  # [m]
-    bests: Ids  # [2, n] best tour ever, best since the last restart
+    bests: Ids  # [2, n] best tour so far, best tour since the last restart
     record: Floats  # [8] see BEST ... TAU_MAX
 
 
 class LocalSearchOptions(NamedTuple):
-    """What an ant does to its tour besides walking."""
+    """How an ant improves or changes its tour."""
 
     breadth: int  # of the local search, see `local_search.improve`; -1: none
-    longest: int  # of the local search
-    attempts: int  # > 0: focused construction, so many changes a cycle
-    window: int  # how many cities a part of a change spans at most
-    temperature: float = 0.0  # temperature at which a cycle's changes of an old tour begin, in mean edges of the best tour
-    temperature_anew: float = 0.0  # the same for a tour that was built anew: its edges are those of many good tours
-    anew: int = 0  # an ant builds its tour anew every so many cycles, and changes its last one in the others; 0: never
+    longest: int  # of the local search, see there
+    attempts: int  # number of changes in each cycle of focused construction; 0: no focused construction
+    window: int  # largest number of cities in a part of a change
+    temperature: float = 0.0  # initial temperature for changes of an old tour, in mean edge lengths of the best tour
+    temperature_anew: float = 0.0  # the same for a newly built tour, whose edges come from many good tours
+    anew: int = 0  # number of cycles after which an ant builds a new tour; it changes its last one in the others; 0: never
 
 
 @bare_kernel
 def combine(tau: Floats, eta: Floats, alpha: float, weight: Weights, whole: Floats) -> None:
-    """weight <- tau ** alpha * eta, with each row's tau relative to its largest, so that float32 suffices; whole: its sum."""
+    """weight <- tau ** alpha * eta, with tau relative to the largest of its row so that float32 suffices; whole: its sums."""
     n, k = tau.shape
     for i in range(n):
         top = 0.0
@@ -67,10 +67,10 @@ def combine(tau: Floats, eta: Floats, alpha: float, weight: Weights, whole: Floa
 
 @bare_kernel
 def choose(weight: Weights, near: Ids, left: Weights, i: Index, greedy: bool, share: np.float32, sums: Weights) -> int:
-    """Return the column of the next city among i's candidates not yet visited; -1 if none has weight.
+    """Return the column of the next city among the unvisited candidates of i; -1 if none has weight.
 
-    Eq. (1) by roulette, stopped at `share` in [0, 1) of its whole, or, if `greedy`, the candidate of most weight.
-    left[j] is 1 for a city not yet visited, else 0. sums: scratch of k.
+    It is drawn by the roulette of Eq. (1), which stops at the share `share` in [0, 1) of the sum; if `greedy`, it is the
+    candidate of largest weight. left[j] is 1 for an unvisited city, else 0. sums: scratch of k.
     """
     k = near.shape[1]
     if greedy:
@@ -81,29 +81,29 @@ def choose(weight: Weights, near: Ids, left: Weights, i: Index, greedy: bool, sh
         return best
     total = np.float32(0.0)
     for c in range(k):
-        # A product in place of a branch: which candidates are left is hard to predict.
+        # A product instead of a branch, because it is hard to predict which candidates are left.
         total += weight[i, c] * left[near[i, c]]
         sums[c] = total
     if not TINY < total < HUGE:
         return -1
     draw = share * total
     c = 0
-    while sums[c] <= draw:  # faster than counting without branches: the processor guesses the next city and goes on
+    while sums[c] <= draw:  # faster than counting without branches, thanks to branch prediction
         c += 1
     return c
 
 
 @bare_kernel
 def guess(weight: Weights, whole: Floats, near: Ids, left: Weights, i: Index, came: Index, share: float) -> int:
-    """Draw by Eq. (1) among all of i's candidates, visited or not, but the one of column `came`; -1 if the ant cannot go there.
+    """Draw by Eq. (1) among all candidates of i but the one of column `came`; return -1 if the drawn city was visited.
 
-    Where that happens and the ant draws again with `choose`, the next city's odds are those of `choose` alone: rejection. With
-    pheromone on few edges most guesses are right, and a guess looks at two or three candidates instead of all.
+    If the ant then draws again with `choose`, the next city has the same distribution as with `choose` alone (rejection
+    sampling). With pheromone on few edges most draws succeed, and a draw looks at two or three candidates instead of all.
     """
     rest = whole[i]
     if came >= 0:
         rest -= weight[i, came]
-    if rest < 1e-9 * whole[i]:  # of which rounding leaves nothing
+    if rest < 1e-9 * whole[i]:  # the rest may be nothing but rounding errors
         return -1
     draw = share * rest
     for c in range(near.shape[1]):
@@ -118,8 +118,8 @@ def guess(weight: Weights, whole: Floats, near: Ids, left: Weights, i: Index, ca
 def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, order: Ids, left: Weights, sums: Weights) -> float:
     """Build one ant's tour in `order` and return its length.
 
-    Each step draws among the candidates left by the roulette of Eq. (1), or with probability q0 takes the one of most weight;
-    where none is left the ant goes to the nearest city left. The state of its random numbers starts at `state`.
+    Each step draws among the unvisited candidates by the roulette of Eq. (1), or with probability q0 takes the one of largest
+    weight; if there is none, the ant goes to the nearest unvisited city. Its random numbers start at `state`.
     """
     near, gap, back, weight, q0, xi = cities.near, cities.gap, cities.back, colony.weight, numbers.q0, numbers.xi
     n = len(order)
@@ -140,7 +140,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
             c = guess(weight, colony.whole, near, left, i, came, float(rng.mix(state) >> np.uint64(11)) * 2.0**-53)
         if c < 0:
             state += rng.GAMMA
-            # 23 random bits: their largest product with a sum is still below it.
+            # 23 random bits: the product of the largest such number with a sum is still below the sum.
             share = np.float32(rng.mix(state) >> np.uint64(41)) * np.float32(2.0**-23)
             c = choose(weight, near, left, i, greedy, share, sums)
         came = -1
@@ -160,7 +160,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
             total += least
         order[t], left[j] = j, 0.0
         i = j
-    if xi > 0.0:  # the edge that closes the tour is taken, too
+    if xi > 0.0:  # the edge that closes the tour counts as taken, too
         c = column(near, i, order[0])
         if c >= 0:
             local_update(cities, colony, numbers, i, c)
@@ -169,7 +169,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
 
 @bare_kernel
 def local_update(cities: Cities, colony: Colony, numbers: Numbers, i: Index, c: Index) -> None:
-    """ACS: tau <- (1 - xi) tau + xi tau_0 on the edge that an ant takes from i, and its weight with it."""
+    """ACS: tau <- (1 - xi) tau + xi tau_0 on the edge that an ant takes from i; its weight is updated too."""
     j, d = cities.near[i, c], cities.back[i, c]
     old = colony.tau[i, c]
     tau = (1.0 - numbers.xi) * old + numbers.xi * colony.record[TAU_0]
@@ -183,7 +183,7 @@ def local_update(cities: Cities, colony: Colony, numbers: Numbers, i: Index, c: 
 
 @bare_kernel
 def deposit(near: Ids, tau: Floats, order: Ids, keep: float, amount: float) -> None:
-    """tau <- keep tau + amount on the tour's edges, at both ends, where they are candidates."""
+    """tau <- keep tau + amount on the edges of the tour that are candidates, at both ends."""
     i = order[-1]
     for j in order:
         c = column(near, i, j)
@@ -197,7 +197,7 @@ def deposit(near: Ids, tau: Floats, order: Ids, keep: float, amount: float) -> N
 
 @kernel
 def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
-    """End a cycle: keep the best, fade and deposit by the rule; tell whether the best ever improved."""
+    """End a cycle: keep the best tour, evaporate and deposit by the rule; tell whether the best so far improved."""
     near, tau, record, lengths = cities.near, colony.tau, colony.record, colony.lengths
     t = int(record[CYCLE])
     first = np.argmin(lengths)
@@ -241,7 +241,7 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
 
 @kernel
 def select(colony: Colony, plan: LocalSearchOptions, seed: np.uint64) -> None:
-    """Let each ant take the better of its last tour and a drawn ant's (tournament selection), where they build and change."""
+    """Give each ant the better of its own last tour and that of a randomly drawn ant (tournament selection)."""
     m, cycle = len(colony.lengths), int(colony.record[CYCLE])
     if plan.anew < 2 or cycle == 0:
         return
@@ -258,7 +258,7 @@ def select(colony: Colony, plan: LocalSearchOptions, seed: np.uint64) -> None:
 def build(
     cities: Cities, colony: Colony, numbers: Numbers, plan: LocalSearchOptions, seed: np.uint64, first: int, last: int
 ) -> None:
-    """Let ants `first` to `last` - 1 make their tours; each draws from its own stream, whoever runs it."""
+    """Let the ants `first` to `last` - 1 make their tours; each has its own random stream, independent of threads."""
     m, n = colony.orders.shape
     search = workspace(n, 0 if plan.attempts == 0 else 500)
     whole = Search(search.order, search.place, search.queue, search.queued, search.log[:0], search.counts)  # without a log
@@ -291,12 +291,11 @@ def refine(
     search: Search,
     sums: NDArray[np.float32],
 ) -> float:
-    """Focused construction: copy a tour, change four edges, repair around them, keep what is no longer.
+    """Focused construction: copy a tour, change four edges, repair around them, keep the result if it is not longer.
 
-    A longer tour is kept by Metropolis' rule at a temperature that falls to 0 within the cycle (simulated annealing).
-
-    The change is a double bridge, u B C D -> u D C B on a few dozen cities, which 3-opt cannot take back in one move; the
-    edge from u into D is drawn by Eq. (1). Done `attempts` times; returns the gain.
+    A longer tour is accepted by the Metropolis rule at a temperature that falls to 0 within the cycle (simulated annealing).
+    The change is a double bridge, u B C D -> u D C B on a few dozen cities, which 3-opt cannot undo in one move; the edge
+    from u into D is drawn by Eq. (1). This is done `attempts` times. Returns the gain.
     """
     n, k = cities.near.shape
     window = min(plan.window, (n - 2) // 3)
@@ -305,7 +304,7 @@ def refine(
     for a in range(plan.attempts):
         p = np.int64(rng.below(state, n))
         u = search.order[p]
-        # The drawn edge leads to a city 3 to 2 window places ahead.
+        # The drawn edge leads to a city that is 3 to 2 * window places ahead.
         weight = np.float32(0.0)
         for c in range(k):
             q = np.int64(search.place[cities.near[u, c]]) - p
@@ -339,7 +338,7 @@ def refine(
 
 @bare_kernel
 def bridge(cities: Cities, search: Search, p: Index, b: Index, c: Index, d: Index) -> float:
-    """Double bridge: the parts p + (1..b), (b+1..c), (c+1..d) become third, second, first; return the gain."""
+    """Double bridge: put the parts p + (1..b), (b+1..c), (c+1..d) in reverse order; return the gain."""
     n = len(search.order)
     u, v = search.order[p], search.order[(p + d + 1) % n]
     b1, b2 = search.order[(p + 1) % n], search.order[(p + b) % n]
@@ -366,9 +365,9 @@ def cycles(
     target: float,
     history: Floats,
 ) -> int:
-    """Run up to `count` cycles of construct, improve, deposit, until one finds a tour of at most `target`.
+    """Run up to `count` cycles of construction, improvement and deposit, until a tour has at most the length `target`.
 
-    Notes (cycle, best length) in history[count, 2] whenever the best is better; returns how often that was.
+    Writes (cycle, best length) to history[count, 2] at each improvement; returns the number of improvements.
     """
     noted = 0
     for _ in range(count):
@@ -385,7 +384,7 @@ def cycles(
 
 @kernel
 def walk_once(cities: Cities, colony: Colony, numbers: Numbers, seed: np.uint64) -> float:
-    """Build one tour in orders[0] outside of any cycle; return its length."""
+    """Build one tour in orders[0], independent of cycles; return its length."""
     n, k = cities.near.shape
     left, sums = np.empty(n, dtype=np.float32), np.empty(k, dtype=np.float32)
     return walk(cities, colony, numbers, rng.mix(seed), colony.orders[0], left, sums)

@@ -1,7 +1,7 @@
-"""A colony on stops with time windows: a beam of ants, local search and shaking of what it brings, pheromone of the best.
+"""A colony for stops with time windows: a beam of ants, local search with random moves, and pheromone of the best orders.
 
-Pheromone lies in [0, 1] and moves towards the orders of the cycle, since the last restart and ever, the latter the more the
-colony has converged (Blum, Dorigo, IEEE Transactions on Systems, Man, and Cybernetics B 34, 2004).
+Pheromone is in [0, 1] and moves towards the best orders of the cycle, since the restart, and so far; the more the colony has
+converged, the more the later ones count (Blum, Dorigo, IEEE Transactions on Systems, Man, and Cybernetics B 34, 2004).
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ BEST, SINCE, CYCLE, CONVERGED = range(4)
 
 
 class Colony(NamedTuple):
-    """What the colony knows; kernels change it in place."""
+    """The state of the colony, which kernels change in place."""
 
     tau: Floats  # [n, n] pheromone
-    score: Floats  # [n, n] scratch: what it says against each arc
-    orders: Ids  # [3, n] best ever, best since the last restart, the cycle's
-    record: Floats  # [4] see BEST ... CONVERGED; costs are infinite as long as no order is known
+    score: Floats  # [n, n] scratch: penalty of each arc by its pheromone
+    orders: Ids  # [3, n] best so far, best since the last restart, best of the cycle
+    record: Floats  # [4] see BEST ... CONVERGED; costs are infinite while no order is known
 
 
 class Habits(NamedTuple):
-    """What does not change from cycle to cycle."""
+    """Settings that are the same in all cycles."""
 
-    width: int  # of the ants' beams; 0: no ants, only shaking
-    attempts: int  # shakes a cycle
-    evaporation: float  # share of pheromone that a cycle replaces
-    temperature: float  # s, by how much worse a shaken order may be at first
-    scale: float  # s, a typical step
-    hurry: float  # how much an early arrival counts for ants at most, beside a second of lower bound
+    width: int  # width of the ants' beam; 0: no ants, only random moves
+    attempts: int  # random moves in a cycle
+    evaporation: float  # share of pheromone that is replaced in a cycle
+    temperature: float  # s; by about how much worse an order may become at first
+    scale: float  # s; a typical step
+    hurry: float  # largest weight of a second of arrival time for ants, relative to a second of lower bound
 
 
 @bare_kernel
 def toward(tau: Floats, order: Ids, share: float) -> None:
-    """Move the pheromone of the arcs of `order` to 1 by `share`."""
+    """Move the pheromone on the arcs of `order` towards 1 by `share`."""
     for p in range(1, len(order)):
         tau[order[p - 1], order[p]] += share
 
 
 @bare_kernel
 def learn(colony: Colony, habits: Habits) -> None:
-    """Fade, deposit, and start anew once all orders are alike."""
+    """Evaporate and deposit; restart once all orders are alike."""
     tau, record, n = colony.tau, colony.record, colony.tau.shape[0]
     near = record[CONVERGED]
     share = 1.0, 0.0, 0.0
@@ -80,7 +80,7 @@ def learn(colony: Colony, habits: Habits) -> None:
 
 @kernel
 def note(colony: Colony, order: Ids, cost: float) -> None:
-    """Take `order` as the best ever and since the restart, where it is."""
+    """Keep `order` as the best so far and since the restart, if it is."""
     if cost < colony.record[BEST]:
         colony.record[BEST] = cost
         copy_row(order, colony.orders[0])
@@ -91,7 +91,7 @@ def note(colony: Colony, order: Ids, cost: float) -> None:
 
 @kernel
 def adopt(problem: Windows, colony: Colony, moves: Moves, t: Trail, order: Ids) -> None:
-    """Take `order`, which no stop is late in, from elsewhere, and improve it."""
+    """Improve and keep `order`, which comes from elsewhere and has no late stop."""
     copy_row(order, t.order)
     t.look[:] = True
     refresh(problem, t)
@@ -101,7 +101,7 @@ def adopt(problem: Windows, colony: Colony, moves: Moves, t: Trail, order: Ids) 
 
 @kernel
 def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Trail, state: rng.State) -> None:
-    """Shake and settle again and again; the cycle's best order, which none of them is late in, stays in orders[2]."""
+    """Alternate random moves and local search; the best order of the cycle stays in orders[2]. No order has a late stop."""
     t.look[:] = True
     settle(problem, t, moves)
     here = value(t, moves.makespan)
@@ -131,7 +131,7 @@ def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Tr
 def walk(
     problem: Windows, mirror: Windows, colony: Colony, habits: Habits, moves: Moves, beam: Beam, state: rng.State
 ) -> float:
-    """Have a beam of ants build orders[2], in every other cycle from the end to the start; return its cost or infinity."""
+    """Let a beam of ants build orders[2], in every other cycle backwards from the end; return its cost or infinity."""
     n = len(problem.opens)
     backward = int(colony.record[CYCLE]) % 2 == 1
     for i in range(n):
@@ -168,9 +168,9 @@ def cycles(
     beam: Beam,
     t: Trail,
 ) -> int:
-    """Run up to `count` cycles, until there is a better order; return how many.
+    """Run up to `count` cycles, until there is a better order; return the number of cycles.
 
-    mirror : the same task from the end to the start: stop i is stop n - 1 - i, at times from the latest back.
+    mirror : the same task backwards in time: stop i becomes stop n - 1 - i.
     """
     state = np.zeros(1, dtype=np.uint64)
     record = colony.record

@@ -1,4 +1,4 @@
-"""Orders that are late, made less so: single stops are moved, first to where that helps, then at random."""
+"""Reduces the lateness of orders: single stops are moved, first where that helps, then at random."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.windows import Floats, Ids
 
-WORK = 600_000_000  # stops driven to in one descent at most, about a second,
-QUICK_WORK = 150_000_000  # and where there is less time
+WORK = 600_000_000  # limit of stops evaluated in one descent, about a second
+QUICK_WORK = 150_000_000  # the same limit where there is less time
 
 
 @bare_kernel
 def lateness(time: Floats, opens: Floats, closes: Floats, order: Ids, most: float) -> float:
-    """Return by how much services begin late in sum, or something above `most` where it is more."""
+    """Return the sum of the lateness of all services; if it is more than `most`, any number above `most`."""
     late, now = 0.0, opens[order[0]]
     for p in range(1, len(order)):
         j = order[p]
@@ -29,7 +29,7 @@ def lateness(time: Floats, opens: Floats, closes: Floats, order: Ids, most: floa
 
 @bare_kernel
 def move(order: Ids, p: int, q: int) -> None:
-    """Take the stop at place p out and put it at place q."""
+    """Move the stop at place p to place q."""
     stop = order[p]
     step = 1 if q > p else -1
     while p != q:
@@ -40,13 +40,13 @@ def move(order: Ids, p: int, q: int) -> None:
 
 @bare_kernel
 def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float, work: int, state: rng.State) -> float:
-    """Move single stops as long as that makes the order less late, or `work` is done; return its lateness."""
+    """Move single stops as long as that reduces the lateness, or until `work` is done; return the lateness."""
     n = len(order)
     quiet, p, left = 0, 1 + rng.below(state, n - 2), max(work // (n * n), 1)
     while quiet < n - 2 and late > 0.0 and left > 0:
         left -= 1
         best, to = late, p
-        # The stop travels through all places one by one, so that each is tried with one exchange.
+        # The stop moves through all places one by one, so that each trial takes one exchange.
         at = p
         for turn in range(2):
             step = -1 if turn == 0 else 1
@@ -69,9 +69,9 @@ def descend(time: Floats, opens: Floats, closes: Floats, order: Ids, late: float
 
 @kernel
 def repair(time: Floats, opens: Floats, closes: Floats, order: Ids, attempts: int, seed: np.uint64, work: int = WORK) -> float:
-    """Make `order` less late in place, by `attempts` shakes of one to eight random moves; return its lateness.
+    """Reduce the lateness of `order` in place, by `attempts` rounds of one to eight random moves; return its lateness.
 
-    No descent drives to more than `work` stops. The first and the last stop stay (variable neighbourhoods: da Silva, Urrutia
+    Each descent evaluates at most `work` stops. The first and the last stop stay (variable neighbourhoods: da Silva, Urrutia
     2010). time : [n, n] finite.
     """
     state = np.array([seed], dtype=np.uint64)

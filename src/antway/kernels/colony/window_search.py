@@ -1,8 +1,8 @@
-"""Local search of orders with time windows: neighbouring parts change places, one of them perhaps reversed; or one is reversed.
+"""Local search of orders with time windows: neighbouring parts are swapped, possibly with one reversed, or one is reversed.
 
-A part of an order is a function of when it is entered: later than `latest` it is late somewhere; else it is left at
-max(entered + duration, earliest). Parts are joined in constant time, so that a move costs constant time (Savelsbergh, ORSA
-Journal on Computing 4, 1992; da Silva, Urrutia, Discrete Optimization 7, 2010). Insertion and Or-opt are parts of few stops.
+A part of an order is a function of its start time: if that is later than `latest`, some stop is late; else the part ends at
+max(start + duration, earliest). Parts are joined in constant time, so that a move takes constant time (Savelsbergh, ORSA
+Journal on Computing 4, 1992; da Silva, Urrutia, Discrete Optimization 7, 2010). Insertion and Or-opt swap parts of few stops.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ Part = tuple[float, float, float]  # duration, earliest end, latest start
 
 
 class Trail(NamedTuple):
-    """An order under improvement, with when it gets where; kernels keep it in step."""
+    """An order that is being improved, with its times, which kernels keep up to date."""
 
     order: Ids  # [n]
-    ready: Floats  # [n] begin of service at each place
-    latest: Floats  # [n] latest begin of service at each place such that none after it is late
+    ready: Floats  # [n] start of service at each place
+    latest: Floats  # [n] latest start of service at each place such that no later stop is late
     duration: Floats  # [n] travel time from each place to the end
     earliest: Floats  # [n] earliest end of the order from each place on
     copy: Ids  # [n] scratch
     saved: Ids  # [n] scratch
-    look: NDArray[np.bool_]  # [n] stops whose moves are to be tried
+    look: NDArray[np.bool_]  # [n] stops whose moves have to be tried
     state: rng.State  # [1] scratch
 
 
 class Moves(NamedTuple):
-    """Which moves are tried, and what they are worth."""
+    """Which moves are tried, and how they are valued."""
 
-    makespan: bool  # whether an order is worth when it ends, instead of how long it travels
-    longest: int  # stops in the shorter of two parts that change places
-    least: float  # s, gains up to this may be rounding errors
+    makespan: bool  # whether the end time of an order counts instead of its travel time
+    longest: int  # largest number of stops in the shorter one of two swapped parts
+    least: float  # s; gains up to this may be rounding errors
 
 
 @kernel
@@ -52,7 +52,7 @@ def trail(n: int) -> Trail:
 
 @bare_kernel
 def join(problem: Windows, one: Part, a: int, b: int, two: Part) -> Part:
-    """Return the part of `one`, which ends at stop a, and `two`, which begins at b; latest is -inf if it is always late."""
+    """Return the part `one`, which ends at stop a, followed by `two`, which starts at b; latest is -inf if always late."""
     step = problem.time[a, b]
     latest = min(one[2], two[2] - step - one[0])
     if one[1] + step > two[2]:
@@ -62,7 +62,7 @@ def join(problem: Windows, one: Part, a: int, b: int, two: Part) -> Part:
 
 @bare_kernel
 def refresh(problem: Windows, t: Trail) -> None:
-    """Work out when the order gets where."""
+    """Compute the times of the order."""
     n = len(t.order)
     t.ready[0] = problem.opens[t.order[0]]
     for p in range(1, n):
@@ -79,16 +79,16 @@ def refresh(problem: Windows, t: Trail) -> None:
 
 @bare_kernel
 def value(t: Trail, makespan: bool) -> float:
-    """Return the travel time of the order, or when it ends; of orders that end alike the shorter is a little better."""
+    """Return the travel time of the order, or its end time; of two orders with equal ends the shorter is slightly better."""
     travel = float(t.duration[0])
     return float(t.ready[len(t.order) - 1]) + 1e-6 * travel if makespan else travel
 
 
 @bare_kernel
 def change(t: Trail, i: int, j: int, k: int, shape: int) -> None:
-    """Let the places i ... j and j + 1 ... k change places.
+    """Swap the parts at the places i ... j and j + 1 ... k.
 
-    shape : 0 as they are; 1 the first part reversed; 2 the second; 3 no change of places, but i ... j reversed.
+    shape : 0 as they are; 1 with the first part reversed; 2 with the second; 3 no swap, but i ... j reversed.
     """
     order, copy = t.order, t.copy
     if shape == 3:
@@ -121,7 +121,7 @@ def gain_of(
     others: tuple[int, int],
     least: float,
 ) -> float:
-    """Return what the order gains if `one` and then `two` take the places i ... k; -inf if late or at most `least`.
+    """Return the gain if `one` and then `two` take the places i ... k; -inf if a stop is late or the gain is at most `least`.
 
     ends, others : the first and the last stop of each part.
     """
@@ -158,7 +158,7 @@ def best_at(
 ) -> tuple[float, int, int, int, int]:
     """Return the best of the moves that begin or end at place i: its gain (more than `least`) and what `change` takes.
 
-    With temperature > 0 it is drawn instead, see `stirred`.
+    With temperature > 0 it is drawn at random, see `stirred`.
     """
     opens, closes, order = problem.opens, problem.closes, t.order
     n = len(order)
@@ -257,7 +257,7 @@ def reversal(
 
 @bare_kernel
 def watch(t: Trail, a: int, j: int, k: int) -> None:
-    """Have the stops beside the cuts of a move looked at again."""
+    """Mark the stops beside the cuts of a move for another look."""
     n = len(t.order)
     for cut in (a, j + 1, k + 1, a + k - j):
         for p in (cut - 1, cut):
@@ -267,7 +267,7 @@ def watch(t: Trail, a: int, j: int, k: int) -> None:
 
 @bare_kernel
 def settle(problem: Windows, t: Trail, habits: Moves) -> None:
-    """Make improving moves until none of the stops to look at has one; no stop is late before or after."""
+    """Make improving moves until no marked stop has one. No stop is late before or after."""
     n = len(t.order)
     quiet, i = 0, 1
     while quiet < n - 2:
@@ -286,7 +286,7 @@ def settle(problem: Windows, t: Trail, habits: Moves) -> None:
 
 @bare_kernel
 def shake(problem: Windows, t: Trail, habits: Moves, temperature: float, state: rng.State) -> None:
-    """Make a move drawn at a place drawn; no stop is late before or after."""
+    """Make a random move at a random place. No stop is late before or after."""
     i = 1 + rng.below(state, len(t.order) - 2)
     _, a, b, c, shape = best_at(problem, t, habits, i, temperature, state)
     if a >= 0:

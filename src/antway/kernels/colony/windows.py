@@ -1,6 +1,6 @@
-"""Stops with time windows as kernels hold them, and what windows alone decide: precedence, arcs never used, a lower bound.
+"""Stops with time windows, and what follows from the windows alone: precedence, unusable arcs, a lower bound.
 
-A task is a path from stop 0 through all others to stop n - 1. Times are such that sums of them are exact in float64.
+A task is a path from stop 0 through all others to stop n - 1. Times are chosen such that their sums are exact in float64.
 Tightening: Desrochers, Desrosiers, Solomon, Operations Research 40 (1992); Ascheuer, Fischetti, Groetschel, Mathematical
 Programming 90 (2001).
 """
@@ -16,30 +16,30 @@ from antway.kernels.base.jit import bare_kernel, kernel
 
 Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
-Sets = NDArray[np.uint64]  # sets of stops, 64 to a word
+Sets = NDArray[np.uint64]  # sets of stops, 64 in a word
 
 
 class Windows(NamedTuple):
-    """n stops; `far` and `closes` only ever exclude what no feasible order has."""
+    """n stops; all times are tightened without excluding a feasible order."""
 
-    time: Floats  # [n, n] service and travel from stop to stop, infinite for arcs that no feasible order has
+    time: Floats  # [n, n] time of service and travel, infinite for arcs that no feasible order uses
     far: Floats  # [n, n] shortest path with other stops in between
-    opens: Floats  # [n] earliest begin of service
-    closes: Floats  # [n] latest begin of service
-    after: Ids  # [n, n] stops that may come next, nearest first by reduced cost
-    afters: Ids  # [n] how many those are
+    opens: Floats  # [n] earliest start of service
+    closes: Floats  # [n] latest start of service
+    after: Ids  # [n, n] stops that may come next, by increasing reduced cost
+    afters: Ids  # [n] the number of these stops
     before: Sets  # [n, w] the stops that must come earlier
-    by_closing: Ids  # [n] the stops by latest begin
-    farthest: Floats  # [n] the farthest of `far`
-    leave: Floats  # [n] dual value of leaving a stop,
-    enter: Floats  # [n] and of entering it: leave[i] + enter[j] <= time[i, j]
-    mark: Sets  # [n] a random word for each stop; a set of stops has the exclusive or of theirs
-    bound: float  # no order travels less: the sum of all dual values
+    by_closing: Ids  # [n] the stops by latest start
+    farthest: Floats  # [n] maximum of each row of `far`
+    leave: Floats  # [n] dual values of leaving a stop
+    enter: Floats  # [n] dual values of entering a stop: leave[i] + enter[j] <= time[i, j]
+    mark: Sets  # [n] a random word for each stop; the mark of a set is the exclusive or of its words
+    bound: float  # lower bound of the travel time: the sum of all dual values
 
 
 @kernel
 def shortest(time: Floats) -> Floats:
-    """Return the shortest paths with any stops in between (Floyd, Warshall)."""
+    """Return the lengths of shortest paths through any other stops (Floyd, Warshall)."""
     far = time.copy()
     n = len(far)
     for k in range(n):
@@ -54,7 +54,7 @@ def shortest(time: Floats) -> Floats:
 def tighten(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_]) -> int:
     """Tighten windows, precedence first[i, j] (i comes before j) and arcs in place until nothing changes.
 
-    Returns -1, or a stop whose window is empty or that would have to come before itself: then no order is feasible.
+    Returns -1, or a stop whose window is empty or that must come before itself; then no order is feasible.
     """
     n = len(time)
     last = n - 1
@@ -117,7 +117,7 @@ def tighten(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDA
 
 @bare_kernel
 def excluded(far: Floats, step: float, opens: Floats, closes: Floats, first: NDArray[np.bool_], i: int, j: int) -> bool:
-    """Tell whether no feasible order goes from i straight to j."""
+    """Tell whether no feasible order goes directly from i to j."""
     n = len(far)
     if first[j, i] or opens[i] + step > closes[j] or j == 0 or i == n - 1:
         return True
@@ -125,7 +125,7 @@ def excluded(far: Floats, step: float, opens: Floats, closes: Floats, first: NDA
     for k in range(n):
         if k in (i, j):
             continue
-        # k comes before i, or after j, or the arc is none.
+        # k must come before i or after j, or the arc cannot be used.
         sooner = (
             not first[i, k] and max(opens[k] + far[k, i], opens[i]) + step <= closes[j] and opens[k] + far[k, i] <= closes[i]
         )
@@ -139,7 +139,7 @@ def excluded(far: Floats, step: float, opens: Floats, closes: Floats, first: NDA
 def assignment(cost: Floats) -> tuple[Floats, Floats]:
     """Return dual values (rows, columns) of the least assignment of rows to columns, by shortest augmenting paths.
 
-    An infinite cost is no arc; a row that can reach no column is left out, which keeps the duals feasible.
+    An infinite cost means no arc. A row that can reach no column is left out, which keeps the dual values feasible.
     """
     n = len(cost)
     u, v = np.zeros(n + 1), np.zeros(n + 1)
@@ -180,7 +180,7 @@ def assignment(cost: Floats) -> tuple[Floats, Floats]:
 
 @bare_kernel
 def late(far: Floats, opens: Floats, closes: Floats, i: int, j: int, k: int) -> bool:
-    """Tell whether going from the start through i, j and k to the end is late somewhere; a stop may stand twice."""
+    """Tell whether going from the start through i, j and k to the end is late somewhere; stops may repeat."""
     n = len(far)
     now, at = opens[0], 0
     for stop in (i, j, k, n - 1):
@@ -194,7 +194,7 @@ def late(far: Floats, opens: Floats, closes: Floats, i: int, j: int, k: int) -> 
 
 @kernel
 def conflict(far: Floats, opens: Floats, closes: Floats) -> tuple[int, int, int]:
-    """Return one stop, two or three that no order can visit in time, even alone; -1 for none, after those that there are."""
+    """Return one to three stops that no order can visit in time, even without others, padded with -1."""
     last = len(far) - 1
     for i in range(last):
         if late(far, opens, closes, i, i, i):

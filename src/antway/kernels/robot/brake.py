@@ -1,9 +1,9 @@
-"""The guard for robots with inertia: does a command leave a manoeuvre to a stand that nothing can cut off?
+"""The guard for robots with inertia: after a command, is there a manoeuvre that surely stops the robot without contact?
 
-A manoeuvre is: one control cycle of the command, then brake while the turn rate goes to some value for some cycles, then brake
-and stop turning. It is certified if its true path (ramps, arcs, the footprint) keeps a margin to walls and stays out of
-every place that an obstacle could reach by then (kernels/robot/reach.py). What an obstacle could reach by a given time shrinks
-with each look at it, so a manoeuvre certified once stays certified: the guard keeps the last one and falls back on it.
+A manoeuvre is one control cycle of the command, then braking with some turn rate for some cycles, then braking without
+turning. It is certified if the true path of the footprint (ramps, arcs) keeps a margin to walls and out of every place
+that an obstacle can reach by that time (kernels/robot/reach.py). What an obstacle can reach by a given time shrinks with each
+observation, so a certified manoeuvre stays certified: the guard keeps the last one and falls back on it.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from antway.kernels.robot.motion import REST, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
 from antway.kernels.robot.sweep import Segment, Walls, axis_gap, disc_axis, free_distance, meets_wall, pose, straight
 
-TURN, CYCLES, SIDE = range(3)  # of the state kept: turn rate of the stop held, how many cycles of it are left, last side taken
-_CLOSE = 1e-12
-_LEAST = 1e-9
+TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the kept stop, its cycles left, last side taken
+_CLOSE = 1e-12  # m; a smaller gap is a contact
+_LEAST = 1e-9  # s; the shortest step of conservative advancement
 
 
 class Robot(NamedTuple):
-    """What the guard knows of the robot and its map for an episode."""
+    """What the guard knows about the robot and its map."""
 
     limits: RobotLimits
     body: Body
     walls: Walls
     dt: float  # s
-    margin: float  # m kept from walls
-    strict: bool  # steps aside are certified too; else only clear of walls
+    margin: float  # m; distance kept from walls
+    strict: bool  # whether steps aside are certified against obstacles too, not only against walls
 
 
 @bare_kernel
 def _stays_clear(m: Segment, t: float, h: float, body: Body, row: NDArray[np.float64]) -> bool:
-    """Tell whether the body on a segment, which begins t s from now, stays out of where one obstacle could be.
+    """Tell whether the body, on a segment that begins t s from now, stays out of every place where one obstacle can be.
 
-    It could be in a disc round where it was seen that grows by its speed, and in one that drifts on with its velocity and grows
-    by its acceleration: it is in both, so to be out of one at each time is enough.
+    The obstacle is in a disc around its last place that grows with its speed, and also in a disc that moves with its last
+    velocity and grows with its acceleration. So it is enough if the body is outside one of them at each time.
     """
     s = 0.0
     while s <= h:
@@ -84,18 +84,18 @@ def certified(
     margin: float,
     rows: NDArray[np.float64],
 ) -> bool:
-    """Tell whether the command (ca, cb) and then a stop are certified.
+    """Tell whether the command (ca, cb) followed by a stop is certified.
 
     Parameters
     ----------
     x, y, theta, a, b : float
-        State of the robot when the command begins to act, which is the latency from now.
+        State of the robot when the command begins to act, one latency from now.
     turn, cycles : float, int
-        The stop: brake with the command (0, turn) for so many cycles, then with (0, 0).
+        The stop: the command (0, turn) for `cycles` cycles, then (0, 0).
     margin : float
-        m kept from walls; `robot.margin`, or what there is.
+        Distance kept from walls, m; `robot.margin`, or less where the robot starts nearer to a wall.
     rows : float64[K, 8]
-        Obstacles, as in `kernels/robot/reach.py`: those near enough.
+        The obstacles that are near enough to matter, as in `kernels/robot/reach.py`.
     """
     limits, body, t = robot.limits, robot.body, robot.limits.latency
     holonomic, disc = limits.drive == HOLONOMIC, len(robot.body.corners) == 1
@@ -141,9 +141,9 @@ def stop_for(
     rows: NDArray[np.float64],
     keep: NDArray[np.float64],
 ) -> bool:
-    """Find a stop that certifies the command (ca, cb) and keep it: turn rate to 0, held, full left, full right.
+    """Find a stop that certifies the command (ca, cb), and keep it in `keep`, float64[3].
 
-    `keep` is float64[3], changed where one is found.
+    The stops tried brake with a turn rate of 0, the present turn rate, full left and full right.
     """
     limits = robot.limits
     if limits.drive == HOLONOMIC:
@@ -170,7 +170,7 @@ def stop_for(
 
 @bare_kernel
 def nearby(x: float, y: float, a: float, b: float, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
-    """Copy to `rows` the obstacles that a manoeuvre of one cycle and a stop could come near; return how many."""
+    """Copy the obstacles that a cycle and a stop could come near to `rows`; return how many there are."""
     limits, n = robot.limits, 0
     speed = math.hypot(a, b) if limits.drive == HOLONOMIC else abs(a)
     accelerates = limits.a_max < math.inf
@@ -191,7 +191,7 @@ def nearby(x: float, y: float, a: float, b: float, robot: Robot, tracks: NDArray
 
 @bare_kernel
 def margin_left(x: float, y: float, theta: float, robot: Robot) -> float:
-    """Margin to walls that a robot at rest there has left, at most `robot.margin`, at least 0."""
+    """Return the distance to walls that a robot at rest has, within [0, `robot.margin`], m."""
     low, high = 0.0, robot.margin
     if free_distance(robot.walls, x, y) >= robot.body.radius + robot.margin:
         return robot.margin
@@ -206,7 +206,7 @@ def margin_left(x: float, y: float, theta: float, robot: Robot) -> float:
 
 @bare_kernel
 def _clear_of_walls(x: float, y: float, theta: float, robot: Robot, margin: float) -> bool:
-    """Tell whether the body, wider by the margin, touches no wall where it stands: nothing it creeps towards is met at once."""
+    """Tell whether the body, enlarged by the margin, touches no wall: creeping in any direction meets none at once."""
     for side in range(4):
         ux, uy = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
         m = straight(x, y, theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0)

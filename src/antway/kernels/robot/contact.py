@@ -1,4 +1,4 @@
-"""One control step of the simulated robot: it drives, and the first contact on the path ends the step."""
+"""One control step of the simulated robot, which ends at the first contact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Terrain, Trajectories
 from antway.kernels.robot.dynamics import REST, drive
 
-# What ended a step, in the order that decides ties.
+# What ended a step, in the order by which ties are decided.
 GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED = 0, 1, 2, 3, 4
 
 
@@ -33,13 +33,13 @@ def advance(
 ) -> tuple[int, int, float]:
     """Drive control step i under the command (cx, cy) and write row i + 1 of the robot's record.
 
-    The robot goes straight at constant speed from t[i] to (i + 1) dt, or to whatever comes first on the way: contact with an
-    obstacle, contact with a wall, the goal. Row i + 1 is then that instant.
+    The robot moves straight at constant speed from t[i] to (i + 1) dt, or until it meets an obstacle, a wall or the goal. Row
+    i + 1 holds the state at that time.
 
     Parameters
     ----------
     robot : float64[5]
-        Limits as in `drive`, and the robot's radius in m.
+        Limits as in `drive`, then the robot's radius in m.
     aim : float64[3]
         Goal x, y and tolerance, m.
     t, xy, velocity, heading
@@ -52,9 +52,9 @@ def advance(
     what : int
         `GOES_ON`, `HIT_MOVING`, `HIT_STANDING`, `HIT_WALL` or `REACHED`.
     obstacle : int
-        Index of the obstacle touched, else -1.
+        Index of the obstacle that was met, else -1.
     clearance : float
-        Least distance between robot and obstacle edges up to row i + 1, m; infinite without obstacles.
+        Smallest distance between the edges of robot and obstacles in this step, m; infinite without obstacles.
     """
     knot_t, knot_xy, first, radius = trajectories
     vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, robot, dt)

@@ -1,4 +1,4 @@
-"""One control cycle of the simulated robot: ramps, arcs, latency, and the first contact on the path that ends it."""
+"""One control cycle of the simulated robot, with ramps, arcs and latency, which ends at the first contact."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Body(NamedTuple):
 
     corners: NDArray[np.float64]  # float64[N, 2], m, in the robot's frame, counterclockwise; a disc has one at (0, 0)
     rounding: float  # m; the radius of a disc, 0 of a polygon
-    radius: float  # m; of the disc around (0, 0) that holds it
+    radius: float  # m; radius of the disc around (0, 0) that contains it
     centre: NDArray[np.float64]  # float64[1, 2] of zeros
 
 
 class Record(NamedTuple):
-    """The robot's record of an episode, one row for each cycle's begin and one for the end."""
+    """The robot's record of an episode, with a row for the start of each cycle and one for the end."""
 
     t: NDArray[np.float64]  # float64[N + 1], s
     xy: NDArray[np.float64]  # float64[N + 1, 2], m
@@ -40,9 +40,9 @@ class Record(NamedTuple):
 def next_segment(
     x: float, y: float, theta: float, a: float, b: float, ca: float, cb: float, limits: RobotLimits, left: float
 ) -> tuple[Segment, float, float, float]:
-    """First segment under a command, and its length and the speeds (v, omega) or (vx, vy) at its end.
+    """Return the first segment under a command, its length, and the speeds (v, omega) or (vx, vy) at its end.
 
-    The command is clipped; `left` is the time that it still acts, s.
+    The command is clipped to the limits; it acts for another `left` s.
     """
     if limits.drive == HOLONOMIC:
         ca, cb = clip_velocity(ca, cb, limits)
@@ -61,7 +61,7 @@ def next_segment(
 def _first_contact(
     m: Segment, t: float, h: float, body: Body, discs: Trajectories, walls: Walls, aim: NDArray[np.float64]
 ) -> tuple[int, int, float]:
-    """What comes first on a segment that begins at time t, with which obstacle, and after how long."""
+    """Return what happens first on a segment that begins at time t, with which obstacle, and after how long."""
     what, obstacle, when = GOES_ON, -1, math.inf
     fastest = top_speed(m, h)
     for k in range(len(discs.radius)):
@@ -82,7 +82,7 @@ def _first_contact(
         what, obstacle, when = HIT_WALL, -1, wall
     x, y = m.x - aim[0], m.y - aim[1]
     away = math.hypot(x, y) - aim[2]
-    if away < 0.0:  # where it stopped last
+    if away < 0.0:  # the robot is there already
         return REACHED, -1, 0.0
     if away <= fastest * h:
         arrival = meets_disc(m, min(h, when), body.centre, 0.0, aim[0], aim[1], 0.0, 0.0, aim[2], 0.0, 0.0)
@@ -93,7 +93,7 @@ def _first_contact(
 
 @bare_kernel
 def _next_knot(discs: Trajectories, k: int, t: float) -> float:
-    """Time of the first knot of disc k after t; infinite if there is none."""
+    """Return the time of the first knot of disc k after t; infinite if there is none."""
     low, high = discs.first[k], discs.first[k + 1]
     i = low + int(np.searchsorted(discs.knot_t[low:high], t, side="right"))
     return discs.knot_t[i] if i < high else math.inf
@@ -101,7 +101,7 @@ def _next_knot(discs: Trajectories, k: int, t: float) -> float:
 
 @bare_kernel
 def _later(m: Segment, s: float) -> Segment:
-    """Return what is left of a segment after s s."""
+    """Return the rest of a segment from the time s on."""
     if s == 0.0:
         return m
     x, y, theta, vx, vy, w = pose(m, s)
@@ -110,7 +110,7 @@ def _later(m: Segment, s: float) -> Segment:
 
 @bare_kernel
 def _nearest(m: Segment, t: float, h: float, body: Body, discs: Trajectories, best: float) -> float:
-    """Least gap from any obstacle on a segment that begins at time t; `best` if that is less."""
+    """Return the smallest gap to any obstacle on a segment that begins at time t, or `best` if that is smaller."""
     for k in range(len(discs.radius)):
         s = 0.0
         while True:
@@ -136,26 +136,26 @@ def play(
     discs: Trajectories,
     least: float,
 ) -> tuple[int, int, float]:
-    """Drive control cycle i of `dt` s and write row i + 1 of the record: its end, or what came first on the path.
+    """Drive control cycle i of `dt` s, or until the first contact, and write row i + 1 of the record.
 
     Parameters
     ----------
     turns : bool
-        Whether a holonomic robot points where it goes; one with a footprint keeps its heading.
+        Whether a holonomic robot points in its direction of motion; with a footprint it keeps its heading.
     record : Record
-        Rows up to i are given, and commands up to i; a command acts `limits.latency` s after its cycle's begin, and before the
-        first one acts the robot is told to stand.
+        Rows and commands up to i are given. A command acts `limits.latency` s after the start of its cycle; before the first
+        command acts, the robot is commanded to stand.
     aim : float64[3]
         Goal x, y and tolerance, m.
     least : float
-        Clearance of interest, m: the least one so far.
+        Smallest clearance so far, m.
 
     Returns
     -------
     what, obstacle : int
         As `advance` in kernels/robot/contact.py.
     clearance : float
-        Least distance between the edges of robot and obstacles in this cycle if that is less than `least`, else `least`.
+        Smallest distance between the edges of robot and obstacles in this cycle, or `least` if that is smaller.
     """
     wheels = limits.drive != HOLONOMIC
     t, (x, y), (vx, vy), theta = record.t[i], record.xy[i], record.velocity[i], record.heading[i]

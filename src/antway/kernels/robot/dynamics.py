@@ -1,4 +1,4 @@
-"""How a robot's velocity and heading follow a command within its limits."""
+"""How the velocity and heading of a robot follow a command within its limits, in steps."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import kernel
 
-REST = 1e-9  # m/s; a robot slower than this stands
+REST = 1e-9  # m/s; a slower robot is at rest
 
 
 @kernel
 def drive(
     vx: float, vy: float, heading: float, cx: float, cy: float, limits: NDArray[np.float64], dt: float
 ) -> tuple[float, float, float]:
-    """Velocity and heading of the next step: the commanded velocity (cx, cy) as far as the robot's limits allow.
+    """Return velocity and heading in the next step: the commanded velocity (cx, cy) as far as the limits allow.
 
     A holonomic robot changes its velocity vector by at most a_max dt. A differential drive turns towards the command by at most
-    turn_rate dt and drives forward along its heading at the command's part in that direction, its speed changed by at most
+    turn_rate dt and drives forward with the component of the command along its heading, while its speed changes by at most
     a_max dt. A command that is not finite means stop.
 
     Parameters

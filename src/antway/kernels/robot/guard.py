@@ -1,4 +1,4 @@
-"""The guard's arithmetic: is a braking path free of every place that an obstacle could reach while the robot still moves?"""
+"""The guard: can the robot brake to a stand without entering any place that an obstacle can reach by then?"""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, 
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 
 FREE, SLOWED, BRAKED, STEPPED_ASIDE, LEAST_HARM = 0, 1, 2, 3, 4  # what the guard did
-_FRACTIONS = 10  # speeds tried along the commanded direction
-_SIDES = 16  # directions tried for a step aside
-_LEARNS = 0.01  # share by which the bound on a kind's speed rises, in a scan, to what is seen
-# Columns of the table of tracks seen of late: _SEEN in s; the speed is -1 where unknown; the last three are the most that was
-# seen of it: speed, growth of the speed and change of the velocity.
+_FRACTIONS = 10  # number of speeds tried in the commanded direction
+_SIDES = 16  # number of directions tried for a step aside
+_LEARNS = 0.01  # share by which, in a scan, the learnt speed bound moves towards the fastest speed seen
+# Columns of the table of recent tracks. _SEEN is a time in s; _SPEED is -1 if unknown. The last three are the largest values
+# observed: the speed, its growth, and the change of the velocity.
 _ID, _SEEN, _X, _Y, _VX, _VY, _RADIUS, _SPEED, _FASTEST, _GROWTH, _CHANGE = range(11)
 TABLE_COLUMNS = 11
 
-
-# Entries of the bounds on obstacles: speed in m/s; growth of the speed, and change of the velocity as a vector, both in m/s^2;
-# a speed in m/s that any obstacle may have, learnt of all of them; the time in s after which the robot stands; and whether what
-# is seen of a track raises the bound on changes of its velocity, too (1 or 0).
+# Entries of the bounds on obstacles: the speed in m/s; the growth of the speed and the change of the velocity vector in m/s^2;
+# a speed in m/s learnt from all obstacles, which any of them may have; the time in s after which the robot stands; and whether
+# observed changes of a velocity raise the bound for that track (1 or 0).
 BOUND_SPEED, BOUND_GROWTH, BOUND_CHANGE, BOUND_KIND, STOPPING_TIME, STRICT = range(6)
 
 
@@ -37,8 +36,8 @@ class Rules(NamedTuple):
     """How the guard decides."""
 
     dt: float  # s; control period
-    lookahead: float  # s; a robot that stands gets out of the way of what would touch it within so long
-    strict: bool  # what is not certain does not pass
+    lookahead: float  # s; a standing robot steps aside if an obstacle would touch it within this time
+    strict: bool  # whether only commands that are certain to be safe pass
 
 
 @kernel
@@ -55,9 +54,8 @@ def fault(
 ) -> int:
     """Return what is wrong with the robot's state or a scan of K tracks.
 
-    0 nothing, 1 the state, 2 xy, 3 velocity, 4 radius: all must lie within the limits of `antway.limits`, and radii not be
-    negative; a velocity may be NaN (unknown). 5: else all is sound, but two tracks have one name; names are told apart as
-    floats, which is what tables of tracks hold.
+    0 is nothing. 1 the state, 2 xy, 3 velocity or 4 radius is beyond the limits of `antway.limits`, or a radius is negative; a
+    velocity may be NaN (unknown). 5: two tracks have the same name, compared as floats because tables of tracks hold floats.
     """
     placed = abs(x) <= MAX_PLACE and abs(y) <= MAX_PLACE and abs(heading) <= MAX_ANGLE
     if not (placed and math.hypot(vx, vy) <= MAX_SPEED):
@@ -94,21 +92,21 @@ def within_reach(
     bounds: NDArray[np.float64],
     out: NDArray[np.float64],
 ) -> tuple[int, int]:
-    """Write the rows (kernels/robot/reach.py) of all tracks that count: those of this scan, and those not long lost.
+    """Write the rows (kernels/robot/reach.py) of the tracks of this scan and of those that were lost recently.
 
     Parameters
     ----------
     table : float64[M, TABLE_COLUMNS]
-        The tracks of late, rows below `count`; M is at least `count` + K.
+        The recent tracks are the first `count` rows; M is at least `count` + K.
     now, stamp, hold : float
-        Time now and of the scan; how long a lost track counts; s.
+        Time now, time of the scan, and how long a lost track still counts, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
         The scan; an unknown velocity is NaN.
     spread : float64[K]
-        How far off the places may be, m.
+        Error of the places, m.
     bounds : float64[6]
-        See BOUND_SPEED and the others above. bounds[BOUND_KIND] rises slowly to the fastest speed seen. What is seen of a track
-        raises its own bounds at once.
+        See BOUND_SPEED and the others above. bounds[BOUND_KIND] rises slowly to the fastest speed seen. Observations of a track
+        raise its own bounds at once.
     out : float64[M, 8]
 
     Returns
@@ -165,10 +163,10 @@ def brakes_free(
     dt: float,
     terrain: Terrain,
 ) -> bool:
-    """Tell whether a robot at (px, py) may drive one period with (wx, wy) and then brake, straight, to a stand.
+    """Tell whether a robot at (px, py) can drive one period with (wx, wy) and then brake, straight, to a stand.
 
-    `tracks` is float64[K, 8], as in kernels/robot/reach.py. Free means: until the robot stands, no obstacle can be in contact
-    with it that moves in any way within its bounds, and no wall is.
+    `tracks` is float64[K, 8], as in kernels/robot/reach.py. Until the robot stands, no obstacle that stays within its bounds
+    may touch it, however it moves, and no wall may.
     """
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
@@ -189,7 +187,7 @@ def brakes_free(
 
 @kernel
 def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np.float64], radius: float) -> float:
-    """Earliest contact in s of the robot at (x, y) keeping (vx, vy) with any track keeping its velocity; infinite if none."""
+    """Return the first contact in s of the robot at (x, y) with any track if all keep their velocities; else infinity."""
     earliest = math.inf
     for k in range(len(tracks)):
         ax, ay = tracks[k, X] + tracks[k, VX] * tracks[k, AGE] - x, tracks[k, Y] + tracks[k, VY] * tracks[k, AGE] - y
@@ -210,7 +208,7 @@ def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np
 def _aside(
     x: float, y: float, vx: float, vy: float, until: float, horizon: float, tracks: NDArray[np.float64], radius: float
 ) -> float:
-    """Time of the first contact, at most `horizon` s, of a robot that drives with (vx, vy) until `until` s and then stands."""
+    """Return the time of the first contact, at most `horizon`, of a robot that drives until `until` and then stands, s."""
     earliest = horizon
     for k in range(len(tracks)):
         ux, uy, age = tracks[k, VX], tracks[k, VY], tracks[k, AGE]
@@ -237,13 +235,13 @@ def guarded(
     rules: Rules,
     terrain: Terrain,
 ) -> tuple[float, float, int]:
-    """Return the command (vx, vy) that the guard lets pass, and what it did.
+    """Return the command (vx, vy) that the guard passes, and what it did.
 
-    The commanded velocity (cx, cy) where the braking path of what the robot does with it is free; else the fastest along it of
-    which that holds; else a stand. A robot that would stand in the way of a track within `lookahead` s steps aside where a side
-    is free that puts the contact off. Wheels at rest turn towards the command. Where `rules.strict` is false, a robot that
-    would stand in such a way does what `least_harm` says, whether that is certain or not.
-    `limits` is float64[5]: those of `drive`, and the robot's radius.
+    The commanded velocity (cx, cy) passes if the robot's braking path after it is free; else the fastest velocity in the same
+    direction whose braking path is free; else the robot stands. If a track would touch the standing robot within `lookahead` s,
+    the robot steps aside, if that delays the contact; where `rules.strict` is false, it takes the command of `least_harm`
+    instead, certain or not. Wheels at rest turn towards the command.
+    `limits` is float64[5]: those of `drive`, then the robot's radius.
     """
     v_max, radius, resolution, (dt, lookahead, strict) = limits[0], limits[4], terrain.resolution, rules
     speed = math.hypot(cx, cy)
@@ -272,7 +270,8 @@ def guarded(
     if sx == 0.0 and sy == 0.0:
         turn = wrap(math.atan2(cy, cx) - heading)
         if limits[3] != 0.0 and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits[2] * dt:
-            side = heading + math.copysign(limits[2] * dt + math.pi / 2, turn)  # square to the heading then: nothing ahead
+            # A right angle to the heading after the turn: the robot turns without driving.
+            side = heading + math.copysign(limits[2] * dt + math.pi / 2, turn)
             return speed * math.cos(side), speed * math.sin(side), BRAKED
         return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
     return sx, sy, STEPPED_ASIDE

@@ -1,13 +1,13 @@
-"""How a robot moves under a command: speeds that ramp within a control cycle, and the exact place where that leads.
+"""How a robot moves under a command: speeds ramp within a control cycle, and the resulting place is exact.
 
 The state of wheels is (x, y, theta, v, omega): speed along the heading, negative in reverse, and turn rate. The state of a
 holonomic robot is (x, y, theta, vx, vy) in the world's frame. A command is (v, omega) or (vx, vy). Under a constant command
-both speeds are linear in time on a few *segments*, so that the heading is quadratic there and the place an integral without a
-closed form, taken by Gauss-Legendre quadrature. All functions are memoryless: a cycle driven in two parts ends where it does
-when driven in one.
+both speeds are linear in time on a few *segments*. There the heading is quadratic in time, and the place is an integral
+without a closed form, computed by Gauss-Legendre quadrature. Nothing depends on how a cycle is divided: driven in two parts it
+ends where it does in one.
 
-A command acts `latency` s after it was given. To look ahead, drive the commands that are still on their way first (`delayed`);
-from there on the robot follows new commands at once.
+A command acts `latency` s after it was given. To look ahead, first drive the commands that do not act yet (`delayed`); after
+that the robot follows new commands at once.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
 
-REST = 1e-9  # m/s; a robot slower than this stands
-_TURN = 0.8  # rad; four nodes give the place to 1e-10 of the length on a segment that turns by no more
-_EVEN = 1e-9  # m^2/s^2; a ramp square to the command brakes, whatever roundings make of it
-_AT_END = 1e-12  # s; a speed that is 0 so near to the end of a command does not jump to the other sign before it
-_SNAP = 1e-12  # rad/s; steering so near to its bound is at it: no segment is as short as a rounding error
+REST = 1e-9  # m/s; a slower robot is at rest
+_TURN = 0.8  # rad; largest turn of a part on which four nodes give the place to 1e-10 of its length
+_EVEN = 1e-9  # m^2/s^2; a ramp at a right angle to the command counts as braking in spite of rounding errors
+_AT_END = 1e-12  # s; a speed that becomes 0 this near to the end of a command does not change sign before it
+_SNAP = 1e-12  # rad/s; a turn rate this near to its bound is on it, so that no segment is as short as a rounding error
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
 _WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
@@ -32,13 +32,13 @@ _WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
 
 @bare_kernel
 def ramp(v: float, target: float, growth: float, fall: float) -> tuple[float, float, float, float]:
-    """Begin to bring `v` to `target`: its magnitude grows by at most `growth` and falls by at most `fall` a second.
+    """Return the first ramp of `v` to `target`: its magnitude grows by at most `growth` and falls by at most `fall` a second.
 
     Returns
     -------
     v, rate, end, time : float
-        Its value now (changed only by an infinite rate), its rate, where this ramp ends (`target`, or 0 on the way to the other
-        sign) and after how long; infinite when there is nothing to do.
+        The value now (changed only by an infinite rate), its rate, its value at the end of this ramp (`target`, or 0 if the
+        sign changes), and the length of the ramp; infinite if `v` is at `target`.
     """
     if v != target and v * (target - v) < 0.0:
         end = target if v * target >= 0.0 else 0.0
@@ -54,7 +54,7 @@ def ramp(v: float, target: float, growth: float, fall: float) -> tuple[float, fl
 
 @bare_kernel
 def clip_twist(cv: float, cw: float, limits: RobotLimits) -> tuple[float, float]:
-    """Return a command of wheels within the robot's limits; one that is not finite means stop."""
+    """Return a command of wheels clipped to the robot's limits; a command that is not finite means stop."""
     if not (math.isfinite(cv) and math.isfinite(cw)):
         return 0.0, 0.0
     return min(max(cv, -limits.v_reverse), limits.v_max), min(max(cw, -limits.turn_rate), limits.turn_rate)
@@ -64,9 +64,9 @@ def clip_twist(cv: float, cw: float, limits: RobotLimits) -> tuple[float, float]
 def wheels_segment(
     v: float, omega: float, cv: float, cw: float, limits: RobotLimits, left: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """First segment of wheels under the clipped command (cv, cw), at most `left` s long.
+    """Return the first segment of wheels under the clipped command (cv, cw), at most `left` s long.
 
-    Steering holds |omega| <= |v| / turning_radius at every instant: where the ramp of omega meets that bound, it slides along.
+    Steering keeps |omega| <= |v| / turning_radius at every instant: where the ramp of omega meets that bound, it follows it.
 
     Returns
     -------
@@ -75,18 +75,18 @@ def wheels_segment(
     v0, a, w0, b : float
         On it v = v0 + a t and omega = w0 + b t.
     v1, w1 : float
-        At its end, exactly on what ended it.
+        At its end, without rounding errors: exactly the value that ended it.
     """
     v0, a, v_end, time = ramp(v, cv, limits.a_max, limits.brake_max)
     if limits.a_max == math.inf and abs(time - left) < _AT_END:
         time = left
     h = min(time, left)
     car = limits.drive == ACKERMANN and limits.turning_radius > 0.0
-    if car:  # a speed that changed at once holds the steering at once
+    if car:  # a speed that jumps limits the steering at once
         most = abs(v0) / limits.turning_radius
         omega = min(max(omega, -most), most)
     w0, b, w_end, w_time = ramp(omega, cw, limits.alpha_max, limits.alpha_max)
-    if b != 0.0 and w_end != cw:  # growth and fall are alike: straight through 0
+    if b != 0.0 and w_end != cw:  # growth and fall are limited alike, so the ramp goes straight through 0
         w_end, w_time = cw, abs(cw - w0) / limits.alpha_max
     if not car:
         h = min(h, w_time)
@@ -95,7 +95,7 @@ def wheels_segment(
     growth = side * a / limits.turning_radius
     w0 = min(max(w0, -most), most)
     if b == 0.0 and w0 != cw:
-        b = math.copysign(math.inf, cw - w0)  # an infinite alpha that the steering holds back
+        b = math.copysign(math.inf, cw - w0)  # alpha is infinite, but the steering limits the turn rate
     if w0 >= most - _SNAP and b >= growth:
         w0, b, w_end, w_time = most, growth, cw, math.inf
         if growth > 0.0 and cw > most + _SNAP:
@@ -124,11 +124,11 @@ def wheels_segment(
 
 @bare_kernel
 def along(theta: float, v: float, a: float, w: float, b: float, h: float) -> tuple[float, float]:
-    """Displacement (dx, dy) in m in h s on a segment: integral of (v + a t) (cos, sin)(theta + w t + b t^2 / 2), to 1e-10."""
+    """Return the displacement in m in h s: the integral of (v + a t) (cos, sin)(theta + w t + b t^2 / 2), to 1e-10."""
     if w == 0.0 and b == 0.0:
         path = (v + 0.5 * a * h) * h
         return path * math.cos(theta), path * math.sin(theta)
-    turn = (max(abs(w), abs(w + b * h)) + 1.8 * math.sqrt(abs(b))) * h  # what a quadratic heading is worth in its derivatives
+    turn = (max(abs(w), abs(w + b * h)) + 1.8 * math.sqrt(abs(b))) * h  # with a term for the quadratic part of the heading
     parts = 1 if turn <= _TURN else math.ceil(turn / _TURN)
     step = h / parts
     dx = dy = 0.0
@@ -146,7 +146,7 @@ def along(theta: float, v: float, a: float, w: float, b: float, h: float) -> tup
 
 @bare_kernel
 def along_roughly(theta: float, v: float, a: float, w: float, b: float, h: float) -> tuple[float, float]:
-    """Do as `along` with one sine and cosine, to the fourth order in h: within 1e-6 m for h = 0.1 s at 1 m/s and 2 rad/s."""
+    """Do as `along` with one sine and cosine, of fourth order in h: within 1e-6 m for h = 0.1 s at 1 m/s and 2 rad/s."""
     half = 0.5 * h
     speed, turn = v + a * half, w + b * half
     angle = theta + (w + 0.5 * b * half) * half
@@ -187,7 +187,7 @@ def wheels_cycle(
 
 @bare_kernel
 def clip_velocity(cx: float, cy: float, limits: RobotLimits) -> tuple[float, float]:
-    """Return a command of a holonomic robot within its speed limit; one that is not finite means stop."""
+    """Return a command of a holonomic robot clipped to its speed limit; a command that is not finite means stop."""
     if not (math.isfinite(cx) and math.isfinite(cy)):
         return 0.0, 0.0
     asked = math.hypot(cx, cy)
@@ -198,9 +198,9 @@ def clip_velocity(cx: float, cy: float, limits: RobotLimits) -> tuple[float, flo
 
 @bare_kernel
 def holonomic_ramp(vx: float, vy: float, cx: float, cy: float, limits: RobotLimits) -> tuple[float, float, float]:
-    """Acceleration (ax, ay) of the straight ramp from (vx, vy) to the clipped command (cx, cy), and its length in s.
+    """Return the acceleration (ax, ay) of the straight ramp from (vx, vy) to the clipped command (cx, cy), and its length in s.
 
-    Its size is brake_max where the speed falls all along the ramp, else a_max; if that is infinite the length is 0.
+    Its magnitude is brake_max if the speed falls along the whole ramp, else a_max; if that is infinite, the length is 0.
     """
     dx, dy = cx - vx, cy - vy
     change = math.hypot(dx, dy)
@@ -222,7 +222,7 @@ def holonomic_cycle(
     limits: RobotLimits,
     dt: float,
 ) -> tuple[float, float, float, float, float]:
-    """State of a holonomic robot after dt s under the command (cx, cy), exact; theta is where it goes, kept at rest."""
+    """Return the exact state of a holonomic robot after dt s; theta is its direction of motion, and is kept at rest."""
     cx, cy = clip_velocity(cx, cy, limits)
     ax, ay, time = holonomic_ramp(vx, vy, cx, cy, limits)
     h = min(time, dt)
@@ -252,7 +252,7 @@ def drive_cycle(
     limits: RobotLimits,
     dt: float,
 ) -> tuple[float, float, float, float, float]:
-    """State of any robot after dt s under a command: (v, omega) for wheels, (vx, vy) for a holonomic robot."""
+    """Return the state of any robot after dt s under a command: (v, omega) for wheels, (vx, vy) for a holonomic robot."""
     if limits.drive == HOLONOMIC:
         return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
     return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt, False)
@@ -280,14 +280,14 @@ def drive_roughly(
 def delayed(
     x: float, y: float, theta: float, a: float, b: float, pending: NDArray[np.float64], limits: RobotLimits, dt: float
 ) -> tuple[float, float, float, float, float]:
-    """State of the robot `latency` s from now, after the commands that are on their way.
+    """Return the state of the robot `latency` s from now, after the commands that do not act yet.
 
     Parameters
     ----------
     x, y, theta, a, b : float
-        State now, at the begin of a cycle of dt s.
+        State now, at the start of a cycle of dt s.
     pending : float64[M, 2]
-        The last M = ceil(latency / dt) commands, oldest first; the oldest acts now and until the next begins to.
+        The last M = ceil(latency / dt) commands, oldest first; the oldest acts now, until the next one does.
     """
     count = len(pending)
     left = limits.latency

@@ -1,4 +1,4 @@
-"""How moving obstacles go: straight, mirrored at walls."""
+"""How moving obstacles move: straight, and mirrored at walls."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def bounce(
     knot_t: NDArray[np.float64],
     knot_rc: NDArray[np.float64],
 ) -> int:
-    """Course of a disc that goes straight, is mirrored at walls and edges, and now and then turns at random.
+    """Write the motion of a disc that goes straight, is mirrored at walls and edges, and turns at random now and then.
 
     Parameters
     ----------
     blocked, row, col, radius
-        The map, and the disc's centre at time 0 and radius, in cells.
+        The map, and the disc's centre at time 0 and its radius, in cells.
     speed, angle : float
-        Speed in cells/s; direction of the start, atan2(d_row, d_col), rad.
+        Speed in cells/s; initial direction, atan2(d_row, d_col), rad.
     turn_every : float
         Time between random changes of direction, s; infinite for none.
     horizon : float
@@ -51,7 +51,7 @@ def bounce(
     vr, vc = speed * math.sin(angle), speed * math.cos(angle)
     t, turn, n = 0.0, turn_every, 1
     knot_t[0], knot_rc[0, 0], knot_rc[0, 1] = 0.0, row, col
-    standing = 0  # mirrorings without a distance gone between them: more than a few and the disc is wedged until its next turn
+    standing = 0  # reflections in a row without any motion; after more than 8 the disc is wedged and waits for its next turn
     while t < horizon:
         end = min(turn, horizon)
         if standing > 8:
@@ -87,7 +87,7 @@ def first_inside(blocked: NDArray[np.bool_], knot_t: NDArray[np.float64], knot_r
     blocked : bool[H, W]
         Beyond the map nothing is blocked.
     knot_t, knot_rc : float64[M], float64[M, 2]
-        At knot_rc[i], (row, col) with integers at cell centres, at time knot_t[i] s, straight in between.
+        The disc is at knot_rc[i], (row, col) with integers at cell centres, at knot_t[i] s, and moves straight in between.
     radius : float
         In cells.
     """
@@ -99,7 +99,7 @@ def first_inside(blocked: NDArray[np.bool_], knot_t: NDArray[np.float64], knot_r
             break
         dr, dc = knot_rc[i + 1, 0] - row, knot_rc[i + 1, 1] - col
         if segment_hits_cells(blocked, row, col, row + dr, col + dc, radius, False):
-            free, taken = 0.0, 1.0  # of the leg: clear up to the one, not up to the other
+            free, taken = 0.0, 1.0  # shares of the leg: clear up to `free`, in contact before `taken`
             for _ in range(50):
                 middle = 0.5 * (free + taken)
                 if segment_hits_cells(blocked, row, col, row + dr * middle, col + dc * middle, radius, False):

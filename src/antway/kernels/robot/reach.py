@@ -1,4 +1,4 @@
-"""Where a moving obstacle can be: no farther than its speed allows, nor farther from its course than its acceleration does."""
+"""Where a moving obstacle can be: within what its speed allows, and within what its acceleration allows."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.robot.sweep import Walls, free_distance
 
-X, Y, VX, VY, RADIUS, SPEED, ACCEL, AGE = range(8)  # columns of a row, one row an obstacle
+X, Y, VX, VY, RADIUS, SPEED, ACCEL, AGE = range(8)  # columns of a row; there is one row for each obstacle
 COLUMNS = 8
 
 
 @bare_kernel
 def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: float, t: float) -> float:
-    """Least of |a + w s| - (reach + growth s) over s in [0, t]; below 0 the growing disc around an obstacle is entered.
+    """Return the least of |a + w s| - (reach + growth s) over s in [0, t]; below 0 the robot enters the growing disc.
 
     Parameters
     ----------
     ax, ay : float
-        The robot seen from the middle of the disc, m.
+        Place of the robot relative to the centre of the disc, m.
     wx, wy : float
-        The robot's velocity against that of the disc, m/s.
+        Velocity of the robot relative to that of the disc, m/s.
     reach : float
-        Radius of the disc at first, m.
+        Radius of the disc at s = 0, m.
     growth : float
-        How fast it grows, m/s, >= 0.
+        How fast the radius grows, m/s, >= 0.
     t : float
         Length of the step, s.
 
     Notes
     -----
-    The function is convex. With c the lateral distance and k = growth / |w| < 1 it is least where the distance made since the
-    closest point is c k / sqrt(1 - k^2); with k >= 1 at the end.
+    The function is convex. With the lateral distance c and k = growth / |w| < 1 it is least at the distance
+    c k / sqrt(1 - k^2) beyond the closest point; with k >= 1 it is least at the end.
     """
     speed = math.hypot(wx, wy)
     s = t
@@ -47,20 +47,20 @@ def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: 
 
 @bare_kernel
 def reach_gap(row: NDArray[np.float64], px: float, py: float, t: float) -> float:
-    """Distance in m of the point (px, py) from the body of an obstacle wherever it can be in `t` s; below 0: it may be there.
+    """Return the distance in m of (px, py) from every place that an obstacle can cover at time `t`; below 0 it may be there.
 
     Parameters
     ----------
     row : float64[8]
-        Where it was last seen x, y (m), with what velocity vx, vy (m/s), its radius (m), bounds on its speed (m/s) and on its
-        acceleration as a vector (m/s^2, infinite: it may turn and run at once), and how long ago that was (s).
+        Its last known place x, y (m) and velocity vx, vy (m/s), its radius (m), bounds on its speed (m/s) and on its
+        acceleration vector (m/s^2, infinite if the velocity may jump), and how long ago it was seen (s).
     t : float
         s from now, >= -age.
 
     Notes
     -----
-    With t' = t + age: max(|p - x| - r - speed t', |p - (x + v t')| - r - accel t'^2 / 2). It is in both discs, so the distance
-    is no less than from either.
+    With t' = t + age: max(|p - x| - r - speed t', |p - (x + v t')| - r - accel t'^2 / 2). The obstacle is in both discs, so it
+    is no nearer than either of them.
     """
     later = t + row[AGE]
     gap: float = math.hypot(px - row[X], py - row[Y]) - row[RADIUS] - row[SPEED] * later
@@ -72,19 +72,19 @@ def reach_gap(row: NDArray[np.float64], px: float, py: float, t: float) -> float
 
 @bare_kernel
 def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
-    """Lower bound in m of `reach_gap` over [begin, end] for a point at (px, py) at `start` that moves with (wx, wy) m/s.
+    """Return a lower bound in m of `reach_gap` over [start, end] for a point at (px, py) at `start` that moves with (wx, wy).
 
     Parameters
     ----------
     row : float64[8]
         As in `reach_gap`.
     start, end : float
-        s from now, -age <= begin <= end.
+        s from now, -age <= start <= end.
 
     Notes
     -----
-    The larger of the least of either term: the first is convex, and so is the second once the parabola accel t'^2 / 2 is
-    replaced by its chord, which lies above it by no more than accel (end - begin)^2 / 8.
+    It is the larger of the minima of both terms. The first term is convex, and so is the second once the parabola
+    accel t'^2 / 2 is replaced by its chord, which is above it by at most accel (end - start)^2 / 8.
     """
     since, span = start + row[AGE], end - start
     ax, ay = px - row[X], py - row[Y]
@@ -98,17 +98,17 @@ def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, w
 
 @bare_kernel
 def split_at_walls(tracks: NDArray[np.float64], count: int, walls: Walls, time: float) -> int:
-    """Add a row for each of `count` tracks that could touch a wall within `time` s; returns how many rows there are.
+    """Add a row for each of `count` tracks that could touch a wall within `time` s; return the number of rows.
 
-    A wall may throw a track back. Until it could first touch one, a track is within accel t^2 / 2 of its course, which is
-    looked at in steps of 0.05 s; after that it goes anywhere with its speed. Wherever it is, one of its two rows is there.
+    A wall may reflect an obstacle. Until it could first touch one, the obstacle is within accel t^2 / 2 of its uniform motion,
+    which is sampled every 0.05 s; after that it can go anywhere with its speed. Its two rows together cover all these places.
     """
     n = count
     for k in range(count):
         accel = tracks[k, ACCEL]
         if accel == math.inf:
             continue
-        drift = 0.025 * math.hypot(tracks[k, VX], tracks[k, VY])  # from the middle of a step to its ends
+        drift = 0.025 * math.hypot(tracks[k, VX], tracks[k, VY])  # how far it moves from the middle of a step to its ends
         for i in range(math.ceil(time / 0.05)):
             t = 0.05 * i + 0.025
             x, y = tracks[k, X] + tracks[k, VX] * t, tracks[k, Y] + tracks[k, VY] * t

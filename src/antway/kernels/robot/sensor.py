@@ -1,4 +1,4 @@
-"""What a range sensor sees of moving discs, and how noise, losses and a tracker change it."""
+"""Which moving discs a range sensor sees, and how noise, losses and a tracker change the measurements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from antway.kernels.base.kalman import measure_place
 from antway.kernels.base.records import Terrain, Trajectories
 from antway.kernels.base.rng import State, stream, uniform
 
-# Columns of a filter of `degrade`: place, velocity, variance of the place, covariance, variance of the velocity, and time.
+# Columns of the filters in `degrade`: place, velocity, variance of the place, covariance, variance of the velocity, time.
 _X, _Y, _VX, _VY, _P11, _P12, _P22, _T = range(8)
 
 
@@ -29,19 +29,19 @@ def scan(
     seen: NDArray[np.int64],
     state: NDArray[np.float64],
 ) -> int:
-    """See from (x, y) at time t the discs with an edge within `sensor_range` m and, with `occlusion`, not hidden by walls.
+    """Find the discs seen from (x, y): their edge is within `sensor_range` m and, with `occlusion`, no wall hides them.
 
-    A disc is hidden if walls cut the sight of its nearest point and of both its sides.
+    A disc is hidden if walls block the line of sight to its nearest point and to both its sides.
 
     Parameters
     ----------
     seen, state : int64[K], float64[K, 4]
-        Filled with the index and the (x, y, vx, vy) of each disc seen, in the order of the indices.
+        Filled with the index and (x, y, vx, vy) of each disc that is seen, in the order of the indices.
 
     Returns
     -------
     int
-        How many are seen.
+        Number of discs seen.
     """
     first, radius = trajectories.first, trajectories.radius
     n = 0
@@ -88,27 +88,27 @@ def degrade(
     tracker: NDArray[np.float64],
     covariance: NDArray[np.float64],
 ) -> int:
-    """Lose, blur and track what `scan` saw.
+    """Apply losses, noise and tracking to the discs that `scan` saw.
 
-    Each disc is lost with probability `dropout`; its place gets normal noise of `noise` m, its velocity of `velocity_noise`
+    Each disc is lost with probability `dropout`. Its place gets normal noise of `noise` m, its velocity of `velocity_noise`
     m/s. With `agility` > 0 the velocity is not measured but estimated from the places by a Kalman filter for constant velocity
-    and white acceleration of that standard deviation (m/s^2), one per disc, started anew after a second unseen. The noise of a
-    disc in scan number `tick` depends on nothing but seed, tick and disc.
+    with white acceleration of that standard deviation (m/s^2). Each disc has its own filter, which restarts once the disc was
+    not seen for 1 s. The noise of a disc in scan `tick` depends only on seed, tick and disc.
 
     Parameters
     ----------
     n, seen, state
         From `scan`; changed in place.
     tracker : float64[K, 8]
-        By disc: x, y, vx, vy, the variances of place and velocity and their covariance (alike in x and y), time; kept from one
-        scan to the next, with time NaN before the first.
+        For each disc: x, y, vx, vy, the variance of the place, the covariance and the variance of the velocity (the same in x
+        and y), time. It is kept from scan to scan; time is NaN before the first.
     covariance : float64[K, 4, 4]
-        Filled, of (x, y, vx, vy).
+        Filled with the covariance of (x, y, vx, vy).
 
     Returns
     -------
     int
-        How many are left.
+        Number of discs left.
     """
     kept = 0
     draw = np.empty(1, np.uint64)
@@ -137,7 +137,7 @@ def degrade(
 def _track(
     f: NDArray[np.float64], t: float, x: float, y: float, noise: float, agility: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """Take the measured place into the filter `f` and return its estimate."""
+    """Update the filter `f` with the measured place and return its estimate."""
     measured = max(noise * noise, 1e-8)
     dt = t - f[_T]
     if not dt <= 1.0:

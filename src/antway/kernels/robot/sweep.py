@@ -1,10 +1,10 @@
-"""Contact in continuous time of a body that drives a segment of motion: with discs that move and grow, with walls.
+"""Contact in continuous time of a body on a segment of motion: with discs that move and grow, and with walls.
 
-The body is the convex hull of its corners, rounded: a disc has one corner, its centre, and its radius as rounding. Contact is a
-gap below -`TOUCH`; touching is legal. All of it is conservative advancement: along the axis n of the present gap d the body
-can lose no more than the quadratic d + c s + q s^2 / 2 shows, whose c is exact and whose q is exact on straight segments and a
-bound on the acceleration of every corner on curved ones. To jump from root to root never passes a contact, and comes to it as
-fast as Newton's method does.
+The body is the convex hull of its corners, rounded; a disc has one corner, its centre, and its radius as rounding. A contact is
+a gap below -`TOUCH`; touching is legal. The method is conservative advancement. Along the axis n of the present gap d, the gap
+stays above the quadratic d + c s + q s^2 / 2, where c is exact; q is exact on straight segments and a bound on the
+acceleration of every corner on curved ones. Stepping from root to root never skips a contact and converges to it as fast as
+Newton's method.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.robot.motion import along
 
-_CLOSE = 1e-12  # m; nearer than this is contact, if it closes
-_DIP = 1e-3  # m; between two looks the gap may be so much less than at both
-_LEAST = 1e-9  # s; no jump is shorter
+_CLOSE = 1e-12  # m; a smaller gap that is closing is a contact
+_DIP = 1e-3  # m; by how much the gap between two samples may be smaller than at both
+_LEAST = 1e-9  # s; the shortest step of conservative advancement
 
 
 class Segment(NamedTuple):
@@ -39,8 +39,8 @@ class Segment(NamedTuple):
     a: float  # m/s^2, on an arc
     w: float  # rad/s
     b: float  # rad/s^2
-    bend: float  # m/s^2; bound on the acceleration of the body's centre; 0 if straight
-    spin: float  # rad/s^2; how much a corner's acceleration grows for each metre off the centre
+    bend: float  # m/s^2; bound on the acceleration of the body's centre, 0 if straight
+    spin: float  # rad/s^2; bound on the further acceleration of a corner, for each metre from the centre
 
 
 @bare_kernel
@@ -51,7 +51,7 @@ def straight(x: float, y: float, theta: float, vx: float, vy: float, ax: float, 
 
 @bare_kernel
 def rolling(x: float, y: float, theta: float, v: float, a: float, w: float, b: float, h: float) -> Segment:
-    """Return the segment of wheels with v + a t and w + b t, `h` s long."""
+    """Return the segment of wheels with the speed v + a t and the turn rate w + b t, `h` s long."""
     c, s = math.cos(theta), math.sin(theta)
     if w == 0.0 and b == 0.0:
         return Segment(False, x, y, theta, v * c, v * s, a * c, a * s, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -62,7 +62,7 @@ def rolling(x: float, y: float, theta: float, v: float, a: float, w: float, b: f
 
 @bare_kernel
 def pose(m: Segment, s: float) -> tuple[float, float, float, float, float, float]:
-    """Place, heading, velocity and turn rate (x, y, theta, vx, vy, w) after s s."""
+    """Return place, heading, velocity and turn rate (x, y, theta, vx, vy, w) after s s."""
     if not m.curved:
         x, y = m.x + (m.vx + 0.5 * m.ax * s) * s, m.y + (m.vy + 0.5 * m.ay * s) * s
         return x, y, m.theta, m.vx + m.ax * s, m.vy + m.ay * s, 0.0
@@ -81,7 +81,7 @@ def top_speed(m: Segment, h: float) -> float:
 
 @bare_kernel
 def when_lost(d: float, c: float, q: float) -> float:
-    """First s > 0 at which d + c s + q s^2 / 2 is 0, for d > 0; infinite if never."""
+    """Return the first s > 0 at which d + c s + q s^2 / 2 is 0, for d > 0; infinite if there is none."""
     under = c * c - 2.0 * q * d
     if under < 0.0 or (q >= 0.0 and c >= 0.0):
         return math.inf
@@ -100,21 +100,21 @@ def axis_gap(
     rate: float,
     growth: float,
 ) -> tuple[float, float, float]:
-    """Gap of the body from what lies at n.p <= level, how fast it opens, and how long it surely stays above 0.
+    """Return the gap of the body from the half plane n.p <= level, its rate, and for how long it surely stays above 0.
 
     Parameters
     ----------
     m, at : Segment, tuple
         The motion, and its `pose` now.
     nx, ny, level : float
-        Unit axis from the obstacle to the body; how far the obstacle, and the body's rounding, extend along it, m.
+        Unit axis from the obstacle to the body; how far the obstacle and the body's rounding extend along it, m.
     rate, growth : float
         How fast `level` rises, m/s, and that rate, m/s^2.
 
     Returns
     -------
     gap, opening, time : float
-        m, m/s, s; of the corner for which the gap is least, and the least over all corners.
+        m, m/s, s; gap and rate of the nearest corner, and the shortest time over all corners.
     """
     x, y, theta, vx, vy, w = at
     c, s = math.cos(theta), math.sin(theta)
@@ -135,7 +135,7 @@ def axis_gap(
 def disc_axis(
     at: tuple[float, float, float, float, float, float], corners: NDArray[np.float64], ox: float, oy: float
 ) -> tuple[float, float]:
-    """Unit axis along which the hull of the corners is farthest from the point (ox, oy): that of the least distance."""
+    """Return the unit axis along which the hull of the corners is farthest from the point (ox, oy)."""
     x, y, theta = at[0], at[1], at[2]
     n = len(corners)
     if n == 1:
@@ -149,7 +149,7 @@ def disc_axis(
         j = i + 1 if i + 1 < n else 0
         ex, ey = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
         length = math.hypot(ex, ey)
-        mx, my = ey / length, -ex / length  # outwards of a counterclockwise edge
+        mx, my = ey / length, -ex / length  # outward normal of a counterclockwise edge
         outside = mx * (px - corners[i, 0]) + my * (py - corners[i, 1])
         if outside > best:
             best, bx, by = outside, -mx, -my
@@ -157,7 +157,7 @@ def disc_axis(
                 share = ((px - corners[i, 0]) * ex + (py - corners[i, 1]) * ey) / (length * length)
                 if share < 0.0 or share > 1.0:
                     k = i if share < 0.0 else j
-                    # Past the edge's end: its corner is nearest, unless a later edge is farther off.
+                    # Beyond the edge's end the corner is nearest, unless a later edge is farther away.
                     qx, qy = corners[k, 0] - px, corners[k, 1] - py
                     away = math.hypot(qx, qy)
                     if away > 0.0:
@@ -173,7 +173,7 @@ def square_axis(
     cy: float,
     half: float,
 ) -> tuple[float, float]:
-    """Unit axis along which the hull of the corners is farthest from the square of half edge `half` around (cx, cy)."""
+    """Return the unit axis along which the hull of the corners is farthest from the square around (cx, cy)."""
     x, y, theta = at[0], at[1], at[2]
     n = len(corners)
     if n == 1:
@@ -191,7 +191,7 @@ def square_axis(
     px, py = x + c * ix - s * iy - cx, y + s * ix + c * iy - cy
     for i in range(n):
         ix, iy = corners[i, 0], corners[i, 1]
-        kx, ky = x + c * ix - s * iy - cx, y + s * ix + c * iy - cy  # seen from the square's middle
+        kx, ky = x + c * ix - s * iy - cx, y + s * ix + c * iy - cy  # relative to the square's centre
         low_x, low_y, high_x, high_y = min(low_x, kx), min(low_y, ky), max(high_x, kx), max(high_y, ky)
         ex, ey = kx - px, ky - py
         length = math.hypot(ex, ey)
@@ -199,7 +199,7 @@ def square_axis(
         outside = -(mx * px + my * py) - half * (abs(mx) + abs(my))
         if outside > best:
             best, bx, by = outside, -mx, -my
-        u, v = kx - math.copysign(half, kx), ky - math.copysign(half, ky)  # from the square's nearest corner
+        u, v = kx - math.copysign(half, kx), ky - math.copysign(half, ky)  # relative to the square's nearest corner
         if u * u + v * v < near:
             near, qx, qy = u * u + v * v, u, v
         px, py = kx, ky
@@ -234,14 +234,14 @@ def meets_disc(
     growth: float,
     growth_rate: float,
 ) -> float:
-    """Time in s of the first contact on the segment, `h` s long, with a disc; infinite if there is none.
+    """Return the time in s of the first contact with a disc on a segment, `h` s long; infinite if there is none.
 
     Parameters
     ----------
     ox, oy, ux, uy : float
-        The disc's centre at the segment's start, m, and its velocity, m/s.
+        Centre of the disc at the start of the segment, m, and its velocity, m/s.
     radius, growth, growth_rate : float
-        Its radius then, m, how fast that grows, m/s, and that rate, m/s^2.
+        Its radius at that time, m, the rate at which the radius grows, m/s, and the change of that rate, m/s^2.
     """
     s = 0.0
     while s <= h:
@@ -269,9 +269,10 @@ def nearest_disc(
     radius: float,
     best: float,
 ) -> float:
-    """Least gap in m on the segment, `h` s long, from a disc at (ox, oy) that moves with (ux, uy); `best` if that is less.
+    """Return the smallest gap in m to a disc at (ox, oy) that moves with (ux, uy), or `best` if that is smaller.
 
-    Looks each 4 ms wherever the gap may be less than what was found, and round each look that finds less than those beside it.
+    The segment, `h` s long, is sampled every 4 ms wherever the gap may be smaller than the best so far. Around each local
+    minimum of the samples the minimum is refined.
     """
     apart, around = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST), radius + rounding
     s, last, before, last_gap, gap_before = 0.0, 0.0, 0.0, math.inf, math.inf
@@ -309,7 +310,7 @@ def _lowest(
     high: float,
     best: float,
 ) -> float:
-    """Least gap from `low` to `high` s, where it has one dip, from a disc of radius `around`; `best` if that is less."""
+    """Return the smallest gap to a disc of radius `around` in [low, high], where it has one minimum, or `best`."""
     first = math.inf
     for _ in range(40):  # thirds
         for side in range(2):
@@ -332,15 +333,15 @@ class Walls(NamedTuple):
     """The map as kernels take it."""
 
     blocked: NDArray[np.bool_]  # bool[H, W]
-    clearance: NDArray[np.float64]  # float64[H, W], m: from the cell's centre to the nearest blocked square or edge
-    x0: float  # m; the map's corner
+    clearance: NDArray[np.float64]  # float64[H, W], m; from a cell's centre to the nearest blocked square or map edge
+    x0: float  # m; x and y of the map's corner
     y0: float  # m
     resolution: float  # m
 
 
 @bare_kernel
 def free_distance(walls: Walls, x: float, y: float) -> float:
-    """Lower bound in m of the distance of (x, y) from blocked squares and from the map's edges, at least 0."""
+    """Return a lower bound >= 0 of the distance in m of (x, y) from blocked squares and from the map's edges."""
     s = walls.resolution
     rows, cols = walls.blocked.shape
     u, v = (x - walls.x0) / s, (y - walls.y0) / s
@@ -353,15 +354,15 @@ def free_distance(walls: Walls, x: float, y: float) -> float:
 
 @bare_kernel
 def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, radius: float, walls: Walls) -> float:
-    """Time in s of the first contact on the segment, `h` s long, with a blocked cell or the map's edge; infinite if none.
+    """Return the time in s of the first contact with a blocked cell or the map's edge on a segment, `h` s long; else infinity.
 
     Parameters
     ----------
     radius : float
-        Of the disc around the body's centre that holds the body, its rounding included, m.
+        Radius of the disc around the body's centre that contains the body and its rounding, m.
     """
     fastest = top_speed(m, h)
-    window = max(walls.resolution, 0.05)  # m; walls are looked for within so much of the path
+    window = max(walls.resolution, 0.05)  # m; length of the part of the path that is tested against nearby walls at once
     s = 0.0
     while s < h:
         x, y, _, _, _, _ = pose(m, s)
@@ -389,7 +390,7 @@ def _meets_near(
     x: float,
     y: float,
 ) -> float:
-    """First contact over [start, end] with edges of the map and with cells within `nearby` m of (x, y)."""
+    """Return the first contact in [start, end] with the map's edges and with cells within `nearby` m of (x, y)."""
     rows, cols = walls.blocked.shape
     size = walls.resolution
     best = math.inf

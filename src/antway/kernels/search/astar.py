@@ -36,14 +36,14 @@ LOWEST, HIGHEST = -(2**31), 2**31 - 1
 class Memory(NamedTuple):
     """The memory of a search, used again by the next one."""
 
-    nodes: NDArray[np.int32]  # [cells, 2] label: base + cost of the best path; link: last move + 16 * the cell it came from
-    reached: NDArray[np.int32]  # [M, 4] successors of the cell being expanded: row, col, cost, last move
+    nodes: NDArray[np.int32]  # [cells, 2] label: base + cost of the best path; link: last move + 16 * previous cell
+    reached: NDArray[np.int32]  # [M, 4] successors of the expanded cell: row, col, cost, last move
     queue: Queue
 
 
 @kernel
 def octile(row: int, col: int, goal_row: int, goal_col: int, shorter: int) -> int:
-    """Return the distance on an empty map: `shorter` is what a cell costs of the shorter side of the box between both."""
+    """Return the distance on an empty map; `shorter` is the cost of a cell along the shorter side of the bounding box."""
     a, b = abs(row - goal_row), abs(col - goal_col)
     return STRAIGHT * max(a, b) + shorter * min(a, b)
 
@@ -53,7 +53,7 @@ def run_straight(
     words: NDArray[np.uint64], line: int, bit: int, length: int, goal_line: int, goal_bit: int,
     d: int, row: int, col: int, g: int, reached: NDArray[np.int32], n: int,
 ) -> int:  # fmt: skip
-    """Put the jump point or the goal straight ahead in direction d, if there is one, into `reached`; return the new n."""
+    """Append the jump point or the goal straight ahead in direction d, if there is one, to `reached`; return the new n."""
     k = jump(words, line, bit, length)
     if line == goal_line and bit < goal_bit <= bit + abs(k):
         k = goal_bit - bit
@@ -67,9 +67,9 @@ def run_diagonal(
     lattice: Lattice, words: NDArray[np.uint64], height: int, d: int, row: int, col: int, g: int,
     goal_row: int, goal_col: int, reached: NDArray[np.int32], n: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Go diagonally in direction d and put the jump points on both sides of each cell passed, and the goal, into `reached`.
+    """Go diagonally in direction d and append the jump points beside each cell passed, and the goal, to `reached`.
 
-    Returns the new n and how many cells were passed.
+    Returns the new n and the number of cells passed.
     """
     around, width = lattice.around, lattice.width
     one, other = d - 4, (d - 3) & 3
@@ -77,7 +77,7 @@ def run_diagonal(
     line2, bit2, length2 = place(other, row, col, height, width)
     goal_line1, goal_bit1, _ = place(one, goal_row, goal_col, height, width)
     goal_line2, goal_bit2, _ = place(other, goal_row, goal_col, height, width)
-    # In the part of one side the other side is the step from line to line.
+    # In the packed part of one side direction, a step in the other side direction leads to the next line.
     side1 = length1 if other < 2 else -length1
     side2 = length2 if one < 2 else -length2
     free_around = np.uint8(1 << one | 1 << other | 1 << d)
@@ -111,20 +111,20 @@ def expand(
     goal_col: int,
     steps: int,
 ) -> int:
-    """Take about `steps` steps, cells expanded or passed diagonally, and return where the search stands.
+    """Take about `steps` steps (cells expanded or passed diagonally) and return the state of the search.
 
-    RUNNING, DONE (the label of the goal is final, or nothing is left), or FULL (the queue's `entries` must be longer). A* as in
-    Hart, Nilsson and Raphael, A formal basis for the heuristic determination of minimum cost paths, 1968; successors as in
-    Harabor and Grastien, ICAPS 2014. Of equal keys the entry that came last is taken first.
+    The state is RUNNING, DONE (the label of the goal is final, or the queue is empty), or FULL (the queue's `entries` must be
+    longer). A*: Hart, Nilsson and Raphael, A formal basis for the heuristic determination of minimum cost paths, 1968;
+    successors: Harabor and Grastien, ICAPS 2014. Among equal keys the entry added last is taken first.
 
     Parameters
     ----------
     lattice, words, shorter
-        The map, the same packed into bits (see `jps`; empty: no jumps), and what `octile` takes.
+        The map, the map packed into bits (see `jps`; empty: no jumps), and the parameter of `octile`.
     memory : Memory
-        Labels of earlier searches are at least `base + LIMIT`, so that nothing has to be cleared between searches.
+        Labels of earlier searches are at least `base + LIMIT`, so that nothing needs to be cleared between searches.
     base, goal_row, goal_col, steps
-        Base of the labels, the goal, about how many steps to take.
+        Base of the labels, the goal, and about how many steps to take.
     """
     around, table, width = lattice.around, lattice.table, lattice.width
     nodes, reached, queue = memory.nodes, memory.reached, memory.queue
@@ -138,7 +138,7 @@ def expand(
         if used > entries.shape[0] - 4 * reached.shape[0]:
             code = FULL
             break
-        # Select the open cell of least cost g + h; it is closed by that, and its entry is free to be used again.
+        # Select the open cell of least cost g + h. This closes it, and its entry can be used again.
         entry, at = take(queue, at)
         if entry < 0:
             code = DONE
@@ -147,7 +147,7 @@ def expand(
         free = entry
         row, col, g = entries[entry, 1], entries[entry, 2], entries[entry, 3]
         cell = row * width + col
-        if nodes[cell, 0] != base + g:  # it was reached at less cost since
+        if nodes[cell, 0] != base + g:  # it has been reached at less cost since
             continue
         if cell == goal:
             code = DONE
@@ -170,7 +170,7 @@ def expand(
             else:
                 n, passed = run_diagonal(lattice, words, height, d, row, col, g, goal_row, goal_col, reached, n)
                 steps -= passed
-        # Open those that were reached for the first time, or at less cost than before.
+        # Open the successors that were reached for the first time, or at less cost than before.
         for i in range(n):
             to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col
@@ -196,7 +196,7 @@ def expand(
 
 @kernel
 def initialize(nodes: NDArray[np.int32], queue: Queue, base: int, cell: int, row: int, col: int, key: int) -> None:
-    """Empty the queue and put the start into it."""
+    """Empty the queue and add the start."""
     reset(queue)
     first, entries, state = queue.first, queue.entries, queue.state
     nodes[cell, 0], nodes[cell, 1] = base, START
@@ -207,7 +207,7 @@ def initialize(nodes: NDArray[np.int32], queue: Queue, base: int, cell: int, row
 
 @kernel
 def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.int32], int]:
-    """Return the path to `goal`, int32[N, 2], with the cells of each jump, diagonal first, and the number of diagonal moves."""
+    """Return the path to `goal`, int32[N, 2], with all cells of each jump, and its number of diagonal moves."""
     n, diagonals, x = 1, 0, goal
     while nodes[x, 1] != START:
         parent = nodes[x, 1] >> 4
@@ -236,7 +236,7 @@ def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.i
 
 @kernel
 def is_clear(lattice: Lattice, row: int, col: int, goal_row: int, goal_col: int) -> bool:
-    """Tell whether diagonal and then straight moves lead to the goal: with diagonals no path is shorter."""
+    """Tell whether diagonal and then straight moves lead to the goal. With diagonal moves no path is shorter."""
     around, table, width = lattice.around, lattice.table, lattice.width
     down, right = np.sign(goal_row - row), np.sign(goal_col - col)
     diagonal = (4 if right > 0 else 5) if down > 0 else (7 if right > 0 else 6)
@@ -260,9 +260,9 @@ def solve(
     lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
     row: int, col: int, goal_row: int, goal_col: int, fresh: bool, steps: int,
 ) -> tuple[int, NDArray[np.int32], int, int]:  # fmt: skip
-    """Start a search if it is `fresh`, take about `steps` steps; return the code, path, its diagonals, and cells expanded.
+    """Start a search if it is `fresh`, and take about `steps` steps; return state, path, its diagonals, and cells expanded.
 
-    The path is empty unless the search is DONE and found the goal. Other parameters as for `expand`.
+    The path is empty unless the search is DONE and has found the goal. The other parameters are those of `expand`.
     """
     nodes, queue, width = memory.nodes, memory.queue, lattice.width
     if fresh:
@@ -286,11 +286,11 @@ def solve_all(
     lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
     ends: NDArray[np.int64], query: int, path_start: NDArray[np.int64], cells: NDArray[np.int32], diagonals: NDArray[np.int64],
 ) -> tuple[int, int, int]:  # fmt: skip
-    """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next query, the base, and why it stopped there.
+    """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next query, the base, and the state.
 
-    DONE with all, FULL where the queue's `entries` or NO_SPACE where `cells` must be longer; the same query then starts anew.
-    The path of query i is at `cells[path_start[i]:path_start[i + 1]]`, with `diagonals[i]` diagonal moves, or -1 without a
-    path, -2 where the integers do not reach.
+    The state is DONE after the last query, FULL where the queue's `entries` or NO_SPACE where `cells` must be longer; then the
+    same query has to be started again. The path of query i is `cells[path_start[i]:path_start[i + 1]]`, with `diagonals[i]`
+    diagonal moves; that is -1 if there is no path, and -2 if its cost would exceed LIMIT.
     """
     while query < ends.shape[0]:
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]

@@ -1,7 +1,7 @@
 """Best-first search (Dijkstra, A*) with a heap over any set of moves and any positive costs: the general case.
 
-The map is flat, with a margin of blocked cells as wide as the longest move, so that no index needs a test. Moves of 4 and 8
-neighbours without costs have faster kernels of their own: `field`, `astar` and `jps`.
+The map is flat, with a margin of blocked cells as wide as the longest move, so that no index needs a bounds check. Moves to 4
+and 8 neighbours without costs have faster kernels: `distance_field`, `astar` and `jps`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ RUNNING, FOUND, EXHAUSTED = 0, 1, 2
 class Graph(NamedTuple):
     """The flat map with a margin: cell (r, c) has index (r + margin) * width + c + margin."""
 
-    legal: NDArray[np.uint32]  # [cells] the moves of each cell, bit k for move k
+    legal: NDArray[np.uint32]  # [cells] set of legal moves of each cell, bit k for move k
     offsets: NDArray[np.int64]  # [moves] flat step of each move
     lengths: NDArray[np.float64]  # [moves] length of each move, cells
     width: int  # cells in a row
@@ -31,7 +31,7 @@ class Graph(NamedTuple):
         return (cell[0] + self.margin) * self.width + cell[1] + self.margin
 
     def inner(self, flat: NDArray[Any]) -> NDArray[Any]:
-        """Return the map's own part of a flat array."""
+        """Return a flat array without its margin, as [H, W]."""
         m = self.margin
         return flat.reshape(-1, self.width)[m : flat.size // self.width - m, m : self.width - m]
 
@@ -43,7 +43,7 @@ class Memory(NamedTuple):
     key: NDArray[np.float64]  # [cells] label + heuristic
     arrived: NDArray[np.int8]  # [cells] last move of that path, -1 at a source
     heap: NDArray[np.int32]  # [cells] the open cells
-    place: NDArray[np.int32]  # [cells] where each cell is in the heap, -1: not there
+    place: NDArray[np.int32]  # [cells] position of each cell in the heap, or -1
     state: NDArray[np.int64]  # [2] size of the heap, cells expanded
 
 
@@ -55,9 +55,9 @@ def legal_moves(
     first: NDArray[np.int64],
     need: NDArray[np.int64],
 ) -> NDArray[np.uint32]:
-    """Return the set of legal moves of each cell, bit k for move k: the target and `need[k]` of the touched cells are free.
+    """Return the legal moves of each cell, bit k for move k: its target and `need[k]` of the touched cells must be free.
 
-    The cells that move k touches are at `touched[first[k]:first[k + 1]]`, as flat offsets from where it begins.
+    The cells that move k touches are `touched[first[k]:first[k + 1]]`, as flat offsets from its start.
     """
     legal = np.zeros(free.size, np.uint32)
     for cell in range(free.size):
@@ -78,8 +78,8 @@ def legal_moves(
 def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: NDArray[np.float64]) -> float:
     """Return the length of a shortest path on an empty map: the norm whose unit ball is the polygon of the moves.
 
-    For the larger side a and the smaller side b of the box between both cells it is the maximum of p a + q b over the faces
-    (p, q) of the polygon in one octant: 1 face for 4 and 8 moves, 2 for 16, 4 for 32.
+    With the larger side a and the smaller side b of the bounding box it is the maximum of p a + q b over the faces (p, q) of
+    the polygon in one octant. There are 1 face for 4 and 8 moves, 2 for 16, and 4 for 32.
     """
     a, b = abs(row - goal_row), abs(col - goal_col)
     if a < b:
@@ -92,7 +92,7 @@ def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: NDArray[np.fl
 
 @kernel
 def open_cell(cell: int, g: float, h: float, came_by: int, memory: Memory, size: int) -> int:
-    """Label `cell` and put it on the heap or raise it there; return the new size of the heap."""
+    """Label `cell` and put it on the heap, or move it up there; return the new size of the heap."""
     memory.label[cell], memory.key[cell], memory.arrived[cell] = g, g + h, came_by
     return put_item(memory.key, memory.heap, memory.place, size, cell)
 
@@ -109,7 +109,7 @@ def best_first(
     cost : float64[cells], or float64[0] for 1 everywhere
         A move costs its length times the mean of `cost` at both ends.
     goal, within
-        Stop at this cell (-1: none), or when all that is left is farther than `within`.
+        Stop at this cell (-1: none), or when all open cells are farther than `within`.
     faces : float64[F, 2]
         The faces of the heuristic (see `gauge`), none for Dijkstra.
     memory : Memory

@@ -1,7 +1,8 @@
-"""A monotone priority queue for integer keys in [0, LIMIT): buckets of one key each within the current block of 2^14 keys, and
-one bucket for each later block, spread out when its turn comes. Keys never fall below the last one taken off.
+"""A monotone priority queue for integer keys in [0, LIMIT), which never fall below the last key taken off.
 
-A cell may be in the queue more than once; what is out of date is known by its label, so nothing is ever moved or removed.
+There is a bucket for each key of the current block of 2^14 keys, and one bucket for each later block, which is spread out when
+its turn comes. A cell may be in the queue more than once. Outdated entries are recognised by the cell's label, so no entry is
+ever moved or removed.
 """
 
 from __future__ import annotations
@@ -14,24 +15,24 @@ from numpy.typing import NDArray
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import inner_kernel, kernel
 
-# 5741 : 8119 is a convergent of 1 : sqrt 2. Sums a * 5741 + b * 8119 are ordered as a + b sqrt 2 is while the b of any two
-# differ by less than 5741, and below LIMIT there is no room for a larger b.
+# 5741 : 8119 is a convergent of 1 : sqrt 2. Sums a * 5741 + b * 8119 have the order of a + b sqrt 2 as long as the values of b
+# differ by less than 5741. Below LIMIT no b is larger.
 STRAIGHT, DIAGONAL = 5741, 8119
 LIMIT = STRAIGHT * DIAGONAL
 KEYS, BLOCKS = 1 << 14, 1 << 12
 
 USED, FREE, KEY, LAST, EXPANDED, CUT, BOUND = 0, 1, 2, 3, 4, 5, 6
-"""Places in `state`: entries ever used, first of the recycled ones, the last key taken off, the last block with entries, cells
-expanded, whether something beyond LIMIT was left out, and the cost of the best path to the goal so far."""
+"""Indices of `state`: entries ever used, first recycled entry, last key taken off, last block with entries, cells expanded,
+whether a key beyond LIMIT was left out, cost of the best path to the goal so far."""
 
 
 class Queue(NamedTuple):
     """The memory of a queue, used again by each search."""
 
     first: NDArray[np.int32]  # [KEYS + BLOCKS] first entry of each bucket or -1: of the keys of the block, then of the blocks
-    filled: NDArray[np.uint64]  # [KEYS / 64] a bit for each key of the block that has entries
+    filled: NDArray[np.uint64]  # [KEYS / 64] a bit for each key of the current block, set if it has entries
     entries: NDArray[np.int32]  # [M, 5] next entry of the same bucket, row, col, g, key
-    state: NDArray[np.int64]  # [8] the numbers named above
+    state: NDArray[np.int64]  # [8] see above
 
 
 @kernel
@@ -50,7 +51,7 @@ def reset(queue: Queue) -> None:
 
 @inner_kernel
 def take(queue: Queue, at: int) -> tuple[int, int]:
-    """Take an entry of the least key, at least `at`, off the queue; return it and its key, both -1 if there is none."""
+    """Take an entry of least key, which is at least `at`, off the queue; return it and its key, or -1, -1."""
     first, filled, entries = queue.first, queue.filled, queue.entries
     word = (at & (KEYS - 1)) >> 6
     while True:
@@ -72,7 +73,7 @@ def take(queue: Queue, at: int) -> tuple[int, int]:
 
 @inner_kernel
 def put(queue: Queue, entry: int, at: int, row: int, col: int, g: int, key: int) -> None:
-    """Put row, col, g and key into the queue as `entry`, while `at` is the last key that was taken off."""
+    """Put row, col, g and key into the queue as `entry`; `at` is the last key taken off."""
     first, filled, entries, state = queue.first, queue.filled, queue.entries, queue.state
     entries[entry, 1], entries[entry, 2], entries[entry, 3], entries[entry, 4] = row, col, g, key
     bucket = key & (KEYS - 1)
@@ -87,7 +88,7 @@ def put(queue: Queue, entry: int, at: int, row: int, col: int, g: int, key: int)
 
 @kernel
 def next_block(first: NDArray[np.int32], filled: NDArray[np.uint64], entries: NDArray[np.int32], key: int, last: int) -> int:
-    """Spread the entries of the next block that has any over its keys; return its first key, or -1 if there is none."""
+    """Spread the entries of the next nonempty block over its keys; return its first key, or -1 if there is none."""
     block = (key >> 14) + 1
     while block <= last and first[KEYS + block] < 0:
         block += 1

@@ -1,12 +1,12 @@
-"""Canonical successors on 4 and 8 neighbours: of all shortest paths between two cells only those with diagonals first survive.
+"""Canonical successors on 4 and 8 neighbours: of all shortest paths between two cells only those with diagonals first remain.
 
-A successor n of cell x, reached from p, is dropped where the cells around x offer a path from p to n that is shorter than by x,
-or as long with the diagonal earlier (with 4 moves: the vertical move earlier). Dropping it is right whichever of several
-optimal parents p is, because the other path then leads to n at no greater cost (Harabor and Grastien, Online graph pruning for
+A successor n of cell x, reached from p, is dropped if the cells around x contain a path from p to n that is shorter than the
+one through x, or as long with the diagonal earlier (with 4 moves: the vertical move earlier). This is correct for any optimal
+parent p, because the other path leads to n at no greater cost (Harabor and Grastien, Online graph pruning for
 pathfinding on grid maps, AAAI 2011; Sturtevant and Rabin, Canonical orderings on grids, IJCAI 2016).
 
 Directions are those of `Moves.EIGHT`: 0-3 are E, S, W, N and diagonal 4 + i lies between i and i + 1 (mod 4). Bit d of a
-cell's surroundings says that its neighbour in direction d is free.
+cell's surroundings is set if its neighbour in direction d is free.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 
-START = 8  # the direction of a cell that was reached from nowhere: all legal moves are successors
+START = 8  # direction of arrival at the start cell; there all legal moves are successors
 NEED = {"four": -1, "eight": 2, "eight-nosqueeze": 1, "eight-cut": 0}  # free side cells that a diagonal needs; -1: no diagonals
 
-ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])  # rows that a move in each direction goes down
-COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])  # columns that it goes to the right
+ROW = np.array([0, 1, 0, -1, 1, 1, -1, -1])  # change of the row in each direction
+COL = np.array([1, 0, -1, 0, 1, -1, -1, 1])  # change of the column in each direction
 
 
 class Lattice(NamedTuple):
@@ -41,13 +41,13 @@ class Lattice(NamedTuple):
 
 @kernel
 def surroundings(blocked: NDArray[np.uint8], around: NDArray[np.uint8]) -> None:
-    """Write to `around` for each cell of a map of 0 and 1, uint8[H, W], which of its 8 neighbours are free; 0 if blocked.
+    """Write to `around` which of the 8 neighbours of each cell of a map of 0 and 1 are free; 0 for blocked cells.
 
-    Shifted views of three rows with their margins, and one loop over them, compile to vector instructions.
+    One loop over shifted views of three rows with margins compiles to vector instructions.
     """
     height, width = blocked.shape
     free = np.zeros((3, width + 2), np.uint8)
-    # Loops, where assignments to slices would take Numba several seconds more to compile.
+    # Loops, because assignments to slices would take Numba several seconds longer to compile.
     for i in range(width):
         free[1, i + 1] = blocked[0, i] ^ np.uint8(1)
     for row in range(height):
@@ -68,7 +68,7 @@ def surroundings(blocked: NDArray[np.uint8], around: NDArray[np.uint8]) -> None:
 def successor_table(need: int) -> NDArray[np.uint8]:
     """Return the canonical successors, uint8[9 * 256]: a set of directions at 256 * direction of arrival + surroundings.
 
-    All 256 surroundings are worked out at once. NumPy does so in milliseconds; a kernel would take seconds to compile.
+    NumPy computes all 256 surroundings at once in milliseconds; a kernel would take seconds to compile.
     """
     table = np.zeros((9, 256), np.uint8)
     for to in range(8):
@@ -80,7 +80,7 @@ def successor_table(need: int) -> NDArray[np.uint8]:
 
 
 def _is_free(row: int, col: int) -> NDArray[np.bool_]:
-    """Tell for each of the 256 surroundings of x whether the cell at (row, col) from x is free, x itself being so."""
+    """Tell for each of the 256 surroundings of a free cell x whether the cell at the offset (row, col) is free."""
     if row == 0 and col == 0:
         return np.ones(256, np.bool_)
     direction = np.flatnonzero((row == ROW) & (col == COL))
@@ -88,7 +88,7 @@ def _is_free(row: int, col: int) -> NDArray[np.bool_]:
 
 
 def _may_move(row: int, col: int, to_row: int, to_col: int, need: int) -> NDArray[np.bool_]:
-    """Tell for each surroundings whether the step between two neighbours among x and the cells around it is legal."""
+    """Tell for each of the surroundings whether the step between two cells, at offsets from x, is legal."""
     apart = max(abs(row - to_row), abs(col - to_col))
     if apart != 1 or (need < 0 and row != to_row and col != to_col):
         return np.zeros(256, np.bool_)
@@ -99,7 +99,7 @@ def _may_move(row: int, col: int, to_row: int, to_col: int, need: int) -> NDArra
 
 
 def _is_beaten(came: int, to: int, need: int) -> NDArray[np.bool_]:
-    """Tell for each surroundings whether the cell in direction `to` is reached as well from where the move `came` started."""
+    """Tell for each of the surroundings whether a path around x reaches the cell in direction `to` as well."""
     row, col, to_row, to_col = -int(ROW[came]), -int(COL[came]), int(ROW[to]), int(COL[to])
     if row == to_row and col == to_col:
         return np.ones(256, np.bool_)

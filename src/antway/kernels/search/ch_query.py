@@ -21,22 +21,22 @@ _INVERSE = pow(DIAGONAL, -1, STRAIGHT)
 
 
 class UpwardGraph(NamedTuple):
-    """The hierarchy as queries read it: every edge belongs to its lower end (see `hierarchy.upward_graph`)."""
+    """The hierarchy as queries use it: each edge belongs to its lower end (see `hierarchy.upward_graph`)."""
 
     row_start: Longs  # [N + 1] the edges up from node x are row_start[x] to row_start[x + 1]
-    up: Longs  # [E, 2] node that an edge leads up to, and its cost
-    parts: Ints  # [E, 3] of a shortcut the node it leaves out and the edges from that to both ends; -1 otherwise
+    up: Longs  # [E, 2] upper end of each edge, and its cost
+    parts: Ints  # [E, 3] for a shortcut, the node it bypasses and the edges from that node to both ends; else -1
     cells: Ints  # [N, 2] row and column of each node
 
 
 class QueryMemory(NamedTuple):
     """The memory of a query, used again by the next one."""
 
-    label: Longs  # [2, N, 2] for each end and node the cost, and the number of the query that it belongs to
-    came: Ints  # [2, N, 2] edge that the node was reached by, and node that this leads up from; -1 where the end sees the node
-    heaps: Longs  # [2, M, 2] room for an entry for each edge and seed
-    seeds: Longs  # [2, K, 2] what each end sees (see `subgoals.seen`)
-    stack: Ints  # [L, 3] edges to be unpacked: edge, node at which it ends, whether to go up it
+    label: Longs  # [2, N, 2] for each end and node: the cost, and the number of the query that wrote it
+    came: Ints  # [2, N, 2] edge by which the node was reached and its lower end; -1 where the end sees the node
+    heaps: Longs  # [2, M, 2] with space for an entry for each edge and seed
+    seeds: Longs  # [2, K, 2] the nodes that each end sees (see `subgoals.seen`)
+    stack: Ints  # [L, 3] edges to unpack: edge, its lower end, whether the path goes up it
     state: Longs  # [1] number of the last query
 
 
@@ -55,14 +55,14 @@ def diagonals(cost: int) -> int:
 
 @bare_kernel
 def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> tuple[int, int, int]:
-    """Search up from both ends, each by A* towards the other; return the cost, the node where both meet, and nodes expanded.
+    """Search upwards from both ends, each by A*; return the cost, the node where both meet, and the nodes expanded.
 
     Parameters
     ----------
     graph, memory
-        `memory.seeds` holds what each end sees, `memory.state` the number of this query.
+        `memory.seeds` holds the nodes that each end sees, `memory.state` the number of this query.
     size : int64[2]
-        How many seeds each end has; overwritten.
+        Number of seeds of each end; overwritten.
     ends : int64[2, 2]
         Row and column of both ends.
     """
@@ -91,7 +91,7 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
         expanded += 1
         if label[1 - side, x, 1] == now and g + label[1 - side, x, 0] < best:
             best, top = g + label[1 - side, x, 0], x
-        stalled = False  # a path from above is shorter: no shortest path leads up through x
+        stalled = False  # whether a path from above is shorter, so that no shortest path leads up through x
         for e in range(row_start[x], row_start[x + 1]):
             to = up[e, 0]
             stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < g
@@ -109,7 +109,7 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
 
 @bare_kernel
 def walk(path: Ints, at: int, step: int, row: int, col: int) -> int:
-    """Go on from `path[at]` to a cell in its sight, diagonally first, at each place `step` farther; return the last place."""
+    """Append the moves from `path[at]` to a visible cell, diagonals first; indices advance by `step`. Return the last index."""
     r, c = path[at, 0], path[at, 1]
     while r != row or c != col:
         r += int(row > r) - int(row < r)
@@ -121,7 +121,7 @@ def walk(path: Ints, at: int, step: int, row: int, col: int) -> int:
 
 @bare_kernel
 def unpack(graph: UpwardGraph, stack: Ints, edge: int, node: int, path: Ints, at: int, step: int) -> int:
-    """Go on from the upper end of `edge`, at `path[at]`, down to its lower end `node`; return the last place."""
+    """Append the path from the upper end of `edge`, at `path[at]`, down to its lower end `node`; return the last index."""
     parts, cells = graph.parts, graph.cells
     stack[0, 0], stack[0, 1], stack[0, 2] = edge, node, 0
     n = 1
@@ -131,7 +131,7 @@ def unpack(graph: UpwardGraph, stack: Ints, edge: int, node: int, path: Ints, at
         if parts[edge, 0] < 0:
             at = walk(path, at, step, cells[node, 0], cells[node, 1])
             continue
-        # A shortcut up from a to b past x: up it, down from a to x and up to b; down it, down from b to x and up to a.
+        # A shortcut from a up to b that bypasses x. Going up, it is a down to x, x up to b; going down, b down to x, x up to a.
         stack[n, 0], stack[n, 1], stack[n, 2] = parts[edge, 1 + ascends], node, 1
         stack[n + 1, 0], stack[n + 1, 1], stack[n + 1, 2] = parts[edge, 2 - ascends], parts[edge, 0], 0
         n += 2
@@ -148,7 +148,7 @@ def route(
     Parameters
     ----------
     lattice, stops, number
-        The map; for `stops` and `number` see `subgoals`, with nodes numbered as in the hierarchy.
+        The map; for `stops` and `number` see `subgoals`. Nodes are numbered as in the hierarchy.
     graph, memory
         The hierarchy and the workspace.
     row, col, goal_row, goal_col
@@ -176,7 +176,7 @@ def route(
         return np.empty((0, 2), np.int32), 0, expanded
     turns = diagonals(cost)
     path = np.empty(((cost - turns * DIAGONAL) // STRAIGHT + turns + 1, 2), np.int32)
-    # The middle first, then from there to both ends.
+    # Start at the meeting node and go to both ends.
     near = label[0, top, 0]
     middle = (near - diagonals(near) * DIAGONAL) // STRAIGHT + diagonals(near)
     for side in range(2):
@@ -195,10 +195,10 @@ def route_all(
     lattice: Lattice, stops: NDArray[np.uint64], number: Ints, graph: UpwardGraph, memory: QueryMemory,
     ends: Longs, query: int, path_start: Longs, paths: Ints, turns: Longs,
 ) -> int:  # fmt: skip
-    """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, one of them where `paths` is too short.
+    """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, less than Q if `paths` is too short.
 
-    The path of query i is at `paths[path_start[i]:path_start[i + 1]]`, with `turns[i]` diagonal moves, or -1 without a path.
-    Other parameters as for `route`.
+    The path of query i is `paths[path_start[i]:path_start[i + 1]]`, with `turns[i]` diagonal moves, or -1 if there is no path.
+    The other parameters are those of `route`.
     """
     while query < len(ends):
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]

@@ -1,12 +1,12 @@
 """Exact distances on 4 and 8 neighbours without a heap.
 
 Open cells lie in a ring of lists, one for each band [low, low + 1) of distances. No move is shorter than 1, so no cell of a
-band can better another of the same band, and they are settled in whatever order they came. Canonical successors (see
-`canonical`) reach most cells just once, and in the open a straight move has but one: itself again. It is run on at once, up to
-the first cell with more to offer, the first that is reached as well already, or the last band of the ring; only there does a
-cell enter a list. What such a run reaches too early from the wrong side is bettered when the right side comes. Lengths are
-integers in the proportion of a convergent of sqrt 2 fine enough that they compare as a + b sqrt 2 does while b is below 38
-million, and their sums are exact in float64.
+band can improve another of the same band, and they can be settled in any order. Canonical successors (see `canonical`) reach
+most cells only once, and in open space a straight move has one successor: the same move. Such a run is continued at once, up
+to the first cell with other successors, the first that was reached at no greater cost, or the last band of the ring; only that
+cell enters a list. A label that a run sets too high is lowered later, from the other side. Lengths are integers in the ratio
+of a convergent of sqrt 2 so fine that they compare as a + b sqrt 2 does for b below 38 million. Their sums are exact in
+float64.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from antway.kernels.search.canonical import START
 
 STRAIGHT, DIAGONAL = 38613965.0, 54608393.0
 RUNNING, DONE, FULL = 0, 1, 2
-RING = 64  # lists
+RING = 64  # number of lists
 BAND, OPEN, FREE, USED, EXPANDED = 0, 1, 2, 3, 4
-"""Places in `state`: number of the band, cells in lists, first of the recycled entries, entries ever used, cells expanded."""
+"""Indices of `state`: number of the band, cells in lists, first recycled entry, entries ever used, cells expanded."""
 
 
 @kernel
@@ -38,20 +38,20 @@ def spread(
     state: NDArray[np.int64],
     steps: int,
 ) -> int:
-    """Expand about `steps` cells; return RUNNING, DONE, or FULL where `entries` must be longer.
+    """Expand about `steps` cells; return RUNNING, DONE, or FULL if `entries` must be longer.
 
     Parameters
     ----------
     around, table, offsets
-        Surroundings of the cells, canonical successors (see `canonical`), flat offsets of the 8 directions.
+        Surroundings of the cells, canonical successors (see `canonical`), flat steps of the 8 directions.
     targets, within
-        Stop once all `targets` (if any) are settled, or when the band begins beyond `within`.
+        Stop once all `targets` (if any) are settled, or when the band starts beyond `within`.
     label : float64[cells]
-        Distances in units of 1 / STRAIGHT cells, infinite where not yet reached. All below `state[BAND] * STRAIGHT` are final.
+        Distances in units of 1 / STRAIGHT cells, infinite if not reached. Those below `state[BAND] * STRAIGHT` are final.
     first : int64[RING]
-        The first entry of the list of each band, -1: none. Band b has list b & (RING - 1).
+        The first entry of each list, or -1. Band b has list b & (RING - 1).
     entries : int64[M, 2]
-        An open cell, as 16 * cell + direction of arrival, and the next entry of its list.
+        An open cell as 16 * cell + direction of arrival, and the next entry of its list.
     state : int64[5]
         See above.
     """
@@ -80,7 +80,7 @@ def spread(
             cell = item >> 4
             g = label[cell]
             if g < low:
-                continue  # it came in an earlier band as well
+                continue  # it was settled in an earlier band
             moves = np.uint64(table[(item & 15) << 8 | np.int64(around[cell])])
             while moves:
                 d = ctz(moves)
@@ -127,7 +127,7 @@ def spread(
 def descend(
     around: NDArray[np.uint8], table: NDArray[np.uint8], offsets: NDArray[np.int64], label: NDArray[np.float64], cell: int
 ) -> NDArray[np.int64]:
-    """Return the flat cells of a shortest path from `cell` down to a label of 0."""
+    """Return the flat cells of a shortest path from `cell` to a label of 0."""
     path = [cell]
     while label[cell] > 0:
         moves = table[START << 8 | np.int64(around[cell])]

@@ -1,8 +1,8 @@
-"""D* Lite on a padded flat grid: when cells change or the robot moves, only what that changes is searched again.
+"""D* Lite on a padded flat grid: when cells change or the robot moves, only the affected part is searched again.
 
 Koenig and Likhachev, D* Lite, AAAI 2002, optimised version; `g`, `rhs`, the keys and k_m are the paper's. A step costs 5741
-and a diagonal 8119: a Pell convergent of the square root of 2, by which paths compare as by their true lengths while their
-numbers of diagonals differ by less than 5741.
+and a diagonal 8119, a convergent of the square root of 2: paths compare as by their true lengths if their numbers of diagonals
+differ by less than 5741.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ Bools = NDArray[np.bool_]
 
 STEP, DIAGONAL = 5741, 8119
 INF = 1 << 60
-WIDTH, MOVES, NEED, START, GOAL, KM, SIZE, EXPANDED = range(8)  # of `state`
+WIDTH, MOVES, NEED, START, GOAL, KM, SIZE, EXPANDED = range(8)  # indices of `state`
 
 
 @bare_kernel
 def compute(free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints, steps: int) -> bool:
-    """Make `rhs` of the start its distance to the goal, in at most `steps` expansions; tell whether that is done.
+    """Expand at most `steps` cells; tell whether `rhs` of the start is now its distance to the goal.
 
-    By cell, flat and padded by one: `free`, `g`, `rhs`, `key` [N, 2] and `place`, where it stands in the `queue`, or -1.
-    `queue` [N] is a heap of the cells where g and rhs differ. `state` [8] is the width of the padded grid, how many moves there
-    are (4 or 8), how many side cells of a diagonal must be free, start, goal, k_m, the size of the queue, and the expansions.
+    `free`, `g`, `rhs`, `key` [N, 2] and `place`, the position in `queue` or -1, are indexed by flat cell, padded by one.
+    `queue` [N] is a heap of the cells where g and rhs differ. `state` [8] is the width of the padded grid, the number of moves
+    (4 or 8), the side cells of a diagonal that must be free, start, goal, k_m, the size of the queue, and the expansions.
     """
     start = state[START]
     for _ in range(steps):
@@ -64,7 +64,7 @@ def compute(free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints
 def change(
     free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints, cells: Ints, now_free: Bools
 ) -> None:
-    """Set the `cells` to `now_free` and bring `rhs` up to date round those that changed; `cells` is overwritten."""
+    """Set the `cells` to `now_free` and update `rhs` around those that changed; `cells` is overwritten."""
     changed = 0
     for i in range(len(cells)):
         if free[cells[i]] != now_free[i]:
@@ -89,19 +89,19 @@ def initialize(g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: I
 
 @bare_kernel
 def move(state: Ints, start: int) -> None:
-    """Let the robot stand at `start`; k_m grows by what the heuristic may have fallen by, so that keys stay lower bounds."""
+    """Move the robot to `start`. k_m grows by the largest decrease of the heuristic, so that keys stay lower bounds."""
     state[KM] += _heuristic(state, state[START], start)
     state[START] = start
 
 
 @kernel
 def descend(free: Bools, g: Ints, rhs: Ints, state: Ints) -> tuple[NDArray[np.int32], int]:
-    """Return a shortest path from the start, which has a distance, as (row, col), and the number of its diagonal moves."""
+    """Return a shortest path from the start as (row, col), and its number of diagonal moves; there must be one."""
     s, n, diagonals = state[START], 1, 0
-    path = np.empty((rhs[s] // STEP + 1, 2), np.int32)  # no move is shorter than a step
+    path = np.empty((rhs[s] // STEP + 1, 2), np.int32)  # no move is cheaper than a step
     path[0, 0], path[0, 1] = s // state[WIDTH] - 1, s % state[WIDTH] - 1
     while s != state[GOAL]:
-        k = 0  # some move leads to the neighbour that `rhs` looks ahead to
+        k = 0  # one of the moves leads to the neighbour that determines `rhs`
         while g[s + _offset(state, k)] + (STEP if k < 4 else DIAGONAL) != rhs[s] or _cost(free, state, s, k) == INF:
             k += 1
         down, right = _step(k)
@@ -114,7 +114,7 @@ def descend(free: Bools, g: Ints, rhs: Ints, state: Ints) -> tuple[NDArray[np.in
 
 @bare_kernel
 def _step(k: int) -> tuple[int, int]:
-    """Return the rows and columns of move `k`: right, down, left, up, and the diagonals from down-right on clockwise."""
+    """Return the (row, col) of move `k`: right, down, left, up, then the diagonals clockwise from down-right."""
     if k < 4:
         return (k == 1) - (k == 3), (k == 0) - (k == 2)
     return 1 if k < 6 else -1, -1 if 4 < k < 7 else 1
@@ -129,7 +129,7 @@ def _offset(state: Ints, k: int) -> int:
 
 @bare_kernel
 def _cost(free: Bools, state: Ints, s: int, k: int) -> int:
-    """Return what move `k` from or to `s` costs, INF where it is illegal."""
+    """Return the cost of move `k` from or to `s`; INF if it is illegal."""
     t = s + _offset(state, k)
     if not (free[s] and free[t]):
         return INF
@@ -141,7 +141,7 @@ def _cost(free: Bools, state: Ints, s: int, k: int) -> int:
 
 @bare_kernel
 def _look_ahead(free: Bools, g: Ints, state: Ints, s: int) -> int:
-    """Return the least cost from `s` by way of a neighbour."""
+    """Return the least cost from `s` to the goal through a neighbour."""
     best = INF
     if free[s]:
         for k in range(state[MOVES]):

@@ -1,10 +1,10 @@
-"""A contraction hierarchy: nodes are taken out of a graph one by one, the least important first, and where a shortest path led
-through a node, a shortcut takes its place. A query then climbs from both ends alone, and meets at the top of a shortest path
+"""A contraction hierarchy: nodes are removed from a graph one by one, the least important first, and shortcuts replace shortest
+paths through them. A query then searches only upwards from both ends, and both searches meet at the top of a shortest path
 (Geisberger, Sanders, Schultes and Delling, Contraction hierarchies, WEA 2008).
 
-Edges are rows of `edges`, int32[M, 5], in a list for each node that begins at `first`: the next of the list, the node it leads
-to, and for a shortcut the node left out and the edges from that to both ends, at which the shortcut leads off and to which it
-leads; -1 else. `weight` int64[M] is what they cost. Of two nodes the one taken out first keeps the edge.
+Each node has a linked list of edges that starts at `first`. An edge is a row of `edges`, int32[M, 5]: the next in the list,
+the node it leads to, and for a shortcut the bypassed node and the edges from that node to its start and its end, else -1.
+`weight` int64[M] is its cost. Of two nodes the one that was removed first keeps the edge.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ Longs = NDArray[np.int64]
 RUNNING, DONE, FULL = 0, 1, 2
 NEXT, TO, OUT, BEFORE, AFTER = range(5)
 USED, FREE, OPEN, RANKED, ROUND, LINKED = range(6)
-"""Places in `state`: edges ever used, first of the recycled ones, nodes in the heap, nodes taken out, number of the last local
-search, nodes whose edges are made."""
-MOST_SETTLED = 24  # nodes of a local search: a shortcut more does no harm
+"""Indices of `state`: edges ever used, first recycled edge, nodes in the heap, nodes removed, number of the last local search,
+nodes whose edges have been made."""
+MOST_SETTLED = 24  # limit of nodes settled in a local search; an unnecessary shortcut does no harm
 NOWHERE = 1 << 62
 
 
@@ -31,7 +31,7 @@ NOWHERE = 1 << 62
 def join(
     first: Ints, edges: Ints, weight: Longs, state: Longs, a: int, b: int, cost: int, out: int, before: int, after: int
 ) -> None:
-    """Have an edge lead from a to b at `cost`, unless one does at no more."""
+    """Add an edge from a to b at `cost`, or lower the cost of the existing one."""
     e = first[a]
     while e >= 0 and edges[e, TO] != b:
         e = edges[e, NEXT]
@@ -68,7 +68,7 @@ def leave(first: Ints, edges: Ints, state: Longs, a: int, b: int) -> None:
 def measure(
     first: Ints, edges: Ints, weight: Longs, state: Longs, local: Longs, heap: Longs, source: int, avoid: int, within: int
 ) -> int:
-    """Label nodes near `source` with the distance without `avoid` in `local`, int64[N, 2], label and round; return the work."""
+    """Write distances from `source` that avoid `avoid` to `local`, int64[N, 2], distance and round; return the work."""
     state[ROUND] += 1
     now = state[ROUND]
     local[source, 0], local[source, 1] = 0, now
@@ -97,7 +97,7 @@ def measure(
 def bypass(
     first: Ints, edges: Ints, weight: Longs, state: Longs, local: Longs, heap: Longs, ends: Ints, x: int, really: bool
 ) -> tuple[int, int, int]:
-    """Count the shortcuts that taking node x out needs, and make them if `really`; return them, its edges, and the work."""
+    """Count the shortcuts needed to remove node x, and add them if `really`; return their number, x's degree, and the work."""
     n, needed, work = 0, 0, 0
     e = first[x]
     while e >= 0:
@@ -134,19 +134,19 @@ def contract(
     rank: Ints,
     steps: int,
 ) -> int:
-    """Take nodes out in the order of their importance for about `steps` steps; return RUNNING, DONE or FULL.
+    """Remove nodes in the order of their importance for about `steps` steps; return RUNNING, DONE or FULL.
 
     Parameters
     ----------
     first, edges, weight, state
-        The graph, as above. FULL says that `edges` and `weight` must be longer.
+        The graph, as above. FULL means that `edges` and `weight` must be longer.
     local, heap, ends
-        Room for local searches: int64[N, 2] of zeros at first, int64[M, 2] for M edges, int32[N].
+        Scratch for local searches: int64[N, 2], zero at first; int64[M, 2] for M edges; int32[N].
     order : int64[N, 2]
-        A heap of all nodes that are left: how late their turn comes, and the node. All zero at first, so that each node is
-        weighed when it comes up for the first time, and again each time it comes up.
+        A heap of the remaining nodes: priority (least first) and node. All priorities are zero at first; the priority of a
+        node is computed whenever it reaches the top.
     level, rank : int32[N]
-        How many shortcuts at most lie within each other below a node, zeros at first; the order in which nodes were taken out.
+        The depth of nested shortcuts below a node, zero at first; the order in which nodes were removed.
     """
     while steps > 0:
         if state[RANKED] == rank.size:
@@ -174,12 +174,12 @@ def contract(
 
 @kernel
 def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
-    """Return the edges of the hierarchy, node by node in the order of `rank`, whose numbers they use.
+    """Return the edges of the hierarchy, grouped by node; nodes are numbered by `rank`.
 
     They are `row_start`, `up` and `parts` of `ch_query.UpwardGraph`.
     """
     node = np.argsort(rank)
-    place = np.full(edges.shape[0] + 1, -1, np.int32)  # the last for -1
+    place = np.full(edges.shape[0] + 1, -1, np.int32)  # the last entry is for -1
     row_start = np.zeros(rank.size + 1, np.int64)
     n = 0
     for x in range(rank.size):

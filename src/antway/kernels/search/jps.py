@@ -1,14 +1,14 @@
-"""Jump points on a bit-packed map: successors that lie a whole run of cells away, for the moves of `Moves.EIGHT`.
+"""Jump points on a bit-packed map: successors that are a whole run of cells away, for the moves of `Moves.EIGHT`.
 
-A straight jump goes on until a wall, the goal, or a jump point: a cell beside which an obstacle has just ended, so that a
-shortest path may turn there. 63 cells are examined at once, with the words of the line and of both lines beside it. A diagonal
-jump looks along both of its sides at every cell and takes the jump points found there at once, so that cells where it would
-merely turn are never opened (Harabor and Grastien, Improving jump point search, ICAPS 2014: JPS (B + P)).
+A straight jump continues until a wall, the goal, or a jump point: a cell beside which an obstacle has just ended, so that a
+shortest path may turn there. The words of a line and of both neighbouring lines give 63 cells at once. A diagonal jump looks
+along both of its sides at every cell and adds the jump points found there directly, so that cells where it would only turn are
+never opened (Harabor and Grastien, Improving jump point search, ICAPS 2014: JPS (B + P)).
 
-The map is packed four times, once for each straight direction, so that every jump runs up a line: part d of the array `words`
-has H + 2 lines of W // 64 + 3 words for the directions along rows, W + 2 lines of H // 64 + 3 words for those along columns.
-A bit is 1 where the map is blocked, and everything off the map is blocked. Line 1, bit 64 is cell (0, 0) for E and S, cell
-(0, W - 1) for W, cell (H - 1, 0) for N.
+The map is packed four times, once for each straight direction, so that every jump runs along increasing bits of a line. Part d
+of the array `words` has H + 2 lines of W // 64 + 3 words for directions along rows, and W + 2 lines of H // 64 + 3 words for
+directions along columns. A bit is 1 where the map is blocked, and everything off the map is blocked. Line 1, bit 64 is cell
+(0, 0) for E and S, cell (0, W - 1) for W, and cell (H - 1, 0) for N.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ALL_BUT_LAST = ~(_ONE << _LAST)
 
 @kernel
 def place(d: int, row: int, col: int, height: int, width: int) -> tuple[int, int, int]:
-    """Return where part `d` has a cell: the word at which its line begins, the bit in the line, and the words in a line."""
+    """Return where part `d` has a cell: the first word of its line, the bit in the line, and the words in a line."""
     row_words, col_words = width // 64 + 3, height // 64 + 3
     row_part, col_part = (height + 2) * row_words, (width + 2) * col_words
     if d == 0:
@@ -39,7 +39,7 @@ def place(d: int, row: int, col: int, height: int, width: int) -> tuple[int, int
 
 @kernel
 def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
-    """Return how far up the line the next jump point is, or, negated, the next wall if that comes first."""
+    """Return how far along the line the next jump point is, or the negated distance of the next wall if that is nearer."""
     start = bit
     wall = stop = np.uint64(0)
     while stop == 0:
@@ -59,7 +59,7 @@ def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
 
 @kernel
 def turn(lines: NDArray[np.uint64], turned: NDArray[np.uint64], height: int, width: int) -> None:
-    """Write the columns of a packed map as lines, full of 1 before: the part for S from that for E, each [lines, words]."""
+    """Write the columns of a packed map as lines, which are all 1 before: the part for S from the part for E."""
     square = np.empty(64, np.uint64)
     for i in range(1, turned.shape[1] - 1):
         rows = min(64, height - 64 * (i - 1))
@@ -74,7 +74,7 @@ def turn(lines: NDArray[np.uint64], turned: NDArray[np.uint64], height: int, wid
 
 @kernel
 def transpose(square: NDArray[np.uint64]) -> None:
-    """Swap rows and columns of 64 x 64 bits: first of the halves, then of the quarters within each, and so on."""
+    """Transpose 64 x 64 bits: swap the halves, then the quarters within each half, and so on."""
     step, low = 32, np.uint64(0xFFFFFFFF)
     while step:
         shift = np.uint64(step)
@@ -89,9 +89,9 @@ def transpose(square: NDArray[np.uint64]) -> None:
 
 @kernel
 def mirror(lines: NDArray[np.uint64], mirrored: NDArray[np.uint64], length: int) -> None:
-    """Write packed lines of `length` cells with the last cell first, into lines full of 1."""
+    """Write packed lines of `length` cells with the last cell first into lines that are all 1."""
     words = lines.shape[1]
-    spare = np.uint64(63 - length % 64)  # by how many bits but one the cells lie too high once their words are reversed
+    spare = np.uint64(63 - length % 64)  # the reversed cells must be moved down by this and one more bit
     for line in range(lines.shape[0]):
         here = reverse(lines[line, words - 1])
         for i in range(words - 1):
@@ -102,7 +102,7 @@ def mirror(lines: NDArray[np.uint64], mirrored: NDArray[np.uint64], length: int)
 
 @kernel
 def reverse(word: np.uint64) -> np.uint64:
-    """Return a word with its last bit first."""
+    """Return a word with its bits in reverse order."""
     step, low = 32, np.uint64(0xFFFFFFFF)
     while step:
         shift = np.uint64(step)

@@ -1,15 +1,15 @@
-"""Any-angle search over the free polygons of a grid, all geometry in exact integers.
+"""Any-angle search over the free polygons of a grid, with exact integer geometry.
 
 Lengths are doubled: cell (r, c) covers y = 2r..2r+2 and x = 2c..2c+2, its centre is (2r+1, 2c+1), lattice lines are even.
 
-A *polygon* of the mesh is a stack of equal maximal row runs of free cells: a rectangle with walls left and right, left only
-through the *portals* of its top and bottom side, where it overlaps a polygon above or below. An end of a portal where one
-of the two polygons reaches further is a corner of an obstacle that a taut path may turn at: corner 2k is the left end of
-portal k, 2k+1 the right. Diagonally touching blocked cells leave no portal between them, so nothing squeezes through.
+A *polygon* of the mesh is a stack of equal maximal row runs of free cells: a rectangle with walls left and right. Its exits are
+the *portals* of its top and bottom side, where it overlaps a polygon above or below. An end of a portal where one of the two
+polygons extends further is a corner of an obstacle, where a taut path may turn: corner 2k is the left end of portal k, 2k+1
+the right. Blocked cells that touch diagonally leave no portal between them, so no path passes there.
 
-A *node* is an interval of a portal as seen from a root, the start or a corner: int64 [7] of the portal, the direction
-through it (0 up, 1 down), the root, and the points (x, y) that fix the rays from the root on the interval's left and right.
-As a ray is kept by a lattice point, whether a point lies left of it is the sign of an integer.
+A *node* is an interval of a portal as seen from a root, which is the start or a corner: int64[7] with the portal, the direction
+through it (0 up, 1 down), the root, and the points (x, y) of the rays from the root to the interval's left and right end. As a
+ray is given by a lattice point, the sign of an integer tells whether a point is left of it.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 FOUND, EMPTY, PAUSED = 1, 2, 3  # how a slice of the search ended
-START, HIDDEN = -1, -2  # in place of a corner
-X0, X1, NEAR = 0, 1, 2  # of a polygon [6]: its ends; first and end of the portals of its top side, then of its bottom side
-Y, LEFT, RIGHT, POLYGON = 0, 1, 2, 3  # of a portal [5]: where it lies; the polygon above, the polygon below
+START, HIDDEN = -1, -2  # values in place of a corner
+X0, X1, NEAR = 0, 1, 2  # columns of a polygon [6]: left, right; from NEAR on the ranges of its top and bottom portals
+Y, LEFT, RIGHT, POLYGON = 0, 1, 2, 3  # columns of a portal [5]: y, left, right; the polygons above and below
 
 
 @kernel
 def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np.int32]]:
-    """Return the polygons [S, 6], the connected part of each [S], the portals [P, 5], and each cell's polygon or -1 [H, W]."""
+    """Return the polygons [S, 6], their connected components [S], the portals [P, 5], and each cell's polygon or -1 [H, W]."""
     rows, cols = blocked.shape
     at = np.full((rows, cols), -1, np.int32)
     runs = 0
@@ -109,13 +109,13 @@ def search(
     count: Ints,
     steps: int,
 ) -> tuple[int, int]:
-    """Run Polyanya (Cui, Harabor, Grastien, IJCAI 2017) for at most `steps` expansions or until room for nodes is short.
+    """Run Polyanya (Cui, Harabor, Grastien, IJCAI 2017) for at most `steps` expansions, or until the node arrays are full.
 
-    `ends` is x, y, polygon of the start and of the goal. `best` [2P] is the length of the shortest path found to each corner,
-    `parent` [2P] the corner before it. For each node `cost` is the length to its root; `heap` orders the open ones by the least
-    length of a path by them. `count` is the number of nodes, of open nodes, of expansions, and the most successors of a node.
+    `ends` is x, y and polygon of start and goal. `best` [2P] is the length of the shortest path found to each corner,
+    `parent` [2P] the corner before it. `cost` is the length to the root of each node. `heap` orders the open nodes by the least
+    length of a path through them. `count` is the number of nodes, open nodes and expansions, and the most successors of a node.
 
-    Returns how it ended, and the corner before the goal if FOUND.
+    Returns how the slice ended, and the corner before the goal if FOUND.
     """
     new = 0
     if count[0] == 0:
@@ -154,12 +154,12 @@ def search(
 def _expand(
     mesh: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, count: Ints, n: int
 ) -> None:
-    """Add the successors of node `n`: what its root sees of the portals beyond, and what lies round the interval's ends."""
+    """Add the successors of node `n`: what its root sees of the next portals, and what is around the interval's ends."""
     k, down, root = node[n, 0], node[n, 1], node[n, 2]
     y, polygon, path = ports[k, Y], ports[k, POLYGON + down], cost[n]
     x0, y0 = _place(ports, ends, root)
     first, end = mesh[polygon, NEAR + 2 * down], mesh[polygon, NEAR + 2 * down + 1]
-    if y0 == y:  # the root is a corner of the polygon itself: it sees all of it
+    if y0 == y:  # the root is a corner of this polygon and sees all of it
         for j in range(first, end):
             _add(node, cost, count, j, down, root, path, ports[j, LEFT], ports[j, Y], ports[j, RIGHT], ports[j, Y])
         _add_flat(mesh, ports, best, parent, node, cost, count, k, down, 1 - (root & 1), root, path)
@@ -206,7 +206,7 @@ def _add_flat(
     root: int,
     path: float,
 ) -> None:
-    """Add the portals beside `k`, left (0) or right (1) of it, on the same side of the polygon: reached along the wall."""
+    """Add the portals left (0) or right (1) of `k` on the same side of the polygon, which are reached along the wall."""
     polygon = ports[k, POLYGON + down]
     first, end = mesh[polygon, NEAR + 2 - 2 * down], mesh[polygon, NEAR + 3 - 2 * down]
     if side == 0:
@@ -222,7 +222,7 @@ def _add_flat(
 
 @bare_kernel
 def _before_goal(mesh: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints, node: Ints, cost: Floats, n: int) -> int:
-    """Return the corner before the goal on the path by node `n` into the goal's polygon; HIDDEN if that path is not taut."""
+    """Return the last corner on the path through node `n` to the goal in the next polygon; HIDDEN if it is not taut."""
     k, root = node[n, 0], node[n, 2]
     x0, y0 = _place(ports, ends, root)
     if y0 == ports[k, Y]:
@@ -239,7 +239,7 @@ def _before_goal(mesh: Ints, ports: Ints, ends: Ints, best: Floats, parent: Ints
 
 @bare_kernel
 def _may_turn(mesh: Ints, ports: Ints, node: Ints, n: int, side: int) -> bool:
-    """Tell whether the left (0) or right (1) end of the interval of node `n` is that of its portal, and a corner."""
+    """Tell whether the left (0) or right (1) end of the interval of node `n` is an end of its portal and a corner."""
     k = node[n, 0]
     if node[n, 3 + 2 * side] != ports[k, LEFT + side] or node[n, 4 + 2 * side] != ports[k, Y]:
         return False
@@ -256,9 +256,10 @@ def _place(ports: Ints, ends: Ints, corner: int) -> tuple[int, int]:
 
 @bare_kernel
 def _improve(best: Floats, parent: Ints, corner: int, root: int, path: float) -> bool:
-    """Note a path to `corner` if it is shorter than all before.
+    """Record a path to `corner` if it is shorter than all before.
 
-    Of two equal paths the first will do: where a shortest path goes on from the corner, both are taut, or one is not shortest.
+    Of two equal paths the first is enough: if a shortest path continues from the corner, either both are taut or one of them
+    is not shortest.
     """
     if path >= best[corner]:
         return False
@@ -280,7 +281,7 @@ def _add(
 
 @bare_kernel
 def _least(ports: Ints, ends: Ints, node: Ints, n: int) -> float:
-    """Return the least length from the root of node `n` through its interval to the goal, mirrored if not beyond the portal."""
+    """Return the least length from the root of `n` through its interval to the goal, mirrored if it is on the near side."""
     y, x1, y1 = ports[node[n, 0], Y], ends[3], ends[4]
     x0, y0 = _place(ports, ends, node[n, 2])
     if y0 == y:
@@ -296,13 +297,13 @@ def _least(ports: Ints, ends: Ints, node: Ints, n: int) -> float:
 
 @bare_kernel
 def _length(x: float, y: float) -> float:
-    """Return the length of (x, y), which is far from where `hypot` would be needed."""
+    """Return the length of (x, y), whose squares cannot overflow."""
     return math.sqrt(x * x + y * y)
 
 
 @kernel
 def unwind(ports: Ints, ends: Ints, parent: Ints, corner: int) -> Ints:
-    """Return the turning points (row, col) of the path by way of `corner`, doubled, int64[N, 2], from start to goal.
+    """Return the turning points (row, col) of the path through `corner`, doubled, int64[N, 2], from start to goal.
 
     Corners in the middle of a straight line are left out.
     """

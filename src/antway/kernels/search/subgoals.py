@@ -1,12 +1,12 @@
 """The subgoal graph of a map under `Moves.EIGHT`: its corners, and which of them see each other.
 
-A subgoal is a free cell at a convex corner of an obstacle, where shortest paths turn. Two cells see each other where all
-shortest paths between them on an empty map are free and pass no subgoal: i diagonal and j straight moves in any order, a
-parallelogram. Every shortest path can be laid from cell to cell that see each other, with subgoals in between (Uras, Koenig and
-Hernandez, Subgoal graphs for optimal pathfinding in eight-neighbor grids, ICAPS 2013).
+A subgoal is a free cell at a convex corner of an obstacle, where shortest paths turn. Two cells see each other if all shortest
+paths between them on an empty map, i diagonal and j straight moves in any order, are free and pass no subgoal. For any two
+cells there is a shortest path that runs from subgoal to subgoal, each of which sees the next (Uras, Koenig and Hernandez,
+Subgoal graphs for optimal pathfinding in eight-neighbor grids, ICAPS 2013).
 
-`stops` is packed as the map is in `jps`, with bits for blocked cells and subgoals alike. `number` is the number of each
-subgoal, -1 elsewhere, on a flat map with a margin of 1. Costs are integers, STRAIGHT or DIAGONAL for a move.
+`stops` is packed like the map in `jps`; a bit is set for blocked cells and subgoals. `number` is the number of each subgoal,
+-1 elsewhere, on a flat map with a margin of 1. Costs are integers, STRAIGHT or DIAGONAL for a move.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STRAIGHT, DIAGONAL = 38613965, 54608393
 
 @kernel
 def corners(around: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return which cells are subgoals, with a blocked diagonal between two free sides; `around` as in `canonical`."""
+    """Return which cells are subgoals: they have a blocked diagonal between two free sides; `around` as in `canonical`."""
     table = np.zeros(256, np.bool_)
     for bits in range(256):
         for d in range(4):
@@ -38,7 +38,7 @@ def corners(around: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 @bare_kernel
 def clear(stops: NDArray[np.uint64], line: int, bit: int) -> int:
-    """Return how many cells up the line are free before the first that stops."""
+    """Return how many cells along the line are free before the next set bit."""
     bit += 1
     i = line + (bit >> 6)
     word = stops[i] >> np.uint64(bit & 63)
@@ -62,7 +62,7 @@ def seen(
     col: int,
     found: NDArray[np.int64],
 ) -> int:
-    """Put the number and cost of all subgoals that the cell sees into `found`, int64[M, 2]; return how many."""
+    """Write number and cost of all subgoals that the cell sees to `found`, int64[M, 2]; return how many there are."""
     height, wide, n = around.size // width, width + 2, 0
     at = (row + 1) * wide + col + 1
     for d in range(4):
@@ -76,13 +76,13 @@ def seen(
         one, two = d - 4, (d - 3) & 3
         line1, bit1, length1 = place(one, row, col, height, width)
         line2, bit2, length2 = place(two, row, col, height, width)
-        # In the part of one side the other side is the step from line to line.
+        # In the packed part of one side direction, a step in the other side direction leads to the next line.
         side1 = length1 if two < 2 else -length1
         side2 = length2 if one < 2 else -length2
         step, step1, step2 = ROW[d] * wide + COL[d], ROW[one] * wide + COL[one], ROW[two] * wide + COL[two]
         free_around = np.uint8(1 << one | 1 << two | 1 << d)
         x, y, g = row * width + col, at, 0
-        # The parallelogram is as wide as the narrowest of its rows so far.
+        # The parallelogram is as wide as its narrowest row so far.
         wide1, wide2 = clear(stops, line1, bit1), clear(stops, line2, bit2)
         while around[x] & free_around == free_around:
             x += ROW[d] * width + COL[d]
@@ -126,9 +126,9 @@ def link(
     found: NDArray[np.int64],
     steps: int,
 ) -> int:
-    """Make the edges of about `steps` cells' worth of `nodes`, those of all that they see; return RUNNING, DONE or FULL.
+    """Add the edges from `nodes` to all that they see, for about `steps` steps; return RUNNING, DONE or FULL.
 
-    The graph is laid out as in `hierarchy`; `found`, int64[M, 2], is room for what one node sees.
+    The graph is laid out as in `hierarchy`; `found`, int64[M, 2], is scratch for what one node sees.
     """
     while steps > 0:
         x = state[LINKED]

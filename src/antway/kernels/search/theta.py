@@ -1,4 +1,4 @@
-"""Line of sight on a grid, in exact integers, and Theta* and Lazy Theta* by it.
+"""Line of sight on a grid in exact integers, and Theta* and Lazy Theta*, which use it.
 
 Lengths are doubled: cell (r, c) covers rows 2r..2r+2 and columns 2c..2c+2, its centre is (2r+1, 2c+1), lattice lines are even.
 """
@@ -31,11 +31,10 @@ def theta(
 ) -> int:
     """Run (Lazy) Theta* (Nash, Daniel, Koenig, Felner 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions.
 
-    Cells are flat indices. `length` [HW] is the shortest path found to each cell, infinite at first, and `parent` [HW] the cell
-    before it, in sight of it (if lazy: once closed). The open ones are on a `heap`, float64[N, 2], once for each time a cell
-    was improved; `count` is their number, and that of expansions. `scratch` has room for `trace`.
-
-    Returns how it ended.
+    Cells are flat indices. `length` [HW] is that of the shortest path found to each cell, infinite at first. `parent` [HW] is
+    the previous cell of that path, which sees the cell (if lazy: once it is closed). Open cells are on a `heap`,
+    float64[N, 2], once for each improvement. `count` is the size of the heap and the number of expansions. `scratch` is for
+    `trace`. Returns how the slice ended.
     """
     cols = blocked.shape[1]
     if count[1] == 0:
@@ -81,7 +80,7 @@ def theta(
 
 @bare_kernel
 def _may_step(blocked: NDArray[np.bool_], r: int, c: int, dr: int, dc: int) -> bool:
-    """Tell whether the step to a neighbour is free and does not squeeze between two blocked cells."""
+    """Tell whether the step to a neighbour is free and does not pass between two blocked cells that touch diagonally."""
     return not is_wall(blocked, r + dr, c + dc) and not (is_wall(blocked, r + dr, c) and is_wall(blocked, r, c + dc))
 
 
@@ -101,7 +100,7 @@ def _sees(blocked: NDArray[np.bool_], s: int, t: int, scratch: NDArray[np.int32]
 
 @kernel
 def cells_along(blocked: NDArray[np.bool_], path: Ints) -> NDArray[np.int32]:
-    """Return the free cells along the polyline `path`, doubled lattice points [N, 2]; none if it is illegal."""
+    """Return the free cells along the polyline `path`, doubled lattice points [N, 2]; empty if it is illegal."""
     crossings = 2
     for i in range(1, len(path)):
         crossings += abs(path[i, 0] - path[i - 1, 0]) + abs(path[i, 1] - path[i - 1, 1]) + 1
@@ -116,11 +115,11 @@ def cells_along(blocked: NDArray[np.bool_], path: Ints) -> NDArray[np.int32]:
 
 @bare_kernel
 def trace(blocked: NDArray[np.bool_], row0: int, col0: int, row1: int, col1: int, cells: NDArray[np.int32], n: int) -> int:
-    """Append the free cells along a segment between doubled lattice points to `cells` [N, 2], of which `n` are taken.
+    """Append the free cells along a segment between doubled lattice points to `cells` [N, 2], after the first `n`.
 
-    Each stretch between two crossings of lattice lines lies in one cell; one along a lattice line lies between two, of which
-    the one nearer to the last cell is taken if free. Returns the new `n`, or -1 if the segment enters a blocked cell, runs
-    between two blocked cells or passes a point where two touch diagonally. `cells` must have room for all crossings.
+    Between two crossings of lattice lines the segment is in one cell. Along a lattice line it is between two cells; the one
+    nearer to the last cell is used if it is free. Returns the new `n`, or -1 if the segment enters a blocked cell, runs between
+    two blocked cells, or passes a point where two of them touch diagonally. `cells` must be long enough for all crossings.
     """
     rise, run = row1 - row0, col1 - col0
     r, c = (row0 - (rise < 0)) >> 1, (col0 - (run < 0)) >> 1

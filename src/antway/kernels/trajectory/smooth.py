@@ -1,11 +1,11 @@
 """The shape of a path as a spline, the fastest drive along it, and a search for the shape that is driven fastest.
 
-A path is a uniform cubic B-spline whose end points count three times: its curvature is continuous and 0 at both ends. Samples
-lie along it, the same number on each span. The square of the speed is found at each sample by one pass back (the most from
-which the rest can still be driven) and one pass forward (Pham and Pham, TOPP-RA, IEEE T-RO 2018); with it the limits of speed,
-acceleration and turning are linear between samples, and each step has a closed form. The search moves control points at
-random and keeps what costs less: time, and a price for clearance that is missing and for curves that are too tight. A move
-changes few samples, and both passes stop where they meet the old values, so that a trial costs the same on paths of any length.
+A path is a uniform cubic B-spline with triple end points: its curvature is continuous and 0 at both ends. Each span has the
+same number of samples. The squared speed at each sample is computed by a backward pass (the largest one from which the rest
+can be driven) and a forward pass (Pham and Pham, TOPP-RA, IEEE T-RO 2018). In the squared speed the limits of speed,
+acceleration and turning are linear between samples, and each step has a closed form. The search moves control points at random
+and keeps a move that lowers the cost: time, and penalties for missing clearance and for curves that are too tight. A move
+changes few samples, and both passes stop where they meet the old values, so a trial takes the same time on paths of any length.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.base.rows import copy_row
 
-_TIGHT = 1e-9  # 1/m; a curve below this is straight
-_SHORT = 1e-9  # m; no two samples are nearer
-_MISSING = 1000.0  # s/m^2; price of clearance missing along the path
-_BENT = 10.0  # s; price of turning more than the steering can, for each radian
-_RESTLESS = 0.002  # s m^3; price of changes of curvature, so that curves are calm where that takes no time
-_LEAVE = 0.25  # m/m; how fast clearance grows from a start or goal that has too little
-_LEAST, _MOST = 0.002, 0.5  # m; standard deviations of a move
-_WIDEST = 3  # control points that move along on either side, less one, at most
-SAMPLES = 8  # of a span, in the search
+_TIGHT = 1e-9  # 1/m; a smaller curvature counts as straight
+_SHORT = 1e-9  # m; least distance between two samples
+_MISSING = 1000.0  # s/m^2; penalty for missing clearance along the path
+_BENT = 10.0  # s/rad; penalty for turning more tightly than the steering can
+_RESTLESS = 0.002  # s m^3; small penalty for changes of curvature, so that curves are smooth where that takes no time
+_LEAVE = 0.25  # m/m; growth of the required clearance with the distance from a start or goal that has too little
+_LEAST, _MOST = 0.002, 0.5  # m; limits of the standard deviation of a move
+_WIDEST = 3  # a move shifts fewer than this many control points on either side as well
+SAMPLES = 8  # samples on a span during the search
 
 
 class Surroundings(NamedTuple):
-    """The map, its corner at (0, 0), and what has to fit into it."""
+    """The map, with its corner at (0, 0), and the body that has to fit into it."""
 
-    border: NDArray[np.bool_]  # [H, W]; blocked cells beside free ones
-    clearance: NDArray[np.float64]  # [H, W] m; of cell centres from blocked cells and edges of the map
+    border: NDArray[np.bool_]  # [H, W] blocked cells next to free ones
+    clearance: NDArray[np.float64]  # [H, W] m; distance of cell centres from blocked cells and map edges
     resolution: float  # m
-    need: float  # m; clearance of each disc
-    ends: NDArray[np.float64]  # [2, 3] m; start and goal, and the clearance that they have, which may be less
-    discs: NDArray[np.float64]  # [K, 2] m; their centres in the robot's frame
-    fixed: bool  # the robot keeps the heading 0; else it looks along the path
+    need: float  # m; required clearance of each disc
+    ends: NDArray[np.float64]  # [2, 3] m; x, y and clearance of start and goal, which may have less than `need`
+    discs: NDArray[np.float64]  # [K, 2] m; centres of the discs in the robot's frame
+    fixed: bool  # whether the robot keeps the heading 0; else it points along the path
 
 
 class Curve(NamedTuple):
@@ -49,18 +49,18 @@ class Curve(NamedTuple):
 
     points: NDArray[np.float64]  # [N, 2] m
     xy: NDArray[np.float64]  # [M, 2] m
-    ahead: NDArray[np.float64]  # [M, 2]; unit tangent
-    kappa: NDArray[np.float64]  # [M] 1/m
-    ds: NDArray[np.float64]  # [M] m; to the next sample
-    missing: NDArray[np.float64]  # [M] m; clearance that is missing
-    high: NDArray[np.float64]  # [M] m^2/s^2; square of the speed from which the rest can be driven
-    square: NDArray[np.float64]  # [M] m^2/s^2; of the speed
-    cost: NDArray[np.float64]  # [M] s; to the next sample
+    ahead: NDArray[np.float64]  # [M, 2] unit tangent
+    kappa: NDArray[np.float64]  # [M] 1/m; curvature
+    ds: NDArray[np.float64]  # [M] m; distance to the next sample
+    missing: NDArray[np.float64]  # [M] m; missing clearance
+    high: NDArray[np.float64]  # [M] m^2/s^2; largest squared speed from which the rest can be driven
+    square: NDArray[np.float64]  # [M] m^2/s^2; squared speed
+    cost: NDArray[np.float64]  # [M] s; cost of the step to the next sample
 
 
 @kernel
 def missing_clearance(s: Surroundings, x: float, y: float, need: float) -> float:
-    """Clearance in m that (x, y) misses, 0 if it has all that is needed; exact but inside of walls."""
+    """Return the clearance in m that (x, y) lacks, 0 if none; it is exact except inside walls."""
     rows, cols = s.border.shape
     nearest: float = min(min(x, cols * s.resolution - x), min(y, rows * s.resolution - y))
     if nearest <= 0.0:
@@ -84,14 +84,14 @@ def missing_clearance(s: Surroundings, x: float, y: float, need: float) -> float
 
 @kernel
 def lay(curve: Curve, s: Surroundings, first: int, last: int) -> None:
-    """Compute all samples on the spans `first` to `last`, and the steps between them."""
+    """Compute the samples on the spans `first` to `last`, and the steps between them."""
     n = len(curve.points)
     k = (len(curve.xy) - 1) // (n + 1)
     p = curve.points
     for span in range(first, last + 1):
         a, d = min(max(span - 2, 0), n - 1), min(span + 1, n - 1)
         b, c = min(max(span - 1, 0), n - 1), min(span, n - 1)
-        straight = span == 0 or span == n  # three of its control points are one
+        straight = span == 0 or span == n  # three of its control points coincide
         for part in range(k + 1 if span == n else k):
             u, at = part / k, span * k + part
             w = 1.0 - u
@@ -129,7 +129,7 @@ def lay(curve: Curve, s: Surroundings, first: int, last: int) -> None:
 
 @kernel
 def _highest(curve: Curve, limits: RobotLimits, i: int) -> float:
-    """Greatest square of the speed at sample i from which a permitted acceleration leads to what is permitted at the next."""
+    """Return the largest squared speed at sample i from which the limits allow one that is permitted at sample i + 1."""
     k0, k1, ds, after = curve.kappa[i], curve.kappa[i + 1], curve.ds[i], curve.high[i + 1]
     middle = 0.5 * (k0 + k1)
     most: float = limits.v_max * limits.v_max
@@ -160,7 +160,7 @@ def _highest(curve: Curve, limits: RobotLimits, i: int) -> float:
 
 @kernel
 def _next(curve: Curve, limits: RobotLimits, i: int) -> float:
-    """Greatest square of the speed at sample i + 1 from that at sample i."""
+    """Return the largest squared speed at sample i + 1, given that at sample i."""
     square, middle, ds = curve.square[i], 0.5 * (curve.kappa[i] + curve.kappa[i + 1]), curve.ds[i]
     rate = limits.a_max
     if limits.drive == HOLONOMIC:
@@ -175,7 +175,7 @@ def _next(curve: Curve, limits: RobotLimits, i: int) -> float:
 
 @kernel
 def drive_along(curve: Curve, limits: RobotLimits, first: int, last: int, old: Curve) -> tuple[int, int, int]:
-    """Compute speeds and costs anew after the steps `first` to `last` have changed; keep the former ones in `old`.
+    """Recompute speeds and costs after the steps `first` to `last` have changed; save the previous ones in `old`.
 
     Returns
     -------
@@ -212,7 +212,7 @@ def drive_along(curve: Curve, limits: RobotLimits, first: int, last: int, old: C
 
 @kernel
 def _copy(source: Curve, target: Curve, first: int, last: int) -> None:
-    """Copy samples, and the steps before and after them."""
+    """Copy the samples `first` to `last`, and the steps before and after them."""
     for i in range(max(first - 1, 0), last + 1):
         target.xy[i, 0], target.xy[i, 1] = source.xy[i, 0], source.xy[i, 1]
         target.ahead[i, 0], target.ahead[i, 1] = source.ahead[i, 0], source.ahead[i, 1]
@@ -221,14 +221,14 @@ def _copy(source: Curve, target: Curve, first: int, last: int) -> None:
 
 @kernel
 def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, trials: int, state: NDArray[np.uint64]) -> float:
-    """Move control points at random, `trials` times each, and keep what costs less; return the cost in s.
+    """Move control points at random, `trials` times each, and keep moves that lower the cost; return the cost in s.
 
     Parameters
     ----------
     curve, old : Curve
-        The path, its control points given, changed; memory of the same shape.
+        The path, whose control points are given and changed; scratch of the same shape.
     state : uint64[1]
-        Of random numbers.
+        Of the random generator.
     """
     n, m = len(curve.points), len(curve.xy)
     k = (m - 1) // (n + 1)
