@@ -66,7 +66,7 @@ ABOUT: dict[str, dict[str, str]] = {  # what each name means, for docs/guide.md
         "dijkstra": "exact: the distance field from the start, stopped at the goal",
         "astar": "exact: A* with canonical successors, for every kind of moves",
         "jps": "the default, exact: jump points on open maps, A* on cluttered ones",
-        "subgoals": "exact: a contraction hierarchy over the map's corners, for maps that are asked often",
+        "subgoals": "exact: a contraction hierarchy over the map's corners, for many queries on one map",
         "anyangle": "exact: the shortest path at any angle, by Polyanya",
         "dstarlite": "exact: D* Lite, which keeps its search when cells change",
         "ants": "an ant colony; slower than all of the above, and optimal only where its bound proves it",
