@@ -1,4 +1,4 @@
-"""A robot crosses a hall in which people walk; write a page that replays it in a browser."""
+"""Let a robot cross a hall in which people walk, and write a page that replays it in a browser."""
 
 import tempfile
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Write a policy of one's own and let it play the paper's scene beside the two that antway has."""
+"""Write your own policy, and let it play the paper's scene beside the two that come with antway."""
 
 import math
 
@@ -7,7 +7,7 @@ from antway.scenes import scene
 
 
 class Timid:
-    """Drives along the shortest path and stands still whenever something moves within two metres."""
+    """Drives along the shortest path, and stands still while something is within two metres."""
 
     def reset(self, task: antway.Task, seed: int) -> None:
         plan = antway.plan(task.grid, task.start, task.goal, robot_radius=task.robot.radius)

@@ -17,10 +17,10 @@ grid = antway.load_map(folder / "hall.yaml")
 plan = antway.plan(grid, (1.0, 0.5), (7.0, 5.5), robot_radius=0.25)
 print(f"{plan.status.value}: {plan.length:.2f} m, the shortest: {plan.optimal}, {plan.expanded} nodes expanded")
 
-room = grid.inflate(0.25)  # the same by hand: cells where the robot fits
-problem = antway.Problem(room, room.cell_at((1.0, 0.5)), room.cell_at((7.0, 5.5)))
+inflated = grid.inflate(0.25)  # the same by hand: only cells where the robot fits are free
+problem = antway.Problem(inflated, inflated.cell_at((1.0, 0.5)), inflated.cell_at((7.0, 5.5)))
 antway.check_plan(problem, plan)  # raises InvalidPlan, with every reason, if the answer is not legal
 
-field = antway.distance_field(room, problem.goal)
-print(f"distance from the start, by another way: {field[problem.start]:.2f} m")
+field = antway.distance_field(inflated, problem.goal)
+print(f"distance from the start, by the distance field: {field[problem.start]:.2f} m")
 print("drawn in", save(plan_figure(grid, plan), folder / "plan.svg"))

@@ -1,4 +1,4 @@
-"""The paper's first problem: ants look for the shortest closed tour through cities."""
+"""Let ants look for the shortest closed tour through cities, the paper's first problem."""
 
 import tempfile
 from pathlib import Path
