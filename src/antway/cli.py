@@ -47,12 +47,12 @@ app = typer.Typer(
 )
 
 
-RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; without it, the scenario's.")]
+RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; the scenario's by default.")]
 RobotName = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help=f"Which robot drives: {names(ROBOTS)}, or a .toml file; else the usual one.",
+        help=f"Robot: {names(ROBOTS)}, or a .toml file.",
         autocompletion=completed(ROBOTS),
     ),
 ]
@@ -69,13 +69,13 @@ ScenarioName = Annotated[
 ]
 PlannerName = Annotated[
     str,
-    typer.Option(metavar="NAME", help=f"{names(PLANNERS)}, or MODULE:NAME.", autocompletion=completed(PLANNERS)),
+    typer.Option(metavar="NAME", help=f"Planner: {names(PLANNERS)}, or MODULE:NAME.", autocompletion=completed(PLANNERS)),
 ]
 PolicyName = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help=f"What steers the robot: {names(POLICIES)}, or MODULE:CLASS; /OPTION=VALUE after it sets an option.",
+        help=f"Policy that steers the robot: {names(POLICIES)}, or MODULE:CLASS; /OPTION=VALUE after it sets an option.",
         autocompletion=completed(POLICIES),
     ),
 ]
@@ -83,7 +83,10 @@ PolicyName = Annotated[
 
 @app.callback(invoke_without_command=True)
 def top(context: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    """Robot path planning among moving obstacles."""
+    """Plan paths for robots, and drive them among moving obstacles.
+
+    Exit status: 0 done, 1 a policy raised an error, 2 wrong input, 3 no path, 4 out of time, 5 contact.
+    """
     if version:
         from antway.version import __version__
 
@@ -95,29 +98,30 @@ def top(context: typer.Context, version: Annotated[bool, typer.Option("--version
 @app.command("plan")
 def plan_command(
     map_file: MapFile,
-    start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m (with --cells: ROW,COL).")],
-    goal: Annotated[str, typer.Option(metavar="X,Y", help="Where to, in m (with --cells: ROW,COL).")],
+    start: Annotated[str, typer.Option(metavar="X,Y", help="Start in m (with --cells: ROW,COL).")],
+    goal: Annotated[str, typer.Option(metavar="X,Y", help="Goal in m (with --cells: ROW,COL).")],
     cells: Annotated[bool, typer.Option("--cells", help="Start and goal are cells, ROW,COL.")] = False,
-    planner: Annotated[
-        str, typer.Option(metavar="NAME", help=f"{names(PLANNERS)}, or MODULE:NAME.", autocompletion=completed(PLANNERS))
-    ] = "jps",
+    planner: PlannerName = "jps",
     moves: MovesName = "eight",
     radius: Annotated[float, number_option("radius", float, "M", "The robot's radius in m.")] = 0.0,
     resolution: Resolution = None,
     seed: Seed = 0,
     time_limit: Annotated[float | None, number_option("time_limit", float, "S", "Stop after this many seconds.")] = None,
     pareto: Annotated[
-        bool, typer.Option("--pareto", help="The front of time, distance and clearance, by ants; for coarse maps.")
+        bool, typer.Option("--pareto", help="Find every trade of time, distance and clearance, by ants; for coarse maps.")
     ] = False,
     obstacles: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="With --pareto: a scenario whose obstacles move on the map.")
+        str | None, typer.Option(metavar="SCENARIO", help="With --pareto: the scenario whose obstacles move on the map.")
     ] = None,
     robot: RobotName = None,
-    smooth: Annotated[bool, typer.Option("--smooth", help="The motion of that robot, within its limits.")] = False,
+    smooth: Annotated[bool, typer.Option("--smooth", help="With --robot: a motion within the robot's limits.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
     json: Json = False,
 ) -> int:
-    """Plan a path on a map; exit status 3 if there is none, 4 if time ran out."""
+    """Plan a path on a map.
+
+    Exit status: 3 if there is no path, 4 if time ran out.
+    """
     from antway import Moves, Problem, Status, check_plan, checks, load_map, solve
     from antway.planning import standing_cell
 
@@ -194,20 +198,18 @@ def _interpret_if_small(cells: int, planner: str) -> None:
 
 @app.command("run")
 def run_command(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="SCENARIO", help=f"A .toml file, or {names(SHIPPED_SCENES)}.", autocompletion=completed(SHIPPED_SCENES)
-        ),
-    ],
+    scenario: ScenarioName,
     policy: PolicyName = "antway",
     seed: RunSeed = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, replay page, trace and more.")] = None,
-    explain: Annotated[bool, typer.Option("--explain", help="Say why: every decision, what it met and weighed.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, a replay page, the trace and more.")] = None,
+    explain: Annotated[bool, typer.Option("--explain", help="Print every decision, what was weighed, and why.")] = False,
     robot: RobotName = None,
     json: Json = False,
 ) -> int:
-    """Take a robot through a scenario; exit status 5 on a contact, 4 if time ran out, 1 if the policy raised."""
+    """Drive a robot through a scenario.
+
+    Exit status: 5 on a contact, 4 if time ran out, 1 if the policy raised an error.
+    """
     from antway import check_episode, run
     from antway.demo import explained, scene, summary, write_episode
     from antway.warmup import compiling_beside
@@ -241,14 +243,14 @@ def run_command(
 
 @app.command("demo")
 def demo_command(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write.")] = Path("demo"),
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = Path("demo"),
     policies: Annotated[
-        str, typer.Option("--policies", "--policy", metavar="A,B", help="Shown side by side; figures are the last one's.")
+        str, typer.Option("--policies", "--policy", metavar="A,B", help="Shown side by side; figures show the last one.")
     ] = "paper,antway",
     seed: RunSeed = None,
     json: Json = False,
 ) -> int:
-    """Play the paper's experiment on three scenes, and rounds in a ward: figures, animations, replay pages and a table."""
+    """Play the shipped scenes; write figures, animations and replay pages."""
     from rich.console import Console
     from rich.markup import escape
 
@@ -280,28 +282,31 @@ def bench_command(
         str,
         typer.Argument(
             metavar="SUITE",
-            help=f"One of {names(SUITES)}; or predict (a recording), or ants (what they add).",
+            help=f"One of {names(SUITES)}; or predict (forecasts on a recording), or ants (what ants add).",
         ),
     ],
-    file: Annotated[Path | None, typer.Argument(metavar="FILE", help="For predict: a recording, as for tracks:FILE.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="FILE", help="With predict: a recording, as for tracks:FILE.")] = None,
     policies: Annotated[
         str,
         typer.Option(
-            "--policies", "--policy", metavar="A,B", help="Names, or MODULE:CLASS; /OPTION=VALUE after one sets an option."
+            "--policies", "--policy", metavar="A,B", help="Policies, or MODULE:CLASS; /OPTION=VALUE after one sets an option."
         ),
     ] = "antway,oracle",
     robot: RobotName = None,
-    episodes: Annotated[int | None, number_option("episodes", int, "N", "Episodes of each group of the suite.")] = None,
-    engine: Annotated[str, typer.Option(metavar="NAME", help="local or ray.")] = "local",
-    workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
-    timeout: Annotated[float, number_option("timeout", float, "S", "Give up an episode after so long.")] = 120.0,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Results, report and tables; an earlier run goes on.")] = Path(
-        "bench"
-    ),
+    episodes: Annotated[int | None, number_option("episodes", int, "N", "Episodes to play of each group of the suite.")] = None,
+    engine: Annotated[str, typer.Option(metavar="NAME", help="What runs the episodes: local or ray.")] = "local",
+    workers: Annotated[int | None, number_option("workers", int, "N", "Processes; one per core by default.")] = None,
+    timeout: Annotated[float, number_option("timeout", float, "S", "Give up an episode after this many seconds.")] = 120.0,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Folder for results, report and tables; an earlier run there continues.")
+    ] = Path("bench"),
     tables: Annotated[str, typer.Option("--export", metavar="A,B", help="Tables to write: csv, json, parquet.")] = "csv,json",
     json: Json = False,
 ) -> int:
-    """Measure policies on a suite of worlds against the clairvoyant optimum; resumes where it stopped."""
+    """Compare policies on a suite of worlds.
+
+    They are measured against an optimum that knows the future. A run that was stopped continues where it was.
+    """
     from dataclasses import asdict
     from importlib.util import find_spec
 
@@ -358,11 +363,11 @@ def bench_command(
 def warmup_command(
     kinds: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KIND]...", help=f"What to be ready for: {names(WARM)}; all without it."),
+        typer.Argument(metavar="[KIND]...", help=f"What to prepare: {names(WARM)}; all by default."),
     ] = None,
-    workers: Annotated[int | None, number_option("workers", int, "N", "Processes; all cores without it.")] = None,
+    workers: Annotated[int | None, number_option("workers", int, "N", "Processes; one per core by default.")] = None,
 ) -> int:
-    """Compile the kernels now, on all cores, so that nothing waits for that later; they are kept on disk."""
+    """Compile all kernels now, on all cores, and keep them on disk."""
     import time
 
     from antway.kernels.base.cache import cache_folder
@@ -378,9 +383,9 @@ def warmup_command(
 @app.command("view")
 def view_command(
     trace_file: Annotated[Path, typer.Argument(metavar="TRACE", help="A trace.json that run or demo wrote.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Its suffix says what: .html, .gif, .mp4, .png, .svg or .pdf.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write: .html, .gif, .mp4, .png, .svg or .pdf.")],
     at: Annotated[
-        float | None, number_option("at", float, "S", "For a picture: the moment, in s, instead of the whole path.")
+        float | None, number_option("at", float, "S", "For a picture: show this moment, in s, in place of the whole path.")
     ] = None,
 ) -> int:
     """Turn a trace into a replay page, an animation or a picture."""
@@ -394,14 +399,14 @@ def view_command(
 
 @app.command("serve")
 def serve_command(
-    port: Annotated[int, number_option("port", int, "N", "Port; 0 takes any that is free.")] = 8765,
+    port: Annotated[int, number_option("port", int, "N", "Port; 0 takes any free one.")] = 8765,
     host: Annotated[
         str,
-        typer.Option(metavar="HOST", help="Address of this machine to open to others (with a token)."),
+        typer.Option(metavar="HOST", help="Address of this machine at which others may open the page (with a token)."),
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in the browser.")] = True,
 ) -> int:
-    """Serve the live page: draw a place, drop obstacles, watch policies think; Ctrl-C ends it."""
+    """Serve the live page: draw a map, drop obstacles, watch policies at work; Ctrl-C ends it."""
     import importlib.util
     import webbrowser
 
@@ -420,7 +425,10 @@ def serve_command(
 
 @app.command("ros2", context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def ros2_command(context: typer.Context) -> int:
-    """Run the ROS 2 node; what follows goes to ROS, as in --ros-args -p robot.radius:=0.2 -r odom:=/odometry/filtered."""
+    """Run the ROS 2 node.
+
+    All arguments go to ROS: --ros-args -p robot.name:=turtlebot4 -r odom:=/odometry/filtered.
+    """
     from importlib.util import find_spec
 
     if find_spec("rclpy") is None:

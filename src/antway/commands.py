@@ -39,25 +39,31 @@ def add_to(app: typer.Typer) -> None:
 
 def tour_command(
     map_file: MapFile,
-    start: Annotated[str, typer.Option(metavar="X,Y", help="Where from, in m.")],
+    start: Annotated[str, typer.Option(metavar="X,Y", help="Start in m.")],
     stops: Annotated[
         Path,
-        typer.Option(metavar="FILE", help="A table: x,y and, if wanted, name,earliest,latest,service,priority in its heading."),
+        typer.Option(metavar="FILE", help="CSV whose heading has x,y and optionally name,earliest,latest,service,priority."),
     ],
-    end: Annotated[str | None, typer.Option(metavar="X,Y|start", help="Where to end; without it, at the last stop.")] = None,
-    robots: Annotated[int, number_option("robots", int, "K", "Robots that share the stops.")] = 1,
-    objective: Annotated[str, typer.Option(metavar="NAME", help="travel-time, or makespan: when the last robot is done.")] = (
-        "travel-time"
+    end: Annotated[
+        str | None, typer.Option(metavar="X,Y|start", help="Where the tour ends; at its last stop by default.")
+    ] = None,
+    robots: Annotated[int, number_option("robots", int, "K", "Number of robots that share the stops.")] = 1,
+    objective: Annotated[
+        str, typer.Option(metavar="NAME", help="What to minimise: travel-time, or makespan (when the last robot is done).")
+    ] = ("travel-time"),
+    deadline: Annotated[float, number_option("deadline", float, "S", "Time in s by which every robot must be done.")] = float(
+        "inf"
     ),
-    deadline: Annotated[float, number_option("deadline", float, "S", "By when every robot must be done, in s.")] = float("inf"),
-    speed: Annotated[float, number_option("speed", float, "M/S", "How fast a robot drives, in m/s.")] = 1.0,
+    speed: Annotated[float, number_option("speed", float, "M/S", "Speed of a robot in m/s.")] = 1.0,
     radius: Annotated[float, number_option("radius", float, "M", "The robot's radius in m.")] = 0.0,
     moves: MovesName = "eight",
     resolution: Resolution = None,
-    seconds: Annotated[float, number_option("seconds", float, "S", "How long to look for the order.")] = 1.0,
+    seconds: Annotated[float, number_option("seconds", float, "S", "Time for the search in s.")] = 1.0,
     seed: Seed = 0,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the tour: .png, .svg or .pdf.")] = None,
-    distances: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the distances in m among all, .csv.")] = None,
+    distances: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the distances among all stops, in m, to this .csv.")
+    ] = None,
     json: Json = False,
 ) -> int:
     """Visit many places on a map in the best order; exit status 4 if a window or the deadline is missed."""
@@ -104,15 +110,18 @@ def tour_command(
 
 
 def tsptw_command(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="An instance: n, n x n times, n windows.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Instance: n, n x n travel times, n windows.")],
     objective: Annotated[
-        str, typer.Option(metavar="NAME", help="travel-time, or makespan: when the tour is back.")
+        str, typer.Option(metavar="NAME", help="What to minimise: travel-time, or makespan (when the tour is back).")
     ] = "travel-time",
     seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
     seed: Seed = 0,
     json: Json = False,
 ) -> int:
-    """Solve a travelling salesman problem with time windows; exit status 3 if no order is in time, 4 if none was found."""
+    """Solve a travelling salesman problem with time windows.
+
+    Exit status: 3 if no order is in time, 4 if none was found.
+    """
     from antway import check_tsptw, checks, load_tsptw, solve_tsptw
 
     instance = load_tsptw(file)
@@ -150,15 +159,22 @@ def tsptw_command(
 
 def tsp_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A TSPLIB .tsp file.")],
-    rule: Annotated[str, typer.Option(metavar="NAME", help="as, eas, rank, mmas or acs.")] = "mmas",
-    local_search: Annotated[str | None, typer.Option(metavar="NAME", help="2opt, oropt or 3opt; none without it.")] = None,
+    rule: Annotated[str, typer.Option(metavar="NAME", help="Colony rule: as, eas, rank, mmas or acs.")] = "mmas",
+    local_search: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Local search: 2opt, oropt or 3opt; none by default.")
+    ] = None,
     seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
     seed: Seed = 0,
-    threads: Annotated[int, number_option("threads", int, "N", "Threads; the answer does not depend on them.")] = 1,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw tour and convergence: .png, .svg or .pdf.")] = None,
+    threads: Annotated[int, number_option("threads", int, "N", "Threads; the answer does not depend on their number.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the tour and its convergence: .png, .svg or .pdf.")
+    ] = None,
     json: Json = False,
 ) -> int:
-    """Solve a travelling salesman problem by ants; Ctrl-C ends the search and keeps the best tour."""
+    """Solve a travelling salesman problem by ants.
+
+    Ctrl-C ends the search and keeps the best tour.
+    """
     import signal
     import threading
     from functools import partial

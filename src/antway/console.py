@@ -52,7 +52,7 @@ def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
-Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: same seed, same answer.")]
+Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: the same seed gives the same answer.")]
 
 
 def completed(table: Iterable[str]) -> Callable[[str], list[str]]:
