@@ -1,4 +1,4 @@
-"""The command `antway`, and `python -m antway`: all is loaded within, so that Ctrl-C is quiet then too."""
+"""The command `antway`, and `python -m antway`. `main` imports everything, so that Ctrl-C is quiet from the start."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import sys
 import threading
 from typing import Any
 
-_AGAIN = 0.05  # s
+_AGAIN = 0.05  # s; delay before an interrupt is repeated
 
 
 def _interrupt_again(ignored: Any) -> None:
-    """Interrupt once more a little later where an interrupt came while a compiler called Python: it ignores errors."""
+    """Repeat an interrupt shortly after it came in a callback of the compiler, which ignores exceptions."""
     if isinstance(ignored.exc_value, KeyboardInterrupt):
         again = threading.Timer(_AGAIN, _thread.interrupt_main)
         again.daemon = True
@@ -22,7 +22,7 @@ def _interrupt_again(ignored: Any) -> None:
 
 
 def main() -> None:
-    """Run the command line and exit with its status, 130 where Ctrl-C ends it."""
+    """Run the command line and exit with its status, or 130 after Ctrl-C."""
     sys.unraisablehook = _interrupt_again
     try:
         from antway.cli import main as run
@@ -32,8 +32,8 @@ def main() -> None:
         print("interrupted", file=sys.stderr)  # noqa: T201
         sys.exit(130)
     finally:
-        # All is done, and the status known. CPython kills itself by the signal if that came while a string was executed, as
-        # imports do: to execute another makes it forget that. And nothing disturbs it while it takes itself down.
+        # Everything is done, and the status is known. CPython kills itself by the signal if that came while a string was
+        # executed, as imports do; executing another string resets this. Further signals are ignored during shutdown.
         exec("")
         signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -1,4 +1,4 @@
-"""Checks of input at the boundary: each returns the value in the type it is used in, or raises a `BadInput`."""
+"""Checks of input at the boundary: each returns the value in the type in which it is used, or raises a `BadInput`."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def instance(field: str, value: object, kind: type[T]) -> T:
 
 
 def sequence(field: str, value: object, allowed: str) -> list[Any]:
-    """Return what the iterable `value` holds."""
+    """Return the elements of the iterable `value`."""
     if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)) or np.ndim(cast(Any, value)) == 0:
         raise BadParameter(field, value, allowed)
     return list(value)
@@ -131,7 +131,7 @@ def array(field: str, value: object, shape: tuple[int | None, ...], *, finite: b
     wanted = "x".join("N" if n is None else str(n) for n in shape)
     try:
         if np.iscomplexobj(cast(Any, value)):
-            raise TypeError  # NumPy would drop the imaginary parts with no more than a warning
+            raise TypeError  # NumPy would only warn that it drops the imaginary parts
         result = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise BadParameter(field, value, f"an array of numbers of shape {wanted}") from None

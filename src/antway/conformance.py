@@ -1,4 +1,4 @@
-"""The contract of policies and planners, as a test that third parties can run on theirs.
+"""The contract of policies and planners as a test that third parties can run on their own ones.
 
 >>> from antway.conformance import check_policy
 >>> from antway.baselines.replan import Follow
@@ -26,22 +26,22 @@ from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
-OVERRUN = 0.5  # s that a planner may take beyond a spent time limit, on a slow machine
+OVERRUN = 0.5  # s; by how much a planner may exceed its time limit, on a slow machine
 
 
 def check_policy(make: Callable[[], Policy], *, seconds: float = 1.0) -> None:
     """Check that a policy keeps the contract.
 
-    It must give finite commands in time, say why, forget everything at `reset`, depend on nothing but task, seed and
-    observations, leave NumPy's and Python's global random state alone, and stand what sensors do: no tracks, no velocities, old
-    scans.
+    It must return finite commands in time, explain them, forget everything at `reset`, depend only on task, seed and
+    observations, not use the global random state of NumPy or Python, and cope with what sensors deliver: no tracks, no
+    velocities, old scans.
 
     Parameters
     ----------
     make : function
         Returns a new policy, for instance its class.
     seconds : float
-        What one control cycle may take at most, after the first, s.
+        Time limit of a control cycle, except the first, s.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def check_planner(planner: Planner) -> None:
     Parameters
     ----------
     planner : function (problem, *, seed, budget) -> Plan
-        It need have no defaults: `seed` and `budget` are always given.
+        `seed` and `budget` are always given, so they need no defaults.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def _scenario() -> Scenario:
 
 
 def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
-    """Show a fresh policy what sensors deliver on bad days."""
+    """Show a new policy the unusual observations that sensors deliver."""
     tracks = Tracks(np.array([3, 9]), np.array([[3.0, 4.0], [5.0, 1.0]]), np.zeros((2, 2)), np.array([0.3, 0.4]))
     typical = Observation(0.0, task.start, (0.0, 0.0), 0.0, tracks)
     unknown = replace(tracks, velocity=np.full((2, 2), math.nan))
@@ -156,7 +156,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
             policy.reset(task, 0)
             command: Command | None = policy.act(observation)
             decision = policy.explain()
-        except Exception as error:  # what a third party raises is what is to be reported
+        except Exception as error:  # any exception of a third party is reported
             faults.append(f"{name}: {type(error).__name__}: {error}")
             continue
         if command is not None and not all(math.isfinite(part) for part in command.velocity):

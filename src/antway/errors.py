@@ -1,8 +1,8 @@
-"""The one tree of errors: wrong input raises a `BadInput`; outcomes of a search are `Status` values, never exceptions.
+"""All errors: wrong input raises a `BadInput`; outcomes of a search are `Status` values, never exceptions.
 
-A wrong value raises the same class by whatever door it comes in: as an argument, in a file, from the command line, from the
-page, in a ROS message. `BadMap` and `BadScenario` are for files and messages whose make-up is wrong: text of no such format,
-parts that are missing, unknown, doubled or do not fit together, references that lead nowhere.
+A wrong value raises the same class wherever it comes from: an argument, a file, the command line, the page, a ROS message.
+`BadMap` and `BadScenario` are for files and messages with a wrong structure: another format, parts that are missing, unknown,
+repeated or inconsistent, and references to nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Self
 
 
 class AntwayError(Exception):
-    """Whatever antway raises on purpose.
+    """Base class of all errors that antway raises on purpose.
 
     Examples
     --------
@@ -26,18 +26,18 @@ class AntwayError(Exception):
 
 
 class BadInput(AntwayError, ValueError):
-    """Input that antway refuses: names the field, the value it had and what is allowed.
+    """Input that antway refuses; the error names the field, its value and what is allowed.
 
     Parameters
     ----------
     field : str
-        Name of the argument, key or file part that is wrong.
+        Name of the wrong argument, key or part of a file.
     value : object
-        What it was; shortened in the message.
+        Its value; shortened in the message.
     allowed : str
-        What it must be, as the end of a sentence that begins with "must be".
+        What is allowed, as the end of a sentence that starts with "must be".
     where : str
-        File, line or call the field stands in, if any.
+        File, line or call that contains the field, if any.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class BadInput(AntwayError, ValueError):
         return f"{place}{self.field} = {shown}: must be {self.allowed}"
 
     def at(self, where: str, field: str | None = None) -> Self:
-        """Return the same error, said of the part `field` of the file, line or call `where`."""
+        """Return the same error for the part `field` of the file, line or call `where`."""
         return type(self)(self.field if field is None else field, self.value, self.allowed, where=where)
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -67,7 +67,7 @@ class BadInput(AntwayError, ValueError):
 
 
 def _shown(value: object) -> str:
-    """Return a value for a message: numbers with six digits, unless that would make a whole number of one that is none."""
+    """Return a value for a message: numbers with six digits, unless that would turn a fraction into a whole number."""
     if isinstance(value, float) and math.isfinite(value):
         short = float(f"{value:.6g}")
         return repr(float(value) if short.is_integer() and short != value else short)
@@ -107,11 +107,11 @@ class BadScenario(BadInput):
 
 
 class BadResults(BadInput):
-    """A results file that is none, is damaged, of another schema, or cannot be written."""
+    """A file that is not a results file, is damaged, has another schema, or cannot be written."""
 
 
 class BadParameter(BadInput):
-    """A number, name or array outside what it may be.
+    """A number, name or array that is not allowed.
 
     Examples
     --------
@@ -135,7 +135,7 @@ class OutOfBounds(BadInput):
 
 
 class CellBlocked(BadInput):
-    """A start or goal that stands in an obstacle.
+    """A start or goal in an obstacle.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class CellBlocked(BadInput):
 
 
 class TooLarge(BadInput):
-    """An input larger than the limit for its kind; refused before any memory is taken for it.
+    """An input that exceeds a limit of size; it is refused before memory is allocated for it.
 
     Examples
     --------
@@ -158,7 +158,7 @@ class TooLarge(BadInput):
 
 
 class InvalidPlan(AntwayError):
-    """A plan or episode that breaks a rule; holds every violation found.
+    """A plan or episode that breaks rules; it holds all violations found.
 
     Examples
     --------

@@ -21,10 +21,10 @@ Cell = tuple[int, int]  # (row, col)
 class Moves(Enum):
     """The moves between cells, and when a move is legal.
 
-    `FOUR` and `EIGHT` are the neighbours; a diagonal of `EIGHT` needs both side cells free (no corner cutting, the only rule
-    that is safe for a body), of `EIGHT_NOSQUEEZE` at least one, of `EIGHT_CUT` none. `SIXTEEN` and `THIRTY_TWO` add longer
-    moves; each needs every cell free whose closed square the straight segment between the cell centres touches, which for a
-    diagonal is the rule of `EIGHT`.
+    `FOUR` and `EIGHT` lead to neighbours. A diagonal of `EIGHT` needs both side cells free (no corner cutting, the only rule
+    that is safe for a body), one of `EIGHT_NOSQUEEZE` at least one, one of `EIGHT_CUT` none. `SIXTEEN` and `THIRTY_TWO` add
+    longer moves. Such a move needs all cells free whose closed square touches the segment between the cell centres; for
+    diagonals this is the rule of `EIGHT`.
 
     Examples
     --------
@@ -57,15 +57,15 @@ class Moves(Enum):
 
     @cached_property
     def touched(self) -> tuple[tuple[Cell, ...], ...]:
-        """For each move the relative cells other than its two ends that its segment touches; all must be free (see above)."""
+        """The cells that the segment of each move touches besides its two ends, relative to its start; all must be free."""
         return tuple(_touched(int(dr), int(dc)) for dr, dc in self.offsets)
 
 
 def _touched(dr: int, dc: int) -> tuple[Cell, ...]:
-    """Cells, without the ends, whose closed squares the segment from the centre of (0, 0) to that of (dr, dc) touches.
+    """Return the cells, except the ends, whose closed squares touch the segment from (0, 0) to (dr, dc).
 
-    A closed square [r-1/2, r+1/2] x [c-1/2, c+1/2] meets the segment exactly where its four corners are not all strictly on one
-    side of the line and it lies within the segment's bounding box; cross products in halves are exact integers.
+    A closed square [r-1/2, r+1/2] x [c-1/2, c+1/2] meets the segment if and only if its four corners are not all strictly on
+    one side of the line and it overlaps the segment's bounding box. With doubled coordinates, cross products are integers.
     """
     rows = range(min(0, dr), max(0, dr) + 1)
     cols = range(min(0, dc), max(0, dc) + 1)
@@ -80,26 +80,26 @@ def _touched(dr: int, dc: int) -> tuple[Cell, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """An occupancy grid; immutable, so that nothing derived from it can go stale.
+    """An occupancy grid. It is immutable, so that data derived from it stays valid.
 
     Parameters
     ----------
     blocked : bool[H, W]
-        True where the robot cannot be. Row 0 is the row of the origin: lowest y of a ROS map, first line of a text map.
+        True where the robot cannot be. Row 0 is at the origin: the lowest y of a ROS map, the first line of a text map.
     resolution : float
         Edge of a cell in m, > 0.
     origin : (x, y, yaw)
         Pose of the outer corner of cell (0, 0) in m, m, rad.
     unknown : bool[H, W] or None
-        True where a blocked cell is blocked only because nothing is known of it.
+        True where a cell is blocked only because nothing is known about it.
     top_first : bool
-        Whether figures and pages show row 0 on top, so that y points down: what is drawn in a picture or in letters looks as
-        drawn. Nothing else depends on it, equality included.
+        Whether figures and pages show row 0 on top and y down, so that a map from a picture or a text looks as drawn. Nothing
+        else depends on it, not even equality.
 
     Raises
     ------
     BadParameter
-        For arrays that are not two-dimensional and boolean (or 0 and 1), empty ones, and numbers out of range.
+        For arrays that are empty or not two-dimensional and boolean (or 0 and 1), and for numbers out of range.
 
     Examples
     --------
@@ -152,16 +152,16 @@ class Grid:
         return str(drawing().html(self))
 
     def __reduce__(self) -> tuple[object, ...]:
-        # A copy or an unpickled grid is made by the constructor, so that its arrays are read-only too.
+        # Copies and unpickled grids use the constructor, so that their arrays are read-only too.
         return Grid, (self.blocked, self.resolution, self.origin, self.unknown, self.top_first)
 
     def contains(self, cell: Cell) -> bool:
-        """Tell whether `cell` lies on the map."""
+        """Tell whether `cell` is on the map."""
         rows, cols = self.shape
         return 0 <= cell[0] < rows and 0 <= cell[1] < cols
 
     def is_free(self, cell: Cell) -> bool:
-        """Tell whether `cell` lies on the map and is not blocked."""
+        """Tell whether `cell` is on the map and not blocked."""
         return self.contains(cell) and not bool(self.blocked[cell])
 
     def centre(self, cell: Cell) -> tuple[float, float]:
@@ -183,7 +183,7 @@ class Grid:
         return out
 
     def to_points(self, xy: ArrayLike) -> NDArray[np.float64]:
-        """Map (x, y) in m, float[N, 2], to real-valued (row, col) points with integers at cell centres: `to_xy` undone."""
+        """Map (x, y) in m, float[N, 2], to real-valued (row, col), integers at cell centres; the inverse of `to_xy`."""
         p = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
         x, y, yaw = self.origin
         dx, dy = p[:, 0] - x, p[:, 1] - y
@@ -195,7 +195,7 @@ class Grid:
         return out
 
     def cell_at(self, xy: Iterable[float]) -> Cell:
-        """Return the cell that holds the point (x, y) in m; a point on an edge belongs to the cell of higher index.
+        """Return the cell that contains the point (x, y) in m; a point on an edge belongs to the cell of higher index.
 
         Raises
         ------
@@ -214,10 +214,10 @@ class Grid:
         return int(row), int(col)
 
     def turned(self) -> Grid:
-        """Return the map on cells along the axes of the world: one whose yaw is not 0, as an episode takes it.
+        """Return the map with cells along the axes of the world, which episodes need; it matters only if the yaw is not 0.
 
-        A new cell is blocked where it overlaps a blocked cell, exactly, or anything off the map, so that whatever is free was
-        free before; free cells that lie along slanted walls are lost. Cells have the same edge.
+        A new cell is blocked if it overlaps a blocked cell or anything off the map, so that everything free was free before;
+        free cells along slanted walls are lost. Cells keep their size.
 
         Examples
         --------
@@ -237,7 +237,7 @@ class Grid:
         hidden = np.zeros_like(self.blocked) if self.unknown is None else self.blocked & self.unknown
         known, dark = np.pad(self.blocked & ~hidden, 2), np.pad(hidden, 2, constant_values=True)
         cos, sin = math.cos(yaw), math.sin(yaw)
-        limit = 0.5 + 0.5 * (abs(cos) + abs(sin)) - slack  # two unit squares overlap where both are nearer, in both frames
+        limit = 0.5 + 0.5 * (abs(cos) + abs(sin)) - slack  # two unit squares overlap if their offset is smaller in both frames
         blocked, unknown = (np.zeros(len(near), np.bool_) for _ in range(2))
         for dr in (-1, 0, 1):
             for dc in (-1, 0, 1):
@@ -254,7 +254,7 @@ class Grid:
     def clearance(self) -> NDArray[np.float64]:
         """Return for each cell centre the exact distance in m to the nearest blocked square or edge of the map, float64[H, W].
 
-        Distances to squares are distances between points of the doubled lattice, where the nearest point always lies.
+        The nearest point of a square is always on the doubled lattice, so an exact distance transform of that is enough.
         """
         from scipy.ndimage import distance_transform_edt
 
@@ -269,9 +269,9 @@ class Grid:
         return np.ascontiguousarray(distance[1::2, 1::2]) * (self.resolution / 2)
 
     def inflate(self, radius: float) -> Grid:
-        """Return the grid on which a disc of `radius` m may be wherever a point may: cells with less clearance are blocked.
+        """Return the grid in which all cells with a clearance below `radius` m are blocked, so that a disc can be a point.
 
-        What lies off the map counts as blocked; touching is allowed.
+        Everything off the map counts as blocked; touching is allowed.
         """
         radius = checks.number("robot_radius", radius, low=0.0, unit="m")
         if radius == 0.0:

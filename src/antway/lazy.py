@@ -1,4 +1,4 @@
-"""A way up the house for what draws: a record shows itself in a notebook by what stands above it, loaded when it is asked."""
+"""Loads the drawing code of `antway.view` on demand, so that records below it can show themselves in notebooks."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Problem:
     Raises
     ------
     OutOfBounds, CellBlocked, BadParameter
-        If an end is not on the map, is blocked, or is no pair of integers.
+        If an end is not on the map, is blocked, or is not a pair of integers.
 
     Examples
     --------
@@ -56,9 +56,9 @@ class Problem:
 
 
 def free_cell(name: str, value: object, grid: Grid) -> Cell:
-    """Return `value` as a free (row, col) of `grid`, or raise what is wrong with it."""
+    """Return `value` as a free (row, col) of `grid`, or raise the error that says what is wrong."""
     if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
-        cell: Cell = value  # the usual case, at once
+        cell: Cell = value  # the usual case, without further checks
     else:
         if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
             raise BadParameter(name, value, "a cell (row, col)")
@@ -75,7 +75,7 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
 
 
 def standing_cell(name: str, xy: Iterable[float], grid: Grid, inflated: Grid, radius: float) -> Cell:
-    """Return the cell that holds the point (x, y) in m, free in `inflated`, `grid` inflated by `radius`; errors name it."""
+    """Return the cell that contains (x, y) in m. It must be free in `inflated`, which is `grid` inflated by `radius`."""
     point = checks.point(name, xy)
     try:
         cell = inflated.cell_at(point)
@@ -129,7 +129,7 @@ class Budget:
             checks.instance("cancel", self.cancel, threading.Event)
 
     def start(self) -> Clock:
-        """Start the time."""
+        """Start a clock."""
         started = time.perf_counter()
         return Clock(started, math.inf if self.seconds is None else started + self.seconds, self.cancel)
 
@@ -151,7 +151,7 @@ class Clock(NamedTuple):
 
 
 def start_clock(problem: Problem, seed: int, budget: Budget) -> Clock:
-    """Check what every planner is handed, and start its clock."""
+    """Check the arguments that all planners share, and start the clock."""
     checks.instance("problem", problem, Problem)
     checks.seed(seed)
     return checks.instance("budget", budget, Budget).start()
@@ -173,18 +173,18 @@ class Plan:
     length : float
         Length in m (moves times resolution); infinite without a path.
     optimal : bool
-        True only where the planner proves it for its moves.
+        Whether the planner proved that no path of its moves is shorter.
     expanded : int
         Nodes expanded, or ant steps made.
     elapsed : float
         Time taken in s.
     lower_bound : float
-        No path is shorter, m; length / lower_bound - 1 is a certified gap.
+        Lower bound of the length of any path, m; length / lower_bound - 1 is a certified gap.
     points : float64[M, 2] or None
-        For an any-angle path its vertices as real-valued (row, col), integers at cell centres; `cells` are then the free cells
-        along it, each a neighbour of eight of the one before, and `length` is that of the polyline.
+        For an any-angle path its vertices as real-valued (row, col), integers at cell centres. `cells` are then the free cells
+        along it, in which each is one of the 8 neighbours of the one before, and `length` is that of the polyline.
     grid : Grid or None
-        The map asked about, for pictures.
+        The map, for pictures.
 
     Examples
     --------
@@ -218,7 +218,7 @@ class Plan:
         Raises
         ------
         BadParameter
-            If no map is known (plans of `plan` and `solve` know theirs), or for another kind of file.
+            If no map is known (plans of `plan` and `solve` know theirs), or for another suffix.
         """
         figure = drawing().figure_of(self, grid)
         if out is not None:
@@ -236,7 +236,7 @@ class Plan:
 
     @property
     def gap(self) -> float:
-        """The certified gap: the length is at most (1 + gap) times the shortest; infinite where nothing is certified."""
+        """The certified gap: the length is at most (1 + gap) times the shortest one; infinite if nothing is certified."""
         if self.length == self.lower_bound:
             return 0.0
         return self.length / self.lower_bound - 1 if self.lower_bound > 0 else math.inf
@@ -244,7 +244,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedPath:
-    """A path in time: at `t[i]` s (increasing) at `xy[i]` m, straight and at constant speed in between.
+    """A path in time: it is at `xy[i]` m at `t[i]` s (increasing), and straight at constant speed in between.
 
     Examples
     --------
@@ -261,12 +261,12 @@ class TimedPath:
         self.xy.flags.writeable = False
 
     def at(self, t: float) -> tuple[float, float]:
-        """Return the place at time `t` s; before the first and after the last knot, that knot."""
+        """Return the place at time `t` s; it is constant before the first and after the last knot."""
         return float(np.interp(t, self.t, self.xy[:, 0])), float(np.interp(t, self.t, self.xy[:, 1]))
 
 
 class Planner(Protocol):
-    """What a planner is: a function of a problem, a seed and a budget (and its own keyword options) that returns a plan."""
+    """A planner: a function of a problem, a seed, a budget and its own keyword options that returns a plan."""
 
     def __call__(self, problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan: ...
 
@@ -278,7 +278,7 @@ def _load(target: str) -> Any:
 
 
 def find(kind: str, name: object, table: dict[str, str], group: str) -> Any:
-    """Return what `name` is in `table`, a third party's entry point of `group`, or MODULE:NAME to import."""
+    """Return the object called `name`: from `table`, from an entry point of `group`, or imported as MODULE:NAME."""
     if not isinstance(name, str) or name in table:
         return _load(table[checks.choice(kind, name, table)])
     for point in entry_points(group=group, name=name):
@@ -303,7 +303,7 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     seed : int
         In [0, 2**64 - 1]; exact planners ignore it.
     time_limit : float or None
-        Seconds, >= 0; None or infinite for no limit. 0 is a limit.
+        Seconds, >= 0 (0 is a limit); None or infinite: no limit.
     **options
         The planner's own.
 
@@ -336,7 +336,7 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
 
 
 def _check_options(run: Planner, options: dict[str, Any]) -> None:
-    """Raise `BadParameter` for an option that a planner does not have; one that takes any is left to say so itself."""
+    """Raise `BadParameter` for an option that a planner does not have; a planner with **options checks them itself."""
     parameters = inspect.signature(run).parameters.values()
     own = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY} - {"seed", "budget"}
     for name, value in options.items():

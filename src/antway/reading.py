@@ -1,8 +1,7 @@
-"""The one way in which files of others are read: what reading may cost is known beforehand, and is not exceeded.
+"""Reads files from others within fixed limits of time and memory.
 
-Bytes taken in are bounded by `opened`, bytes unpacked by `Unpacked`, depth and number of lists by `check_nesting` and
-`check_yaml`; numbers in text are read a block at a time, so that memory follows from these. The table of all limits is
-docs/limits.md.
+`opened` limits the bytes read, `Unpacked` the bytes unpacked, `check_nesting` and `check_yaml` the depth and number of lists.
+Numbers in text are read block by block, so that these limits bound the memory, too. docs/limits.md lists all limits.
 """
 
 from __future__ import annotations
@@ -20,22 +19,22 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from antway.errors import BadInput, BadMap, TooLarge
+from antway.errors import BadInput, BadMap, BadScenario, TooLarge
 from antway.limits import MAX_DEPTH, MAX_LISTS
 
 _DOTTED = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH},}}")
 _PLAIN_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)")
-_BLOCK = 2**20  # bytes of text that are split into words at a time
+_BLOCK = 2**20  # bytes of text that are split into words at once
 
 
 @contextmanager
 def opened(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> Iterator[tuple[BinaryIO, int]]:
-    """Open the regular file `path` of at most `most` bytes; yields the file and its size in bytes.
+    """Open the regular file `path` of at most `most` bytes; yield the file and its size in bytes.
 
     Raises
     ------
     error
-        If there is no such file, it cannot be read, or it is a folder, pipe or device (none of which blocks).
+        If the file does not exist, cannot be read, or is a folder, pipe or device. None of these blocks.
     TooLarge
         If it is larger.
     """
@@ -61,7 +60,7 @@ def opened(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str 
 
 
 def is_file(path: Path) -> bool:
-    """Tell whether there is a regular file `path`; False also for names that no file can have."""
+    """Tell whether `path` is a regular file; False also for invalid names."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -69,7 +68,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Tell whether there is a folder `path`; False also for names that no folder can have."""
+    """Tell whether `path` is a folder; False also for invalid names."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
@@ -77,7 +76,7 @@ def is_folder(path: Path) -> bool:
 
 
 def read_bytes(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> bytes:
-    """Return what the regular file `path` holds, at most `most` bytes, also of one that grows meanwhile."""
+    """Return the content of the regular file `path`, at most `most` bytes even if the file grows meanwhile."""
     with opened(path, most, error=error, field=field) as (file, _):
         data = file.read(most + 1)
     if len(data) > most:
@@ -94,12 +93,12 @@ def decoded(data: bytes, where: str, *, error: type[BadInput] = BadMap, field: s
 
 
 def read_text(path: Path, most: int, *, error: type[BadInput] = BadMap, field: str = "file") -> str:
-    """Return the text in UTF-8 that the regular file `path` of at most `most` bytes holds."""
+    """Return the UTF-8 text of the regular file `path` of at most `most` bytes."""
     return decoded(read_bytes(path, most, error=error, field=field), str(path), error=error, field=field)
 
 
 def check_lines(data: bytes, most: int, where: str) -> None:
-    """Raise `TooLarge` for text of more than `most` lines: each costs more memory than it has bytes."""
+    """Raise `TooLarge` for text of more than `most` lines, because a line takes more memory than its bytes."""
     lines = data.count(b"\n") + data.count(b"\r")
     if lines > most:
         raise TooLarge("lines", lines, f"at most {most}", where=where)
@@ -122,7 +121,7 @@ def check_nesting(text: str, depth: int, lists: int, where: str) -> None:
 
 
 def read_toml(text: str, where: str) -> dict[str, Any]:
-    """Parse TOML that is not deep, for the time of the parser grows with the square of the parts of a key, and it recurses.
+    """Parse TOML of limited depth: the parser recurses, and its time is quadratic in the number of parts of a key.
 
     Raises
     ------
@@ -135,19 +134,36 @@ def read_toml(text: str, where: str) -> dict[str, Any]:
     return tomllib.loads(text)
 
 
+def read_toml_file(path: Path, most: int, field: str) -> dict[str, Any]:
+    """Return the content of a TOML file of at most `most` bytes.
+
+    Raises
+    ------
+    BadScenario, TooLarge
+        They name `field` and the file.
+    """
+    where = str(path)
+    try:
+        return read_toml(read_text(path, most, error=BadScenario, field=field), where)
+    except BadInput:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise BadScenario(field, str(error), "a TOML file in UTF-8", where=where) from None
+
+
 def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int, error: type[BadInput] = BadMap) -> list[str]:
-    """Parse YAML, without making objects of it; returns its scalars.
+    """Parse YAML without making objects, and return its scalars.
 
     Raises
     ------
     TooLarge
-        If there are more pieces, lists within lists or references than this; few references can stand for endless values.
+        If there are more events, nested lists or references than allowed; a few references can expand to endless values.
     error
-        If it is not well-formed, or asks for objects by tags.
+        If it is not well-formed, or has tags that ask for objects.
     """
     letters = np.frombuffer(data, dtype=np.uint8)
     nested = np.cumsum(np.isin(letters, list(b"[{")).astype(np.int64) - np.isin(letters, list(b"]}")))
-    if nested.max(initial=0) > depth:  # parsers take a square of the depth before they say anything
+    if nested.max(initial=0) > depth:  # the time of parsers is quadratic in the depth
         raise TooLarge("YAML depth", int(nested.max()), f"at most {depth}", where=where)
     deep = references = 0
     scalars = []
@@ -175,12 +191,12 @@ def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int
 
 
 def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") -> NDArray[np.float64]:
-    """Return the numbers in `data`, separated by white space, float64[N]; at most `most`, a block at a time.
+    """Return the numbers in `data`, at most `most`, separated by white space, float64[N]; they are read block by block.
 
     Raises
     ------
     BadMap
-        If there are more than `most` numbers, or something else than numbers.
+        If there are more than `most` numbers, or anything but numbers.
     """
     parts, count, at = [np.empty(0)], 0, 0
     space = re.compile(rb"\s")
@@ -193,7 +209,7 @@ def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") ->
             raise BadMap(field, f"more than {most}", f"at most {most} numbers", where=where)
         try:
             if any(b"_" in word for word in words):
-                raise ValueError("an underscore")  # which Python takes within numbers
+                raise ValueError("an underscore")  # Python would accept it in numbers
             parts.append(np.array([float(word) for word in words]))
         except ValueError as fault:
             raise BadMap(field, str(fault), "numbers alone", where=where) from None
@@ -201,14 +217,14 @@ def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") ->
 
 
 class Unpacked:
-    """Counts bytes that are unpacked, of all parts of one input together."""
+    """Counts the bytes unpacked from all parts of one input together."""
 
     def __init__(self, most: int, where: str = "") -> None:
         self.left = self.most = most
         self.where = where
 
     def take(self, field: str, size: int) -> None:
-        """Note that `size` bytes are about to be unpacked; raises `TooLarge` if that is more than is left."""
+        """Count `size` bytes before they are unpacked; raise `TooLarge` if they are more than are left."""
         if size > self.left:
             allowed = f"at most {self.most} bytes unpacked in all, of which {self.left} are left"
             raise TooLarge(field, f"{size} bytes", allowed, where=self.where)
@@ -216,9 +232,9 @@ class Unpacked:
 
 
 def limit_process(memory: int, *, file: int | None = None) -> None:
-    """Limit this process to the memory that it has and `memory` bytes more, and each file that it writes to `file` bytes.
+    """Limit this process to `memory` bytes more than it has now, and each file that it writes to `file` bytes.
 
-    Where the system does not say how much memory a process has, as on macOS, nothing is limited. A crash writes no dump.
+    Nothing is limited if the system does not report the memory of a process, as on macOS. A crash writes no core dump.
     """
     if not os.path.exists("/proc/self/statm"):
         return

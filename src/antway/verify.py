@@ -1,4 +1,4 @@
-"""Independent checks of answers: this file shares no code with any planner and knows the rules from their definitions alone."""
+"""Independent checks of answers, which share no code with any planner and follow only the definitions of the rules."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _FARTHEST = {
     Moves.THIRTY_TWO: 3,
 }
 
-_EPS = 1e-9  # cells; far below any gap on the lattice of cell centres and corners
+_EPS = 1e-9  # cells; tolerance far below any distance between cell centres and corners
 
 
 def check_plan(problem: Problem, plan: Plan) -> None:
-    """Raise `InvalidPlan` with every way in which `plan` is no legal answer to `problem`.
+    """Raise `InvalidPlan` with all reasons why `plan` is not a legal answer to `problem`.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def check_plan(problem: Problem, plan: Plan) -> None:
     Raises
     ------
     BadParameter
-        For what is no problem, or no plan.
+        If an argument is not a problem or a plan.
     InvalidPlan
-        If the plan claims what it does not have, leaves the map, enters a blocked cell, jumps, cuts a corner that the moves
-        forbid, begins or ends elsewhere, or states a length or bound that its own cells contradict. An any-angle plan (one with
-        `points`) may touch blocked cells but not run between two, neither along their border nor where they touch diagonally;
-        its `cells` are free neighbours from start to goal whose closed squares the polyline meets in this order.
+        If the plan leaves the map, enters a blocked cell, jumps, cuts a corner against the rule of its moves, starts or ends
+        elsewhere, or if its status, length or bound contradicts its cells. An any-angle plan (with `points`) may touch blocked
+        cells but not run between two of them, neither along their border nor where they touch diagonally. Its `cells` are
+        neighbouring free cells from start to goal, whose closed squares the polyline meets in this order.
 
     Examples
     --------
@@ -130,7 +130,7 @@ def _free(grid: Grid, cell: Cell) -> bool:
 
 
 def _move_fault(grid: Grid, moves: Moves, a: Cell, b: Cell) -> str:
-    """Say why the step from `a` to `b` is not legal under `moves`; empty if it is."""
+    """Return why the step from `a` to `b` is not legal under `moves`; empty if it is legal."""
     dr, dc = b[0] - a[0], b[1] - a[1]
     farthest = max(abs(dr), abs(dc))
     if farthest == 0:
@@ -154,10 +154,10 @@ def _move_fault(grid: Grid, moves: Moves, a: Cell, b: Cell) -> str:
 
 
 def _segment_fault(grid: Grid, a: Sequence[float], b: Sequence[float]) -> str:
-    """Say why a point may not go along the segment; empty if it may.
+    """Return why a point must not move along the segment; empty if it may.
 
-    What is blocked (cells, and all beyond the map) may be touched from outside, but the border between two blocked cells is
-    inside, and a point where two blocked cells touch diagonally between two free ones must not be touched at all.
+    Blocked cells and the outside of the map may be touched, but the border between two blocked cells belongs to their inside,
+    and a point where two blocked cells touch diagonally must not be touched at all.
     """
     gap = 2 * _EPS
     for r, c in _near(a, b):
@@ -185,7 +185,7 @@ def _meets(a: Cell, b: Cell, r: int, c: int) -> bool:
 
 
 def _near(a: Sequence[float], b: Sequence[float]) -> Iterator[Cell]:
-    """Yield the cells within a cell of the segment, row by row (and a few more)."""
+    """Yield the cells within one cell of the segment (and a few more), row by row."""
     for r in range(math.floor(min(a[0], b[0])) - 1, math.ceil(max(a[0], b[0])) + 2):
         first, last = _inside(a, b, (r - 1.6, -math.inf), (r + 1.6, math.inf))
         if first <= last:
@@ -194,7 +194,7 @@ def _near(a: Sequence[float], b: Sequence[float]) -> Iterator[Cell]:
 
 
 def _order_faults(points: list[list[float]], path: list[Cell]) -> list[str]:
-    """Say which cell the polyline does not meet, in their order along it; the earliest meeting will do for each."""
+    """Return the first cell that the polyline does not meet in order. Taking the earliest meeting of each is enough."""
     i, t, farthest = 0, 0.0, 0.5 + _EPS
     for k, (r, c) in enumerate(path):
         while True:
@@ -210,7 +210,7 @@ def _order_faults(points: list[list[float]], path: list[Cell]) -> list[str]:
 
 
 def _inside(a: Sequence[float], b: Sequence[float], low: tuple[float, float], high: tuple[float, float]) -> tuple[float, float]:
-    """Return from where to where the segment is in the open box, as shares of its length; nowhere if first >= last."""
+    """Return the part of the segment in the open box, as shares of its length; empty if first >= last."""
     first, last = 0.0, 1.0
     for p, q, least, most in zip(a, b, low, high):
         d = q - p
@@ -223,11 +223,11 @@ def _inside(a: Sequence[float], b: Sequence[float], low: tuple[float, float], hi
     return first, last
 
 
-_NEAR = 1e-6  # m, m/s, rad: by how much an episode may miss its own rules
+_NEAR = 1e-6  # m, m/s, rad; tolerance of an episode's rules
 
 
 def check_episode(episode: EpisodeResult | Trace) -> None:
-    """Raise `InvalidPlan` with every way in which an episode breaks the rules of its own robot, map and obstacles.
+    """Raise `InvalidPlan` with all violations of the rules of an episode's robot, map and obstacles.
 
     Parameters
     ----------
@@ -237,11 +237,11 @@ def check_episode(episode: EpisodeResult | Trace) -> None:
     Raises
     ------
     BadParameter
-        For what is no episode.
+        If the argument is not an episode.
     InvalidPlan
-        If times do not increase by the control period, the robot does not begin at its start, jumps, exceeds a limit of speed,
-        acceleration or turn rate, passes through an obstacle or a wall, the outcome or a figure contradicts the trace, or
-        a stop was not visited as the record of the rounds says.
+        If times do not increase by the control period; if the robot starts elsewhere, jumps, exceeds a limit of speed,
+        acceleration or turn rate, or passes through an obstacle or a wall; if the outcome or a figure contradicts the trace;
+        or if a stop was not visited as recorded.
     """
     trace = _trace_of(episode)
     faults = _shape_faults(trace) or [*_motion_faults(trace), *_end_faults(trace), *rounds_faults(trace)]
@@ -279,7 +279,7 @@ def _shape_faults(trace: Trace) -> list[str]:
 
 
 def _motion_faults(trace: Trace) -> Iterator[str]:
-    """Times, limits of the robot, and contact with anything on the way."""
+    """Yield violations of times, of the robot's limits, and of contacts before the end."""
     spec, t, xy, v = trace.task.robot, trace.t, trace.xy, trace.velocity
     dt = np.diff(t)
     if t[0] != 0.0 or (dt <= 0).any():
@@ -316,7 +316,7 @@ def _motion_faults(trace: Trace) -> Iterator[str]:
 
 
 def _end_faults(trace: Trace) -> Iterator[str]:
-    """Whether the trace ends as its outcome says, and not before."""
+    """Yield contradictions between the end of the trace and its outcome."""
     outcome = trace.outcome.value
     task, last = trace.task, trace.xy[-1]
     away = np.hypot(*(trace.xy - np.array(task.goal)).T)
@@ -347,7 +347,7 @@ def _figure_faults(result: EpisodeResult, trace: Trace) -> list[str]:
     stepwise = trace.task.robot.stepwise
     gap = _gaps(trace) if stepwise else dynamic_gaps(trace, *driven(trace)[:2])
     least = float(gap.min()) if gap.size else math.inf
-    slack = _NEAR if stepwise else 1e-4  # sampled
+    slack = _NEAR if stepwise else 1e-4  # for gaps that are sampled
     length = math.fsum(math.dist(a, b) for a, b in pairwise(trace.xy.tolist()))
     figures = {
         "time": (result.time, float(trace.t[-1])),
@@ -370,7 +370,7 @@ def _obstacles_at(trace: Trace, t: float) -> list[tuple[float, float]]:
 
 
 def _gaps(trace: Trace) -> NDArray[np.float64]:
-    """Least distance between the edges of robot and obstacle in each step, float64[N, K]; between knots all goes straight."""
+    """Return the smallest gap of robot and obstacle in each step, float64[N, K]; between knots both move straight."""
     line, t = trace.timeline, trace.t
     gap = np.empty((len(t) - 1, len(line)))
     for k, (low, high) in enumerate(pairwise(line.first.tolist())):
@@ -387,7 +387,7 @@ def _gaps(trace: Trace) -> NDArray[np.float64]:
 
 
 def _wall_gap(trace: Trace, i: int) -> float:
-    """Least distance between the robot's edge and blocked squares or the map's edges in step i, m (only those near count)."""
+    """Return the smallest gap of the robot and nearby blocked squares or map edges in step i, m."""
     grid, radius = trace.task.grid, trace.task.robot.radius / trace.task.grid.resolution
     rows, cols = grid.shape
     a, b = grid.to_points(trace.xy[i : i + 2]).tolist()
@@ -401,7 +401,7 @@ def _wall_gap(trace: Trace, i: int) -> float:
 
 
 def _square_distance(a: Sequence[float], b: Sequence[float], r: int, c: int) -> float:
-    """Distance of the segment from the closed square of cell (r, c), in cells."""
+    """Return the distance of the segment from the closed square of cell (r, c), in cells."""
     first, last = _inside(a, b, (r - 0.5, c - 0.5), (r + 0.5, c + 0.5))
     if first <= last:
         return 0.0

@@ -1,4 +1,4 @@
-"""An independent check of motions: limits of the robot at every instant, and walls against its body in continuous time."""
+"""An independent check of motions: the robot's limits at every instant, and its distance to walls in continuous time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
     from antway.world.robots import RobotSpec
 
-_NEAR = 1e-6  # m, m/s, rad/s: by how much a limit may be missed
-_DRIFT = 1e-3  # m, rad: by how much the velocities of one step may miss the next knot
-_FINEST = 1e-3  # m: steps in which no point of the body moves farther are not cut further
-_AT_ONCE = 1e3  # m/s^2, rad/s^2: what an infinite limit counts as
+_NEAR = 1e-6  # m, m/s, rad/s; tolerance of limits
+_DRIFT = 1e-3  # m, rad; by how much the integrated velocity of a step may miss the next knot
+_FINEST = 1e-3  # m; steps in which no point of the body moves farther are not divided
+_AT_ONCE = 1e3  # m/s^2, rad/s^2; value used for infinite limits
 _NODES = np.array([-0.8611363115940526, -0.3399810435848563, 0.3399810435848563, 0.8611363115940526])
 _WEIGHTS = np.array([0.3478548451374538, 0.6521451548625461, 0.6521451548625461, 0.3478548451374538])
 
@@ -29,25 +29,25 @@ Floats = NDArray[np.float64]
 
 
 def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
-    """Raise `InvalidPlan` with every way in which a motion breaks a limit of the robot or touches a wall.
+    """Raise `InvalidPlan` with all violations of a robot's limits by a motion, and its contacts with walls.
 
     Parameters
     ----------
     grid : Grid
-        The map, not inflated; what lies off it counts as a wall.
+        The map, not inflated; everything off the map counts as a wall.
     robot : RobotSpec
-        Its infinite limits of acceleration count as 1000 m/s^2 and rad/s^2.
+        Infinite limits of acceleration count as 1000 m/s^2 and rad/s^2.
     motion : Motion
 
     Raises
     ------
     BadParameter
-        For arguments of another kind.
+        For arguments of another type.
     InvalidPlan
-        If times do not increase from 0, the robot does not stand at both ends, velocities do not lead from knot to knot,
-        wheels move aside, a limit of speed, acceleration, braking, turn rate, its change or the turning radius is exceeded, or
-        the body (a disc, or the footprint as it is turned) touches a wall. Walls are checked in continuous time: steps are cut
-        until the distance from walls is more than any point of the body moves, or that is less than a millimetre.
+        If times do not increase from 0; if the robot does not stand at both ends; if velocities do not lead from knot to knot,
+        or wheels move sideways; if a limit of speed, acceleration, braking, turning or turning radius is exceeded;
+        or if the body (a disc, or the turned footprint) touches a wall. Walls are checked in continuous time: steps are divided
+        until every point of the body moves less than the distance to walls, or less than a millimetre.
     """
     checks.instance("grid", grid, Grid)
     if not hasattr(robot, "braking"):
@@ -72,7 +72,7 @@ def _shape_faults(motion: Motion) -> list[str]:
 
 
 def _speeds(robot: RobotSpec, motion: Motion) -> Floats:
-    """Speed along the heading of wheels, else the velocity: float64[N, 1 or 2]."""
+    """Return the speed of wheels along the heading, else the velocity, float64[N, 1 or 2]."""
     if robot.drive == "holonomic":
         return motion.velocity
     ahead = np.column_stack((np.cos(motion.heading), np.sin(motion.heading)))
@@ -115,7 +115,7 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
 
 
 def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Floats) -> Floats:
-    """Poses (x, y, heading) float64[M, 3], `after` s into the steps of those numbers."""
+    """Return the poses (x, y, heading), float64[M, 3], at `after` s into the given steps."""
     dt = np.diff(motion.t)[step]
     speed, rate = _speeds(robot, motion), motion.turn_rate
     gain, spin = (speed[step + 1] - speed[step]) / dt[:, None], (rate[step + 1] - rate[step]) / dt
@@ -131,7 +131,7 @@ def _poses(robot: RobotSpec, motion: Motion, step: NDArray[np.int64], after: Flo
 
 
 def _wall_faults(grid: Grid, robot: RobotSpec, motion: Motion) -> Iterator[str]:
-    """Cut steps in half until the gaps at both ends of each are more than any point of the body moves in it."""
+    """Halve steps until in each of them every point of the body moves less than the gaps at both ends."""
     walls, n = _Walls(grid, robot), len(motion.t)
     if walls.inside(motion.xy[0]):
         yield "begins in a wall"
@@ -161,7 +161,7 @@ def _wall_faults(grid: Grid, robot: RobotSpec, motion: Motion) -> Iterator[str]:
 
 
 class _Walls:
-    """The blocked cells that a body which begins outside of them has to pass first, and the map's edges."""
+    """The outer blocked cells, which a body that starts outside must touch first, and the map's edges."""
 
     def __init__(self, grid: Grid, robot: RobotSpec) -> None:
         self.grid, self.size = grid, grid.resolution
@@ -172,19 +172,19 @@ class _Walls:
         self.tree = cKDTree(self.middles) if len(cells) else None
         self.corners = np.zeros((1, 2)) if robot.footprint is None else np.array(robot.footprint)
         self.rounding = robot.radius if robot.footprint is None else 0.0
-        self.far = robot.radius + 2.0 * self.size + _FINEST  # cells whose middles are farther do not matter
+        self.far = robot.radius + 2.0 * self.size + _FINEST  # farther cell centres do not matter
 
     def inside(self, xy: Floats) -> bool:
-        """Tell whether a point lies in a blocked cell or off the map."""
+        """Tell whether a point is in a blocked cell or off the map."""
         (row, col), shape = np.floor(self.grid.to_points(xy)[0] + 0.5).astype(int), self.grid.shape
         return not (0 <= row < shape[0] and 0 <= col < shape[1]) or bool(self.grid.blocked[row, col])
 
     def gaps(self, poses: Floats) -> Floats:
-        """Gap of the body from walls for each pose (x, y, heading), m; below 0 where they overlap, never more than there is.
+        """Return a lower bound of the gap to walls for each pose (x, y, heading), m; below 0 where they overlap.
 
-        Between polygons it is the widest gap along the normals of either, at most the reach of what is looked at.
+        For polygons it is the widest gap along the normals of either one, limited by the distance up to which cells count.
         """
-        place = (self.grid.to_points(poses[:, :2]) + 0.5)[:, ::-1] * self.size  # from the map's corner, along its axes
+        place = (self.grid.to_points(poses[:, :2]) + 0.5)[:, ::-1] * self.size  # relative to the map's corner, along its axes
         heading = poses[:, 2] - self.grid.origin[2]
         c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
         xs = place[:, :1] + c * self.corners[:, 0] - s * self.corners[:, 1]

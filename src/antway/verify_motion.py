@@ -1,4 +1,4 @@
-"""Episodes of robots with wheels, inertia, latency and footprints, driven again in small steps that share no code with ours."""
+"""Drives episodes of robots with wheels, inertia, latency and footprints again, in small steps with independent code."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from antway.world.trace import Trace
 
-_NEAR = 1e-6  # m, m/s, rad
-_SLACK = 1e-5  # m: gaps are taken from samples
-_EVEN = 1e-9  # m^2/s^2; so near to square to the command a ramp counts as one that brakes
-_STEPS = 100  # of each of the two parts of a cycle at least: before and after the command of late arrives
+_NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
+_SLACK = 1e-5  # m; tolerance of gaps, which are sampled
+_EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as braking
+_STEPS = 100  # least number of steps in each part of a cycle: before and after the delayed command acts
 
 Floats = NDArray[np.float64]
 
 
 def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
-    """Drive each cycle anew: times float64[N, S], states (x, y, theta) float64[N, S, 3], last speeds float64[N, 2].
+    """Drive each cycle again; return times float64[N, S], states (x, y, theta) float64[N, S, 3], last speeds float64[N, 2].
 
-    Each cycle begins in its row of the trace. Of wheels the speeds are (v, omega), else (vx, vy).
+    Each cycle starts at its row of the trace. Speeds are (v, omega) for wheels, else (vx, vy).
     """
     spec, n = trace.task.robot, len(trace.command)
     wheels = spec.drive != "holonomic"
@@ -59,7 +59,7 @@ def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
 
 
 def _at_once(v: Floats, target: Floats, growth: float, fall: float) -> Floats:
-    """Speed after what infinite rates do to it at once; one that is all but 0 on its way to the other sign is 0."""
+    """Return the speed after the immediate effect of infinite rates; a speed that is almost 0 before it changes sign is 0."""
     through = v * target < 0.0
     v = np.where(through & (math.isinf(fall) | (np.abs(v) < 1e-12)), 0.0, v)
     falls = np.abs(target) < np.abs(v)
@@ -69,7 +69,7 @@ def _at_once(v: Floats, target: Floats, growth: float, fall: float) -> Floats:
 
 
 def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) -> Floats:
-    """Speed after h s on its ramp to a target, which is over at 0 where it goes to the other sign."""
+    """Return the speed after h s on its ramp to a target; the ramp ends at 0 if the sign changes."""
     through = v * target < 0.0
     change = np.where(through, 0.0, target) - v
     with np.errstate(invalid="ignore"):
@@ -79,10 +79,10 @@ def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) ->
 
 
 def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
-    """Return when the speed's ramps pass 0 and end, float64[N, 2] s, at most `time`.
+    """Return the times at which the ramps of the speed reach 0 and end, float64[N, 2] s, at most `time`.
 
-    A car's steering keeps |omega| <= |v| / turning_radius. Between these times that bound is linear in time, as the ramp of the
-    steering is, so that a step that ends at them gives both exactly.
+    The steering of a car keeps |omega| <= |v| / turning_radius. Between these times both this bound and the ramp of omega are
+    linear in time, so that steps that end at them are exact.
     """
     spec = trace.task.robot
     brake = spec.a_max if spec.brake_max is None else spec.brake_max
@@ -90,7 +90,7 @@ def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
     through = v * target < 0.0
     falls = through | (np.abs(target) < np.abs(v))
     zero = np.where(through, np.abs(v) / brake, 0.0)
-    zero = np.where(np.abs(zero - time) < 1e-12, time, zero)  # at its end a speed is 0 and does not jump to the other sign
+    zero = np.where(np.abs(zero - time) < 1e-12, time, zero)  # at the end of its ramp a speed is 0 and does not change sign
     end = zero + np.where(through, np.abs(target) / spec.a_max, np.abs(target - v) / np.where(falls, brake, spec.a_max))
     times: Floats = np.minimum(np.stack((zero, end), axis=1), time[:, None])
     return times
@@ -99,7 +99,7 @@ def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
 def _roll(
     x: Floats, y: Floats, theta: Floats, v: Floats, w: Floats, asked: Floats, trace: Trace, h: Floats
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Wheels for h s: the speeds by their ramps in four parts, the place by the midpoint rule in each."""
+    """Drive wheels for h s in four parts: speeds by their ramps, places by the midpoint rule."""
     spec = trace.task.robot
     brake = spec.a_max if spec.brake_max is None else spec.brake_max
     cv = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
@@ -125,7 +125,7 @@ def _roll(
 def _glide(
     x: Floats, y: Floats, vx: Floats, vy: Floats, asked: Floats, trace: Trace, h: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """A holonomic robot for h s: its velocity goes straight to the one asked for."""
+    """Drive a holonomic robot for h s: its velocity changes straight towards the commanded one."""
     spec = trace.task.robot
     brake = spec.a_max if spec.brake_max is None else spec.brake_max
     size = np.hypot(*asked.T)
@@ -145,7 +145,7 @@ def _glide(
 
 
 def dynamic_faults(trace: Trace) -> Iterator[str]:
-    """Say where the robot's limits and commands do not lead it, and where it passes through something."""
+    """Yield where the trace does not follow limits and commands, and where the robot passes through something."""
     spec = trace.task.robot
     wheels = spec.drive != "holonomic"
     times, states, speeds = driven(trace)
@@ -165,7 +165,7 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
             yield "turns faster than turn_rate"
     elif (np.hypot(*recorded.T) > spec.v_max + _NEAR).any():
         yield "is faster than v_max"
-    # Speeds that ramp within the last step may be cut anywhere in it.
+    # The last step may end anywhere within a ramp.
     finest = spec.dt / _STEPS / 4
     slack = _NEAR + finest * np.array(
         [_finite(max(spec.a_max, spec.braking)), _finite(spec.alpha_max if wheels else max(spec.a_max, spec.braking))]
@@ -185,7 +185,7 @@ def _finite(limit: float) -> float:
 
 
 def dynamic_gaps(trace: Trace, times: Floats, states: Floats) -> Floats:
-    """Least distance of the edges of robot and obstacle in each cycle, float64[N, K]: sampled, and where the obstacle turns."""
+    """Return the smallest gap of robot and obstacle in each cycle, float64[N, K], sampled, and at the obstacle's knots."""
     line, ends = trace.timeline, times[:, -1]
     gap = np.empty((len(times), len(line)))
     for k, (low, high) in enumerate(pairwise(line.first.tolist())):
@@ -206,7 +206,7 @@ def _corners(trace: Trace) -> Floats:
 
 
 def _body_distance(trace: Trace, states: Floats, points: Floats) -> Floats:
-    """Distance of points from the robot's edge, below 0 inside (to the nearest edge's line): [..., 3] and [..., 2]."""
+    """Return the distance of points [..., 2] from the robot at states [..., 3]; below 0 inside."""
     dx, dy = points[..., 0] - states[..., 0], points[..., 1] - states[..., 1]
     spec = trace.task.robot
     away: Floats = np.hypot(dx, dy)
@@ -225,9 +225,9 @@ def _body_distance(trace: Trace, states: Floats, points: Floats) -> Floats:
 
 
 def gap_from_square(xs: Floats, ys: Floats, half: float) -> Floats:
-    """Gap of bodies from the square of half side `half` round (0, 0): their corners float64[S, N], or one place each; m.
+    """Return the gap of bodies from the square of half edge `half` around (0, 0), m; corners are float64[S, N] or [S, 1].
 
-    Between polygons it is the widest gap along the normals of either: 0 where they touch, and never more than the distance.
+    For polygons it is the widest gap along the normals of either one: 0 where they touch, and at most the distance.
     """
     if xs.shape[1] == 1:
         return np.hypot(np.maximum(np.abs(xs[:, 0]) - half, 0.0), np.maximum(np.abs(ys[:, 0]) - half, 0.0))
@@ -235,13 +235,13 @@ def gap_from_square(xs: Floats, ys: Floats, half: float) -> Floats:
     for k in range(xs.shape[1]):
         ex, ey = xs[:, k] - xs[:, k - 1], ys[:, k] - ys[:, k - 1]
         length = np.hypot(ex, ey)
-        nx, ny = ey / length, -ex / length  # outwards: the corners go round counterclockwise
+        nx, ny = ey / length, -ex / length  # outward normal, as the corners are counterclockwise
         apart = np.maximum(apart, -nx * xs[:, k] - ny * ys[:, k] - half * (np.abs(nx) + np.abs(ny)))
     return apart
 
 
 def wall_depth(trace: Trace, states: Floats) -> float:
-    """Least of the robot's distances from blocked squares and the map's edges over states float64[S, 3], m; below 0 inside."""
+    """Return the smallest distance to blocked squares and map edges over states float64[S, 3], m; below 0 inside."""
     grid, spec = trace.task.grid, trace.task.robot
     (x0, y0, _), size, (rows, cols) = grid.origin, grid.resolution, grid.shape
     corners, rounding = _corners(trace), spec.radius if spec.footprint is None else 0.0
@@ -261,7 +261,7 @@ def wall_depth(trace: Trace, states: Floats) -> float:
 
 
 def last_gaps(trace: Trace) -> tuple[list[float], float]:
-    """Distances of the robot at its last row from each obstacle, and from walls."""
+    """Return the distances of the robot in the last row from each obstacle, and from walls."""
     state = np.array([*trace.xy[-1], trace.heading[-1]])
     line = trace.timeline
     gaps = []

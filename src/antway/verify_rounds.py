@@ -1,4 +1,4 @@
-"""The part of `check_episode` that is about stops: from the definitions alone."""
+"""The part of `check_episode` about stops, which follows only the definitions."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from antway.world.stops import Visit
     from antway.world.trace import Trace
 
-_NEAR = 1e-6  # m, s
+_NEAR = 1e-6  # m, s; tolerance
 
 
 def last_end(trace: Trace) -> float:
-    """Return from when on the robot is on its way to the goal, s: 0 in an episode without stops."""
+    """Return the time at which the robot leaves the last stop for the goal, s; 0 in an episode without stops."""
     if trace.rounds is None:
         return 0.0
     return max((visit.end for visit in trace.rounds.visits), default=math.inf if trace.rounds.stops else 0.0)
 
 
 def rounds_faults(trace: Trace) -> Iterator[str]:
-    """Say which visits of an episode's rounds are none, and where it claims to be done and is not."""
+    """Yield the invalid visits of an episode's rounds, and false claims that they are complete."""
     rounds = trace.rounds
     if rounds is None:
         return

@@ -1,4 +1,4 @@
-"""An independent check of tours: shares no code with what plans them and knows the rules from their definitions alone."""
+"""An independent check of tours, which shares no code with the planner and follows only the definitions of the rules."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from antway.verify import check_plan
 if TYPE_CHECKING:
     from antway.tours.plan import Route, TourPlan
 
-_NEAR = 1e-9  # of the duration: by how much sums of times may differ
+_NEAR = 1e-9  # share of the duration; tolerance of sums of times
 
 
 def check_tour(tour: TourPlan) -> None:
-    """Raise `InvalidPlan` with every way in which `tour` is no legal answer to its own task.
+    """Raise `InvalidPlan` with all reasons why `tour` is not a legal answer to its own task.
 
     Parameters
     ----------
@@ -28,11 +28,12 @@ def check_tour(tour: TourPlan) -> None:
     Raises
     ------
     BadParameter
-        For what is no `TourPlan`.
+        If the argument is not a `TourPlan`.
     InvalidPlan
-        If a stop is visited twice or, without priorities, not at all; a leg is no legal path (see `check_plan`) from where the
-        last one ended to the next stop; arrivals, waiting, length, duration, cost, lateness or what is collected differ from
-        what legs, windows and service give; the tour is called feasible and is late; or the bound contradicts the tour.
+        If a stop is visited twice or, without priorities, not at all; if a leg is not a legal path (see `check_plan`) from the
+        end of the previous leg to the next stop; if arrivals, waiting, length, duration, cost, lateness or collected priorities
+        differ from what legs, windows and service give; if the tour claims to be feasible but is late; or if the bound
+        contradicts the tour.
 
     Examples
     --------
@@ -40,7 +41,7 @@ def check_tour(tour: TourPlan) -> None:
     >>> from antway import Grid, plan_tour
     >>> check_tour(plan_tour(Grid(np.zeros((3, 9), dtype=bool)), (0.5, 1.5), [(8.5, 1.5), (3.5, 1.5)], cycles=10))
     """
-    if type(tour).__name__ != "TourPlan":  # its module is among what this one shares no code with
+    if type(tour).__name__ != "TourPlan":  # its module cannot be imported here, because the check shares no code with it
         raise BadParameter("tour", tour, "a TourPlan")
     faults = list(_visit_faults(tour))
     late, driven, done = 0.0, 0.0, [0.0]
@@ -57,7 +58,7 @@ def check_tour(tour: TourPlan) -> None:
 
 
 def _visit_faults(tour: TourPlan) -> Iterator[str]:
-    """Say which stops are not visited as they should be."""
+    """Yield the stops that are not visited as they should be."""
     task, count = tour.task, len(tour.task.stops)
     if len(tour.routes) != task.robots:
         yield f"has {len(tour.routes)} routes for {task.robots} robots"
@@ -83,7 +84,7 @@ def _visit_faults(tour: TourPlan) -> Iterator[str]:
 
 
 def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float]:
-    """Drive along the legs; return what is wrong with the route, the time spent driving, when it is done, and lateness."""
+    """Drive along the legs; return the faults of the route, the driving time, the end time, and the lateness."""
     task, faults = tour.task, []
     free = task.grid.inflate(task.robot_radius)
     at, now, driven, late = free.cell_at(task.start), 0.0, 0.0, 0.0
@@ -125,7 +126,7 @@ def _drive(tour: TourPlan, route: Route) -> tuple[list[str], float, float, float
 
 
 def _time(tour: TourPlan, plan: Plan) -> float:
-    """Return how long a leg takes: its length, each move times the mean cost of both ends, by the speed."""
+    """Return the time of a leg: the sum over its moves of length times mean cost of both ends, divided by the speed."""
     task = tour.task
     if task.costs is None:
         return plan.length / task.speed
@@ -135,7 +136,7 @@ def _time(tour: TourPlan, plan: Plan) -> float:
 
 
 def _sum_faults(tour: TourPlan, late: float, driven: float, done: float) -> Iterator[str]:
-    """Say which figures of the whole tour its routes contradict."""
+    """Yield the figures of the whole tour that its routes contradict."""
     task, near = tour.task, _NEAR * (1.0 + done) * (1 + len(tour.task.stops))
     worth = 0.0
     if task.priorities is not None:

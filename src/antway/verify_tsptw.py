@@ -1,4 +1,4 @@
-"""An independent check of orders with time windows: shares no code with what finds them, and adds fractions, not floats."""
+"""An independent check of orders with time windows, which shares no code with the search and adds exact fractions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def check_tsptw(
     instance: Tsptw, order: Iterable[int], cost: float | None = None, *, objective: str = "travel time", feasible: bool = True
 ) -> None:
-    """Raise `InvalidPlan` with every way in which `order` is no answer to `instance`.
+    """Raise `InvalidPlan` with all reasons why `order` is not an answer to `instance`.
 
     Parameters
     ----------
@@ -25,26 +25,26 @@ def check_tsptw(
     order : iterable of int
         All nodes, the depot 0 first.
     cost : float or None
-        What the answer says it costs.
+        The claimed cost.
     objective : str
         "travel time" or "makespan".
     feasible : bool
-        Whether the answer says that no window is missed.
+        Whether the order claims to miss no window.
 
     Raises
     ------
     BadParameter
-        For what is no instance, no sequence of whole numbers, no number, no objective, no truth value.
+        For arguments of a wrong type, or an unknown objective.
     InvalidPlan
-        If a node is missing or visited twice, a window is missed, or the cost is another. Numbers count as the shortest
-        decimals that they are read from, so that sums are exact.
+        If a node is missing or visited twice, a window is missed, or the cost differs. Numbers count as their shortest decimal
+        representations, so that sums are exact.
 
     Examples
     --------
     >>> from antway.tours.time_windows import Tsptw
     >>> check_tsptw(Tsptw([[0, 2, 2], [2, 0, 1], [2, 1, 0]], [[0, 10], [0, 9], [0, 3]]), [0, 2, 1], 5.0)
     """
-    if type(instance).__name__ != "Tsptw":  # its module is among what this one shares no code with
+    if type(instance).__name__ != "Tsptw":  # its module cannot be imported here, because the check shares no code with it
         raise BadParameter("instance", instance, "a Tsptw")
     listed = checks.sequence("order", order, "the nodes in their order")
     stops = [checks.integer(f"order[{i}]", stop) for i, stop in enumerate(listed)]

@@ -1,4 +1,4 @@
-"""Compiles kernels before they are needed, on all cores: small tasks of each kind are done, and their kernels stay on disk."""
+"""Compiles kernels before they are needed: small tasks of each kind run on all cores, and their kernels stay on disk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KINDS = WARM
 
 
 def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple[str, float]]:
-    """Compile the kernels of these kinds of task; yield what was done and its seconds, each when it is.
+    """Compile the kernels for these kinds of task; yield each task and its seconds when it is done.
 
     Parameters
     ----------
@@ -28,12 +28,12 @@ def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple
         "plan" (every planner, smoothing), "run" (policies antway and paper on the shipped scenes), "robots" (with inertia
         and wheels), "tours" (of cities, on maps, with time windows), "baselines" (every other policy).
     workers : int
-        Processes, >= 1. A script that calls this guards its own work by `if __name__ == "__main__"`.
+        Number of processes, >= 1. A script that calls this must guard its own code by `if __name__ == "__main__"`.
 
     Raises
     ------
     BadParameter
-        For another kind.
+        For an unknown kind.
 
     Examples
     --------
@@ -54,10 +54,10 @@ def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple
 
 @contextmanager
 def compiling_beside(policy: str) -> Iterator[None]:
-    """Play the first episode of policy antway within: another process compiles at once what it needs late.
+    """Compile kernels for the first episode of policy antway, which is played in this context, in a second process.
 
-    What both need is compiled by the one that needs it first, and found on disk by the other. Where the kernels are there
-    already, for other policies, and on one core nothing is started.
+    The process starts with the kernels that the episode needs last. Each kernel is compiled by the process that needs it first
+    and read from disk by the other. Nothing is started for other policies, on one core, or if the kernels exist already.
     """
     if policy != "antway" or is_compiled("", "crossing.cycle") or (os.cpu_count() or 1) < 2:
         yield
@@ -72,10 +72,10 @@ def compiling_beside(policy: str) -> Iterator[None]:
 
 
 def late() -> None:
-    """Compile what an episode of policy antway needs: the guard, the search, what else could be done, the shortest path.
+    """Compile the kernels of an episode of policy antway: guard, search, alternatives, shortest path.
 
-    Guard and search are there before the episode needs them: that compiles the map's moves and what senses meanwhile, then
-    what predicts.
+    Guard and search are ready before the episode needs them. Meanwhile the episode compiles the moves on the map, the sensor
+    and the prediction.
     """
     from antway import Command, Problem, RobotSpec, Task, load_map, load_scenario, solve
     from antway.kernels.search.polyanya import build_mesh
@@ -88,11 +88,11 @@ def late() -> None:
 
     task, policy, guard = Task(load_map("office"), RobotSpec(), (1.5, 3.0), (22.0, 12.5)), AntwayPolicy(), Guard()
     guard.reset(task)
-    build_mesh(task.grid.blocked)  # meanwhile the episode compiles the map's moves, which the policy needs
+    build_mesh(task.grid.blocked)  # meanwhile the episode compiles the moves on the map
     policy.reset(task, 0)
     s = policy._state
     estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
-    estimates[0, :2], foretold[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # somebody who is taken to stand
+    estimates[0, :2], foretold[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # an obstacle that is predicted to stand
     situation = Situation(
         s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, foretold, s.plan.segments[:0].copy()
     )
@@ -101,7 +101,7 @@ def late() -> None:
         situation.conflict(path, segments)
         situation.cost(path)
         manner("crossing", (1.0, 0.0), path, segments, 0.0)
-    # The rest in the order opposite to the one in which the episode needs it: each compiles what the other has not reached.
+    # The rest follows in the reverse order of the episode, so that each process compiles what the other has not reached.
     solve(Problem(task.grid.inflate(0.25), (20, 20), (100, 200)), "anyangle")
     Routes(task)
     stage = Episode(load_scenario("office"), policy, seed=0).stage

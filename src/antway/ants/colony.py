@@ -1,4 +1,4 @@
-"""A colony one can ask for tours and tell what they are worth; `solve_tsp` runs the same one inside a kernel."""
+"""A colony that is asked for tours and told their costs; `solve_tsp` runs the same colony inside a kernel."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ NO_LOCAL_SEARCH = kernel.LocalSearchOptions(-1, 0, 0, 0)
 class Colony:
     """Ants that build closed tours over the cities of a TSP: construct, evaluate, deposit.
 
-    The costs are the caller's: `tell` takes any positive numbers, and the heuristic comes from the instance's distances.
+    The caller supplies the costs: `tell` takes any positive numbers. The heuristic comes from the instance's distances.
 
     Parameters
     ----------
     instance : Tsp
-        Of at least four cities, not all in one place.
+        With at least four cities, not all in one place.
     rule : str or Rule
         A name of `RULES` ("as", "eas", "rank", "mmas", "acs"), or a rule with its parameters.
     ants, persistence : int, Persistence or None
-        Ants in a cycle, persistence policy; None: the rule's, or else 25
-        ants for MMAS and as many as cities, 100 at most, for the others.
+        Number of ants in a cycle, and persistence; None: those of the rule, or else 25 ants for MMAS and as many as cities, at
+        most 100, for other rules.
     seed : int
         In [0, 2**64 - 1]. The same seed and the same answers give the same bytes.
     candidates : int
-        Edges per city that hold pheromone: those to the nearest other cities.
+        Number of edges of a city that hold pheromone: those to the nearest other cities.
     pheromone : array_like[n, k] or None
-        Where to start from, such as an earlier colony's `pheromone`; > 0.
+        Initial pheromone, such as that of an earlier colony; > 0.
 
     Examples
     --------
@@ -80,7 +80,7 @@ class Colony:
         n, k = self.cities.near.shape
         m = self.rule.ants or (25 if isinstance(self.rule, MaxMinAntSystem) else min(n, 100))
         self.numbers = self.rule.numbers(m)
-        # The heuristic 1 / distance, each city's nearest as 1; cities in one place are a tenth of a usual step apart.
+        # The heuristic is 1 / distance, scaled to 1 for the nearest city. Equal places count as a tenth of a usual step apart.
         gap = np.maximum(self.cities.gap, 0.1 * float(self.cities.gap[:, 0].mean()) or 1.0)
         eta = (gap[:, :1] / gap) ** self.numbers.beta
         tau = np.ones((n, k))
@@ -120,31 +120,31 @@ class Colony:
 
     @property
     def best_cost(self) -> float:
-        """Its cost; infinite before the first cycle."""
+        """The cost of the best tour; infinite before the first cycle."""
         return float(self.state.record[kernel.BEST])
 
     @property
     def cycle(self) -> int:
-        """Cycles done."""
+        """Number of cycles done."""
         return int(self.state.record[kernel.CYCLE])
 
     @property
     def tours(self) -> int:
-        """Tours made in a cycle; a change of an ant's last tour counts as one in focused construction."""
+        """Number of tours made in a cycle; in focused construction each change of a tour counts as one."""
         return len(self.state.lengths) * (1 if self.options.anew else max(self.options.attempts, 1))
 
     @property
     def pheromone(self) -> NDArray[np.float64]:
-        """Pheromone on the candidate edges, float64[n, k]: a copy; `candidates` names their other ends."""
+        """A copy of the pheromone on the candidate edges, float64[n, k]; `candidates` are their other ends."""
         return self.state.tau.copy()
 
     @property
     def candidates(self) -> NDArray[np.int32]:
-        """The cities that each city's candidate edges lead to, int32[n, k], nearest first."""
+        """The cities to which the candidate edges of each city lead, int32[n, k], nearest first."""
         return self.cities.near.astype(np.int32)
 
     def ask(self, pool: Executor | None = None, threads: int = 1) -> NDArray[np.int32]:
-        """Let the ants walk by Eq. (1) (and improve their tours, if so told); return the tours, int32[m, n]."""
+        """Let the ants walk by Eq. (1), and improve their tours if local search is on; return the tours, int32[m, n]."""
         self._construct(pool, threads)
         return self.state.orders.astype(np.int32)
 
@@ -168,9 +168,9 @@ class Colony:
         pool: Executor | None = None,
         threads: int = 1,
     ) -> int:
-        """Run up to `cycles` cycles on the instance's own lengths, until one is at most `target` long.
+        """Run up to `cycles` cycles with the lengths of the instance, until a tour is at most `target` long.
 
-        Notes (cycle, best length) in `history`, float64[cycles, 2], whenever the best is better; returns how often that was.
+        Writes (cycle, best length) to `history`, float64[cycles, 2], at each improvement; returns the number of improvements.
         """
         if threads == 1 and self._immunity is None:
             return int(kernel.cycles(self.cities, self.state, self.numbers, self.options, self._seed, cycles, target, history))
@@ -186,7 +186,7 @@ class Colony:
         return noted
 
     def _immunise(self, immunity: Immunity) -> Numbers:
-        """Let the cycle's tours pass the immune operator; return the rule, its deposits shifted by concentration."""
+        """Apply the immune operator to the tours of the cycle; return the rule with deposits scaled by concentration."""
         state, policy = self.state, immunity.policy
         tours, costs, scale = immunity.respond(
             self.cycle,
@@ -206,7 +206,7 @@ class Colony:
         )
 
     def _construct(self, pool: Executor | None, threads: int) -> None:
-        """Build the cycle's tours, ants spread over threads; those of ACS change pheromone as they walk and keep to one."""
+        """Build the tours of the cycle, on all threads except for ACS, whose ants change pheromone as they walk."""
         m = len(self.state.lengths)
         kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight, self.state.whole)
         kernel.select(self.state, self.options, self._seed)

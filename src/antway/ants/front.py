@@ -1,8 +1,8 @@
-"""What exact search does not give cheaply: paths by several objectives at once (the Pareto front), and diverse paths.
+"""Paths that exact search does not give cheaply: for several objectives at once (the Pareto front), and diverse paths.
 
-Each group of ants follows its own weighting of the objectives, read from the exact costs of that weighting over cells and
-headings (`kernels.colony.grid_walk.guide`). In some cycles it follows them closely, in others loosely: so it also finds paths
-that are the optimum of no weighting. The ants leave no pheromone: it was measured to make fronts no more complete.
+Each group of ants follows its own weighting of the objectives, by the exact costs of that weighting over cells and headings
+(`kernels.colony.grid_walk.guide`). It follows them closely in some cycles and loosely in others, so that it also finds paths
+that are optimal for no weighting. The ants leave no pheromone, which did not make fronts more complete in measurements.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from antway.kernels.colony import grid_walk as kernel
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 
 OBJECTIVES = ("length", "turns", "clearance", "exposure")
-KEEN = (2.0, 4.0, 8.0)  # beta by cycle, 1 / cells
-PURE = 100.0  # cells: an objective weighted so leaves length as a tie-breaker
-WEIGHTS = {0: 1, 1: 12, 2: 5, 3: 3}  # how many for each objective besides length, by how many there are
-SPREAD = 16.0  # they run from 1 / SPREAD to SPREAD times the exchange rate between the ends of the front
+KEEN = (2.0, 4.0, 8.0)  # 1 / cells; beta in successive cycles
+PURE = 100.0  # cells; with such a weight of another objective, length only breaks ties
+WEIGHTS = {0: 1, 1: 12, 2: 5, 3: 3}  # number of weights for each objective besides length, by the number of these
+SPREAD = 16.0  # weights go from 1 / SPREAD to SPREAD times the exchange rate between the ends of the front
 _SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Front:
-    """Plans of which none is beaten in every objective, by rising value of the first.
+    """Plans that do not dominate each other, by increasing value of the first objective.
 
     Attributes
     ----------
     status : Status
-        FOUND, NO_PATH (proved), or BUDGET where time ran out (the plans so far are kept).
+        FOUND, NO_PATH (proved), or BUDGET if time ran out (the plans so far are kept).
     objectives : tuple of str
     values : float64[P, M]
-        Of each plan: length (m), turns (changes of heading), clearance (least distance of the path to a blocked cell or the
-        edge of the map, m: the more the better), exposure (integral of the risk along the path).
+        For each plan: length (m), turns (changes of heading), clearance (smallest distance of the path to a blocked cell or map
+        edge, m; more is better), exposure (integral of the risk along the path).
     plans : tuple of Plan
     """
 
@@ -71,12 +71,12 @@ def pareto(
     objectives : sequence of str
         At least one of length, turns, clearance, exposure.
     exposure : float[H, W] or None
-        Risk of each cell per m of path, >= 0; needed where exposure is an objective.
+        Risk of each cell per m of path, >= 0; needed if exposure is an objective.
     seed : int
     budget : Budget
         Its cycles, if any, stand in place of `cycles`.
     ants : int
-        By weighting and cycle; there are 12 weightings of length and one more objective, 25 of two more, 27 of three more.
+        Ants for each weighting and cycle. There are 12 weightings for one objective besides length, 25 for two, 27 for three.
     cycles : int
     threads : int
         The answer is the same for any number.
@@ -140,7 +140,7 @@ def alternatives(
 ) -> tuple[Plan, ...]:
     """Return up to `k` different paths, the shortest first.
 
-    Each further path is the shortest that ants find while the cells near the paths so far cost them more and more.
+    Each further path is the shortest one that ants find while cells near the earlier paths become more and more expensive.
 
     Parameters
     ----------
@@ -148,25 +148,25 @@ def alternatives(
         Its moves must be to the 4 or 8 neighbours.
     k : int
     overlap : float
-        The part of a path that may run near another one, in [0, 1].
+        Largest part of a path that may be near another one, in [0, 1].
     apart : int
-        Near is within so many cells, diagonals counted as one.
+        Distance that counts as near, in cells; a diagonal counts as one.
     path_ratio : float
-        The longest path is at most so many times as long as the shortest, >= 1.
+        Largest ratio of the longest to the shortest path, >= 1.
     seed : int
     budget : Budget
         Its cycles, if any, stand in place of `cycles`.
     ants : int
-        By cycle.
+        Ants in a cycle.
     cycles : int
-        Spent on each path; the cost near the others doubles with each cycle.
+        Cycles for each path; the cost near the other paths doubles with each cycle.
     threads : int
         The answer is the same for any number.
 
     Returns
     -------
     tuple of Plan
-        At least one: without a path it has no cells and its status says why.
+        At least one; without a path it has no cells, and its status says why.
 
     Examples
     --------
@@ -189,7 +189,7 @@ def alternatives(
     near: list[NDArray[np.bool_]] = []  # the cells near each path
 
     def new_path(dearer: float) -> NDArray[np.uint8] | None:
-        """Return the shortest path of a cycle that is none of those found so far."""
+        """Return the shortest new path of a cycle."""
         cost = 1.0 + dearer * sum((zone.astype(float) for zone in near), np.zeros(graph.distance.size))
         value = mixed.guide(cost, 0.0)
         found, longest = None, path_ratio * graph.bound * (1 + 1e-9)
@@ -221,7 +221,7 @@ def alternatives(
 
 
 class Mixed:
-    """Ants on the graph of a problem that walk by one weighting of the objectives after another."""
+    """Ants on the graph of a problem, which use one weighting of the objectives after another."""
 
     def __init__(self, problem: Problem, seed: int, ants: int, threads: int, clock: Clock) -> None:
         self.graph, self.clock, self.seed = AntGraph(problem), clock, checks.seed(seed)
@@ -230,7 +230,7 @@ class Mixed:
         self._walked = 0
 
     def status(self) -> Status:
-        """Return NO_PATH or BUDGET where there is nothing to search, else FOUND and be ready."""
+        """Return NO_PATH or BUDGET if there is nothing to search; else prepare the search and return FOUND."""
         if self.clock.spent():
             return Status.BUDGET
         bound = self.graph.bound
@@ -240,12 +240,12 @@ class Mixed:
         return Status.FOUND
 
     def guide(self, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
-        """Return what `kernels.colony.grid_walk.guide` does for this ground."""
+        """Return the result of `kernels.colony.grid_walk.guide` on this graph."""
         graph = self.graph
         return kernel.guide(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
 
     def walk(self, value: NDArray[np.float64], turn: float, beta: float) -> bool:
-        """Let the ants walk by the costs of `guide`; tell whether any ant arrived."""
+        """Let the ants walk by the costs from `guide`; tell whether any ant arrived."""
         heading = np.full((9, 8), max(math.exp(-beta * turn), 1e-5), dtype=np.float32)
         heading[range(8), range(8)] = heading[8] = 1.0
         self.walkers.walk(kernel.guided(value, beta), self.seed, self._walked, self.clock, turn=heading)
@@ -253,13 +253,13 @@ class Mixed:
         return bool((self.walkers.depth >= 0).any())
 
     def score(self, clearance: NDArray[np.float64], danger: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what `kernels.colony.grid_walk.score` does for the ants that walked last."""
+        """Return the result of `kernels.colony.grid_walk.score` for the ants that walked last."""
         graph, walkers = self.graph, self.walkers
         return kernel.score(graph.offsets, graph.lengths, graph.start, walkers.moves, walkers.depth, clearance, danger)
 
 
 class _Archive:
-    """Paths of which none is beaten in every one of some columns of their scores."""
+    """Paths that do not dominate each other in some columns of their scores."""
 
     def __init__(self, columns: list[int]) -> None:
         self.columns = columns
@@ -267,7 +267,7 @@ class _Archive:
         self.paths: list[NDArray[np.uint8]] = []
 
     def take(self, scores: NDArray[np.float64], walkers: Ants) -> None:
-        """Take in the paths that no other beats; of equal ones the first."""
+        """Keep the paths that no other dominates; of equal ones the first."""
         for ant, own in enumerate(scores[:, self.columns]):
             if math.isinf(own[0]) or (self.scores <= own + _SAME).all(axis=1).any():
                 continue
@@ -279,10 +279,11 @@ class _Archive:
 def _weightings(
     mixed: Mixed, archive: _Archive, names: Sequence[str], clearance: NDArray[np.float64], danger: NDArray[np.float64]
 ) -> list[tuple[NDArray[np.float64], float]]:
-    """Return the costs of each weighting as `Mixed.guide` gives them, and what a turn costs in it.
+    """Return the costs of each weighting as from `Mixed.guide`, and the cost of a turn in it.
 
-    A turn and a unit of exposure cost so many cells of length: rates spread about that between the ends of the front, the
-    paths that are best by length or by one other objective alone. Clearance is a constraint: less than a level costs PURE.
+    Turns and exposure cost a number of cells of length. These rates are spread around the exchange rate between the ends of the
+    front, the paths that are best by length or by one other objective alone. Clearance is a constraint: less than a level costs
+    PURE.
     """
 
     def aim(turn: float, exposure: float, level: float) -> tuple[NDArray[np.float64], float]:

@@ -27,15 +27,15 @@ from antway.search.derived import graph, lattice
 from antway.search.distance_field import DijkstraField, distance_field
 
 STEPS = 1 << 18  # ant steps between two looks at the clock, about 10 ms
-PART = 1 << 15  # cells passed over between two looks at the clock, about 5 ms
-MAX_CELLS = 1 << 22  # a colony keeps about 200 bytes a cell
+PART = 1 << 15  # cells processed between two looks at the clock, about 5 ms
+MAX_CELLS = 1 << 22  # limit of cells; a colony needs about 200 bytes for each
 NO_TURN = np.ones((9, 8), dtype=np.float32)
 NO_PATH = np.empty(0, dtype=np.uint8)
 ENDLESS = Clock(0.0, math.inf, None)
 
 
 def parts(cells: int, clock: Clock) -> Iterator[slice]:
-    """Cut a pass over all cells into parts; it ends early where the clock is spent."""
+    """Divide a pass over all cells into parts; it ends early if the clock is spent."""
     for from_cell in range(0, cells, PART):
         if clock.spent():
             return
@@ -44,7 +44,7 @@ def parts(cells: int, clock: Clock) -> Iterator[slice]:
 
 @dataclass(frozen=True)
 class AntGraph:
-    """A problem as the kernels take it: flat with a margin of one cell (`search.derived.Graph`), lengths in cells."""
+    """A problem as kernels use it: flat with a margin of one cell, and lengths in cells."""
 
     problem: Problem
 
@@ -62,7 +62,7 @@ class AntGraph:
 
     @cached_property
     def offsets(self) -> NDArray[np.int64]:
-        """Flat step of each move, int64[8]; 0 for those that FOUR has not."""
+        """Flat step of each move, int64[8]; 0 for moves that FOUR does not have."""
         return np.resize(np.append(self.net.offsets, [0] * 4), 8).astype(np.int64)
 
     @cached_property
@@ -76,7 +76,7 @@ class AntGraph:
         return self.distance_from(self.problem.goal)
 
     def known(self, clock: Clock) -> bool:
-        """Compute `distance` unless the clock runs out before; tell whether it is known."""
+        """Compute `distance`, unless the clock runs out; tell whether it is known."""
         grid = self.problem.grid
         search = DijkstraField(lattice(grid, self.problem.moves), [self.problem.goal], [])
         if search.run(clock):
@@ -86,12 +86,12 @@ class AntGraph:
 
     @property
     def start(self) -> int:
-        """Flat index."""
+        """Flat index of the start."""
         return self.net.at(self.problem.start)
 
     @property
     def goal(self) -> int:
-        """Flat index."""
+        """Flat index of the goal."""
         return self.net.at(self.problem.goal)
 
     @property
@@ -114,7 +114,7 @@ class AntGraph:
         return self.start + np.concatenate(([0], np.cumsum(self.offsets[path])))
 
     def moves(self, cells: NDArray[np.integer]) -> NDArray[np.uint8]:
-        """Return the moves of a path given by its flat cells: `cells` undone."""
+        """Return the moves of a path given by its flat cells; the inverse of `cells`."""
         found: NDArray[np.uint8] = np.argmax(np.diff(cells)[:, None] == self.offsets, axis=1).astype(np.uint8)
         return found
 
@@ -135,7 +135,7 @@ class AntGraph:
 
 
 class Ants:
-    """Ants that walk at once, each row its own; threads share them out and change nothing but the time it takes."""
+    """Ants that walk at the same time. Threads share the ants, which affects only the time."""
 
     def __init__(self, graph: AntGraph, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
         self.graph, self.limit, self.retreat, self.threads = graph, limit, retreat, threads
@@ -162,9 +162,9 @@ class Ants:
         greedy: float = 0.0,
         turn: NDArray[np.float32] = NO_TURN,
     ) -> int:
-        """Let ants number first, first + 1, ... walk, measure their paths and return the steps made.
+        """Let the ants first, first + 1, ... walk, measure their paths, and return the number of steps.
 
-        See `kernels.colony.grid_walk.walk`. No ant starts once the clock is spent; those that did not start count as dead.
+        See `kernels.colony.grid_walk.walk`. No ant starts once the clock is spent; ants that did not start count as dead.
         """
         ants, graph = self.depth.size, self.graph
         block = max(1, min(STEPS // max(self.limit, 1), -(-ants // self.threads)))
@@ -191,23 +191,23 @@ class Ants:
 
 
 class Trail:
-    """Pheromone on the moves of a ground, and the best path so far, both as one rule keeps them.
+    """Pheromone on the moves of a graph, and the best path so far, as a rule updates them.
 
-    Once the clock is spent nothing here is of use but `best` and `path`: passes over the map are left unfinished.
+    Once the clock is spent only `best` and `path` are valid, because passes over the map are left unfinished.
 
     Attributes
     ----------
     tau : float64[N, 8]
-        0 where a move is not legal.
+        0 if a move is not legal.
     best : float
-        Length of `path` in cells; infinite while there is none.
+        Length of `path` in cells; infinite if there is none.
     """
 
     def __init__(self, graph: AntGraph, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
         self.graph, self.numbers, self.clock = graph, rule.numbers(ants), clock
         self.visibility = visibility = graph.visibility(heuristic, self.numbers.beta, clock)
         self.best, self.path = math.inf, NO_PATH
-        self._improved = self._restarted = -1  # cycles
+        self._improved = self._restarted = -1  # cycle of the last improvement, and of the last restart
         self._weights = np.zeros(visibility.shape, np.float32)
         moves = cells = 0
         for part in parts(len(visibility), clock):
@@ -228,7 +228,7 @@ class Trail:
         return self._weights
 
     def learn(self, walkers: Ants, t: int, immunity: Immunity | None = None) -> None:
-        """Take the paths of cycle `t` (0, 1, ...) in: the best so far and, Eq. (2), the pheromone."""
+        """Update the best path and, by Eq. (2), the pheromone with the paths of cycle `t` (0, 1, ...)."""
         numbers = self.numbers if immunity is None else self._immunise(walkers, t, immunity)
         order = np.argsort(walkers.length, kind="stable")
         if walkers.length[order[0]] < self.best:
@@ -245,7 +245,7 @@ class Trail:
             self.tau[self.visibility > 0] = self.high
 
     def _immunise(self, walkers: Ants, t: int, immunity: Immunity) -> Numbers:
-        """Let the paths pass the immune operator; return the rule, its deposits shifted by concentration."""
+        """Apply the immune operator to the paths; return the rule with deposits scaled by concentration."""
         graph, policy = self.graph, immunity.policy
         arrived = np.flatnonzero(walkers.depth >= 0)
         if len(arrived) == 0:
@@ -273,7 +273,7 @@ class Trail:
         )
 
     def _limits(self) -> tuple[float, float]:
-        """Return the least and the most pheromone a move may have."""
+        """Return the limits of pheromone."""
         if self.numbers.p_best == 0:
             return kernel.LOW, kernel.HIGH
         strongest = rho(self.numbers.persistence_rule, 1.0, 0.0, 0, 0.0)
@@ -282,7 +282,7 @@ class Trail:
 
 
 def crop(grid: Grid, corner: tuple[int, int], shape: tuple[int, int], forbidden: NDArray[np.bool_] | None) -> Grid:
-    """Return the part of `grid` of that shape with that corner, where `forbidden` cells are blocked, too."""
+    """Return the part of `grid` with that corner and shape, in which `forbidden` cells are blocked as well."""
     part = (slice(corner[0], corner[0] + shape[0]), slice(corner[1], corner[1] + shape[1]))
     blocked = grid.blocked[part]
     return Grid(blocked if forbidden is None else blocked | forbidden[part], resolution=grid.resolution)
@@ -295,7 +295,7 @@ def length_of(path: NDArray[np.uint8]) -> float:
 
 
 def plan_of(problem: Problem, status: Status, path: NDArray[np.uint8] | None, bound: float, steps: int, clock: Clock) -> Plan:
-    """Return the plan of a path given by its moves from the start of `problem`, None for no path; `bound` in cells."""
+    """Return the plan of a path given by its moves from the start (None for no path); `bound` is in cells."""
     resolution = problem.grid.resolution
     bound *= resolution
     if path is None:

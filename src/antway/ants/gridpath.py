@@ -1,6 +1,6 @@
-"""Ants as an anytime planner on a grid: the paper's colony, its improvements, and what it leaves behind for pictures.
+"""Ants as an anytime planner on a grid: the paper's colony, its improvements, and its history for pictures.
 
-On a static grid exact search is faster, always. Ants earn their place where the search is local, has several objectives
+On a static grid exact search is always faster. Ants are useful where the search is local, has several objectives
 (`front.pareto`), or must give several paths (`front.alternatives`).
 """
 
@@ -22,26 +22,26 @@ from antway.errors import BadParameter
 from antway.kernels.colony.grid_walk import entropy
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 
-BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # the default by heuristic, see `explore`
-# A colony of few cycles has to forget fast: with the usual 0.98 more than a third of the first pheromone is left after 50.
+BETA = {"field": 8.0, "distance": 7.0, "goal": 7.0}  # default beta for each heuristic, see `explore`
+# With few cycles a colony must forget fast: with the usual 0.98 more than a third of the initial pheromone is left after 50.
 MMAS_ON_GRIDS = MaxMinAntSystem(persistence=Constant(0.8))
 Window = tuple[int, int, int, int]  # (row, col, rows, columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exploration:
-    """What a colony found and what it leaves.
+    """The result of a colony.
 
     Attributes
     ----------
     plan : Plan
-        Cells of the whole map; `optimal`, `lower_bound` and NO_PATH speak of the paths within the window that avoid the
-        forbidden cells.
+        Its cells are those of the whole map; `optimal`, `lower_bound` and NO_PATH refer to paths within the window that avoid
+        the forbidden cells.
     history : float64[C, 4]
-        By cycle: length of the best path so far and mean length of the cycle's paths (m), share of the ants that arrived,
-        entropy of the pheromone's shares of all moves (nats); infinite and NaN where there is no path.
+        For each cycle: length of the best path so far and mean length of the cycle's paths (m), share of the ants that arrived,
+        entropy of the pheromone over all moves (nats); infinite and NaN if there is no path.
     pheromone : float64[h, w, 8]
-        Of each cell of the window by move, in the order of `Moves.EIGHT.offsets`; 0 where a move is not legal.
+        For each cell of the window and each move, in the order of `Moves.EIGHT.offsets`; 0 if a move is not legal.
     window : (row, col, rows, columns)
     """
 
@@ -52,13 +52,13 @@ class Exploration:
 
     @property
     def pheromone_by_cell(self) -> NDArray[np.float32]:
-        """Pheromone of each cell of the window, float32[h, w]: the sum over its moves."""
+        """Sum of the pheromone over the moves of each cell of the window, float32[h, w]."""
         pheromone_by_cell: NDArray[np.float32] = self.pheromone.sum(axis=2).astype(np.float32)
         return pheromone_by_cell
 
 
 class Options(TypedDict, total=False):
-    """The options of `explore` that `ants` takes, too."""
+    """The options of `explore` that `ants` has, too."""
 
     rule: str | Rule
     persistence: Persistence | None
@@ -77,7 +77,7 @@ class Options(TypedDict, total=False):
 
 
 def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **options: Unpack[Options]) -> Plan:
-    """Return the best path that a colony finds; it stops once that is as long as the lower bound, which proves it optimal.
+    """Return the best path that a colony finds; it stops once the lower bound proves that path optimal.
 
     Parameters
     ----------
@@ -85,8 +85,8 @@ def ants(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), **option
         Its moves must be to the 4 or 8 neighbours.
     seed : int
     budget : Budget
-        Out of time, the best path so far is kept, with `Status.BUDGET`; the clock is looked at every 2^15 cells and every 2^18
-        ant steps.
+        When time runs out, the best path so far is returned with `Status.BUDGET`. The clock is read every 2^15 cells and every
+        2^18 ant steps.
     **options
         Those of `explore`.
 
@@ -138,36 +138,36 @@ def explore(
     budget : Budget
         Its cycles, if any, stand in place of `cycles`.
     rule : str or Rule
-        as, eas, rank, mmas, acs, or a rule of `antway.ants.rules`; `persistence`, `ants`, `alpha`, `beta` change it. The name
-        mmas stands for `MMAS_ON_GRIDS`.
+        as, eas, rank, mmas, acs, or a rule of `antway.ants.rules`; `persistence`, `ants`, `alpha`, `beta` override it. The
+        name mmas stands for `MMAS_ON_GRIDS`.
     persistence : Persistence or None
-        How much pheromone outlives a cycle; None: as the rule has it.
+        How much pheromone remains after a cycle; None: that of the rule.
     ants : int or None
-        By cycle; None: as the rule has it, or 50.
+        Ants in a cycle; None: that of the rule, or 50.
     cycles : int
     alpha, beta : float or None
-        Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: as the rule has it, beta 7 or 8 for a name.
+        Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: those of the rule, with beta 7 or 8 for a name.
     heuristic : str
         field: eta = exp(-detour by the move), in cells, by exact distances to the goal; distance: eta = 1 / exact distance of
         the next cell to the goal; goal: eta = 1 / straight distance of the next cell to the goal.
     step_limit : int or None
-        Steps after which an ant that has not arrived dies; None: 8 times the length of the shortest path in cells, and 64.
+        Number of steps after which an ant dies; None: 64 plus 8 times the length of the shortest path in cells.
     retreat : bool
-        In a dead end an ant goes back and strikes it out; otherwise it dies there.
+        Whether an ant leaves a dead end again and never returns; otherwise it dies there.
     pheromone : str or float[h, w, 8]
-        At first: uniform; corridor (less on a move the longer the shortest path over it); or what an earlier colony left.
+        Initial pheromone: uniform; corridor (the less, the longer the shortest path over a move); or that of an earlier colony.
     window : (row, col, rows, columns) or None
-        The search keeps within this rectangle.
+        The search stays within this rectangle.
     forbidden : bool[H, W] or None
         Cells of the whole map to avoid besides the blocked ones; the start is never forbidden.
     immune : Immune or None
-        The immune operator between construction and deposit, if any; see `antway.ants.immune`.
+        The immune operator, applied between construction and deposit; see `antway.ants.immune`.
     threads : int
         The answer is the same for any number.
     record : bool
-        Keep the history.
+        Whether to keep the history.
     stop_at_bound : bool
-        Stop once the best is proved optimal.
+        Whether to stop once the best path is proved optimal.
 
     Returns
     -------
@@ -273,7 +273,7 @@ def _limit(step_limit: int | None, graph: AntGraph) -> int:
 
 
 def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
-    """Lay the pheromone that a colony begins with, where it is other than uniform."""
+    """Set the initial pheromone of a colony, if it is not uniform."""
     if isinstance(pheromone, str) and checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "uniform":
         return
     graph = trail.graph

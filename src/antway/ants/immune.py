@@ -1,8 +1,8 @@
-"""The immune operator between construction and deposit. The paper names it in its keywords alone; the definitions are ours.
+"""The immune operator between construction and deposit. The paper only names it in its keywords; the definitions are ours.
 
 Wang, Pan, Jiao 2000 (vaccines, immune test, annealed selection); Qi, Liu, Jiao 2008 (vaccines from elites); IJARS 2016, doi
-10.5772/63737 (immunosuppression). The functions take node sequences, closed tours or open paths, so that every colony can
-use them; `docs/colonies.md` says what they are worth.
+10.5772/63737 (immunosuppression). The functions take node sequences, which are closed tours or open paths, so that every
+colony can use them. `docs/colonies.md` says how much they help.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ class Immune:
     Parameters
     ----------
     archive : int
-        Elites kept, from which vaccines come.
+        Number of elites, from which vaccines are made.
     share : float
         An edge belongs to a vaccine if at least this share of the elites has it, in (0, 1].
     vaccinated : float
         Share of a cycle's ants that are vaccinated, in [0, 1].
     temperature, cooling : float
-        Selection draws ants with probability exp(f / T_k) / sum exp(f / T_k), f = 1 - L / L_min, T_k = temperature cooling^k
-        and at least a hundredth of `temperature`; temperature = 0: no selection.
+        Selection draws ants with probability exp(f / T_k) / sum exp(f / T_k), where f = 1 - L / L_min and
+        T_k = temperature cooling^k, at least a hundredth of `temperature`; temperature = 0: no selection.
     overlap : float
-        Two ants are alike if their edges overlap, |A and B| / |A or B|, by more than this; an ant's part of what the cycle
-        deposits is divided by the number of ants alike. 1: never.
+        Two ants are alike if the overlap of their edges, |A and B| / |A or B|, is larger than this. The deposit of an ant is
+        divided by the number of ants like it. 1: never.
     stagnation, suppression : int, float
-        After so many cycles with the same best, the pheromone on its edges is multiplied by `suppression`; 0: never.
+        After `stagnation` cycles with the same best, the pheromone on its edges is multiplied by `suppression`; 0: never.
     """
 
     archive: int = 10
@@ -63,7 +63,7 @@ class Immune:
 
 @dataclass(slots=True)
 class Immunity:
-    """What an immunised colony remembers: its elites, best first, as (cost, nodes)."""
+    """The memory of an immunised colony: its elites, best first, as (cost, nodes)."""
 
     policy: Immune
     closed: bool
@@ -78,9 +78,9 @@ class Immunity:
         evaluate: Callable[[Nodes], float],
         vaccinate: Callable[[Nodes, Nodes], Nodes],
     ) -> tuple[list[Nodes], NDArray[np.float64], NDArray[np.float64]]:
-        """Vaccinate, test, select; return the cycle's ants, their costs, and what each one's deposit is multiplied by.
+        """Vaccinate, test and select; return the ants of the cycle, their costs, and the factors of their deposits.
 
-        `evaluate(nodes)` is a cost, `vaccinate(nodes, vaccine)` a child that has the vaccine.
+        `evaluate(nodes)` returns the cost, `vaccinate(nodes, vaccine)` a child with the vaccine.
         """
         policy = self.policy
         draw = uniforms(self.seed, cycle)
@@ -102,7 +102,7 @@ class Immunity:
         return population, values, 1.0 / alike
 
     def _remember(self, population: Sequence[Nodes], costs: NDArray[np.float64]) -> None:
-        """Keep the best of elites and ants; of those that cost the same, one."""
+        """Keep the best of elites and ants, one for each cost."""
         known = {cost for cost, _ in self.elites}
         for ant in np.argsort(costs, kind="stable")[: self.policy.archive]:
             if costs[ant] not in known:
@@ -113,7 +113,7 @@ class Immunity:
 
 
 def uniforms(seed: int, cycle: int) -> Draw:
-    """Return a source of uniform numbers that depends on the seed and the cycle alone."""
+    """Return a source of uniform numbers that depends only on the seed and the cycle."""
     state = np.array([rng.stream(np.uint64(seed), np.uint64(2**63 + cycle))], dtype=np.uint64)
     return lambda: float(rng.uniform(state))
 
@@ -133,7 +133,7 @@ def edges(nodes: Nodes, closed: bool) -> NDArray[np.int64]:
 
 
 def vaccines(elites: Sequence[Nodes], share: float, closed: bool) -> list[Nodes]:
-    """Return the vaccines: the longest runs of the best elite, of two edges or more, that a `share` of the elites has.
+    """Return the vaccines: the longest runs of at least two edges of the best elite that a `share` of the elites has.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def vaccines(elites: Sequence[Nodes], share: float, closed: bool) -> list[Nodes]
 
 
 def vaccinate_tour(order: Nodes, vaccine: Nodes) -> Nodes:
-    """Return the tour with `vaccine` as one run that begins where its first city stands; the other cities keep their order.
+    """Return the tour with `vaccine` as one run at the place of its first city; the other cities keep their order.
 
     Examples
     --------
@@ -161,7 +161,7 @@ def vaccinate_tour(order: Nodes, vaccine: Nodes) -> Nodes:
 
 
 def vaccinate_path(path: Nodes, vaccine: Nodes) -> Nodes:
-    """Return the path, where it passes both ends of `vaccine`, with the part between replaced by it and loops cut out.
+    """Return the path with the part between both ends of `vaccine`, if it passes them, replaced by it, without loops.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def vaccinate_path(path: Nodes, vaccine: Nodes) -> Nodes:
 
 
 def select(costs: NDArray[np.float64], temperature: float, draw: Draw) -> NDArray[np.int64]:
-    """Draw as many ants as there are, each with probability exp(f / T) / sum exp(f / T), f = 1 - L / L_min; the best stays."""
+    """Draw as many ants as there are, with probability ~ exp(f / T), f = 1 - L / L_min; the best one stays."""
     least = float(costs.min())
     weights = np.cumsum(np.exp((1.0 - costs / least) / temperature))
     chosen = [int(np.argmin(costs))]
@@ -197,7 +197,7 @@ def select(costs: NDArray[np.float64], temperature: float, draw: Draw) -> NDArra
 
 
 def concentration(ants: Sequence[Nodes], overlap: float, closed: bool) -> NDArray[np.float64]:
-    """Return for each ant how many, itself included, are alike: |A and B| / |A or B| > `overlap` in edges."""
+    """Return for each ant how many ants, with itself, have an overlap of edges |A and B| / |A or B| > `overlap`."""
     sets = [np.unique(edges(ant, closed)) for ant in ants]
     codes, column = np.unique(np.concatenate(sets), return_inverse=True)
     has = np.zeros((len(sets), len(codes)))

@@ -1,6 +1,6 @@
-"""How much pheromone outlives a cycle: tau <- rho tau + dtau, rho the persistence (1 - rho evaporates), Eq. (2).
+"""How much pheromone remains after a cycle: tau <- rho tau + dtau with the persistence rho, Eq. (2); 1 - rho evaporates.
 
-A policy is a frozen dataclass; `numbers()` turns it into the float64[4] that `kernels.colony.pheromone` reads.
+A persistence is a frozen dataclass; `numbers()` returns it as float64[4] for `kernels.colony.pheromone`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from antway.kernels.colony import pheromone as kernel
 
 
 class Persistence(Protocol):
-    """A persistence policy: plain numbers for the kernels."""
+    """A persistence, as numbers for the kernels."""
 
     def numbers(self) -> NDArray[np.float64]:
         """Return (kind, a, b, c), float64[4]."""
@@ -48,7 +48,7 @@ class Constant:
 class Adaptive:
     """The paper's III.D with its lost minus sign restored: rho_ij = clip(exp(-tau_min / tau_ij) + exp(-t), lo, hi).
 
-    tau_min is the least pheromone on any edge, t the number of cycles done. Strong edges persist more than weak ones.
+    tau_min is the least pheromone on any edge, t the number of cycles done. Pheromone persists more on strong edges.
     """
 
     lo: float = 0.1
@@ -63,10 +63,10 @@ class Adaptive:
 
 @dataclass(frozen=True, slots=True)
 class Printed:
-    """The paper's III.D as printed: rho_ij = exp(tau_min / tau_ij) + exp(-t). It diverges and is here to show that.
+    """The paper's III.D as printed: rho_ij = exp(tau_min / tau_ij) + exp(-t). It is here to show that it diverges.
 
-    rho_ij > 1 always, so every edge gains pheromone without any ant, the weakest fastest; the differences vanish and, after
-    some 700 cycles, the numbers overflow. Rules with limits clip it back each cycle.
+    Always rho_ij > 1, so every edge gains pheromone without any ant, and the weakest edge gains fastest. Differences vanish,
+    and after about 700 cycles the numbers overflow. Rules with limits clip the pheromone in each cycle.
     """
 
     def numbers(self) -> NDArray[np.float64]:
@@ -75,7 +75,7 @@ class Printed:
 
 @dataclass(frozen=True, slots=True)
 class Decay:
-    """rho_t = max(lo, first * factor**t): the colony remembers long at first and forgets faster later, t in cycles."""
+    """rho_t = max(lo, first * factor**t) in cycle t: the colony forgets slowly at first and faster later."""
 
     first: float = 0.95
     factor: float = 0.99
@@ -91,7 +91,7 @@ class Decay:
 
 @dataclass(frozen=True, slots=True)
 class ByQuality:
-    """rho_t = lo + (hi - lo) exp(-(L_cycle / L_best - 1) / spread): the worse a cycle's best, the more is forgotten.
+    """rho_t = lo + (hi - lo) exp(-(L_cycle / L_best - 1) / spread): the worse the best of a cycle, the more evaporates.
 
     L_cycle is the length of the cycle's best solution, L_best that of the best so far; spread > 0 is a relative length.
     """

@@ -1,8 +1,8 @@
-"""The classical colonies. A rule says how an ant chooses and who deposits how much; one loop runs them all.
+"""The classical colonies. A rule says how ants choose and how much they deposit; one loop runs all of them.
 
-Dorigo, Stuetzle: Ant Colony Optimization, MIT Press 2004, chapter 3; the defaults are those of its table 3.1. Every rule holds
-the weights alpha (of pheromone) and beta (of the heuristic) of Eq. (1), the deposit's Q of Eq. (2), the number of ants
-(None: left to the problem) and a persistence policy; `numbers()` turns it into what the kernels read.
+Dorigo, Stuetzle: Ant Colony Optimization, MIT Press 2004, chapter 3; the defaults are those of its table 3.1. Every rule has
+the exponents alpha (of pheromone) and beta (of the heuristic) of Eq. (1), Q of Eq. (2), the number of ants (None: it depends
+on the problem) and a persistence. `numbers()` returns the rule for the kernels.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Rule(Protocol):
         ...
 
     def initial(self, ants: int, nodes: int, length: float) -> float:
-        """Return the first pheromone, given the length > 0 of a greedy solution and the number of nodes in one."""
+        """Return the initial pheromone from the length > 0 of a greedy solution and the number of nodes of a solution."""
         ...
 
 
@@ -56,7 +56,7 @@ class AntSystem:
 
 @dataclass(frozen=True, slots=True)
 class ElitistAntSystem:
-    """As Ant System, and the best solution so far deposits `elite` times Q / L_best (None: as many times as there are ants)."""
+    """Ant System in which the best so far also deposits `elite` times Q / L_best (None: the number of ants)."""
 
     ants: int | None = None
     alpha: float = 1.0
@@ -82,7 +82,7 @@ class ElitistAntSystem:
 
 @dataclass(frozen=True, slots=True)
 class RankBasedAntSystem:
-    """The r-th best ant of a cycle deposits (ranks - r) Q / L_r, the best so far ranks Q / L_best (Bullnheimer et al. 1999)."""
+    """The r-th best ant deposits (ranks - r) Q / L_r, the best so far ranks Q / L_best (Bullnheimer et al. 1999)."""
 
     ants: int | None = None
     alpha: float = 1.0
@@ -104,22 +104,21 @@ class RankBasedAntSystem:
 
 @dataclass(frozen=True, slots=True)
 class MaxMinAntSystem:
-    """One ant deposits and pheromone keeps within limits (Stuetzle, Hoos 2000).
+    """Only one ant deposits, and pheromone has limits (Stuetzle, Hoos 2000).
 
     tau_max = Q / ((1 - rho) L_best); tau_min is such that a converged colony builds its best with probability `p_best`.
 
     Parameters
     ----------
     schedule : tuple of (cycle, every)
-        From `cycle` on, the best so far deposits every so many cycles, in the others the cycle's best; the first is cycle 0.
+        From `cycle` on, the best so far deposits every `every` cycles, else the best of the cycle. The first pair has cycle 0.
     p_best : float
         In (0, 1).
     choices : float or None
-        Alternatives at each step on average, > 1, on which tau_min rests; None: n / 2 of n cities, as in the book, or the moves
-        out of a cell on average.
+        Average number of alternatives at a step, > 1, which determines tau_min; None: n / 2 for n cities, as in the book, or
+        the average number of moves from a cell.
     restart : int
-        Pheromone goes back to tau_max and the search begins anew (the best is kept) after so many cycles without a better
-        solution since the last restart; 0: never.
+        Number of cycles without improvement after which pheromone is reset to tau_max; the best solution is kept. 0: never.
     """
 
     ants: int | None = None
@@ -158,10 +157,10 @@ class MaxMinAntSystem:
 
 @dataclass(frozen=True, slots=True)
 class AntColonySystem:
-    """Pseudo-random proportional choice, local update, and only the best tour's edges change (Dorigo, Gambardella 1997).
+    """Pseudo-random proportional choice and local update; only the best tour deposits (Dorigo, Gambardella 1997).
 
-    With probability `q0` an ant takes the best edge, else it draws. An edge taken becomes tau <- (1 - xi) tau + xi tau_0.
-    After a cycle the best so far's edges become tau <- rho tau + (1 - rho) Q / L_best.
+    With probability `q0` an ant takes the best edge, else it draws. On each edge taken, tau <- (1 - xi) tau + xi tau_0. After a
+    cycle, tau <- rho tau + (1 - rho) Q / L_best on the edges of the best so far.
     """
 
     ants: int | None = 10
@@ -194,7 +193,7 @@ RULES: dict[str, type[Any]] = {
 
 
 def make_rule(rule: object, **changes: object) -> Rule:
-    """Return `rule`, a name of `RULES` or a rule, with those `changes` that are not None.
+    """Return `rule`, a name of `RULES` or a rule, with the `changes` that are not None.
 
     Examples
     --------
@@ -210,7 +209,7 @@ _NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
 
 
 def _check(rule: Any) -> None:
-    """Check what every rule has."""
+    """Check the fields that all rules have."""
     if rule.ants is not None:
         checks.integer("ants", rule.ants, low=1, high=1_000_000)
     for name in ("alpha", "beta"):

@@ -1,9 +1,9 @@
-"""Least time and least distance among moving obstacles: the front of (time, distance, clearance) in space and time.
+"""The Pareto front of (time, distance, clearance) of paths among moving obstacles.
 
-Time runs in periods in which the robot goes to one of 8 neighbours or stands. A *label* is a way to be in a cell at the end of
-a period: how far one has driven and how near obstacles came. Of labels in one cell at one time those that another betters in
-distance and clearance are dropped. `timed_front` has ants extend labels, by a pheromone for each objective, and keeps what they
-learn; `exact_front` extends every label, period by period (dynamic programming), and is what the ants are measured against.
+In each period of time the robot moves to one of 8 neighbours or stands. A *label* describes a path to a cell at the end of a
+period: its distance, and the smallest clearance. Labels that another label of the same cell and time dominates are
+dropped. In `timed_front` ants extend labels, guided by a pheromone for each objective. `exact_front` extends every label,
+period by period (dynamic programming), and is the reference for the ants.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from antway.search.distance_field import distance_field
 from antway.search.sipp import Trajectories, checked_trajectories
 
 OBJECTIVES = ("time", "distance", "clearance")
-MAX_STATES = 2_000_000  # cells times periods
-LEVEL = 0.05  # m; clearances are told in such steps, rounded down
+MAX_STATES = 2_000_000  # limit of cells times periods
+LEVEL = 0.05  # m; clearances are rounded down to multiples of this
 _SAME = 1e-9
-_GREED = (0.5, 2.0, 8.0)  # beta of ants in turn, 1 / periods
+_GREED = (0.5, 2.0, 8.0)  # 1 / periods; beta of successive ants
 _PERSISTENCE = 0.9
 Label = tuple[int, float, float, int, int]  # flat cell, distance (m), clearance (m), parent, period
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedFront:
-    """Timed paths of which none is bettered in every objective, by rising time.
+    """Timed paths that do not dominate each other, by increasing time.
 
     Attributes
     ----------
     status : Status
-        FOUND: the front is whole; NO_PATH: no path reaches the goal within the horizon; BUDGET: labels were left untried.
+        FOUND: the front is complete; NO_PATH: no path reaches the goal within the horizon; BUDGET: labels were left untried.
     values : float64[P, 3]
-        Time in s, distance in m, clearance in m: the least gap to a moving obstacle, in steps of 0.05 m up to `most`.
+        Time in s, distance in m, and clearance in m: the smallest gap to a moving obstacle, in steps of 0.05 m up to `most`.
     paths : tuple of TimedPath
     labels : int
-        How many labels were extended.
+        Number of labels extended.
     """
 
     status: Status
@@ -54,12 +54,12 @@ class TimedFront:
     labels: int
 
     def least(self, distance_weight: float, clearance: float = 0.0) -> int:
-        """Return which path costs least in time and `distance_weight` s for each m, of those with so much clearance, m.
+        """Return the path with the least time plus `distance_weight` s for each m, among those with at least that clearance.
 
         Raises
         ------
         BadParameter
-            If no path has so much clearance.
+            If no path has that clearance.
         """
         checks.number("distance_weight", distance_weight, low=0.0, unit="s/m")
         wide = np.flatnonzero(self.values[:, 2] >= checks.number("clearance", clearance, low=0.0, unit="m") - _SAME)
@@ -69,7 +69,7 @@ class TimedFront:
 
 
 class _Graph:
-    """The moves of a disc on a grid in periods of equal length, and how near each comes to the obstacles."""
+    """The moves of a disc on a grid in periods of equal length, and their gaps to the obstacles."""
 
     def __init__(
         self, problem: Problem, obstacles: Trajectories | None, radius: float, v_max: float, horizon: float, most: float
@@ -87,7 +87,7 @@ class _Graph:
         free = np.flatnonzero(~grid.blocked.ravel())
         offsets = np.vstack((moves.offsets.astype(np.int64), [[0, 0]]))
         lengths = np.append(moves.lengths, 0.0) * size
-        self.moves: dict[int, list[tuple[int, int, float]]] = {}  # from a cell: (place in the row, cell, length)
+        self.moves: dict[int, list[tuple[int, int, float]]] = {}  # for each cell: (index of the move, target cell, length)
         steps: list[tuple[int, int]] = []
         for cell in free.tolist():
             out = []
@@ -109,7 +109,7 @@ class _Graph:
         self.least = self._least_periods()
 
     def _approach(self, a: NDArray[np.float64], b: NDArray[np.float64], obstacles: Trajectories, radius: float) -> None:
-        """Work out the least gap of each move in each period, each obstacle's knots taken as they are."""
+        """Compute the smallest gap of each move in each period, with the exact knots of the obstacles."""
         for k in range(len(obstacles.radius)):
             own = slice(int(obstacles.first[k]), int(obstacles.first[k + 1]))
             knot_t, knot_xy = np.asarray(obstacles.knot_t[own]), np.asarray(obstacles.knot_xy[own])
@@ -128,7 +128,7 @@ class _Graph:
                     self.gap[n] = np.minimum(self.gap[n], np.where(near < -_SAME, -math.inf, np.maximum(near, 0.0)))
 
     def _least_periods(self) -> NDArray[np.float64]:
-        """Return the least number of periods from each cell to the goal if nothing moved: moves counted, not measured."""
+        """Return the least number of moves, and so periods, from each cell to the goal without obstacles."""
         least = np.full(len(self.centres), math.inf)
         least[self.goal] = 0.0
         back: dict[int, list[int]] = {}
@@ -147,7 +147,7 @@ class _Graph:
         return least
 
     def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
-        """Yield (move, label) for every move that a label can be extended by and that can still reach the goal in time."""
+        """Yield (move, label) for each extension of a label from which the goal can still be reached in time."""
         cell, far, clear, _, period = label
         if period >= self.periods:
             return
@@ -159,7 +159,7 @@ class _Graph:
 
 
 class _Known:
-    """Labels that no other betters, by cell and period, and the front of those at the goal."""
+    """Labels that no other dominates, by cell and period, and the front of the labels at the goal."""
 
     def __init__(self, net: _Graph) -> None:
         self.net = net
@@ -168,7 +168,7 @@ class _Known:
         self.front: list[int] = [0] if net.start == net.goal else []
 
     def hopeless(self, label: Label) -> bool:
-        """Tell whether even the shortest rest, with no obstacle near, is bettered or equalled by a path known."""
+        """Tell whether a known path dominates or equals even the shortest completion of a label without obstacles."""
         cell, far, clear, _, period = label
         soonest, shortest = period + self.net.least[cell], far + float(self.net.field[cell])
         return any(
@@ -177,7 +177,7 @@ class _Known:
         )
 
     def take(self, label: Label) -> int:
-        """Keep a label unless another betters or equals it, and return its number, -1 if it is not kept."""
+        """Keep a label unless another one dominates or equals it; return its number, or -1 if it is not kept."""
         cell, far, clear, _, period = label
         here = self.at.setdefault((cell, period), [])
         if any(self.labels[i][1] <= far + _SAME and self.labels[i][2] >= clear - _SAME for i in here) or self.hopeless(label):
@@ -196,7 +196,7 @@ class _Known:
         return number
 
     def stands(self, number: int) -> bool:
-        """Tell whether a label has not been bettered since."""
+        """Tell whether no label dominates this one so far."""
         return number in self.at[self.labels[number][0], self.labels[number][4]]
 
     def result(self, status: Status, extended: int) -> TimedFront:
@@ -258,23 +258,23 @@ def timed_front(
 ) -> TimedFront:
     """Return timed paths that trade time, distance and clearance against one another, found by ants.
 
-    Ants share a memory of labels. Each sets out from a label that has untried moves, and draws its moves by Eq. (1) with
-    tau = sum of w_k tau_k over the objectives, w drawn anew for each ant, and eta = exp(-beta * what the move loses against the
-    field). A path to the goal that is new on the front deposits on its moves, for each objective by its rank in it. Once no
-    label has untried moves, the front is whole.
+    Ants share a memory of labels. An ant starts from a label with untried moves and draws its moves by Eq. (1), with
+    tau = sum of w_k tau_k over the objectives, where each ant draws its own w, and eta = exp(-beta * detour of the move). A new
+    path on the front deposits on its moves, for each objective by its rank in it. Once no label has untried moves, the front is
+    complete.
 
     Parameters
     ----------
     problem : Problem
-        Its grid is inflated by the robot's radius, its moves are to the 4 or 8 neighbours; the robot begins at time 0.
+        Its grid is inflated by the robot's radius, and its moves are to the 4 or 8 neighbours. The robot starts at time 0.
     obstacles : Trajectories or None
         The moving discs, such as `World.timeline(seed, horizon)`.
     radius, v_max : float
-        Of the robot, m (>= 0) and m/s (>= 1e-6). A period is what the longest move takes.
+        Of the robot, m (>= 0) and m/s (>= 1e-6). A period is the time of the longest move.
     horizon : float
-        Paths arrive by then, s, > 0.
+        Latest arrival, s, > 0.
     most : float
-        Clearance beyond this counts for nothing, m, in [0, 1e6].
+        More clearance than this has no value, m, in [0, 1e6].
     seed : int
     budget : int
         Labels that ants may extend, >= 1.
@@ -301,7 +301,7 @@ def timed_front(
     checks.integer("budget", budget, low=1, high=100_000_000)
     rng = np.random.default_rng(np.random.SeedSequence(checks.seed(seed)))
     known, extended, ant = _Known(net), 0, 0
-    tau: list[dict[int, float]] = [{}, {}, {}]  # by objective, on moves; 1 where nothing lies
+    tau: list[dict[int, float]] = [{}, {}, {}]  # for each objective the pheromone on moves; 1 if there is no entry
     untried: dict[int, list[tuple[int, Label]]] = {}
     waiting = [0]
     while waiting and extended < budget:
@@ -340,7 +340,7 @@ def _walk(
     beta: float,
     rng: np.random.Generator,
 ) -> int:
-    """Draw moves by Eq. (1) until one leads to a label that is kept; return its number, -1 if none does."""
+    """Draw moves by Eq. (1) until one leads to a label that is kept; return its number, or -1 if none does."""
     while choices:
         lost = [1.0 + net.least[there[0]] - net.least[label[0]] for _, there in choices]
         odds = np.array(
@@ -358,7 +358,7 @@ def _walk(
 
 
 def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: int) -> None:
-    """Let pheromone fade, Eq. (2), and lay it along a path to the goal: for each objective the more, the better it is in it."""
+    """Evaporate by Eq. (2), and deposit on a path to the goal for each objective by the rank of the path in it."""
     chain = [number]
     while known.labels[chain[-1]][3] >= 0:
         chain.append(known.labels[chain[-1]][3])

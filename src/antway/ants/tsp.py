@@ -1,4 +1,4 @@
-"""The travelling salesman problem by ants: the paper's chapter III, and as much beside it as makes it good."""
+"""The travelling salesman problem by ants: the paper's chapter III, and what makes it competitive."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from antway.errors import BadParameter
 from antway.kernels.colony.tsp import LocalSearchOptions
 from antway.planning import Budget
 
-# The local searches: candidates tried for a third edge, and cities in the part that a move displaces (None: all).
+# The local searches: candidates tried for the third edge, and cities in the part that a move displaces (None: all).
 _SEARCHES: dict[str, tuple[int, int | None]] = {"2opt": (0, 0), "oropt": (5, 3), "3opt": (5, None)}
-# With local search tours are good from the start, so that MMAS forgets faster and turns to the best so far (ACOTSP's schedule);
-# with 7 choices tau_min is tau_max / (2 n), as in ACOTSP.
+# With local search, tours are good from the start, so MMAS forgets faster and switches to the best so far (schedule of ACOTSP).
+# With 7 choices, tau_min is tau_max / (2 n), as in ACOTSP.
 MMAS_WITH_SEARCH = MaxMinAntSystem(
     persistence=Constant(0.8), choices=7.0, schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1))
 )
-# Temperatures in mean edges of the best tour: tours built anew need little; ants that change their old ones would stay.
+# Temperatures in mean edge lengths of the best tour. Newly built tours need little; old ones would hardly change without.
 _TEMPERATURE_ANEW, _TEMPERATURE = 0.05, 0.8
-_FOCUSED_FROM = 1000  # cities from which an ant changes its last tour in most cycles, instead of building one anew
-_ANEW_EVERY = 4  # cycles from one in which it builds anew to the next; the ants take turns
-_FOCUSED_ALONE_FROM = 2000  # cities from which they never build anew after the first cycle
-_SEARCHED_FROM = 8  # cities; the edges of a 3-opt move may coincide below, and ants find the best of few tours anyway
-_SLICE = 0.02  # s: how long cycles run before the budget is looked at
+_FOCUSED_FROM = 1000  # number of cities from which ants mostly change their last tours instead of building new ones
+_ANEW_EVERY = 4  # number of cycles after which such an ant builds a new tour; the ants take turns
+_FOCUSED_ALONE_FROM = 2000  # number of cities from which ants build no new tours after the first cycle
+_SEARCHED_FROM = 8  # least number of cities for local search: with fewer, the edges of a 3-opt move may coincide
+_SLICE = 0.02  # s; time between two checks of the budget
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,21 +46,21 @@ class Tour:
     Attributes
     ----------
     order : int32[n]
-        The cities in the best tour's order.
+        The cities in the order of the best tour.
     length : float
-        Its length, the way back included, in the instance's unit.
+        Length of the closed tour, in the unit of the instance.
     history : float64[h, 3]
-        (tours made, best length, seconds) whenever the best became better.
+        (tours made, best length, seconds) at each improvement.
     pheromone : float64[n, k]
-        At the end, on each city's candidate edges; a later call starts from it by `pheromone=`.
+        Final pheromone on the candidate edges; pass it as `pheromone=` to continue.
     candidates : int32[n, k]
-        The cities that those edges lead to.
+        The cities to which the candidate edges lead.
     tours : int
-        Tours made; a change of a tour counts as one in focused construction.
+        Number of tours made; in focused construction each change of a tour counts as one.
     elapsed : float
         Seconds.
     optimum : float or None
-        The shortest length, where it is known.
+        The shortest length, if it is known.
     """
 
     order: NDArray[np.int32]
@@ -78,7 +78,7 @@ class Tour:
 
     @property
     def gap(self) -> float | None:
-        """length / optimum - 1, where the optimum is known."""
+        """length / optimum - 1, if the optimum is known."""
         if self.optimum is None:
             return None
         return self.length / self.optimum - 1.0 if self.optimum > 0.0 else 0.0
@@ -111,26 +111,26 @@ def solve_tsp(
     rule : str or Rule
         "as", "eas", "rank", "mmas", "acs", or a rule with its own parameters.
     local_search : str or None
-        What improves each ant's tour before it deposits: "2opt", "oropt", "3opt"; None: nothing.
+        Local search that improves each tour before the deposit: "2opt", "oropt", "3opt"; None: no local search.
     persistence, ants : Persistence, int or None
-        In place of the rule's own.
+        Override those of the rule.
     immune : Immune or None
-        The immune operator between construction and deposit.
+        The immune operator, applied between construction and deposit.
     seconds, tours, cycles : float, int, int or None
-        When to stop, whichever comes first (infinite seconds: never); with none of them, after 1,000 cycles. The search ends at
-        a known optimum too.
+        When to stop, whichever comes first; seconds may be infinite. Without any of them, after 1,000 cycles. The search also
+        ends at a known optimum.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles or tours give the same bytes, with any number of threads.
     threads : int
-        Threads that the ants are spread over; worth it with a local search.
+        Number of threads for the ants; more than one pays with local search.
     candidates : int or None
-        Edges per city that hold pheromone, those to its nearest others; None: 20, or 10 with a local search.
+        Number of edges of a city that hold pheromone, those to its nearest cities; None: 20, or 10 with local search.
     focused : bool or None
-        Whether ants change a few edges of their last tour at a time and repair it, instead of building tours anew (in the
-        manner of Skinderowicz 2022); needs a local search. None: they build tours anew and then change them so, 2 n times;
-        from 1,000 cities on each builds anew in every fourth cycle only, and from 2,000 on as with True.
+        Whether ants change a few edges of their last tours and repair them instead of building new tours (as in Skinderowicz
+        2022); needs local search. None: ants build new tours and then change them in this way 2 n times; from 1,000 cities on
+        each ant builds a new tour only every fourth cycle, and from 2,000 on None is the same as True.
     pheromone : array_like[n, k] or None
-        Where to start from, such as the pheromone of an earlier `Tour` with as many candidates.
+        Initial pheromone, such as that of an earlier `Tour` with as many candidates.
     progress : callable or None
         Called as progress(tours made, best length, seconds) between batches of cycles.
     cancel : threading.Event or None
@@ -194,7 +194,7 @@ def solve_tsp(
             history += [(cycle * per_cycle, best, elapsed) for cycle, best in slack[:noted].tolist()]
             if progress is not None:
                 progress(colony.cycle * per_cycle, colony.best_cost, elapsed)
-            # Twice as many at most, so that one slow first cycle, or a fast one, does not decide.
+            # At most twice as many, so that an unusually slow or fast first cycle does not matter much.
             batch = max(1, min(2 * batch, 4096, int(batch * _SLICE / max(time.perf_counter() - started, 1e-9))))
     order = colony.best
     return Tour(
@@ -212,7 +212,7 @@ def solve_tsp(
 def local_search_options(
     n: int, rule: str | Rule, local_search: str | None, focused: bool | None
 ) -> tuple[LocalSearchOptions, str | Rule]:
-    """Return what ants do besides walking, and the rule they follow."""
+    """Return how ants improve or change tours, and their rule."""
     if local_search is None or n < _SEARCHED_FROM:
         if focused and local_search is None:
             raise BadParameter("focused", focused, "False without a local_search")

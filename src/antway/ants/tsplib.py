@@ -18,7 +18,7 @@ from antway.reading import check_lines, decoded, numbers_in, read_bytes
 MAX_BYTES = 64_000_000
 MAX_CITIES = 200_000
 MAX_LINES = 1_000_000
-MAX_MATRIX = 5_000  # cities; a matrix of them takes 200 MB
+MAX_MATRIX = 5_000  # limit of cities with a matrix, which then takes 200 MB
 
 OPTIMA = {
     "burma14": 3323, "ulysses16": 6859, "gr17": 2085, "gr21": 2707, "ulysses22": 7013, "gr24": 1272, "fri26": 937,
@@ -46,8 +46,8 @@ _KINDS = {
     "EUCLID": kernel.EUCLID,
     "GEO": kernel.MATRIX,
 }
-_BLOCK = 8192  # cities whose surroundings are looked at together
-_MATRIX_UP_TO = 1_000  # cities up to which looking distances up is faster than computing them
+_BLOCK = 8192  # number of cities whose neighbours are computed at once
+_MATRIX_UP_TO = 1_000  # number of cities up to which a table of distances is faster than computing them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,15 +57,15 @@ class Tsp:
     Parameters
     ----------
     xy : array_like[n, 2] or None
-        Places of the cities; |coordinate| <= 1e9. Latitude and longitude, in degrees.minutes, where the metric is GEO.
+        Places of the cities; |coordinate| <= 1e9. For the metric GEO: latitude and longitude in degrees.minutes.
     matrix : array_like[n, n] or None
-        Distances >= 0, symmetric; its diagonal is not looked at. Exactly one of `xy` and `matrix` is given; where the metric is
-        GEO, `matrix` is computed.
+        Symmetric distances >= 0; the diagonal is ignored. Exactly one of `xy` and `matrix` is given; for the metric GEO
+        `matrix` is computed.
     metric : str
-        How distances come from `xy`: EUCLID (not rounded), or by TSPLIB's definitions EUC_2D, CEIL_2D, ATT or GEO.
+        How distances follow from `xy`: EUCLID (not rounded), or TSPLIB's EUC_2D, CEIL_2D, ATT or GEO.
     name : str
     optimum : float or None
-        Length of the shortest tour, where it is known.
+        Length of the shortest tour, if it is known.
 
     Raises
     ------
@@ -124,9 +124,9 @@ class Tsp:
         return float(kernel.length(self.cities(1), permutation("order", order, self.size)))
 
     def cities(self, candidates: int, *, by_quadrant: bool = False) -> kernel.Cities:
-        """Return what kernels take: the distances and each city's `candidates` nearest others (k-d tree, or whole rows).
+        """Return the distances and the `candidates` nearest cities of each city (k-d tree, or whole rows) for kernels.
 
-        With `by_quadrant` four fifths of them are the nearest in each quadrant around the city, where there are places.
+        With `by_quadrant`, four fifths of them are the nearest ones in each quadrant around the city, if there are places.
         """
         n = self.size
         k = min(candidates, n - 1)
@@ -144,12 +144,12 @@ class Tsp:
             near = _around(xy, k)
         else:
             found = np.asarray(cKDTree(xy).query(xy, k + 1)[1])
-            # Among cities in one place the tree need not put the city itself first, nor name it at all.
+            # If several cities are in one place, the tree may return the city itself anywhere, or not at all.
             own = found == np.arange(n)[:, None]
             own[~own.any(axis=1), k] = True
             near = found[~own]
         near = near.reshape(n, k).astype(np.uint32)
-        # Arrays are made writable, so that kernels are compiled for one type.
+        # Arrays are writable, so that kernels are compiled for one type only.
         xy, matrix = xy.copy(), matrix.copy()
         gap = kernel.gaps(kind, xy, matrix, near)
         ranking = np.argsort(gap, axis=1, kind="stable")
@@ -161,10 +161,10 @@ class Tsp:
 
 
 def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
-    """Return k others for each city, int64[n, k]: the k // 5 nearest in each quadrant, then the nearest of the rest.
+    """Return k other cities for each city, int64[n, k]: the k // 5 nearest in each quadrant, then the nearest of the rest.
 
-    A quadrant is searched among the 12 k nearest cities. Where cities lie in clusters or in rows, all nearest ones are of the
-    city's own cluster or row, and a tour needs edges that lead out of it.
+    A quadrant is searched among the 12 k nearest cities. If cities form clusters or rows, the nearest ones are all in the same
+    cluster or row, but a tour needs edges that leave it.
     """
     n = len(xy)
     tree, many = cKDTree(xy), min(n - 1, 12 * k) + 1
@@ -177,9 +177,9 @@ def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
 
 
 def _by_quadrant(cities: NDArray[np.int64], found: NDArray[np.int64], offset: NDArray[np.float64], k: int) -> NDArray[np.int64]:
-    """Return k of the `found` for each city: the k // 5 first in each quadrant, by their `offset`, then the first of the rest.
+    """Return k of the `found` cities for each city: the first k // 5 in each quadrant of `offset`, then the first others.
 
-    A city that is among its own `found` is not taken.
+    The city itself is left out.
     """
     many = found.shape[1]
     dx, dy = np.moveaxis(offset, -1, 0)
@@ -194,19 +194,19 @@ def _by_quadrant(cities: NDArray[np.int64], found: NDArray[np.int64], offset: ND
 
 
 def _nearest(matrix: NDArray[np.float64], k: int) -> NDArray[np.int64]:
-    """Return the k nearest others of each city, nearest first, int64[n, k]."""
+    """Return the k nearest other cities of each city, nearest first, int64[n, k]."""
     own = np.arange(len(matrix))
     return np.array([np.argsort(np.where(own == i, np.inf, row), kind="stable")[:k] for i, row in enumerate(matrix)])
 
 
 def _degrees(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return degrees of degrees.minutes, as TSPLIB writes latitudes and longitudes."""
+    """Convert degrees.minutes, TSPLIB's notation of latitudes and longitudes, to degrees."""
     whole = np.trunc(places)
     return whole + 5.0 * (places - whole) / 3.0
 
 
 def _bearings(places: NDArray[np.float64], found: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return how far east and north of each city the `found` lie, float64[n, m, 2], on the map as seen from that city."""
+    """Return how far east and north of each city the `found` cities are, float64[n, m, 2]."""
     latitude, longitude = _degrees(places).T
     east = (longitude[found] - longitude[:, None] + 180.0) % 360.0 - 180.0
     return np.stack((east * np.cos(np.radians(latitude))[:, None], latitude[found] - latitude[:, None]), axis=-1)
@@ -231,14 +231,14 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
     Returns
     -------
     Tsp
-        With the optimum, where the name is that of a well-known instance.
+        With the optimum, if the name is that of a well-known instance.
 
     Raises
     ------
     BadMap
-        If the file is no such file.
+        If it is not such a file.
     TooLarge
-        If it is beyond the limits.
+        If it exceeds a limit.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise BadMap("path", path, "a path")
@@ -246,7 +246,7 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
 
 
 def parse(data: bytes, where: str = "") -> Tsp:
-    """Return the instance in `data`; `where` stands in messages."""
+    """Return the instance in `data`; messages name `where`."""
     check_lines(data, MAX_LINES, where)
     header, sections = _split(decoded(data, where).splitlines(), where)
     checks.choice("TYPE", header.get("TYPE", "TSP").split(" ")[0], ["TSP"], error=BadMap, where=where)
@@ -293,7 +293,7 @@ def _split(lines: list[str], where: str) -> tuple[dict[str, str], dict[str, list
             continue
         key, colon, value = words.partition(":")
         key = key.strip()
-        if (key in header or key in sections) and key != "COMMENT":  # which may take several lines, as in usa13509
+        if (key in header or key in sections) and key != "COMMENT":  # COMMENT may occur several times, as in usa13509
             raise BadMap("line", words, "the only one of its key", where=f"{where}:{number}")
         if key.endswith("_SECTION") and not value.strip():
             body = sections[key] = []
@@ -315,7 +315,7 @@ def _numbers(section: str, sections: dict[str, list[str]], where: str) -> NDArra
 
 
 def _matrix(weights: NDArray[np.float64], n: int, form: str, where: str) -> NDArray[np.float64]:
-    """Return the full matrix of EXPLICIT weights; a triangle by columns is the other triangle by rows."""
+    """Return the full matrix of EXPLICIT weights; a triangle by columns equals the other triangle by rows."""
     triangles = [f"{part}{diag}{line}" for part in ("UPPER_", "LOWER_") for diag in ("", "DIAG_") for line in ("ROW", "COL")]
     checks.choice("EDGE_WEIGHT_FORMAT", form, ["FULL_MATRIX", *triangles], error=BadMap, where=where)
     full = form == "FULL_MATRIX"
@@ -337,7 +337,7 @@ def _matrix(weights: NDArray[np.float64], n: int, form: str, where: str) -> NDAr
 
 
 def _geographic(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return TSPLIB's GEO distances in km of places in degrees.minutes (latitude, longitude)."""
+    """Return TSPLIB's GEO distances in km between places in degrees.minutes (latitude, longitude)."""
     latitude, longitude = (3.141592 * _degrees(places) / 180.0).T
     result = np.zeros((len(places), len(places)))
     for i in range(len(places)):

@@ -1,4 +1,4 @@
-"""What ants add: each ant method beside its twins without ants, or without pheromone, on the same seeds and budget."""
+"""What ants add: each ant method compared with its twins without pheromone or without ants, on the same seeds and budget."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from antway.world.robots import load_robot
 from antway.world.scenario import Scenario, load_scenario
 
 TWINS = ("ants", "no pheromone", "argmin", "exact")
-_TURNS = 3  # episodes of a scene at most with a robot that has inertia: they take long
+_TURNS = 3  # limit of episodes of a scene for robots with inertia, which take long
 Maker = Callable[[], Policy]
 
 
@@ -37,14 +37,14 @@ class Comparison:
     Attributes
     ----------
     method : str
-        What was solved, on what budget.
+        What was solved, and with which budget.
     unit : str
-        What the numbers are a mean of: the less the better.
+        Unit of the means; less is better.
     runs : int
     values : tuple of (twin, mean)
-        Of `TWINS`: the ants; the same without pheromone, so that they draw at random by the heuristic alone; the choice that is
-        best by the heuristic alone, without chance; exact search. NaN where there is no such twin, infinite where a twin failed
-        in a run.
+        For each of `TWINS`: the ants; the same without pheromone, where only the heuristic guides their random choices; always
+        the best choice by the heuristic, without chance; exact search. NaN if there is no such twin, infinite if it failed in a
+        run.
     """
 
     method: str
@@ -54,14 +54,14 @@ class Comparison:
 
 
 def compare(parts: tuple[str, ...] | None = None, *, runs: int = 10) -> Iterator[Comparison]:
-    """Play each method beside its twins and yield what came of it.
+    """Run each method and its twins, and yield the comparison.
 
     Parameters
     ----------
     parts : tuple of str or None
-        Out of grid, tsp, tsptw, paper, antway, controls; None: all.
+        Any of grid, tsp, tsptw, paper, antway, controls; None: all.
     runs : int
-        How many problems, or episodes of each scene, with seeds that depend on their names alone.
+        Number of problems, or of episodes of each scene; seeds depend only on their names.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def compare(parts: tuple[str, ...] | None = None, *, runs: int = 10) -> Iterator
 
 
 def markdown(rows: list[Comparison]) -> str:
-    """Return the comparisons as a table for a page."""
+    """Return the comparisons as a table in Markdown."""
     lines = ["| method, budget | mean | ants | no pheromone | argmin | exact |", "|---|---|--:|--:|--:|--:|"]
     for row in rows:
         cells = ["–" if math.isnan(value) else f"{value:.2f}" for _, value in row.values]
@@ -88,7 +88,7 @@ def _row(method: str, unit: str, table: list[list[float]]) -> Comparison:
 
 
 def _over(values: list[float]) -> list[float]:
-    """Return by how many % each of some lengths is over the least of them."""
+    """Return by how many % each length is above the smallest one."""
     least = min(value for value in values if not math.isnan(value))
     return [100.0 * (value / least - 1.0) for value in values]
 
@@ -115,7 +115,7 @@ def _grid(runs: int) -> Iterator[Comparison]:
 
 
 def _tsp(runs: int) -> Iterator[Comparison]:
-    """Compare MMAS on random cities, without and with 3-opt; the best of all answers stands for the optimum."""
+    """Compare MMAS on random cities, without and with 3-opt; the best of all answers replaces the optimum."""
     plain: list[list[float]] = []
     improved: list[list[float]] = []
     for number in range(runs):
@@ -134,7 +134,7 @@ def _tsp(runs: int) -> Iterator[Comparison]:
 
 
 def _tsptw(runs: int) -> Iterator[Comparison]:
-    """Compare the colony for time windows on random stops; without beams, shaking and local search are left."""
+    """Compare the colony for time windows on random stops; without beams only random moves and local search remain."""
     table = []
     for number in range(runs):
         seed = seed_of("ants", "tsptw", number)
@@ -142,7 +142,7 @@ def _tsptw(runs: int) -> Iterator[Comparison]:
         xy = rng.random((81, 2)) * 100.0
         xy[-1] = xy[0]
         time = np.ceil(np.hypot(*(xy[:, None] - xy).transpose(2, 0, 1)))
-        visit = np.concatenate(([0.0], np.cumsum([time[a, a + 1] for a in range(80)])))  # in this order all are in time
+        visit = np.concatenate(([0.0], np.cumsum([time[a, a + 1] for a in range(80)])))  # in this order all stops are in time
         opens, closes = np.maximum(visit - rng.integers(0, 400, 81), 0.0), visit + rng.integers(1, 400, 81)
         opens[0], closes[0], opens[-1], closes[-1] = 0.0, 1e6, 0.0, 1e6
         path = Path(time, opens.astype(np.float64), closes.astype(np.float64))
@@ -156,7 +156,7 @@ def _tsptw(runs: int) -> Iterator[Comparison]:
 
 
 def _driven(scenario: Scenario, makers: tuple[Maker | None, ...], runs: int, name: str) -> list[list[float]]:
-    """Return the times to the goal, s; whoever does not reach it has taken infinitely long."""
+    """Return the times to the goal, s; infinite if it is not reached."""
     table = []
     for number in range(runs):
         times = []
@@ -168,7 +168,7 @@ def _driven(scenario: Scenario, makers: tuple[Maker | None, ...], runs: int, nam
 
 
 def _paper(runs: int) -> Iterator[Comparison]:
-    """Compare policy `paper`; exact: ants that are shown the exact field, who take the shortest path in their first cycle."""
+    """Compare policy `paper`; exact: ants that know the exact field and so take the shortest path in their first cycle."""
     makers: tuple[Maker, ...] = (
         lambda: make_policy("paper"),
         lambda: make_policy("paper", alpha=0.0),
@@ -189,7 +189,7 @@ class _Argmin(AntwayPolicy):
 
 
 def _antway(runs: int) -> Iterator[Comparison]:
-    """Compare policy `antway`; exact: policy `sipp`, which plans anew each cycle and has no guard."""
+    """Compare policy `antway`; exact: policy `sipp`, which replans in each cycle and has no guard."""
     makers: tuple[Maker, ...] = (
         lambda: make_policy("antway"),
         lambda: make_policy("antway", deposit=0.0),

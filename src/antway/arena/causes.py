@@ -1,4 +1,4 @@
-"""Why an episode failed: who touched the robot, alone or with others, and from where."""
+"""Why an episode failed: what touched the robot, alone or in a group, and from which side."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from antway.arena.store import Row
 from antway.world.trace import Outcome, Trace
 
-TOGETHER, ALIKE = 2.0, 0.6  # m, m/s; those walk together who are nearer than that and whose velocities differ by less
-_SPLIT = "; "  # between what happened and its cause, in the reason of a row
+TOGETHER, ALIKE = 2.0, 0.6  # m, m/s; limits of distance and difference of velocity for people who walk together
+_SPLIT = "; "  # separates the outcome and its cause in the reason of a row
 
 
 def cause(trace: Trace) -> str:
@@ -42,9 +42,9 @@ def with_cause(trace: Trace) -> str:
 
 
 def by_cause(rows: Iterable[Row]) -> dict[str, int]:
-    """Return how many of the episodes failed for which cause, the most frequent first.
+    """Return the number of failed episodes for each cause, the most frequent first.
 
-    An episode in which the clairvoyant optimum does not reach the goal either has the cause "no path at all".
+    If the clairvoyant optimum does not reach the goal either, the cause is "no path at all".
     """
     counts: dict[str, int] = {}
     for row in rows:

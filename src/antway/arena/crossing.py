@@ -1,4 +1,4 @@
-"""Suite `crossing`: CrowdNav's circle and square, with humans steered by ORCA who do not see the robot.
+"""Suite `crossing`: circle and square of CrowdNav, with humans that are steered by ORCA and do not see the robot.
 
 Chen, Liu, Kreiss, Alahi: Crowd-robot interaction, ICRA 2019; ORCA: van den Berg, Guy, Lin, Manocha, ISRR 2011 (RVO2).
 """
@@ -19,11 +19,11 @@ from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
 HUMANS = 5
-RADIUS, SPEED, STEP, LIMIT = 0.3, 1.0, 0.25, 25.0  # m, m/s, s, s
-CIRCLE, NOISE, SQUARE, APART = 4.0, 1.0, 10.0, 0.2  # m: radius, width of the noise, width, least gap at starts and goals
-LATE = 1e-6  # s by which the humans lag behind the robot
+RADIUS, SPEED, STEP, LIMIT = 0.3, 1.0, 0.25, 25.0  # m, m/s, s, s; of robot and humans; LIMIT is the horizon
+CIRCLE, NOISE, SQUARE, APART = 4.0, 1.0, 10.0, 0.2  # m; radius, width of noise, width, least gap of starts and goals
+LATE = 1e-6  # s; delay of the humans relative to the robot
 START, GOAL = (0.0, -4.0), (0.0, 4.0)
-SIDE, CELL = 81, 0.2  # cells and m of the empty map; starts and goals of the circle are centres of cells
+SIDE, CELL = 81, 0.2  # cells and m; side and cell of the empty map; starts and goals of the circle are cell centres
 ROBOT = RobotSpec(radius=RADIUS, v_max=SPEED, dt=STEP, sensor_range=math.inf)
 
 Walk = tuple[XY, XY]  # start and goal
@@ -32,9 +32,9 @@ Walk = tuple[XY, XY]  # start and goal
 def crossing() -> Suite:
     """Return the suite.
 
-    The robot goes from (0, -4) to (0, 4) at 1 m/s among five humans, all of radius 0.3 m, in steps of 0.25 s and 25 s at most;
-    it is there within 0.3 m. As the humans do not see it, their paths do not depend on it, and are worked out before; within
-    a step each goes straight. Their speed is bounded by 1 m/s; how fast it changes is not.
+    The robot drives from (0, -4) to (0, 4) at 1 m/s among five humans, all of radius 0.3 m, in steps of 0.25 s for up to 25 s,
+    with a goal tolerance of 0.3 m. As the humans do not see it, their paths are computed beforehand; within a step they walk
+    straight. Their speed is limited to 1 m/s, their acceleration is not.
     """
     return Suite("crossing", ("circle", "square"), make, default=500)
 
@@ -46,7 +46,7 @@ def make(group: str, chance: Chance) -> Scenario:
         walk = _circle(chance) if group == "circle" else _square(chance)
         if all(_apart(walk, other, group) for other in walks):
             walks.append(walk)
-    # At the time of a step the sensor shall give the velocities before it, not those that the humans choose at that moment.
+    # At the time of a step the sensor must see the previous velocities, not those that the humans choose at that moment.
     t = tuple(STEP * k + LATE for k in range(round(LIMIT / STEP) + 1))
     humans = tuple(Obstacle(RADIUS, Replay(t, tuple(track))) for track in orca_tracks(walks[1:], len(t) - 1))
     edge = -(SIDE * CELL) / 2
@@ -78,18 +78,18 @@ def _square(chance: Chance) -> Walk:
 
 
 def _apart(walk: Walk, other: Walk, group: str) -> bool:
-    """Tell whether start and goal keep their distance from those of another: in the circle start from both ends of it."""
+    """Tell whether start and goal are far enough from those of another; in the circle each start from both ends."""
     least = 2 * RADIUS + APART
     pairs = [(walk[0], other[0]), (walk[0], other[1])] if group == "circle" else list(zip(walk, other))
     return all(math.dist(a, b) >= least for a, b in pairs)
 
 
 def orca_tracks(walks: list[Walk], steps: int) -> list[list[XY]]:
-    """Return the places, after each of `steps` steps, of humans who walk to their goals and avoid one another by ORCA.
+    """Return the places after each of `steps` steps of humans who walk to their goals and avoid one another by ORCA.
 
-    Each has an RVO2 simulation of his own in which he is the first agent and the others, in their order, have no goal:
-    neighbour distance 10 m, 10 neighbours, both horizons 5 s, radius + 0.01 m, 1 m/s at most. He prefers the velocity to his
-    goal, at 1 m/s or, within the last metre, what is left of the way a second.
+    Each human has an own RVO2 simulation, with that human as the first agent and the others, in order, without goals:
+    neighbour distance 10 m, 10 neighbours, both horizons 5 s, radius + 0.01 m, at most 1 m/s. The preferred velocity points to
+    the goal, with 1 m/s or, within the last metre, the remaining distance per second.
     """
     try:
         from pyrvo import RVOSimulator

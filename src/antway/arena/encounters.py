@@ -1,4 +1,4 @@
-"""Suite `encounters`: encounters at which robots fail, one kind at a time, in rooms and corridors with cells of 0.2 m."""
+"""Suite `encounters`: single encounters at which robots fail, in rooms and corridors with cells of 0.2 m."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
-CELL = 0.2  # m
-START, GOAL = (1.1, 6.1), (11.1, 6.1)  # of the pursuit
+CELL = 0.2  # m; edge of a cell
+START, GOAL = (1.1, 6.1), (11.1, 6.1)  # m; start and goal of the pursuit
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=5.0)
 
 
 def encounters() -> Suite:
     """Return the suite.
 
-    head-on: a disc comes the other way in a corridor of 2.4 m. doorway: one comes through the door that the robot wants to go
-    through. overtaking: a slow one goes ahead in a corridor. ambush: one comes out of a side corridor, hidden until then. flow:
-    a stream of people crosses. crowd: many stand about, and there is a path between them. pursuer: one runs after the robot,
-    and stops where it would run into it; as its path depends on the robot's, no optimum is known there.
+    head-on: a disc comes from the opposite direction in a corridor of 2.4 m. doorway: a disc comes through the robot's door.
+    overtaking: a slow disc goes ahead in a corridor. ambush: a hidden disc comes out of a side corridor. flow: a stream of
+    people crosses. crowd: many stand about, with a path between them. pursuer: a disc runs after the robot and stops before it
+    touches it; as its path depends on the robot's, the optimum is unknown.
     """
     return Suite("encounters", tuple(KINDS), lambda group, chance: KINDS[group](chance), default=50)
 
@@ -52,7 +52,7 @@ def doorway(chance: Chance) -> Scenario:
 
 
 def overtaking(chance: Chance) -> Scenario:
-    """A slow disc goes ahead."""
+    """A slow disc goes ahead of the robot."""
     y = chance.between(1.0, 2.0)
     ahead = Line((chance.between(2.4, 4.0), y), (15.3, y), chance.between(0.1, 0.45))
     return _scenario("overtaking", _corridor(80, 15), (1.0, 1.5), (14.0, 1.5), [(0.4, ahead)])
@@ -73,7 +73,7 @@ def ambush(chance: Chance) -> Scenario:
 
 
 def flow(chance: Chance) -> Scenario:
-    """A stream of discs crosses the robot's path, one after the other on three parallel lines."""
+    """A stream of discs crosses the robot's path on three parallel lines."""
     out = []
     for row in range(3):
         x, speed = 4.0 + 1.6 * row, chance.between(0.5, 0.9)
@@ -86,7 +86,7 @@ def flow(chance: Chance) -> Scenario:
 
 
 def crowd(chance: Chance) -> Scenario:
-    """Discs stand about, unknown to the map, at least far enough apart for the robot to pass between any two."""
+    """Discs that are not on the map stand far enough apart for the robot to pass between any two."""
     out: list[tuple[float, Line]] = []
     places: list[XY] = [(1.0, 6.0), (11.0, 6.0)]
     while len(out) < 24:
@@ -107,7 +107,7 @@ def pursuer(chance: Chance) -> Scenario:
         origin = chance.between(6.0, 10.0), chance.between(3.0, 9.0)
         grid = Grid(walls, CELL)
         free = grid.inflate(ROBOT.radius).is_free(grid.cell_at(origin))
-        # The disc need not stand at the centre of its cell, and a corner may reach it there.
+        # The disc may be off the centre of its cell, where a corner can reach it.
         free = free and first_inside(walls, np.zeros(1), grid.to_points([origin]), ROBOT.radius / CELL) == math.inf
         if free and sipp(grid, START, GOAL, radius=ROBOT.radius, v_max=ROBOT.v_max).status is Status.FOUND:
             break
@@ -126,7 +126,7 @@ KINDS: dict[str, Callable[[Chance], Scenario]] = {
 
 
 def _corridor(length: int, width: int) -> np.ndarray:
-    """An empty corridor of so many cells, its border rows walls."""
+    """Return an empty corridor of `length` x `width` cells whose border rows are walls."""
     walls = np.zeros((width, length), np.bool_)
     walls[0] = walls[-1] = True
     walls[:1] = True

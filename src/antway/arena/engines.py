@@ -1,4 +1,4 @@
-"""Play episodes on many processes, local or of a Ray cluster. Only the driving process writes results."""
+"""Plays episodes in many processes, local or on a Ray cluster. Only the main process writes results."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from antway.world.episode import run
 from antway.world.policy import make_policy
 from antway.world.trace import Outcome
 
-TIMEOUT = 120.0  # s of wall time after which an episode is abandoned
+TIMEOUT = 120.0  # s; wall time after which an episode is abandoned
 ENGINES = ("local", "ray")
-Answer = tuple[Row, str]  # a row, and the JSON of the trace if the episode failed, else ""
+Answer = tuple[Row, str]  # the row, and the JSON of the trace if the episode failed, else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +45,12 @@ class Job:
         return self.episode.suite, self.episode.name, self.policy, self.episode.seed, __version__
 
     def failed(self, outcome: Outcome, reason: str) -> Answer:
-        """Return the row of an episode that could not be played to its end."""
+        """Return the row of an episode that could not be played to the end."""
         return Row(*self.key, self.episode.group, outcome.value, reason), ""
 
 
 def play(job: Job) -> Answer:
-    """Play an episode and measure it; never raises for what a policy does."""
+    """Play an episode and measure it; errors of policies raise nothing."""
     episode = job.episode
     scenario, facts = stage(episode)
     result = run(scenario, make_policy(job.policy), seed=episode.seed)
@@ -92,26 +92,26 @@ def bench(
     timeout: float = TIMEOUT,
     done: Callable[[Row | None], None] = lambda row: None,
 ) -> None:
-    """Play all `jobs` that `results` does not have yet, and write each row as it comes.
+    """Play all `jobs` that are not in `results` yet, and write each row when it is done.
 
     Parameters
     ----------
     jobs : iterable of Job
     results : Results
-        Written by this process alone, so that killing any process at any moment loses nothing finished.
+        Only this process writes it, so that killing any process at any time loses nothing that was finished.
     engine : str
         "local" (processes of this machine) or "ray".
     workers : int
         >= 1.
     timeout : float
-        An episode that takes longer is a row with the outcome TIMEOUT, s, > 0.
+        Limit of an episode's wall time, s, > 0; a longer one gets the outcome TIMEOUT.
     done : function of Row or None
-        Called after each job, with None where its row was there already.
+        Called after each job, with None if its row existed already.
 
     Raises
     ------
     BadParameter
-        For an unknown engine, or Ray where it is not installed.
+        For an unknown engine, or if Ray is not installed.
     BadResults
         If the results cannot be written.
     """
@@ -173,7 +173,7 @@ class _Worker:
         self.process: BaseProcess = context.Process(target=_work, args=(far,), daemon=True)
         self.process.start()
         far.close()
-        self.pipe.recv()  # the worker is ready; start-up does not count as the policy's time
+        self.pipe.recv()  # wait until the worker is ready, since start-up does not count as the policy's time
         self.give(job)
 
     def give(self, job: Job) -> None:
@@ -181,9 +181,9 @@ class _Worker:
         self.pipe.send(job)
 
     def collect(self) -> Answer | None:
-        """Return the answer that has come, or a row of outcome ERROR if the process died.
+        """Return the answer that has arrived, or a row with the outcome ERROR if the process died.
 
-        None means that a kernel was compiled, and the time limit starts again.
+        None means that a kernel was compiled; then the time limit starts again.
         """
         try:
             answer = cast("Answer | None", self.pipe.recv())
@@ -200,8 +200,8 @@ class _Worker:
 
 
 def _work(pipe: Connection) -> None:
-    """Play what comes through the pipe until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the driver decides when to stop
+    """Play the jobs from the pipe until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides when to stop
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
@@ -216,7 +216,7 @@ def _work(pipe: Connection) -> None:
 
 
 class _Compiled(event.Listener):
-    """Reports every compiled kernel to the driver, so that compiling does not count as the policy's time."""
+    """Reports each compiled kernel to the main process, so that compiling does not count as the policy's time."""
 
     def __init__(self, pipe: Connection) -> None:
         self.pipe = pipe
@@ -231,12 +231,12 @@ class _Compiled(event.Listener):
 def _safely(job: Job) -> Answer:
     try:
         return play(job)
-    except Exception as error:  # an episode that cannot start is a row too
+    except Exception as error:  # an episode that cannot start gets a row, too
         return job.failed(Outcome.ERROR, f"{type(error).__name__}: {error}")
 
 
 def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
-    """Play jobs on a Ray cluster: the one that RAY_ADDRESS names, else one started on this machine."""
+    """Play jobs on the Ray cluster at RAY_ADDRESS, or on one that is started on this machine."""
     try:
         cluster: Any = importlib.import_module("ray")
     except ImportError:
@@ -273,7 +273,7 @@ def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
 
 
 def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job]:
-    """Return the jobs of all policies on all episodes; `oracle` need not be among them, every row knows its optimum.
+    """Return the jobs of all policies on all episodes. `oracle` is not needed: every row has its optimum.
 
     Raises
     ------

@@ -29,21 +29,21 @@ from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
-DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # discs a square metre of free space
-MOST = 300  # discs in an episode, at most
-MAX_BYTES = 64 * 2**20  # of a track file, at most
-MAX_ROWS = 2_000_000  # of it that are read
-_COLUMNS = "t", "id", "x", "y"  # of a recording in CSV
+DENSITIES = {"low": 0.02, "medium": 0.05, "high": 0.1}  # 1/m^2; discs per area of free space
+MOST = 300  # limit of discs in an episode
+MAX_BYTES = 64 * 2**20  # limit of a track file
+MAX_ROWS = 2_000_000  # limit of rows read from a track file
+_COLUMNS = "t", "id", "x", "y"  # columns of a recording in CSV
 
 
 def paper() -> Suite:
-    """Return the shipped scenes, whose obstacles draw their speeds and phases anew in every episode."""
+    """Return the shipped scenes, whose obstacles draw new speeds and phases in every episode."""
     loaded = {name: load_scenario(scene(name)) for name in SCENES}
     return Suite("paper", SCENES, lambda group, chance: loaded[group])
 
 
 def maps(file: str) -> Suite:
-    """Return discs that bounce about on the map in `file`, and a robot that goes far across its largest connected part."""
+    """Return discs that bounce about on the map in `file`, and a robot that crosses its largest connected part."""
     grid = load_map(file)
     inflated = grid.inflate(ROBOT.radius + grid.resolution)
     rooms, _ = label(~inflated.blocked)
@@ -83,17 +83,17 @@ def maps(file: str) -> Suite:
 
 
 def tracks(file: str) -> Suite:
-    """Return recorded pedestrians, with a robot that crosses the area they walked in; they do not see it.
+    """Return recorded pedestrians and a robot that crosses the area in which they walked; they do not see it.
 
-    `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart), the same with frame,
-    id, x and y alone, or CSV lines t,id,x,y (s, m). Each episode begins at a time drawn from the record, with a start near one
-    of the four sides of the area, drawn too, and a goal near the opposite one; nobody is within 1.5 m of the start then.
+    `file` is an ETH/UCY `obsmat.txt` (columns frame, id, x, z, y and velocities; frames 0.4 s apart), the same with only frame,
+    id, x and y, or CSV lines t,id,x,y (s, m). Each episode starts at a random time of the record. The start is near a random
+    side of the area, the goal near the opposite one, and nobody is within 1.5 m of the start at that time.
 
-    Nobody comes out of nowhere: before a person's record begins he walks in straight, with the velocity of its first step, and
-    after its end he walks on with that of its last. One whose record begins, at a time in the episode, within 1 m of the robot
-    (centre to centre, at the first control period after) is not there from then until a control period at whose end he is
-    farther off than 1 m and what the robot can drive in it; from then on he counts. The robot is told nothing of how fast
-    the people of the record are: the declared bound is the usual 1.5 m/s, which some of them exceed.
+    People do not appear from nowhere: before their records start they walk in straight with the velocity of the first step, and
+    after the end they walk on with the velocity of the last step. If a record starts during the episode within 1 m of the robot
+    (between centres, at the next control period), that person is absent until the end of a control period at which the distance
+    exceeds 1 m plus the distance that the robot can drive in it. The robot knows nothing about the speeds in the record: the
+    declared bound is the usual 1.5 m/s, which some people exceed.
     """
     table = read_tracks(file)
     low, high = table[:, 2:].min(axis=0) - 2.0, table[:, 2:].max(axis=0) + 2.0
@@ -140,7 +140,7 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     if comma:
         allowed = "CSV lines t,id,x,y, or with a heading that names these columns"
     with opened(path, MAX_BYTES, error=BadScenario, field="tracks") as (data, _), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+        warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused below
         try:
             text = io.TextIOWrapper(data, encoding="utf-8-sig")
             heading = text.readline(1000)
@@ -154,7 +154,7 @@ def read_tracks(file: str) -> NDArray[np.float64]:
             table = np.loadtxt(lines, delimiter="," if comma else None, ndmin=2, max_rows=MAX_ROWS, usecols=used)
         except ValueError as error:
             raise BadScenario("tracks", str(error), allowed, where=file) from None
-    y = {4: 3} if comma else {4: 3, 8: 4}  # its column, by how many there are
+    y = {4: 3} if comma else {4: 3, 8: 4}  # the column of y, by the number of columns
     if table.ndim != 2 or len(table) < 2 or table.shape[1] not in y or not (np.abs(table) <= MAX_PLACE).all():
         raise BadScenario("tracks", table.shape, f"{allowed}; at least two lines of finite numbers, up to 1e10", where=file)
     if not comma:
@@ -170,7 +170,7 @@ def read_tracks(file: str) -> NDArray[np.float64]:
 
 
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
-    """A pedestrian's positions from time `since` on; before and after the recording, at constant velocity to `far` m away."""
+    """Return a pedestrian's motion from time `since` on, continued with constant velocity up to `far` m before and after."""
     t, xy = rows[:, 0] - since, rows[:, 1:]
     record_start = float(t[0])
     first, last = (xy[1] - xy[0]) / (t[1] - t[0]), (xy[-1] - xy[-2]) / (t[-1] - t[-2])
@@ -181,9 +181,9 @@ def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
 
 
 def barn() -> Suite:
-    """Return fields of cylinders, as those of the BARN challenge, in which discs move from key frame to key frame.
+    """Return fields of cylinders, as in the BARN challenge, in which discs move from key frame to key frame.
 
-    20 x 8 m, cells 0.1 m; sparse fields hold 12 cylinders and 6 discs, dense ones 24 and 12.
+    A field is 20 x 8 m, with cells of 0.1 m; sparse ones have 12 cylinders and 6 discs, dense ones 24 and 12.
     """
     counts = {"sparse": (12, 6), "dense": (24, 12)}
 
@@ -207,7 +207,7 @@ def barn() -> Suite:
 
 
 def _key_frames(grid: Grid, chance: Chance) -> Waypoints:
-    """A round of four places in the field, straight and clear of the cylinders between them."""
+    """Return a round of four places with straight legs clear of the cylinders."""
     points: list[XY] = []
     while len(points) < 4:
         at = chance.between(3.0, 17.0), chance.between(0.5, 7.5)
@@ -234,5 +234,5 @@ def _inside(low: NDArray[np.float64], high: NDArray[np.float64], across: float, 
 
 
 def _content(file: str) -> str:
-    """The file's name and a hash of its content, as part of a suite's name."""
+    """Return the file's name and a hash of its content, for the name of a suite."""
     return f"{Path(file).name}-{hashlib.blake2b(Path(file).read_bytes(), digest_size=4).hexdigest()}"

@@ -24,38 +24,38 @@ from antway.world.robots import load_robot
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Outcome
 
-SPAN = 32.0  # m and m/s; bound on what is observed, beyond which it is clipped
+SPAN = 32.0  # m and m/s; observations are clipped to this
 RAYS = 16
-COMFORT = 0.2  # m
+COMFORT = 0.2  # m; gap to an obstacle below which a step costs
 
 
 class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
-    """Steer a robot through an episode of the suite `synthetic`, drawn at each reset.
+    """Steer a robot through an episode of the suite `synthetic`, which is drawn at each reset.
 
-    An action is the commanded velocity in units of v_max, float32[2] within [-1, 1]; of a robot with wheels its speed in units
-    of v_max, and its turn rate in units of the greatest. An observation has three parts:
+    An action is the commanded velocity in units of v_max, float32[2] in [-1, 1]; for a robot with wheels it is the speed and
+    the turn rate in units of their limits. An observation has three parts:
 
     * robot, float32[6]: offset of the goal x, y (m), velocity x, y (m/s), cosine and sine of the heading;
-    * tracks, float32[tracks, 6]: of the nearest tracks, nearest first, place x, y seen from the robot (m), velocity x, y (m/s),
-      radius (m) and 1; rows without a track are 0;
-    * walls, float32[16]: how far the robot can go before a wall, in directions of 2 pi k / 16, m, up to its sensor's range.
+    * tracks, float32[tracks, 6]: for the nearest tracks, nearest first, place x, y relative to the robot (m), velocity x, y
+      (m/s), radius (m) and 1; rows without a track are 0;
+    * walls, float32[16]: how far the robot can go in the directions 2 pi k / 16 before a wall, up to its sensor's range, m.
 
-    The reward is 1 at the goal and -0.25 for a contact; within 0.2 m of an obstacle a step costs up to 0.1 a second (Chen, Liu,
-    Kreiss, Alahi: Crowd-robot interaction, ICRA 2019). An episode is terminated by goal or contact, and truncated by its
-    horizon; `info["outcome"]` says by what, and `info["time"]` when (s).
+    The reward is 1 at the goal and -0.25 for a contact. Within 0.2 m of an obstacle it is down to -0.1 for each second (Chen,
+    Liu, Kreiss, Alahi: Crowd-robot interaction, ICRA 2019). An episode is terminated by goal or contact, and truncated by its
+    horizon; `info["outcome"]` is the reason, and `info["time"]` the time (s).
 
     Parameters
     ----------
     group : str or None
-        Of the suite, such as "open/low"; None: any.
+        Group of the suite, such as "open/low"; None: any.
     tracks : int
-        How many are observed, >= 1.
+        Number of observed tracks, >= 1.
     scenario : Scenario, str or None
-        Played in place of the suite: a scenario, its file, or the name of a shipped scene; each seed draws its random parts.
+        Replaces the suite: a scenario, its file, or the name of a shipped scene; seeds draw its random parts.
     robot : str or None
-        Drives in place of the usual one: a name or file for `antway.world.robots.load_robot`.
+        Replaces the usual robot: a name or file for `antway.world.robots.load_robot`.
     render_mode : str or None
-        "rgb_array": `render` returns a picture, uint8[H, W, 3]; "human": each step is shown in a window of Matplotlib.
+        "rgb_array": `render` returns a picture, uint8[H, W, 3]; "human": a Matplotlib window shows each step.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         self.picture: NDArray[np.uint8] | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Begin an episode; with a seed, always the same ones from then on."""
+        """Start an episode; a seed determines it and all that follow."""
         super().reset(seed=seed)
         group = self.groups[int(self.np_random.integers(len(self.groups)))]
         number = int(self.np_random.integers(2**63))
@@ -120,7 +120,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
             raise gymnasium.error.ResetNeeded("reset the environment before the first step and after the last")
         stage = self.stage
         robot = stage.task.robot
-        stage.clearance = math.inf  # of this step alone
+        stage.clearance = math.inf  # only the clearance of this step counts
         second = robot.turn_rate if robot.wheels and not stage.stepwise else robot.v_max
         outcome, _ = stage.drive(float(action[0]) * robot.v_max, float(action[1]) * second)
         self._display()
@@ -134,7 +134,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         return observation, reward, not timeout, timeout, info | {"outcome": outcome.value}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return the picture of the moment, uint8[H, W, 3], with render mode "rgb_array"."""
+        """Return the present picture, uint8[H, W, 3], with render mode "rgb_array"."""
         if self.render_mode != "rgb_array":
             return None
         return self._draw() if self.stage is not None else self.picture

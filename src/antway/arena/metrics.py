@@ -1,6 +1,6 @@
-"""The measures: of one episode from its trace, of a policy over many, and which differences between policies are significant.
+"""Measures of an episode from its trace, measures of a policy over many episodes, and significance of differences.
 
-An episode's outcome, time, length, least clearance and cycle times are those of its `EpisodeResult`.
+Outcome, time, length, smallest clearance and cycle times of an episode are in its `EpisodeResult`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.world.trace import Outcome, Trace
 
-DISCOMFORT = 0.2  # m between the edges of the robot and an obstacle; nearer counts as discomfort
-RESAMPLES = 2000  # of the bootstrap
-PAIRS = 10  # fewer pairs of episodes than this never make a difference significant
+DISCOMFORT = 0.2  # m; a smaller gap between robot and obstacle counts as discomfort
+RESAMPLES = 2000  # number of resamples of the bootstrap
+PAIRS = 10  # least number of pairs of episodes for a significant difference
 Z95 = 1.959963984540054  # 97.5 % quantile of the standard normal distribution
 Interval = tuple[float, float]
 
 
-# Of one episode
+# Measures of one episode
 
 
 def gaps(trace: Trace) -> NDArray[np.float64]:
@@ -32,7 +32,7 @@ def gaps(trace: Trace) -> NDArray[np.float64]:
 
 
 def discomfort(trace: Trace) -> float:
-    """Return the time in s that the robot ended a control step nearer than 0.2 m to some obstacle."""
+    """Return the total time in s of the control steps that end less than 0.2 m from an obstacle."""
     if not len(trace.obstacle_id):
         return 0.0
     return float(np.diff(trace.t)[gaps(trace)[1:].min(axis=1) < DISCOMFORT].sum())
@@ -47,7 +47,7 @@ def jerk(trace: Trace) -> float:
 
 
 def side_changes(trace: Trace) -> int:
-    """Return how often the robot changed the side on which it was about to pass an obstacle.
+    """Return how often the robot changed the side on which it would pass an obstacle.
 
     The side is the sign of the cross product of the vector to the obstacle and the relative velocity. It counts while the two
     approach each other within 3 m and would pass at least 0.1 m off centre at constant velocities.
@@ -67,7 +67,7 @@ def side_changes(trace: Trace) -> int:
     return side_changes
 
 
-# Of a policy, over rows of the results (antway.arena.store.Row) or anything with the same fields
+# Measures of a policy, over rows of the results (antway.arena.store.Row) or anything with the same fields
 
 
 def success(outcomes: Sequence[str]) -> float:
@@ -103,7 +103,7 @@ def wilson(count: int, total: int) -> Interval:
 def bootstrap(values: ArrayLike) -> Interval:
     """Return the 95 % percentile interval of the mean of `values`, float[N], over 2000 resamples; NaN without values.
 
-    Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes pass the differences.
+    Efron: Bootstrap methods, Annals of Statistics 1979. For paired episodes, pass the differences.
     """
     sample = checks.array("values", values, (None,), finite=False)
     if not len(sample):
@@ -114,17 +114,17 @@ def bootstrap(values: ArrayLike) -> Interval:
 
 
 def time_ratio(time: ArrayLike, bound: ArrayLike) -> NDArray[np.float64]:
-    """Return times as multiples of the clairvoyant optimum; the optimum moves on a grid, so below 1 is possible."""
+    """Return times divided by the clairvoyant optimum, which moves on a grid, so that less than 1 is possible."""
     return _ratio("time", time, "bound", bound)
 
 
 def path_ratio(length: ArrayLike, shortest: ArrayLike) -> NDArray[np.float64]:
-    """Return lengths as multiples of the shortest path among the walls."""
+    """Return lengths divided by the shortest path among the walls."""
     return _ratio("length", length, "shortest", shortest)
 
 
 def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.float64]:
-    """Return value / base, NaN where either is; neither may be below 0."""
+    """Return value / base, NaN where either is NaN; neither may be below 0."""
     above, below = (checks.array(n, v, (None,), finite=False) for n, v in ((name, value), (of, base)))
     for n, v in ((name, above), (of, below)):
         if (v < 0.0).any():
@@ -136,7 +136,7 @@ def _ratio(name: str, value: ArrayLike, of: str, base: ArrayLike) -> NDArray[np.
 
 
 def real_difference(a: ArrayLike, b: ArrayLike) -> tuple[float, Interval, bool]:
-    """Return the mean of a - b over paired episodes, its 95 % interval, and whether it excludes 0 with ten pairs or more."""
+    """Return the mean of a - b over paired episodes, its 95 % interval, and whether it is significant (at least ten pairs)."""
     one = checks.array("a", a, (None,))
     difference = one - checks.array("b", b, one.shape)
     if not len(difference):
@@ -151,7 +151,7 @@ def ranks(scores: dict[str, NDArray[np.float64]], *, most: bool = True) -> list[
     Parameters
     ----------
     scores : mapping of policy to float64[N]
-        Of the same N episodes in the same order; NaN where a policy has none. Two are compared where both have one.
+        Scores of the same N episodes in the same order, or NaN. Two policies are compared where both have a score.
     most : bool
         Whether more is better.
 

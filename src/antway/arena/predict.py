@@ -1,4 +1,4 @@
-"""How well recorded tracks are foretold: errors of the predicted places beside constant velocity, and what the tubes hold."""
+"""How well recorded tracks are predicted: errors compared with constant velocity, and the coverage of the tubes."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from antway.kernels.tracking.averages import COLUMNS, MODELS, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.spread import PEOPLE_DOF, learnt_factor, people_variance, tube_radius
 
-HORIZONS = (1.0, 2.0, 4.8)  # s; 4.8 s is what the literature foretells, from 0.4 s steps
-TIMES = (0.5, 1.0, 2.0, 4.0)  # s at which tubes are tested
+HORIZONS = (1.0, 2.0, 4.8)  # s; the literature uses 4.8 s, in steps of 0.4 s
+TIMES = (0.5, 1.0, 2.0, 4.0)  # s; times at which tubes are tested
 CHANCES = (0.05, 0.2)
-PAST = 0.8  # s of its record that is known of a track before it is foretold
-STEP = 0.4  # s between the instants that count in the mean error
+PAST = 0.8  # s; length of a record that is observed before the first prediction
+STEP = 0.4  # s; step of the times that count in the mean error
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """How well one recording was foretold.
+    """How well a recording was predicted.
 
     Attributes
     ----------
     cases : int
-        Predictions made: every track at every instant of its record after its first PAST s.
+        Number of predictions: for each track at each instant of its record after the first PAST s.
     ade, fde : sequence of (horizon in s, error in m, error of constant velocity in m)
-        Mean over all instants up to the horizon, every STEP s, and mean at the horizon.
+        Mean error over all times up to the horizon, every STEP s, and mean error at the horizon.
     outside : sequence of (chance, time in s, share)
-        Share of the tracks that were outside of the tube for that chance at that time.
+        Share of the tracks that were outside the tube for that chance at that time.
     """
 
     cases: int
@@ -43,21 +43,21 @@ class Forecast:
 
 
 def forecast(file: str, *, factor: float = 1.0) -> Forecast:
-    """Foretell every track of a recording at every instant from what was recorded up to then.
+    """Predict every track of a recording at every instant from the record up to that time.
 
     Parameters
     ----------
     file : str
         As for the suite `tracks:FILE`.
     factor : float
-        By which tubes are wider at first than they were fitted, > 0; how wide they have to be is learnt from then on.
+        Initial factor of the fitted widths of tubes, > 0; the right widths are learnt from then on.
 
     Raises
     ------
     BadParameter
         For a factor out of range.
     BadScenario
-        For a file that cannot be read, or in which no track lasts for PAST + 1 s.
+        For a file that cannot be read, or without a track of PAST + 1 s.
     """
     factor = checks.number("factor", factor, low=0.0, open_low=True)
     now, rows, last = _estimates(file)
@@ -101,23 +101,23 @@ def left_tubes(
     chance: float,
     factor: float = 1.0,
 ) -> NDArray[np.bool_]:
-    """Tell which predictions were left, of tubes whose widths are learnt as time goes on.
+    """Tell which obstacles left their tubes, whose widths are learnt over time.
 
     Parameters
     ----------
     now : float64[N]
-        When each prediction was made, s, not decreasing.
+        Time of each prediction, s, not decreasing.
     error, radius : float64[N]
-        How far off it was `ahead` s later, and the tube's radius as fitted, m.
+        Error of the prediction `ahead` s later, and the fitted radius of the tube, m.
     chance : float
-        Share that is to leave.
+        Intended share of obstacles that leave.
     factor : float
-        By which radii are multiplied at first, > 0.
+        Initial factor of the radii, > 0.
 
     Notes
     -----
-    A tube's radius is the fitted one times a factor that is learnt of all tracks together (`learnt_factor`): each prediction
-    counts as soon as its time has come, and none before that.
+    The radius of a tube is the fitted one times a factor that is learnt from all tracks together (`learnt_factor`). Each
+    prediction counts from its time on.
     """
     out, due = np.zeros(len(now), np.bool_), 0
     for i in range(len(now)):
@@ -129,7 +129,7 @@ def left_tubes(
 
 
 def markdown(found: Forecast) -> str:
-    """Return a forecast's numbers as tables."""
+    """Return the numbers of a forecast as tables in Markdown."""
     lines = ["| horizon | ADE, m | of constant velocity | FDE, m | of constant velocity |", "|---|---|---|---|---|"]
     for (horizon, *ade), (_, *fde) in zip(found.ade, found.fde, strict=True):
         lines.append(f"| {horizon:g} s | " + " | ".join(f"{value:.3f}" for value in (*ade, *fde)) + " |")
@@ -145,13 +145,13 @@ def markdown(found: Forecast) -> str:
 
 
 def _walkers(file: str) -> dict[float, NDArray[np.float64]]:
-    """Return the rows t, x, y of every track by its id."""
+    """Return the rows t, x, y of each track by its id."""
     table = read_tracks(file)
     return {float(name): table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])}
 
 
 def _estimates(file: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Go through a recording and return, for each prediction, its time, the estimate that it goes by, and the last velocity."""
+    """Replay a recording; return the time, the track estimate and the last velocity for each prediction."""
     walkers = _walkers(file)
     table = np.vstack(
         [

@@ -1,4 +1,4 @@
-"""The results file: one SQLite database, one row an episode, written so that nothing finished is ever lost."""
+"""The results file: an SQLite database with a row for each episode, written so that nothing finished is lost."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from typing import Any
 from antway.errors import BadParameter, BadResults
 
 EXPORTS = ("csv", "json", "parquet")
-APPLICATION = 0x616E7477  # "antw"; SQLite keeps this number in the file, which tells whose database it is
-SCHEMA = 2  # version of the table; version 1 is brought up to date when a file is opened for writing
-_RENAMED = {"flips": "side_changes", "survival": "difficulty"}  # columns of version 1, and their names since
+APPLICATION = 0x616E7477  # "antw"; application id that SQLite stores in the file
+SCHEMA = 2  # version of the table; files of version 1 are converted when they are opened for writing
+_RENAMED = {"flips": "side_changes", "survival": "difficulty"}  # old and new names of columns of version 1
 Key = tuple[str, str, str, int, str]  # suite, episode, policy, seed, version
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The result of one episode under one policy; numbers that do not exist are NaN.
+    """The result of one episode under one policy; missing numbers are NaN.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class Row:
     version : str
         Version of antway. These five are the key.
     group : str
-        Kind of episode, with which it is counted.
+        Kind of episode; statistics are made for each group.
     outcome, reason : str
         Value of `Outcome`, and a sentence that explains it.
     time, length : float
         s, m.
     clearance : float
-        Least distance to a moving obstacle, m; infinite if there are none.
+        Smallest distance to a moving obstacle, m; infinite if there are none.
     discomfort : float
         Time spent nearer than 0.2 m to an obstacle, s.
     side_changes, replans, waits : int
@@ -85,7 +85,7 @@ class Row:
 
     @property
     def key(self) -> Key:
-        """The five columns that name the row."""
+        """The five columns that identify the row."""
         return self.suite, self.episode, self.policy, self.seed, self.version
 
     @property
@@ -117,7 +117,7 @@ class Results:
     Raises
     ------
     BadResults
-        If the file is no results file, has another schema, is damaged, or cannot be written. Nothing is overwritten.
+        If the file is not a results file, has another schema, is damaged, or cannot be written. Nothing is overwritten.
     """
 
     def __init__(self, path: str | Path, *, write: bool = True) -> None:
@@ -163,10 +163,10 @@ class Results:
             self.rows()
 
     def _bring_up_to_date(self) -> None:
-        """Give the columns of a file of schema 1 their present names; its rows stay as they are."""
+        """Rename the columns of a file of schema 1; its rows do not change."""
         self.db.execute("BEGIN IMMEDIATE")
         try:
-            if self.db.execute("PRAGMA user_version").fetchone()[0] == 1:  # another process may have been first
+            if self.db.execute("PRAGMA user_version").fetchone()[0] == 1:  # another process may have done it meanwhile
                 for old, new in _RENAMED.items():
                     self.db.execute(f'ALTER TABLE episodes RENAME COLUMN "{old}" TO "{new}"')
                 self.db.execute(f"PRAGMA user_version = {SCHEMA}")
@@ -186,12 +186,12 @@ class Results:
         self.db.close()
 
     def add(self, row: Row, trace: str = "") -> None:
-        """Write a finished row, and the JSON of its trace if there is one; an existing row with that key is kept.
+        """Write a finished row and the JSON of its trace, if there is one; an existing row with the same key is kept.
 
         Raises
         ------
         BadResults
-            If it cannot be written, for instance because the disk is full. Earlier rows stay.
+            If it cannot be written, for example because the disk is full. Earlier rows remain.
         """
         values = astuple(row)
         packed = zlib.compress(trace.encode(), 6) if trace else None
@@ -213,7 +213,7 @@ class Results:
         Raises
         ------
         BadResults
-            If a row is not as it was written.
+            If a row is damaged.
         """
         found = []
         with self._refusals():
@@ -279,5 +279,5 @@ def _plain(value: Any) -> Any:
 
 
 def _digest(values: Any) -> bytes:
-    """Return a checksum of a row's values; SQLite itself keeps none."""
+    """Return a checksum of the values of a row, because SQLite has none."""
     return hashlib.blake2b(repr(list(values)).encode(), digest_size=8).digest()

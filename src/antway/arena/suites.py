@@ -1,4 +1,4 @@
-"""Suites of episodes: worlds drawn from seeds that depend on the episode's name alone, so that a new suite changes no other."""
+"""Suites of episodes: worlds drawn from seeds that depend only on the episode's name, so that suites are independent."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from antway.world.robots import load_robot
 from antway.world.scenario import Scenario
 from antway.world.terrain import terrain_of
 
-_ON = " on "  # between the names of suite and robot
-_TRIES = 100  # worlds drawn anew for a robot that has no room in the suite's own
-ROBOTS = 200  # robots that drive at constant velocity to measure how difficult an episode is
-DRIVE = 5.0  # s that they drive
+_ON = " on "  # separates the names of suite and robot
+_TRIES = 100  # limit of worlds drawn for a robot that does not fit into the first one
+ROBOTS = 200  # number of robots at constant velocity that measure how difficult an episode is
+DRIVE = 5.0  # s; how long these robots drive
 
 
 def seed_of(*parts: object) -> int:
-    """Return a seed in [0, 2**63) made from these parts: a hash that is the same on every machine.
+    """Return a seed in [0, 2**63) from these parts, by a hash that is the same on every machine.
 
     Examples
     --------
@@ -72,13 +72,13 @@ class Suite:
     Attributes
     ----------
     name : str
-        Part of every episode's key; where a file makes the suite, it tells the file's content.
+        Part of every episode's key; for a suite from a file it depends on the file's content.
     groups : tuple of str
-        Kinds of episode that are counted together, "kind/level" where there are several levels of one kind.
+        Kinds of episode that are counted together, "kind/level" if a kind has several levels.
     make : function of (group, chance)
         Returns a scenario.
     default : int
-        Episodes of each group, if no number is given.
+        Default number of episodes of each group.
     """
 
     name: str
@@ -89,10 +89,10 @@ class Suite:
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One episode of a suite: `spec` builds the suite anywhere, `suite`, `group` and `number` name the episode for good.
+    """One episode of a suite: `spec` is the argument of `load_suite`, and `suite`, `group` and `number` identify the episode.
 
-    With a `robot` (a name, or a file) that drives in place of the suite's own, `suite` ends in " on " and its name; the world
-    and all that is random stay those of the suite.
+    A `robot` (a name or a file) replaces the robot of the suite; then `suite` ends in " on " and its name. The world and all
+    randomness are those of the suite.
     """
 
     spec: str
@@ -108,21 +108,21 @@ class Episode:
 
     @property
     def seed(self) -> int:
-        """The seed of everything random in it: world, sensor and policy."""
+        """The seed of all randomness: world, sensor and policy."""
         return seed_of(self.suite.partition(_ON)[0], self.group, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known of an episode before any policy plays it.
+    """Facts about an episode that do not depend on policies.
 
     Attributes
     ----------
     bound : float
-        The clairvoyant optimum: when SIPP (32 directions, every future known) is within the goal's tolerance, s; infinite if
-        there is none in time, NaN if an obstacle follows the robot, so that the future is not known.
+        The clairvoyant optimum: the arrival time of SIPP (32 directions, known future) within the goal's tolerance, s; infinite
+        if it does not arrive in time, NaN if an obstacle follows the robot, so that the future is unknown.
     shortest : float
-        Length of the shortest path among the walls alone, up to the goal's tolerance, over the same moves, m.
+        Length of the shortest path of the same moves without obstacles, up to the goal's tolerance, m.
     difficulty : float
         Share of 200 robots with random starts and constant velocities at full speed that touch nothing for 5 s; a low share
         means a difficult episode.
@@ -139,7 +139,7 @@ def load_suite(spec: str) -> Suite:
     Raises
     ------
     BadParameter
-        If the suite is unknown, or the file it needs is not given.
+        If the suite is unknown, or its file is missing.
     BadMap, BadScenario
         If the file cannot be read.
     """
@@ -155,9 +155,9 @@ def load_suite(spec: str) -> Suite:
 
 
 def episodes(spec: str, count: int | None = None, robot: str = "") -> list[Episode]:
-    """Return the first `count` episodes of every group (None: the suite's own number), numbers first, groups within.
+    """Return the first `count` episodes of each group (None: the default of the suite), ordered by number, then group.
 
-    `robot`, a name or a file (`antway.world.robots.load_robot`), drives in place of the suite's own.
+    `robot`, a name or a file (`antway.world.robots.load_robot`), replaces the robot of the suite.
 
     Examples
     --------
@@ -175,7 +175,7 @@ _suite = lru_cache(maxsize=4)(load_suite)
 
 
 def robot_name(robot: str) -> str:
-    """Return the name of a robot in the tables: a shipped one's own, or a file's with a part of a hash of what it says."""
+    """Return the name of a robot in tables: its own, or that of its file with part of a hash of the content."""
     spec = load_robot(robot)
     return robot if robot in KNOWN else f"{Path(robot).stem}:{seed_of(spec) % 16**8:08x}"
 
@@ -183,12 +183,12 @@ def robot_name(robot: str) -> str:
 def build(episode: Episode) -> Scenario:
     """Return the scenario of an episode.
 
-    A robot larger than the suite's own gets the first world drawn in which it has room at both ends and a path between them.
+    A robot that is larger than that of the suite gets the first drawn world in which it fits at both ends and has a path.
 
     Raises
     ------
     BadParameter
-        If there is none in a hundred.
+        If there is none among a hundred.
     """
     make = _suite(episode.spec).make
     scenario = make(episode.group, Chance(episode.seed))
@@ -208,7 +208,7 @@ def build(episode: Episode) -> Scenario:
 
 
 def _connected(scenario: Scenario) -> bool:
-    """Tell whether start and goal are in one room of the map for the robot, clear of where obstacles begin."""
+    """Tell whether the robot has a path from start to goal on the map, and no obstacle starts too near."""
     free = ~scenario.world.grid.inflate(scenario.robot.radius).blocked
     regions, _ = label(free)
     ends = [regions[scenario.world.grid.cell_at(end)] for end in (scenario.start, scenario.goal)]
@@ -228,7 +228,7 @@ def stage(episode: Episode) -> tuple[Scenario, Facts]:
 
 
 def facts(scenario: Scenario, seed: int) -> Facts:
-    """Return the facts about a scenario whose random choices are those of `seed`."""
+    """Return the facts about a scenario with the given seed."""
     task, robot = scenario.task, scenario.robot
     timeline = scenario.world.timeline(seed, scenario.horizon)
     search = Sipp(task.grid, goal_of_cells(task), radius=robot.radius, v_max=robot.v_max)
@@ -244,7 +244,7 @@ def facts(scenario: Scenario, seed: int) -> Facts:
 
 
 def _arrival(path: TimedPath, task: Task) -> float:
-    """Return when a motion to the centre of the goal's cell, and on to the goal, is there; infinite for an empty motion."""
+    """Return the arrival time at the goal of a motion to the centre of its cell; infinite for an empty motion."""
     t, xy, goal, tolerance = path.t, path.xy, task.goal, task.goal_tolerance
     if len(t):
         t, xy = np.append(t, t[-1] + math.dist(xy[-1], goal) / task.robot.v_max), np.vstack((xy, goal))
@@ -260,9 +260,9 @@ def _arrival(path: TimedPath, task: Task) -> float:
 
 
 def _difficulty(scenario: Scenario, seed: int) -> float:
-    """Return the share of robots at constant velocity, drawn by the seed, that touch nothing in `DRIVE` s."""
+    """Return the share of random robots at constant velocity that touch nothing in `DRIVE` s."""
     task, robot = scenario.task, scenario.robot
-    chance = Chance(seed_of("survival", seed))  # this word draws the numbers: another would change them
+    chance = Chance(seed_of("survival", seed))  # this word is part of the seed and must not change
     inflated = task.grid.inflate(robot.radius)
     free = inflated.to_xy(np.argwhere(~inflated.blocked))
     trajectories, terrain = scenario.world.timeline(seed, DRIVE).trajectories, terrain_of(task.grid)

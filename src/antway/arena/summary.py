@@ -1,4 +1,4 @@
-"""Summaries of the rows of the results: by level of difficulty and policy, and paired on the same episodes."""
+"""Summaries of results: by level of difficulty and policy, and paired on the same episodes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Summary:
     outcomes : mapping of `Outcome` value to count
     success : float, and its Wilson interval at 95 %
     time_ratio : float, and its bootstrap interval at 95 %
-        Mean of time over the clairvoyant optimum, of episodes that reached the goal; below 1 is possible, because that
-        optimum moves along the directions of a grid.
+        Mean of time over the clairvoyant optimum for episodes that reached the goal; less than 1 is possible, because the
+        optimum moves on a grid.
     time, path_ratio, clearance, discomfort, side_changes, jerk : float
-        Means over the episodes that reached the goal, of time (s), length over the shortest path among the walls, and least
-        clearance (m); means over all episodes, of the time spent nearer than 0.2 m (s), side changes, and jerk (m/s^3).
+        Means over the episodes that reached the goal: time (s), length over the shortest path among the walls, and smallest
+        clearance (m); means over all episodes: time spent nearer than 0.2 m (s), side changes, and jerk (m/s^3).
     cycle : (p50, p99, max)
         Medians of the episodes' medians and 99th percentiles, and the longest cycle of all, ms.
     """
@@ -64,7 +64,7 @@ def levels(rows: Sequence[Row]) -> list[str]:
 
 
 def summarise(rows: Sequence[Row], policies: Sequence[str] | None = None) -> list[Summary]:
-    """Return a summary of every level and policy, and of all levels together where there are several."""
+    """Return a summary for each level and policy, and for all levels together if there are several."""
     steps = levels(rows)
     names = list(policies or sorted({row.policy for row in rows}))
     table = []
@@ -129,7 +129,7 @@ def paired(
 
 
 def remarks(table: Sequence[Summary]) -> list[str]:
-    """Return what a reader of the table would ask: how a time can be below the optimum's, where one is."""
+    """Return remarks for the reader of a table: why a time can be below the optimum, if one is."""
     below = any(one.time_ratio < 1.0 for one in table)
     return ["A ratio below 1: the optimum moves between cells in 32 directions, a policy at any angle."] if below else []
 
@@ -180,7 +180,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def span(ends: metrics.Interval, digits: int) -> str:
-    """Return an interval as text; a dash where there is none."""
+    """Return an interval as text; a dash if there is none."""
     return f"{ends[0]:.{digits}f}–{ends[1]:.{digits}f}" if all(map(math.isfinite, ends)) else "–"
 
 

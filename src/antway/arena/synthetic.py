@@ -1,4 +1,4 @@
-"""Suite `synthetic`: environments of 16 x 16 m with bouncing discs that see nobody and never yield."""
+"""Suite `synthetic`: environments of 16 x 16 m with bouncing discs that see nothing and never yield."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
-SIDE, CELL = 80, 0.2  # cells, m
+SIDE, CELL = 80, 0.2  # cells, m; side of the map, and edge of a cell
 FAMILIES = ("open", "clutter", "aisles")
-DENSITIES = {"low": 0.03, "medium": 0.07, "high": 0.12}  # discs a square metre
-RADII, SPEEDS, FAST = (0.2, 0.45), (0.3, 0.9), (0.6, 1.5)  # m, m/s, m/s
-FREE_AT_START = 1.0  # m; no obstacle is nearer to the robot at the start.
+DENSITIES = {"low": 0.03, "medium": 0.07, "high": 0.12}  # 1/m^2; number of discs per area
+RADII, SPEEDS, FAST = (0.2, 0.45), (0.3, 0.9), (0.6, 1.5)  # m, m/s, m/s; ranges of radius, speed and high speed
+FREE_AT_START = 1.0  # m; least distance of obstacles from the robot at the start
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 
 
 def synthetic() -> Suite:
     """Return the suite: three families of environments, three densities, and three harder variants.
 
-    In "high-turners" half of the discs turn at random every 3 s, in "high-noise" the sensed positions have an error of 0.05 m,
-    in "medium-fast" discs run at 0.6-1.5 m/s. The declared speed bound of the obstacles is the family's top
-    speed; their speed never grows, and their declared acceleration is at most 0.5 m/s^2. But for turners discs turn at walls
-    alone: elsewhere their velocity is declared to change by at most 0.1 m/s^2.
+    In "high-turners" half of the discs turn at random every 3 s, in "high-noise" sensed positions have an error of 0.05 m, and
+    in "medium-fast" discs move at 0.6-1.5 m/s. The declared bound on the obstacles' speed is the top speed of the family.
+    Speeds never grow, and the declared bound on their growth is 0.5 m/s^2. Except for turners, discs turn only at walls: the
+    declared bound on changes of velocity elsewhere is 0.1 m/s^2.
     """
     levels = (*DENSITIES, "high-turners", "high-noise", "medium-fast")
     return Suite("synthetic", tuple(f"{family}/{level}" for family in FAMILIES for level in levels), make)
@@ -66,7 +66,7 @@ def make(group: str, chance: Chance) -> Scenario:
 
 
 def _place(family: str, chance: Chance) -> tuple[Grid, Cell, Cell]:
-    """Return a map and the two ends, at opposite sides of it, at which the robot can stand."""
+    """Return a map and two ends at opposite sides of it where the robot can stand."""
     while True:
         grid = Grid(_walls(family, chance), CELL)
         inflated = grid.inflate(ROBOT.radius)

@@ -1,4 +1,4 @@
-"""Map files in and out: the format follows from the suffix of the file's name."""
+"""Loads and saves map files; the suffix of the file's name determines the format."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from antway.tables import SHIPPED_SCENES, names
 
 __all__ = ["GreyTrapWarning", "Limits", "ResolutionWarning", "ScenRow", "load_costs", "load_map", "load_scen", "save_map"]
 
-PICTURES = (".png", ".pgm")  # formats whose users have a resolution in mind that the file does not hold
-_DRAWN = (*PICTURES, ".txt", ".map")  # formats that show what the map looks like, their first line on top
+PICTURES = (".png", ".pgm")  # formats that do not store the resolution, although their users have one in mind
+_DRAWN = (*PICTURES, ".txt", ".map")  # formats that look like the map, with the first line on top
 _READ: dict[str, Callable[[Path, Limits], Grid]] = {
     ".yaml": ros.read,
     ".yml": ros.read,
@@ -45,7 +45,7 @@ _WRITE: dict[str, Callable[[Grid, Path], None]] = {
 
 
 class ResolutionWarning(UserWarning):
-    """A picture was loaded as a map without a resolution: its pixels are taken to be a metre wide."""
+    """A picture was loaded as a map without a resolution; its pixels are assumed to be 1 m wide."""
 
 
 def load_map(
@@ -62,39 +62,38 @@ def load_map(
     ----------
     path : str or path
         The file, or the name of a shipped scene such as "office" for its map. Row 0 of the grid is the last line of a ROS map
-        (lowest y) and the first line of every other. Figures and pages show a picture, `.txt` or `.map` as drawn, row 0 on top,
-        where y points down (`Grid.top_first`), and any other map with y up; `replace(grid, top_first=False)` shows it so, too.
+        (lowest y) and the first line of any other map. Figures and pages show a picture, `.txt` or `.map` as drawn, with row 0
+        on top and y down (`Grid.top_first`), and any other map with y up; `replace(grid, top_first=False)` changes that.
     resolution : float, optional
-        Edge of a cell in m, for formats that hold none; 1 where not given, which is said aloud for pictures.
+        Edge of a cell in m, for formats that do not store it; default 1, with a warning for pictures.
     origin : (x, y, yaw), optional
-        Pose of the outer corner of cell (0, 0) in m, m, rad, for formats that hold none; (0, 0, 0) where not given.
+        Pose of the outer corner of cell (0, 0) in m, m, rad, for formats that do not store it; default (0, 0, 0).
     occupied : int, optional
-        From where on a cell is blocked, 1 to 100. Of a ROS map, its cost; 100 where not given. Maps of mode `scale` and `raw`
-        have costs between 0 (free) and 100 (certainly occupied). Of a bare picture, the share of black in a pixel, %; 50 where
-        not given.
+        Threshold from which a cell is blocked, 1 to 100. For a ROS map it is a cost, default 100; maps of mode `scale` and
+        `raw` have costs between 0 (free) and 100 (occupied). For a picture it is the blackness of a pixel in %, default 50.
     limits : Limits
         How large the map may be.
 
     Returns
     -------
     Grid
-        What blocks is said at `antway.maps.ros`, `image`, `movingai` and `text`.
+        For which cells are blocked, see `antway.maps.ros`, `image`, `movingai` and `text`.
 
     Raises
     ------
     BadMap
-        For a file that cannot be read as a map; names the file, the part and what it must be.
+        For a file that cannot be read as a map; it names the file, the part and what is allowed.
     TooLarge
-        For a map over `limits`, before memory is taken for it.
+        For a map beyond `limits`, before memory is allocated for it.
     BadParameter
-        For a resolution, origin or threshold out of range, or one given for a ROS map, which holds its own.
+        For a resolution, origin or threshold out of range, or a resolution or origin for a ROS map, which has its own.
 
     Warns
     -----
     GreyTrapWarning
         If unknown cells of a ROS map load as free.
     ResolutionWarning
-        If a picture is loaded without a resolution: a pixel is then 1 m.
+        If a picture is loaded without a resolution; a pixel is then 1 m wide.
     """
     file = shipped(path, map_file=True) or as_path(path)
     if not file.suffix and not file.exists():
@@ -132,7 +131,7 @@ def load_map(
 def save_map(grid: Grid, path: str | PathLike[str]) -> None:
     """Save `grid` in the format of the suffix, so that `load_map` gives it back; a ROS `.yaml` gets a PGM beside it.
 
-    Only ROS maps hold resolution, origin and unknown cells: a grid with any of these is refused by the other formats.
+    Only ROS maps store resolution, origin and unknown cells; the other formats refuse a grid with any of these.
 
     Parameters
     ----------
@@ -143,9 +142,9 @@ def save_map(grid: Grid, path: str | PathLike[str]) -> None:
     Raises
     ------
     BadParameter
-        For a grid that the format cannot hold.
+        For a grid that the format cannot store.
     BadMap
-        For a suffix that is none of these, or a file that cannot be written.
+        For another suffix, or a file that cannot be written.
     """
     checks.instance("grid", grid, Grid)
     file = as_path(path)

@@ -19,8 +19,8 @@ from antway.reading import opened
 _SPACE = rb"(?:\s|#[^\r\n]*[\r\n])++"  # white space and comments between the numbers of a PGM header
 _PGM = re.compile(rb"P([25])" + (_SPACE + rb"(\d{1,18})") * 3 + rb"(?=[\s#])")
 _PNG = b"\x89PNG\r\n\x1a\n"
-_DEFLATE = 1032  # no byte of a PNG unpacks to more
-_BAND = 2**20  # pixels turned to grey at a time
+_DEFLATE = 1032  # largest number of bytes that a byte of a PNG can expand to
+_BAND = 2**20  # pixels converted to grey at a time
 _NPY = {name: re.compile(rf"'{name}'\s*:\s*{value}".encode()) for name, value in {
     "descr": r"'([^']{1,40})'", "fortran_order": r"(True|False)", "shape": r"\(\s*(\d{1,18})\s*,\s*(\d{1,18})\s*,?\s*\)",
 }.items()}  # fmt: skip
@@ -38,7 +38,7 @@ def read(path: Path, limits: Limits, occupied: int = 50) -> Grid:
 
 
 def read_grey(path: Path, limits: Limits) -> Picture:
-    """Read the picture `path`, PNG or PGM by its content, as grey values uint8[H, W], top line first, and its clear pixels."""
+    """Read a PNG or PGM as grey values, uint8[H, W] with the top line first, and its transparent pixels."""
     with opened(path, limits.file_bytes) as (file, size):
         head = file.read(HEAD)
         if head.startswith(_PNG):
@@ -110,7 +110,7 @@ def _png(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> 
         raise BadMap("colour type and depth", (kind, depth), "those of a PNG", where=str(path))
     if rows * cols * depth * channels // 8 > _DEFLATE * size:
         raise BadMap("size of the file", size, f"enough for {cols} x {rows} pixels", where=str(path))
-    from PIL.PngImagePlugin import PngImageFile  # costs 0.2 s, which a bomb shall not
+    from PIL.PngImagePlugin import PngImageFile  # takes 0.2 s, so it comes after the checks against decompression bombs
 
     file.seek(0)
     grey = np.empty((rows, cols), dtype=np.uint8)
@@ -128,7 +128,7 @@ def _png(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> 
                 opaque = value != picture.info.get("transparency", -1)
             else:
                 rgba = np.asarray(band.convert("RGBA")).astype(np.uint32)
-                # the luma of Rec. 601 in 1024ths, as GraphicsMagick does for map_server; grey stays as it is
+                # the luma of Rec. 601 in 1024ths, as GraphicsMagick computes it for map_server; grey is unchanged
                 grey[top : top + step] = (306 * rgba[..., 0] + 601 * rgba[..., 1] + 117 * rgba[..., 2]) >> 10
                 opaque = rgba[..., 3] == 255
             if not opaque.all():

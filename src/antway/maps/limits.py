@@ -14,7 +14,7 @@ HEAD = 2**16  # bytes in which the header of a map file must end
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """How large a map may be; each is checked before memory is taken for what it limits.
+    """How large a map may be. Each limit is checked before memory is allocated for what it limits.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Limits:
     file_bytes : int
         Size of a map or scenario file.
     yaml_bytes, yaml_events, yaml_depth, yaml_aliases : int
-        Size of the description of a ROS map: bytes, parsed pieces, nesting, references.
+        Size of the description of a ROS map: bytes, parser events, nesting depth, references.
     rows : int
         Rows of a MovingAI scenario file.
 

@@ -1,9 +1,9 @@
-"""Maps of ROS: a YAML description beside a PGM or PNG, read as Nav2's map_server reads them.
+"""Maps of ROS: a YAML description of a PGM or PNG, read as by Nav2's map_server.
 
-The last line of the picture is row 0. With occupancy o = 1 - grey / 255 (grey / 255 where `negate`), in single precision:
-trinary mode is 0 where o <= free_thresh, else 100 where o >= occupied_thresh, else -1 (unknown); scale mode is the same but for
-what lies between the thresholds, which runs from 0 to 100; in raw mode a grey of 0 to 100 is the cost and any other is -1.
-Where the picture is not opaque, trinary and scale give -1. A cell is blocked at cost 100, the lethal cost of a costmap, or -1.
+The last line of the picture is row 0. The occupancy is o = 1 - grey / 255 (grey / 255 with `negate`), in single precision. In
+trinary mode the cost is 0 where o <= free_thresh, else 100 where o >= occupied_thresh, else -1 (unknown). Scale mode differs
+between the thresholds, where the cost goes from 0 to 100. In raw mode a grey of 0 to 100 is the cost, and any other is -1.
+Where the picture is not opaque, trinary and scale give -1. A cell is blocked at cost 100, the lethal cost, or -1.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from antway.maps.image import pgm, read_grey
 from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.reading import check_yaml, opened
 
-UNKNOWN_GREY, FREE_GREY = 205, 254  # what map_saver writes
+UNKNOWN_GREY, FREE_GREY = 205, 254  # the greys that map_saver writes
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", re.ASCII)
 _FLAG = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True, "off": False, "on": True}
 
 
 class GreyTrapWarning(UserWarning):
-    """Cells that the map's maker marked as unknown load as free, because `free_thresh` is too high."""
+    """Cells that were saved as unknown load as free, because `free_thresh` is too high."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class _Description:
 
 
 def read(path: Path, limits: Limits, occupied: int = 100) -> Grid:
-    """Read the ROS map described by `path`; see above for what is blocked, there from a cost of `occupied` on."""
+    """Read the ROS map described by `path`. See above for which cells are blocked, with `occupied` in place of 100."""
     about = _describe(path, limits)
     costs = _costs(about, path, limits)
     unknown = costs == -1
@@ -62,7 +62,7 @@ def load_costs(path: str | PathLike[str], *, limits: Limits = DEFAULT) -> NDArra
     Raises
     ------
     BadMap, BadParameter, TooLarge
-        As `load_map`.
+        As for `load_map`.
     """
     path = as_path(path)
     checks.instance("limits", limits, Limits)
@@ -135,11 +135,11 @@ def _describe(path: Path, limits: Limits) -> _Description:
 
 
 def _fields(data: bytes, where: str, limits: Limits) -> dict[str, object]:
-    """Read the top of a YAML mapping as texts, lists of texts, or None for what is neither; makes no objects."""
+    """Read the top level of a YAML mapping as texts, lists of texts, or None for anything else; makes no objects."""
     check_yaml(data, where, events=limits.yaml_events, depth=limits.yaml_depth, aliases=limits.yaml_aliases)
     try:
         top = yaml.compose(data, Loader=yaml.SafeLoader)
-    except (yaml.YAMLError, OverflowError, ValueError) as fault:  # two documents, a reference to nothing
+    except (yaml.YAMLError, OverflowError, ValueError) as fault:  # such as two documents, or an undefined reference
         raise BadMap("YAML", str(fault), "well-formed", where=where) from None
     if not isinstance(top, yaml.MappingNode):
         raise BadMap("YAML", data[:40], "a mapping with image, resolution, origin and so on", where=where)
@@ -172,14 +172,14 @@ def _number(name: str, value: object, low: float, high: float, where: str) -> fl
 
 
 def _beside(path: Path, image: object) -> Path:
-    """Return where `image` lies, which must be in the folder of the description `path`, links followed."""
+    """Return the path of `image`, which must be in the folder of the description `path` after links are resolved."""
     allowed = "a file in the folder of the YAML (relative, no .., no link out of it)"
     if not isinstance(image, str) or not image or "\0" in image or Path(image).is_absolute() or ".." in Path(image).parts:
         raise BadMap("image", image, allowed, where=str(path))
     try:
         target = (path.parent / image).resolve()
         inside = any(target.is_relative_to(home) for home in (path.parent.resolve(), path.resolve().parent))
-    except (OSError, RuntimeError, ValueError):  # a link that leads to itself, a name that cannot be one
+    except (OSError, RuntimeError, ValueError):  # such as a link to itself, or an invalid name
         inside = False
     if not inside:
         raise BadMap("image", image, allowed, where=str(path))
@@ -187,7 +187,7 @@ def _beside(path: Path, image: object) -> Path:
 
 
 def write(grid: Grid, path: Path) -> None:
-    """Write `path` and, beside it, a PGM of the same name: trinary, with the greys of map_saver; keeps all."""
+    """Write `path` and a PGM of the same name: trinary, with the greys of map_saver. Nothing of the grid is lost."""
     grey = np.where(grid.blocked, 0, FREE_GREY).astype(np.uint8)
     if grid.unknown is not None:
         grey[grid.unknown & grid.blocked] = UNKNOWN_GREY

@@ -1,4 +1,4 @@
-"""Maps drawn in characters, one a cell and one line a row; the first line is row 0."""
+"""Maps as characters, one for each cell and one line for each row; the first line is row 0."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write(grid: Grid, path: Path) -> None:
 
 
 def drawn(grid: Grid) -> bytes:
-    """Draw the cells of `grid`, a line a row."""
+    """Return the cells of `grid` as characters, a line for each row."""
     rows, cols = grid.shape
     letters = np.full((rows, cols + 1), ord("\n"), dtype=np.uint8)
     letters[:, :cols] = np.where(grid.blocked, ord("@"), ord("."))
@@ -44,7 +44,7 @@ def drawn(grid: Grid) -> bytes:
 
 
 def unify(data: bytes) -> bytes:
-    """Drop a byte-order mark and make every line end in a line feed alone."""
+    """Drop a byte-order mark and make every line end with a line feed only."""
     return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
@@ -71,7 +71,7 @@ def cells(body: bytes, rows: int, cols: int, where: Path) -> NDArray[np.bool_]:
 
 
 def bare(grid: Grid, kind: str) -> None:
-    """Refuse a grid that holds more than blocked cells: formats of `kind` keep nothing else."""
+    """Refuse a grid with more than blocked cells, because formats of `kind` store nothing else."""
     if grid.resolution != 1.0:
         raise BadParameter("resolution", grid.resolution, f"1.0: {kind} keeps none; save as .yaml, or save Grid(grid.blocked)")
     if grid.origin != (0.0, 0.0, 0.0):

@@ -1,4 +1,4 @@
-"""Any-angle paths: optimal ones by Polyanya on a mesh of the grid's free rectangles, and Theta* and Lazy Theta* beside it."""
+"""Any-angle paths: optimal ones by Polyanya on a mesh of the grid's free rectangles, and others by (Lazy) Theta*."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ _ANGLES = (Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.SIXTEEN, Moves.THIRTY_TWO)
 def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), method: str = "polyanya") -> Plan:
     """Return a shortest path of straight segments in any direction, between the centres of the start and the goal.
 
-    A point may go wherever cells are free; it may touch walls and corners of blocked cells, but neither leave the map nor pass
-    where two blocked cells touch diagonally. Taut paths do touch corners. For a robot with a radius plan on
-    `grid.inflate(radius)`, as `antway.plan` does for `robot_radius`: free cells then have that clearance at their centres, and
-    a path that touches their corners has `radius` less half a cell's diagonal at least; to keep it all, inflate by that more.
+    The path is in free cells. It may touch walls and corners of blocked cells, and taut paths do; it neither leaves the map nor
+    passes where two blocked cells touch diagonally. For a robot with a radius, plan on `grid.inflate(radius)`, as `antway.plan`
+    does for `robot_radius`. Then free cells have that clearance at their centres, and a path that touches their corners has at
+    least `radius` minus half a cell's diagonal. To keep the whole radius, inflate by half a diagonal more.
 
     Parameters
     ----------
     problem : Problem
-        Its moves must be EIGHT, EIGHT_NOSQUEEZE, SIXTEEN or THIRTY_TWO and make no further difference: all their paths are
-        paths of any angle too. FOUR asks for fewer angles, EIGHT_CUT squeezes through where this planner does not.
+        Its moves must be EIGHT, EIGHT_NOSQUEEZE, SIXTEEN or THIRTY_TWO, which all give the same result. FOUR asks for fewer
+        angles, and EIGHT_CUT passes between blocked cells where this planner does not.
     seed : int
         Without effect.
     budget : Budget
@@ -48,9 +48,9 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
     Returns
     -------
     Plan
-        `points` are the start, the turning points (corners of cells for polyanya, half-integers), and the goal. `cells` are the
-        free cells along the segments in order, neighbours of eight, the start first and the goal last; without squeezing, so
-        they are a path under EIGHT_NOSQUEEZE. `lower_bound` is the length if optimal, else the straight distance.
+        `points` are the start, the turning points (for polyanya corners of cells, with half-integers), and the goal. `cells`
+        are the free cells along the segments from start to goal; they are a path under EIGHT_NOSQUEEZE. `lower_bound` is the
+        length if the path is optimal, else the straight distance.
 
     Raises
     ------
@@ -78,12 +78,12 @@ class Mesh(NamedTuple):
     part: NDArray[np.int64]
     ports: NDArray[np.int64]
     at: NDArray[np.int32]
-    widest: int  # the most portals of one rectangle
-    spare: list[Workspace]  # of searches that are done, for those to come
+    widest: int  # largest number of portals of a rectangle
+    spare: list[Workspace]  # unused workspaces, for the next searches
 
 
 class Workspace:
-    """The memory of a search by Polyanya, see `kernels.search.polyanya.search`; it grows and is used again."""
+    """The memory of a search by Polyanya, see `kernels.search.polyanya.search`; it grows on demand and is reused."""
 
     def __init__(self, corners: int, nodes: int) -> None:
         self.best, self.parent = np.empty(corners), np.empty(corners, np.int64)
@@ -94,7 +94,7 @@ class Workspace:
         )
 
     def grow(self) -> None:
-        """Double the room for nodes."""
+        """Double the capacity for nodes."""
         self.nodes = tuple(_longer(array) for array in self.nodes)
 
 

@@ -20,7 +20,7 @@ from antway.search.distance_field import spread_plan
 from antway.search.result import not_found
 
 STEPS = 1 << 16  # steps of the kernel between two looks at the clock, about 5 ms
-MOST_CELLS = 1 << 27  # 16 times the number of a cell must fit into 32 bits
+MOST_CELLS = 1 << 27  # limit of cells, because 16 times the index of a cell must fit into 32 bits
 _NO_WORDS = np.empty(0, np.uint64)
 
 
@@ -40,16 +40,16 @@ def astar(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), costs: 
 
 
 class Workspace:
-    """The memory of a search, used again by every search on the same map, so that a query clears and allocates nothing.
+    """The memory of a search, which all searches on the same map reuse, so that a query clears and allocates nothing.
 
-    Labels of a search lie in [base, base + LIMIT), below those of all searches before it and below 0, what fresh memory holds
-    without being touched. When the range of int32 is used up, after 46 searches and then after every 92, they are cleared.
+    Labels of a search are in [base, base + LIMIT), below those of all earlier searches and below 0, the value of fresh memory.
+    When the range of int32 is used up, after 46 searches and then after every 92, the labels are cleared.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         cells, longest = shape[0] * shape[1], 2 * max(shape) + 8
         self.base = 0
-        # Not by np.zeros, which asks for huge pages: jumps touch few of the cells, all over the map.
+        # np.zeros would use huge pages, but jumps touch only a few cells all over the map.
         nodes = np.frombuffer(mmap.mmap(-1, 8 * cells), np.int32).reshape(cells, 2)
         first, filled = np.full(KEYS + BLOCKS, -1, np.int32), np.zeros(KEYS // 64, np.uint64)
         queue = Queue(first, filled, np.empty((16 * longest, 5), np.int32), np.zeros(8, np.int64))
@@ -63,7 +63,7 @@ class Workspace:
             self.base = HIGHEST - LIMIT
 
     def grow(self) -> None:
-        """Double the room for entries of the queue."""
+        """Double the capacity for entries of the queue."""
         queue = self.memory.queue
         entries = np.concatenate((queue.entries, np.empty_like(queue.entries)))
         self.memory = self.memory._replace(queue=queue._replace(entries=entries))
@@ -77,12 +77,12 @@ class Searcher:
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
         self.net = (net, packed(grid) if jumping else _NO_WORDS, shorter)
         self.shorter, self.shape = shorter, grid.shape
-        self.far = octile(0, 0, *grid.shape, shorter) >= LIMIT  # whether ends may be too far apart for the integers
+        self.far = octile(0, 0, *grid.shape, shorter) >= LIMIT  # whether a path may be too long for 32-bit integers
         self.large = grid.blocked.size >= MOST_CELLS
         self.spare: list[Workspace] = kept(grid, "workspaces", list)
 
     def workspace(self) -> Workspace:
-        """Return a workspace of this map; it is to be appended to `spare` after use."""
+        """Return a workspace for this map; append it to `spare` after use."""
         return self.spare.pop() if self.spare else Workspace(self.shape)
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
@@ -106,7 +106,7 @@ class Searcher:
         if code == DONE and len(path):
             length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
             return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
-        if cut:  # the only paths left are too long for integers of 32 bits
+        if cut:  # all remaining paths are too long for 32-bit integers
             return spread_plan(problem, clock)
         return not_found(code == DONE, int(expanded), clock)
 

@@ -20,7 +20,7 @@ from antway.search.distance_field import dijkstra
 from antway.search.jps import jumps_pay
 from antway.search.subgoals import hierarchy_of
 
-CHUNK = 256  # queries between two looks of Python at its signals
+CHUNK = 256  # queries between two moments at which Python handles signals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,12 +49,12 @@ class Routes:
 
     def __getitem__(self, i: int) -> NDArray[np.int32]:
         """Return path i, int32[N, 2]."""
-        i = range(len(self))[i]  # refuses what is out of range
+        i = range(len(self))[i]  # raises IndexError for a number out of range
         return self.cells[self.path_start[i] : self.path_start[i + 1]]
 
 
 def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = Moves.EIGHT) -> Routes:
-    """Return a shortest path from each start to the goal of the same number.
+    """Return a shortest path from each start to the goal with the same index.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
     Raises
     ------
     OutOfBounds, CellBlocked, BadParameter
-        If an end is no free cell of the map, or the arrays do not fit together.
+        If an end is not a free cell of the map, or the arrays do not fit together.
 
     Notes
     -----
-    Queries are solved as by the planner `jps`; with `Moves.EIGHT` on a grid that `antway.search.subgoals.prepare` has prepared
-    as by `subgoals`, which gives other paths of the same lengths. Whether preparing pays is left to the caller, because it
-    depends on the map: measured, it has paid after some dozens of queries on a maze, after thousands on a floor of halls.
+    Queries are solved as by the planner `jps`. With `Moves.EIGHT` on a grid that `antway.search.subgoals.prepare` has prepared,
+    they are solved as by `subgoals`, which gives different paths of the same lengths. Whether preparation pays depends on the
+    map: in measurements it paid after dozens of queries on a maze, and after thousands on a floor with halls.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def _search_all(
 
 
 def _with_long_ones(routes: Routes, missing: NDArray[np.int64], ends: NDArray[np.int64], grid: Grid, moves: Moves) -> Routes:
-    """Return `routes` with those added that were too long for the integers of the kernel, each solved by Dijkstra."""
+    """Return `routes` with the paths that were too long for the kernel's integers, which are solved by Dijkstra."""
     if not len(missing):
         return routes
     paths = list(routes)

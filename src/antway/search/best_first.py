@@ -1,4 +1,4 @@
-"""Best-first search over any moves and costs: what the planners use where no faster kernel applies."""
+"""Best-first search over any moves and costs, which planners use where no faster kernel applies."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def faces(moves: Moves) -> NDArray[np.float64]:
 
 
 class Search:
-    """A search from `sources` by the kernel `best_first`, with the clock looked at between its pieces.
+    """A search from `sources` by the kernel `best_first`, in slices between which the clock is read.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Search:
 
     @property
     def least(self) -> float:
-        """The least priority of all that is still open; infinite when nothing is."""
+        """The least priority of all open cells; infinite if there is none."""
         return float(self.memory.key[self.memory.heap[0]]) if self.state[0] else math.inf
 
     def run(self, within: float = math.inf) -> int:
@@ -90,7 +90,7 @@ def plan(problem: Problem, clock: Clock, heuristic: bool, costs: NDArray[np.floa
 def field(
     grid: Grid, moves: Moves, goals: list[Cell], targets: list[Cell], within: float, costs: NDArray[np.float64] | None
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the cost in cells from everywhere to the nearest goal, float64[H, W], and up to where it is final."""
+    """Return the cost in cells from every cell to the nearest goal, float64[H, W], and the value up to which it is final."""
     net = graph(grid, moves)
     search = Search(net, goals, None, costs, _NO_FACES)
     ends = [net.at(cell) for cell in targets]

@@ -1,7 +1,7 @@
-"""Cost maps: what a metre costs in each cell.
+"""Cost maps: the cost of a metre in each cell.
 
-A move costs its length times the mean of the costs of the two cells it joins. Costs are finite and positive; where the map is
-free a cost of 1 is plain distance, 3 a zone to be crossed only where the detour is three times as long.
+A move costs its length times the mean of the costs of its two cells. Costs are finite and positive. A cost of 1 is plain
+distance; a zone of cost 3 is crossed only where a detour would be three times as long.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from antway import checks
 from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
 
-LEAST = 1e-6  # a cost below this would make A* as slow as Dijkstra, and zero would make lengths meaningless
+LEAST = 1e-6  # least cost; a smaller one would make A* as slow as Dijkstra, and 0 would make lengths meaningless
 MOST = 1e6
 
 
 def checked_costs(costs: ArrayLike, grid: Grid) -> NDArray[np.float64]:
-    """Return `costs` as float64[H, W] if each lies in [1e-6, 1e6]; blocked cells too, so that a typing error shows."""
+    """Return `costs` as float64[H, W] if each is in [1e-6, 1e6], also for blocked cells, so that mistakes are noticed."""
     result = checks.array("costs", costs, grid.shape)
     low, high = float(result.min()), float(result.max())
     if low < LEAST or high > MOST:
@@ -31,9 +31,9 @@ def checked_costs(costs: ArrayLike, grid: Grid) -> NDArray[np.float64]:
 def inflation_costs(
     grid: Grid, radius: float, inflation_radius: float, scaling: float = 10.0, most: float = 253.0
 ) -> NDArray[np.float64]:
-    """Return costs that fall off with the distance d to the nearest obstacle, as in the inflation layer of Nav2.
+    """Return costs that decrease with the distance d to the nearest obstacle, as in the inflation layer of Nav2.
 
-    1 + (most - 1) exp(-scaling (d - radius)) for d in [radius, inflation_radius], `most` below, 1 beyond.
+    The cost is 1 + (most - 1) exp(-scaling (d - radius)) for d in [radius, inflation_radius], `most` below, and 1 beyond.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def inflation_costs(
     radius : float
         The robot's (inscribed) radius, m, >= 0.
     inflation_radius : float
-        Beyond it nothing is inflated, m, >= radius, may be infinite.
+        Distance beyond which the cost is 1, m, >= radius, may be infinite.
     scaling : float
         Decay, 1/m, >= 0; `cost_scaling_factor` in Nav2.
     most : float
@@ -63,7 +63,7 @@ def inflation_costs(
     scaling = checks.number("scaling", scaling, low=0.0, unit="1/m")
     most = checks.number("most", most, low=1.0, high=MOST)
     d = grid.clearance()
-    with np.errstate(over="ignore"):  # e^-inf is the 0 that is meant
+    with np.errstate(over="ignore"):  # e^-inf = 0 is intended
         costs = 1 + (most - 1) * np.exp(-scaling * np.maximum(d - radius, 0.0))
     costs[d > inflation_radius] = 1.0
     if not math.isfinite(float(costs.max())):
@@ -72,7 +72,7 @@ def inflation_costs(
 
 
 def path_cost(cells: ArrayLike, costs: ArrayLike, grid: Grid) -> float:
-    """Return what a path costs, in m: the sum over its moves of length times the mean cost of both ends.
+    """Return the cost of a path in m: the sum over its moves of the length times the mean cost of both ends.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is derived from a grid once and kept for as long as the grid lives; a grid never changes, so it never goes stale."""
+"""Data derived from a grid, computed once and kept as long as the grid exists. A grid never changes, so it stays valid."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from antway.kernels.search.canonical import NEED, Lattice, successor_table, surr
 from antway.kernels.search.jps import mirror, turn
 
 T = TypeVar("T")
-NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` has
+NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` supports
 _KEPT: dict[int, dict[object, Any]] = {}  # by id of the grid's read-only array
 
 
 def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
-    """Return what `make` returned the first time it was asked for under `name` for this grid."""
+    """Return the value kept under `name` for this grid; `make` computes it the first time."""
     key = id(grid.blocked)
     known = _KEPT.get(key)
     if known is None:
@@ -85,7 +85,7 @@ def packed(grid: Grid) -> NDArray[np.uint64]:
 
 
 def packed_lines(stops: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    """Return a map, bool[H, W], packed into bits for the four straight directions; what lies around it is True."""
+    """Return a map, bool[H, W], packed into bits for the four straight directions; everything off the map is True."""
     height, width = stops.shape
     rows, columns = (height + 2, width // 64 + 3), (width + 2, height // 64 + 3)
     words = np.full(2 * (math.prod(rows) + math.prod(columns)), ~np.uint64(0))

@@ -1,4 +1,4 @@
-"""Dijkstra: the distance from every cell to a goal, and the shortest path as its plainest planner."""
+"""Dijkstra: the distance from every cell to a goal, and the simplest planner of shortest paths."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def distance_field(
         Free cells.
     moves : Moves
     until : (row, col), or several of them, or None
-        Free cells. Once all their distances are known the search stops, and what it has not settled by then is infinite.
+        Free cells. The search stops once their distances are known; cells that are not settled by then are infinite.
     within : float
         Cells farther than this are infinite, m, >= 0.
     costs : float[H, W] or None
@@ -66,7 +66,7 @@ def distance_field(
     within = checks.number("within", within, low=0.0, infinite=True, unit="m")
     goals = free_cells("goal", goal, grid)
     targets = [] if until is None else free_cells("until", until, grid)
-    cells = within / grid.resolution * (1 + 1e-12)  # a cell at just that distance counts, whatever the division made of it
+    cells = within / grid.resolution * (1 + 1e-12)  # a cell at exactly that distance counts, in spite of rounding
     if costs is None and moves in NEIGHBOURS:
         search = DijkstraField(lattice(grid, moves), goals, targets, cells)
         search.run(None)
@@ -81,7 +81,7 @@ def distance_field(
 
 
 def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
-    """Return one cell or several as a list of free cells of `grid`, or raise what is wrong with them."""
+    """Return one cell or several as a list of free cells of `grid`, or raise the error that says what is wrong."""
     if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
         raise BadParameter(name, value, "a cell (row, col) or several")
     parts = list(value)
@@ -93,7 +93,7 @@ def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
 
 
 class DijkstraField:
-    """A wave of distances that spreads over a lattice from its sources; see `kernels.search.distance_field`.
+    """Distances that spread over a lattice from its sources; see `kernels.search.distance_field`.
 
     Attributes
     ----------
@@ -112,14 +112,14 @@ class DijkstraField:
         self.entries[: len(starts), 0] = starts << 4 | START
         self.entries[: len(starts), 1] = [*range(1, len(starts)), -1]
         self.state = np.array([0, len(starts), -1, len(starts), 0])
-        self.base = self.span = 0  # bands, after a restart: where labels start, and more than any path has
+        self.base = self.span = 0  # bands; after a restart the first label, and more than the length of any path
         self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
 
     def restart(self, source: int, targets: NDArray[np.int64]) -> None:
-        """Start anew from the flat cell `source`, towards flat cells, in the same arrays; for a field without `within`.
+        """Start again from the flat cell `source` towards flat cells, in the same arrays; for a field without `within`.
 
-        Labels are not cleared, for that takes as long as a good part of the search: each time they start so far below those
-        that are there that the old ones are as good as infinite, until float64 would no longer hold them exactly.
+        Labels are not cleared, because that takes a considerable part of the time of a search. Instead each search starts so
+        far below the existing labels that those are as good as infinite, until float64 would no longer be exact.
         """
         if self.span == 0:
             self.label.fill(np.inf)
@@ -141,7 +141,7 @@ class DijkstraField:
         return np.where(away < self.span * STRAIGHT, away, np.inf)
 
     def run(self, clock: Clock | None) -> bool:
-        """Spread until done, or until the clock runs out; tell which."""
+        """Spread until done or until the clock runs out; tell whether it is done."""
         net, code = self.net, RUNNING
         place = (net.around, net.table, net.offsets, self.targets, self.within * STRAIGHT, self.label, self.first)
         while code != DONE and not (clock and clock.spent()):
@@ -167,8 +167,8 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
         Not used.
     budget : Budget
     costs : float[H, W] or None
-        Cost of each cell, see `antway.search.costs`; the plan is then the cheapest, and not marked `optimal`, which speaks
-        of length.
+        Cost of each cell, see `antway.search.costs`. The plan is then the cheapest one; it is not marked `optimal`, which
+        refers to the length.
 
     Returns
     -------
@@ -187,7 +187,7 @@ def dijkstra(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), cost
 
 
 def spread_plan(problem: Problem, clock: Clock) -> Plan:
-    """Solve a problem with 4 or 8 moves by a wave from the start that stops at the goal."""
+    """Solve a problem with 4 or 8 moves by spreading distances from the start until the goal is reached."""
     net = lattice(problem.grid, problem.moves)
     search = DijkstraField(net, [problem.start], [problem.goal])
     done = search.run(clock)

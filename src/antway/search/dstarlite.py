@@ -20,7 +20,7 @@ _NEED = {Moves.FOUR: 0, Moves.EIGHT: 2, Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CU
 
 
 def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
-    """Return a shortest path, by the first search of D* Lite; see `DStarLite` for those that follow, which are its point.
+    """Return a shortest path by the first search of D* Lite. For its purpose, repeated searches, see `DStarLite`.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> 
     Raises
     ------
     BadParameter
-        For longer moves than to neighbours.
+        For moves beyond the 8 neighbours.
 
     Examples
     --------
@@ -47,16 +47,16 @@ def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> 
 
 
 class DStarLite:
-    """A problem that changes, and its shortest path after every change (Koenig and Likhachev, D* Lite, AAAI 2002).
+    """A changing problem, and its shortest path after each change (Koenig and Likhachev, D* Lite, AAAI 2002).
 
-    The search runs from the goal and keeps its distances; after a change only those are computed anew that differ and matter. A
-    path is as short as a fresh search would find it: its cost is exact in integers (5741 a step, 8119 a diagonal), which order
-    paths as their lengths do while their numbers of diagonals differ by less than 5741.
+    The search runs from the goal and keeps its distances; after a change it recomputes only those that differ and matter. The
+    path is as short as that of a new search. Its cost is exact in integers (5741 for a step, 8119 for a diagonal), which order
+    paths by length as long as their numbers of diagonals differ by less than 5741.
 
     Parameters
     ----------
     problem : Problem
-        Where it begins. Its grid is not touched: changes make a new one.
+        The initial problem. Its grid is not modified: changes make a new one.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class DStarLite:
 
     @property
     def problem(self) -> Problem:
-        """The problem as it is now; its grid is made when it is asked for."""
+        """The present problem; its grid is made on demand."""
         if self._stale:
             grid, blocked = self._problem.grid, ~self._free.reshape(-1, self._width)[1:-1, 1:-1]
             unknown = None if grid.unknown is None else grid.unknown & (blocked == grid.blocked)
@@ -101,12 +101,12 @@ class DStarLite:
         return self._problem
 
     def change(self, cells: ArrayLike, blocked: ArrayLike) -> None:
-        """Note that cells are blocked or free from now on.
+        """Set cells to blocked or free.
 
         Parameters
         ----------
         cells : int[N, 2]
-            (row, col); of a cell named twice the last state counts.
+            (row, col); if a cell is listed twice, the last state counts.
         blocked : bool or bool[N]
 
         Raises
@@ -114,7 +114,7 @@ class DStarLite:
         BadParameter, OutOfBounds
             For arrays of another shape or type, and cells off the map.
         CellBlocked
-            If the start or the goal would be blocked: a robot stands where it is, so move it first. Nothing is changed then.
+            If the start or the goal would be blocked; then nothing is changed. Move the robot first.
         """
         flat = self._flat("cells", cells)
         state = np.asarray(blocked)
@@ -130,7 +130,7 @@ class DStarLite:
         self._stale = True
 
     def move(self, start: Cell) -> None:
-        """Note that the robot stands at `start` now, any free cell.
+        """Move the robot to `start`, any free cell.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class DStarLite:
             raise BadParameter(name, cells, "cells (row, col)")
         rows, cols = self._problem.grid.shape
         row, col = at.T.astype(np.int64)
-        outside = (row.view(np.uint64) >= rows) | (col.view(np.uint64) >= cols)  # negative numbers are very large ones there
+        outside = (row.view(np.uint64) >= rows) | (col.view(np.uint64) >= cols)  # negative numbers become very large
         if outside.any():
             raise OutOfBounds(name, tuple(at[outside][0].tolist()), f"on the map of {rows} rows and {cols} columns")
         flat: NDArray[np.int64] = (row + 1) * self._width + col + 1
@@ -163,9 +163,9 @@ class DStarLite:
         return int(flat) // self._width - 1, int(flat) % self._width - 1
 
     def plan(self, budget: Budget = Budget()) -> Plan:
-        """Return a shortest path on the map as it is now; `expanded` counts this call alone.
+        """Return a shortest path on the present map; `expanded` counts only this call.
 
-        Out of budget the search is kept and goes on at the next call.
+        If the budget runs out, the next call continues the search.
         """
         clock = budget.start()
         state, rhs = self._arrays[-1], self._arrays[1]

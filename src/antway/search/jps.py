@@ -11,7 +11,7 @@ from antway.search.derived import kept
 def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
     """Return a shortest path: for `Moves.EIGHT` by jump points on the bit-packed map where they pay, else as `astar` does.
 
-    The packed map is made at the first query on a grid and kept with it.
+    The packed map is made at the first query on a grid and kept.
 
     Parameters
     ----------
@@ -37,16 +37,16 @@ def jps(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
 
 
 def jumps_pay(grid: Grid) -> bool:
-    """Tell whether jumps are at least as fast as single moves, measured once: not on large maps strewn with single cells.
+    """Tell whether jumps are at least as fast as single moves, which they are not on large maps with many isolated cells.
 
-    Such maps stop every jump after a few cells, yet make diagonals long, and beyond about a million cells the lines that those
-    look along no longer stay in the cache.
+    On such maps every jump stops after a few cells, while diagonals are long, and beyond about a million cells the lines that
+    diagonals look along no longer fit into the cache.
     """
     return grid.blocked.size <= 1 << 20 or kept(grid, "strewn", lambda: _strewn(grid)) < 0.1
 
 
 def _strewn(grid: Grid) -> float:
-    """Return which share of the blocked cells has no blocked neighbour to its side, in rows with about half a million cells."""
+    """Return the share of the blocked cells without a blocked neighbour, in a sample of about half a million cells."""
     every = max(1, grid.blocked.size >> 19)
     above, here, below = (grid.blocked[i : i - 2 or None : every] for i in range(3))
     beside = above | below

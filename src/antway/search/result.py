@@ -1,4 +1,4 @@
-"""From what a kernel found to a plan."""
+"""Makes plans from the results of kernels."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from antway.planning import Clock, Plan, Problem, Status
 
 
 def found(problem: Problem, cells: NDArray[np.int32], expanded: int, clock: Clock, *, shortest: bool = True) -> Plan:
-    """Return the plan for a path of `cells`, int32[N, 2]; its length is counted anew from its moves."""
+    """Return the plan for a path of `cells`, int32[N, 2]; its length is computed from its moves."""
     length = path_length(cells, problem.grid)
     return Plan(Status.FOUND, cells, length, shortest, expanded, clock.elapsed(), length if shortest else 0.0)
 
 
 def not_found(no_path: bool, expanded: int, clock: Clock) -> Plan:
-    """Return the plan of a search that proved that there is no path, or that ran out of its budget."""
+    """Return the plan of a search that proved that there is no path, or that ran out of budget."""
     return Plan(Status.NO_PATH if no_path else Status.BUDGET, expanded=expanded, elapsed=clock.elapsed())
 
 
 def path_length(cells: NDArray[np.int32], grid: Grid) -> float:
-    """Return the length in m of a path of cells: the number of moves of each kind times its length."""
+    """Return the length in m of a path of cells, exactly: the number of moves of each kind times their length."""
     steps = cells[1:] - cells[:-1]
     counts = np.bincount((steps * steps).sum(axis=1))
     kinds = np.flatnonzero(counts)

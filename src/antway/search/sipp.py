@@ -1,4 +1,4 @@
-"""Space-time search: safe interval path planning (SIPP) for a disc among moving discs, exact in real-valued time.
+"""Space-time search: safe interval path planning (SIPP) for a disc among moving discs, exact in continuous time.
 
 Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments, ICRA 2011.
 """
@@ -28,7 +28,7 @@ NO_SEGMENTS = np.empty((0, 8))
 
 
 class Trajectories(Protocol):
-    """The courses of K moving discs, as `antway.world.timeline.Timeline` has them.
+    """The motions of K discs, as in `antway.world.timeline.Timeline`.
 
     Disc k, of radius[k] m, is at knot_xy[i] m at knot_t[i] s for first[k] <= i < first[k + 1], moves straight and at constant
     speed in between, and stands before its first and after its last knot.
@@ -59,9 +59,9 @@ class TimedPlan:
     ----------
     status : Status
     path : TimedPath
-        Empty unless found. Each straight piece is driven at full speed or waited out.
+        Empty unless found. The robot drives each leg at full speed, or waits.
     arrival : float
-        Time at the goal in s, infinite without a path. None of the same moves arrives earlier (by 1e-8 s).
+        Time at the goal in s, infinite without a path. No path of the same moves arrives more than 1e-8 s earlier.
     lower_bound : float
         No path of the same moves arrives earlier, s.
     expanded : int
@@ -79,7 +79,7 @@ class TimedPlan:
 
 
 def timed_moves(grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO) -> NDArray[np.uint32]:
-    """Return which moves a disc can make from each cell: bit k stands for `moves.offsets[k]`.
+    """Return which moves a disc can make from each cell; bit k is for `moves.offsets[k]`.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def timed_moves(grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO) -> N
     radius : float
         Of the robot in m, >= 0. Touching is legal, contact with blocked cells or the edge of the map is not.
     moves : Moves
-        FOUR, EIGHT, SIXTEEN or THIRTY_TWO: those that cut no corner.
+        FOUR, EIGHT, SIXTEEN or THIRTY_TWO, which do not cut corners.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale:
     moves : Moves
     goals : int[G, 2] or (row, col)
     scale : float
-        What a cell's edge counts: the resolution for metres, resolution / speed for seconds, > 0.
+        Length of a cell's edge in the unit of the result, > 0: the resolution for m, resolution / speed for s.
 
     Returns
     -------
@@ -152,16 +152,16 @@ def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale:
 
 
 class Sipp:
-    """Space-time search to one goal on one map, prepared once and asked again and again.
+    """Space-time search to one goal on one map, prepared once for many searches.
 
     Parameters
     ----------
     grid : Grid
         The map as it is, not inflated; yaw 0.
     goal : (x, y)
-        m; the robot goes to the centre of the cell that holds it.
+        m; the robot goes to the centre of the cell that contains it.
     radius, v_max : float
-        Of the robot, m (>= 0) and m/s (> 0). It drives at full speed or waits at the centre of a cell.
+        Of the robot, m (>= 0) and m/s (> 0). It drives at full speed, or waits at the centre of a cell.
     moves : Moves
         FOUR, EIGHT, SIXTEEN or THIRTY_TWO.
     goal_tolerance : float
@@ -219,25 +219,25 @@ class Sipp:
         Parameters
         ----------
         start : (x, y)
-            m. Off the centres of cells the robot first goes straight to one at most three rows and columns away.
+            m. If it is not the centre of a cell, the robot first goes straight to a centre at most three rows and columns away.
         obstacles : Courses or None
             The moving discs, such as a `Timeline`.
         t : float
             Time at the start, s.
         horizon : float
-            Obstacles are forgotten from this time on, s.
+            Obstacles are ignored from this time on, s.
         max_expanded : int or None
             Budget of safe intervals to expand.
 
         Returns
         -------
         TimedPlan
-            NO_PATH also where an obstacle is in contact with the robot at the start; BUDGET where the budget was too small.
+            NO_PATH also if an obstacle touches the robot at the start; BUDGET if the budget was too small.
 
         Raises
         ------
         BadParameter, OutOfBounds, CellBlocked
-            For numbers, arrays or a start that cannot be; CellBlocked where the start is in contact with a wall.
+            For invalid numbers, arrays or starts; CellBlocked if the start is in contact with a wall.
         """
         t = checks.number("t", t, low=-1e8, high=1e8, unit="s")
         horizon = checks.number("horizon", horizon, low=t, infinite=True, unit="s")
@@ -247,7 +247,7 @@ class Sipp:
     def search(
         self, start: Iterable[float], t: float, segments: NDArray[np.float64], max_expanded: int | None = None
     ) -> TimedPlan:
-        """Return the same from prepared pieces, float64[P, 8] (see `kernels.segments`), for every control cycle."""
+        """Do as `plan` with prepared segments, float64[P, 8] (see `kernels.spacetime.segments`), for every control cycle."""
         started = time.perf_counter()
         x, y = checks.point("start", start)
         self._check_start((x, y))
@@ -343,12 +343,12 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
 
 
 def _segments(obstacles: Trajectories, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
-    """Check the courses and return their pieces from t to the horizon."""
+    """Check the motions and return their segments from t to the horizon."""
     return timed.timeline_segments(checked_trajectories(obstacles), robot_radius, t, horizon)
 
 
 def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
-    """Return the courses of K moving discs as kernels take them.
+    """Return the motions of K discs as kernels use them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Shortest paths on a map that is asked again and again: a contraction hierarchy over its corners, made beforehand."""
+"""Shortest paths on a map with many queries: a contraction hierarchy over its corners, made beforehand."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from antway.search.jps import jps
 from antway.search.result import not_found
 
 STEPS = 1 << 18  # steps of the preparation between two looks at the clock, about 10 ms
-MOST_STEPS = 64, 32, 1 << 25  # at most for each cell; for each corner, and as many besides: some seconds on any map
+MOST_STEPS = 64, 32, 1 << 25  # limits: steps per cell; steps per corner, and a constant number: seconds on any map
 
 
 def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
     """Return a shortest path: for `Moves.EIGHT` by the hierarchy of the map where it has one, else as `jps` does.
 
-    The hierarchy is made by `prepare`, or else by the first query on a grid, which then takes that much longer, and kept with
-    the grid. Parameters and result are those of `antway.search.jps.jps`.
+    The hierarchy is made by `prepare`, or by the first query on a grid, which then takes longer, and is kept with the grid.
+    Parameters and result are those of `antway.search.jps.jps`.
 
     Examples
     --------
@@ -48,8 +48,8 @@ def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> P
 def prepare(grid: Grid) -> bool:
     """Make the hierarchy of `grid` for the planner `subgoals`, and tell whether it has one.
 
-    Where so many corners see each other that the hierarchy would be long in the making (a bound on the work, not on the time),
-    there is none: on wide open maps, where jump points do best, and on those strewn with single cells.
+    There is none if so many corners see each other that making it would exceed a limit of work (not of time): on wide open
+    maps, where jump points are best, and on maps with many isolated cells.
 
     Examples
     --------
@@ -62,7 +62,7 @@ def prepare(grid: Grid) -> bool:
 
 
 def hierarchy_of(grid: Grid) -> Hierarchy:
-    """Return the hierarchy of `grid`, made or not."""
+    """Return the hierarchy of `grid`, which may not have been made yet."""
     return kept(grid, "subgoals", lambda: Hierarchy(grid))
 
 
@@ -82,12 +82,12 @@ class Hierarchy:
 
     def __init__(self, grid: Grid) -> None:
         self.lock, self.making, self.made, self.pays = threading.Lock(), self._chunks(grid), False, True
-        self.arrays: tuple[Lattice, NDArray[np.uint64], NDArray[np.int32], UpwardGraph]  # once it is made
+        self.arrays: tuple[Lattice, NDArray[np.uint64], NDArray[np.int32], UpwardGraph]  # set once it is made
         self.sizes = (0, 0, 0, 0)
         self.spare: list[QueryMemory] = []
 
     def make(self, clock: Clock) -> bool:
-        """Go on making the hierarchy until that is done or the clock runs out; tell which."""
+        """Continue making the hierarchy until it is done or the clock runs out; tell whether it is done."""
         while not self.made and not clock.spent():
             with self.lock:
                 self.made = next(self.making, True)
@@ -95,11 +95,11 @@ class Hierarchy:
 
     @property
     def ready(self) -> bool:
-        """Whether it is made and pays."""
+        """Whether it has been made and pays."""
         return self.made and self.pays
 
     def _chunks(self, grid: Grid) -> Iterator[bool]:
-        """Make the hierarchy, and yield False after every piece of the work."""
+        """Make the hierarchy, and yield False after each part of the work."""
         net = lattice(grid, Moves.EIGHT)
         is_corner = corners(net.around).reshape(grid.shape)
         nodes = np.flatnonzero(is_corner)
@@ -149,7 +149,7 @@ class Hierarchy:
     def plan_all(
         self, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
     ) -> NDArray[np.int32]:
-        """Solve queries, `chunk` of them between two looks of Python at its signals; see the kernel `route_all`."""
+        """Solve queries, `chunk` at a time so that Python can handle signals in between; see the kernel `route_all`."""
         paths, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
         work = self.spare.pop() if self.spare else self._workspace()
         try:

@@ -1,4 +1,4 @@
-"""What no answer of `order_stops` can cost less than (with priorities: collect more than)."""
+"""Lower bounds of the cost of answers of `order_stops` (with priorities: upper bounds of what they collect)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from antway.kernels.colony.windows import assignment, shortest
 from antway.tours.stops import Floats, Stops
 from antway.tours.untimed import closed_matrix, held_karp_bound
 
-_SAFE = 1.0 - 1e-9  # for rounding errors of sums
+_SAFE = 1.0 - 1e-9  # factor that allows for rounding errors of sums
 
 
 def quick_bound(stops: Stops) -> float:
-    """Return a weak bound at once: whoever visits a stop comes from somewhere; with priorities their sum."""
+    """Return a weak bound quickly: the sum of the shortest arcs into each stop; with priorities their sum."""
     if stops.priorities is not None:
         return float(stops.priorities.sum())
     steps = stops.matrix.copy()
@@ -30,7 +30,7 @@ def lower_bound(stops: Stops) -> float:
         return travel
     far = _closure(stops.matrix)
     inner = stops.inner
-    # Somebody goes to each stop and on to the end; and what all do together, they share.
+    # Some robot goes to each stop and then to the end; and the total work is divided among the robots.
     ends = {stops.start} | (set() if stops.end is None else {stops.end})
     leaves = float(stops.windows[stops.start, 0])
     each = (
@@ -52,7 +52,7 @@ def travel_bound(stops: Stops) -> float:
         return 0.0
     matrix = stops.matrix if stops.robots == 1 else _closure(stops.matrix)
     if stops.robots > 1 and not stops.closed:
-        # Routes with one start hang together; a given end that is not theirs is left aside.
+        # Routes with a common start form a tree; a given end is ignored.
         return _tree(np.minimum(matrix, matrix.T)) * _SAFE
     if np.array_equal(matrix, matrix.T):
         return held_karp_bound(*closed_matrix(stops, matrix))
@@ -71,7 +71,7 @@ def travel_bound(stops: Stops) -> float:
 
 
 def worth_bound(stops: Stops) -> float:
-    """Return the sum of the priorities of all stops that a robot can visit alone, in time."""
+    """Return the sum of the priorities of all stops that a robot can visit in time if it visits no other."""
     assert stops.priorities is not None
     far, windows, start = _closure(stops.matrix), stops.windows, stops.start
     first = np.maximum(windows[start, 0] + stops.service[start] + far[start], windows[:, 0])
@@ -86,12 +86,12 @@ def worth_bound(stops: Stops) -> float:
 
 
 def _closure(matrix: Floats) -> Floats:
-    """Return the shortest times with other stops in between."""
+    """Return the shortest times through any other stops."""
     return shortest(np.ascontiguousarray(matrix))
 
 
 def _tree(matrix: Floats) -> float:
-    """Return the length of the least spanning tree."""
+    """Return the length of the minimum spanning tree."""
     nearest, used, total = matrix[0].copy(), np.zeros(len(matrix), dtype=bool), 0.0
     used[0] = True
     for _ in range(len(matrix) - 1):

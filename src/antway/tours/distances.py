@@ -18,8 +18,8 @@ from antway.search.costs import checked_costs
 from antway.search.derived import NEIGHBOURS, lattice
 from antway.search.distance_field import DijkstraField, free_cells
 
-_THREADS = 4  # at most; each has the distances of all cells of the map in memory
-_STOPS = 16  # with fewer for each, another thread does not pay
+_THREADS = 4  # limit of threads; each keeps the distances of all cells in memory
+_STOPS = 16  # least number of stops for each thread; with fewer, another thread does not pay
 
 
 def stop_distances(
@@ -40,16 +40,16 @@ def stop_distances(
     Returns
     -------
     float64[N, N]
-        m, symmetric; infinite where no path leads from one to the other.
+        m, symmetric; infinite if there is no path.
 
     Raises
     ------
     OutOfBounds, CellBlocked, BadParameter
-        If a stop is no free cell of the map, or a parameter is out of range.
+        If a stop is not a free cell of the map, or a parameter is out of range.
 
     Notes
     -----
-    One search by Dijkstra for each stop but the last, up to the farthest of the later ones, on all cores.
+    There is one Dijkstra search for each stop but the last, up to the farthest of the later stops, on several cores.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def stop_distances(
     checks.instance("grid", grid, Grid)
     checks.instance("moves", moves, Moves)
     cells = free_cells("stops", list(stops), grid)
-    # Stops at the edge come first: those that are left in the end are near to each other.
+    # Outer stops come first, so that the last ones are near each other.
     middle = np.mean(cells, axis=0)
     turn = np.argsort([-math.dist(cell, middle) for cell in cells], kind="stable")
     weights = None if costs is None else checked_costs(costs, grid)
@@ -92,7 +92,7 @@ def _by_cells(grid: Grid, cells: list[Cell], moves: Moves) -> Iterator[NDArray[n
         field, rows = DijkstraField(net, cells[:1], cells), []
         for i in range(first, len(cells) - 1, threads):
             far = np.abs(places[i + 1 :] - places[i]).max(axis=1)
-            # The farthest first: the kernel waits for each in turn.
+            # The farthest come first, because the kernel waits for them one after the other.
             field.restart(at[i], at[i + 1 :][np.argsort(-far, kind="stable")])
             field.run(None)
             rows.append(field.distances(at))

@@ -1,4 +1,4 @@
-"""Several robots, or more stops than there is time for: routes by ruin and recreation, see `antway.kernels.colony.fleet`."""
+"""Routes of several robots, or with optional stops, by ruin and recreate; see `antway.kernels.colony.fleet`."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from antway.kernels.colony import fleet as kernel
 from antway.planning import Clock
 from antway.tours.stops import Floats, Order, Stops
 
-_TURNS = 100  # between two looks at the clock
-_ANNEALINGS = 8  # that share the budget at most; the best counts
-_ENOUGH = 250  # turns for each stop, from which on another annealing is worth more than a slower one
-_FIRST = 3  # looks at the clock after which it is known how many there will be
-_HOT, _COLD = 3.0, 0.1  # temperatures at first and at last, in usual steps
-_PRICE = 3.0  # of a stop of mean priority that is left out, in usual steps
+_TURNS = 100  # turns between two looks at the clock
+_ANNEALINGS = 8  # limit of annealings that share the budget; the best one counts
+_ENOUGH = 250  # turns per stop from which another annealing is better than a slower one
+_FIRST = 3  # number of looks at the clock after which the number of annealings is decided
+_HOT, _COLD = 3.0, 0.1  # initial and final temperature, in typical steps
+_PRICE = 3.0  # price of leaving out a stop of mean priority, in typical steps
 
 
 def layout(stops: Stops) -> tuple[Order, Floats, Floats, Floats]:
-    """Return the stops as kernels see them: rows of the matrix from start to end, -1 for no end; times; opens; closes.
+    """Return rows of the matrix from start to end (-1 for no end), times, opens and closes, as kernels use them.
 
-    Times hold the service at the stop that is left, so that a closed tour's start is served once, and a given end after it.
+    A time includes the service at its first stop, so that the start of a closed tour is served once, and a given end later.
     """
     inner = stops.inner
     end = -1 if stops.end is None else stops.end
@@ -43,10 +43,10 @@ def layout(stops: Stops) -> tuple[Order, Floats, Floats, Floats]:
 def best_routes(
     stops: Stops, clock: Clock, seconds: float, cycles: int | None, seed: int, initial: list[Order] | None
 ) -> list[Order]:
-    """Look for the best routes of all robots until `seconds` are over or `cycles` of 100 turns are done.
+    """Search for the best routes of all robots until `seconds` are over or `cycles` of 100 turns are done.
 
-    One annealing ends in one valley, and to cool it more slowly helps little: where the budget allows, there are several, each
-    from routes of its own.
+    An annealing ends in one local optimum, and slower cooling helps little. If the budget allows, there are several, each from
+    its own routes.
     """
     rows, spans, opens, closes = layout(stops)
     n = len(rows)
@@ -62,7 +62,7 @@ def best_routes(
     done, limit, started = 0, 2**62 if cycles is None else cycles, time.perf_counter()
     hot, runs, run = _COLD if initial is not None else _HOT, 1, 0
     while done < limit and not (done and clock.spent()):
-        # The temperature falls with the share of an annealing's budget that is used.
+        # The temperature falls with the used share of an annealing's budget.
         passed = time.perf_counter() - started
         used = done / limit if cycles is not None else min(1.0, passed / max(seconds, 1e-9))
         if done == _FIRST and initial is None and used > 0.0:
@@ -85,7 +85,7 @@ def best_routes(
 
 
 def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floats) -> tuple[kernel.Fleet, float]:
-    """Return what kernels take, and a usual step in s."""
+    """Return the record for kernels, and a typical step in s."""
     n = len(rows)
     finite = spans[np.isfinite(spans)]
     horizon = float(opens.max() + np.where(np.isfinite(spans), spans, 0.0).max(axis=1).sum()) + 1.0
@@ -110,7 +110,7 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
 
 
 def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
-    """Begin with `orders`, those of their stops that there are still."""
+    """Start with `orders`, without stops that no longer exist."""
     place, last = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}, len(rows) - 1
     for k, order in enumerate(orders[: len(routes.sizes)]):
         inner = [place.pop(int(stop)) for stop in order if int(stop) in place]
@@ -121,12 +121,12 @@ def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
 
 
 def _order(stops: Stops, order: Order) -> Order:
-    """Return the route without the end that open tours have for kernels alone."""
+    """Return the route without the artificial end that kernels use for open tours."""
     return order[:-1].astype(np.int32) if stops.end is None else order.astype(np.int32)
 
 
 def _complete(stops: Stops, orders: list[Order], left: list[int]) -> list[Order]:
-    """Insert what no robot can visit in time where that is least late."""
+    """Insert the stops that no robot can visit in time where the lateness is least."""
     for stop in left:
         best: tuple[float, int, Order] = (math.inf, 0, orders[0])
         for k, order in enumerate(orders):

@@ -1,4 +1,4 @@
-"""The best order of stops, from a matrix of travel times alone: the one function that tours on maps call."""
+"""The best order of stops from a matrix of travel times, the one function that tours on maps call."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from antway.tours.single import best_order
 from antway.tours.stops import Floats, Order, Stops, checked
 from antway.tours.untimed import FEW, improved_order, is_untimed, shortest_order
 
-_QUICK = 0.2  # s: with less time, a former answer is improved by local search alone
-_PREPARATION = 6e-8  # s a cube of stops: with less time, what windows decide alone, at a quarter of that, is not worked out
-_NEAR = 1e-9  # of the time all is done: by how much sums of times may differ
+_QUICK = 0.2  # s; with less time, an earlier answer is only improved by local search
+_PREPARATION = 6e-8  # s per cubed number of stops; with less time, the analysis of windows (a quarter of it) is left out
+_NEAR = 1e-9  # share of the end time; tolerance of sums of times
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ordering:
-    """What `order_stops` found.
+    """The result of `order_stops`.
 
     Attributes
     ----------
     orders : tuple of int32[m]
-        For each robot the stops in the order it visits them, as rows of the matrix: first `start`, last the given end (for a
-        closed tour `start` once more). A robot that stays has an order of `start` alone, or of start and end.
+        For each robot the stops in order, as rows of the matrix: first `start`, last the given end (for a closed tour `start`
+        again). The order of a robot that is not used is only `start`, or start and end.
     arrival, waiting : tuple of float64[m]
-        When it gets to each of them, and how long it waits there until the window opens, in s.
+        Arrival at each stop, and waiting there until the window opens, in s.
     cost : float
-        The objective: the sum of travel times, or when the last robot is done, in s.
+        The objective: the sum of travel times, or the end time of the last robot, in s.
     lateness : float
-        By how much service begins after the ends of windows and the robots are done after the deadline, summed, in s.
+        Sum of the delays of service after the ends of windows, and of robots after the deadline, in s.
     feasible : bool
-        Whether lateness is 0 and every stop that must be visited is.
+        Whether lateness is 0 and every required stop is visited.
     collected : float
-        The sum of the priorities of the stops visited; 0.0 where none were given.
+        Sum of the priorities of the visited stops; 0.0 without priorities.
     bound : float
         No feasible answer costs less (with priorities: none collects more than `bound`).
     pheromone : float64[n, n] or None
-        What the colony learned; the whole answer goes back in as `initial` after a small change.
+        Pheromone of the colony. Pass the whole answer as `initial` to continue after a small change.
     """
 
     orders: tuple[Order, ...]
@@ -59,7 +59,7 @@ class Ordering:
 
     @property
     def gap(self) -> float:
-        """cost / bound - 1 (with priorities bound / collected - 1): at most so far from the best."""
+        """cost / bound - 1 (with priorities bound / collected - 1): an upper bound of the distance from the optimum."""
         high, low = (self.bound, self.collected) if self.collected > 0.0 else (self.cost, self.bound)
         if high <= low:
             return 0.0
@@ -83,37 +83,37 @@ def order_stops(
     initial: Ordering | object = None,
     quick: bool = False,
 ) -> Ordering:
-    """Look for the best order in which to visit all stops, or with `priorities` the best of them.
+    """Search for the best order in which to visit all stops or, with `priorities`, the best of them.
 
     Parameters
     ----------
     matrix : array_like[n, n]
-        Travel time in s from row to column, in [0, 1e9]; it may be asymmetric, infinite where there is no path.
+        Travel time in s from row to column, in [0, 1e9], infinite if there is no path; it may be asymmetric.
     start : int
-        Where every robot starts at t = 0 s (or when the window of `start` opens).
+        Where all robots start, at t = 0 s or when the window of `start` opens.
     end : int, "start" or None
-        Where it ends: at that stop, back at the start, or wherever its last stop is.
+        Where robots end: at that stop, at the start, or at their last stops.
     windows : array_like[n, 2] or None
-        Earliest and latest time in s at which service may begin; a robot that comes early waits. Infinite where there is none.
+        Earliest and latest start of service in s, infinite if there is none. A robot that is early waits.
     service : array_like[n] or None
-        How long each stop takes, in s.
+        Duration of each stop, in s.
     priorities : array_like[n] or None
-        What each stop is worth, >= 0: as much as possible is collected by `deadline`, then as cheaply as possible. None: every
-        stop must be visited.
+        Value of each stop, >= 0: the sum collected by `deadline` is maximised, then the cost is minimised. None: every stop
+        must be visited.
     deadline : float
-        By when each robot must be done, in s.
+        Latest end time of each robot, in s.
     robots : int
-        How many share the stops.
+        Number of robots that share the stops.
     objective : str
-        "travel time" (the sum over all robots) or "makespan" (when the last one is done).
+        "travel time" (the sum over all robots) or "makespan" (the end time of the last robot).
     seconds, cycles : float, int or None
         When to stop, whichever comes first; with neither, after 1 s.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     initial : Ordering, sequence of int, or None
-        A former answer or order to go on from.
+        An earlier answer or order from which the search continues.
     quick : bool
-        Whether local search alone improves `initial`, and the bound is weak; with less than 0.2 s it always is so.
+        Whether only local search improves `initial`, with a weak bound; this is always so with less than 0.2 s.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def order_stops(
     known, learned = _initial(stops, initial)
     budget = Budget(seconds=1.0 if seconds is None and cycles is None else seconds, cycles=cycles)
     clock = budget.start()
-    # A robot that waits for a new order does not want to wait for a good bound.
+    # A robot that waits for a new order should not wait for a good bound.
     quick = known is not None and (quick or (seconds is not None and seconds < _QUICK))
     if is_untimed(stops):
         if not quick or len(stops.matrix) <= FEW:
@@ -163,7 +163,7 @@ def order_stops(
 
 
 def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | None, Floats | None]:
-    """Return the orders and the pheromone to begin with, of which stops that are no more are left out."""
+    """Return the initial orders and pheromone, without stops that no longer exist."""
     if initial is None:
         return None, None
     if isinstance(initial, Ordering):
@@ -183,7 +183,7 @@ def _initial(stops: Stops, initial: Ordering | object) -> tuple[list[Order] | No
 
 
 def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats | None = None) -> Ordering:
-    """Return the `Ordering` of `orders`, timed anew from the matrix."""
+    """Return the `Ordering` of `orders`, with times computed from the matrix."""
     timings = [stops.timing(order) for order in orders]
     if stops.objective == "makespan":
         cost = float(max(done for _, _, done, _ in timings))
@@ -191,7 +191,7 @@ def finished(stops: Stops, orders: list[Order], bound: float, pheromone: Floats 
         cost = sum(stops.travel(order) for order in orders)
     late = sum(lateness for _, _, _, lateness in timings)
     if late <= _NEAR * (1.0 + max(done for _, _, done, _ in timings)):
-        late = 0.0  # sums of times are rounded
+        late = 0.0  # nothing but rounding errors of sums
     visited = np.unique(np.concatenate(orders))
     collected = 0.0 if stops.priorities is None else float(stops.priorities[visited].sum())
     whole = stops.priorities is not None or len(visited) == len(stops.matrix)

@@ -30,16 +30,16 @@ class Route:
     Attributes
     ----------
     order : int32[m]
-        The stops in the order it visits them, as indices into the task's stops.
+        The stops in the order of the visits, as indices into the task's stops.
     arrival, waiting : float64[m]
-        When it gets to each of them, and how long it waits there until the window opens, s.
+        Arrival at each stop, and waiting there until the window opens, s.
     legs : tuple of Plan
-        The path from the start to the first stop, from each to the next, and to the end if one is given; empty for a robot
-        that stays where it is.
+        The paths from the start to the first stop, from each stop to the next, and to the end if one is given; empty for a
+        robot that does not move.
     length : float
         Of all legs, m.
     duration : float
-        From t = 0 s until it is done, s.
+        Time from t = 0 s to the end, s.
     """
 
     order: NDArray[np.int32]
@@ -56,7 +56,7 @@ class Route:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TourPlan:
-    """What `plan_tour` found; `order`, `arrival`, `waiting` and `legs` are those of the first robot.
+    """The result of `plan_tour`; `order`, `arrival`, `waiting` and `legs` are those of the first robot.
 
     Attributes
     ----------
@@ -68,23 +68,23 @@ class TourPlan:
     length : float
         Of all routes, m.
     duration : float
-        When the last robot is done, s.
+        End time of the last robot, s.
     cost : float
-        What was made small: the time spent driving, summed over all robots, or for "makespan" the duration, s.
+        The objective: the total driving time of all robots, or for "makespan" the duration, s.
     lateness : float
-        By how much service begins after the ends of windows and the robots are done after the deadline, summed, s.
+        Sum of the delays of service after the ends of windows, and of robots after the deadline, s.
     feasible : bool
         Whether nothing is late.
     collected : float
-        The sum of the priorities of the stops visited; 0.0 without priorities.
+        Sum of the priorities of the visited stops; 0.0 without priorities.
     bound : float
         No feasible tour costs less, s; with priorities: none collects more.
     gap : float
-        cost / bound - 1 (with priorities bound / collected - 1): at most so far from the best.
+        cost / bound - 1 (with priorities bound / collected - 1): an upper bound of the distance from the optimum.
     elapsed : float
         Seconds of planning.
     ordering : Ordering
-        The order as the search left it; hand it on as `initial` to go on after a small change.
+        The result of the search for the order, from which a plan with `initial` continues.
     """
 
     task: TourTask
@@ -116,12 +116,12 @@ class TourPlan:
 
     @property
     def arrival(self) -> Floats:
-        """When the first robot gets to each of them, s, float64[m]."""
+        """Arrival of the first robot at each of its stops, s, float64[m]."""
         return self.routes[0].arrival
 
     @property
     def waiting(self) -> Floats:
-        """How long the first robot waits at each of them until the window opens, s, float64[m]."""
+        """Waiting of the first robot at each of its stops until the window opens, s, float64[m]."""
         return self.routes[0].waiting
 
     @property
@@ -152,43 +152,43 @@ def plan_tour(
     seed: int = 0,
     initial: TourPlan | None = None,
 ) -> TourPlan:
-    """Plan a tour that visits all stops in the best order, or with `priorities` the best of them.
+    """Plan a tour that visits all stops in the best order or, with `priorities`, the best of them.
 
     Parameters
     ----------
     grid : Grid
     start : (x, y)
-        Where every robot starts at t = 0 s, m.
+        Where all robots start at t = 0 s, m.
     stops : sequence of (x, y)
-        Where to go, m; at most 4,998, no two in the same cell.
+        Stops in m; at most 4,998, no two in the same cell.
     end : (x, y), "start" or None
-        Where every robot ends: in m, back at the start, or wherever its last stop is.
+        Where robots end: at that point in m, at the start, or at their last stops.
     windows : sequence of (earliest, latest) or None
-        For each stop when service may begin, s; None for any time. A robot that comes early waits.
+        For each stop the times at which service may start, s; None for any time. A robot that is early waits.
     service : float or float[N]
-        How long each stop takes, s.
+        Duration of each stop, s.
     priorities : float[N] or None
-        What each stop is worth, >= 0: as much as possible is collected within windows and deadline, then as cheaply as
-        possible. None: all stops are visited.
+        Value of each stop, >= 0: the sum collected within windows and deadline is maximised, then the cost is minimised.
+        None: all stops are visited.
     deadline : float
-        By when every robot must be done, s.
+        Latest end time of each robot, s.
     robots : int
-        How many share the stops; all start at `start`.
+        Number of robots that share the stops.
     objective : str
-        "travel time": the time spent driving, summed over the robots; "makespan": when the last one is done.
+        "travel time": the total driving time of all robots; "makespan": the end time of the last robot.
     speed, robot_radius : float
         m/s, m.
     moves : Moves
     costs : float[H, W] or None
-        Cost of each cell, see `antway.search.costs`: a metre takes so many times as long there.
+        Cost of each cell, see `antway.search.costs`: the factor by which a metre takes longer there.
     names : sequence of str or None
-        What the stops are called.
+        Names of the stops.
     seconds, cycles : float, int or None
-        When the search for the order stops, whichever comes first; with neither, after 1 s. Seconds may be infinite.
+        When the search for the order stops, whichever comes first; without both, after 1 s. Seconds may be infinite.
     seed : int
         In [0, 2**64 - 1]; the same seed and number of cycles give the same bytes.
     initial : TourPlan or None
-        An earlier tour through the same stops, on a map or with windows that have changed since, to go on from.
+        An earlier tour through the same stops from which to continue; map and windows may have changed.
 
     Returns
     -------
@@ -197,8 +197,8 @@ def plan_tour(
     Raises
     ------
     BadParameter, OutOfBounds, CellBlocked, TooLarge
-        For a stop in a wall, off the map, in the cell of another or out of reach, a window that ends before it begins, and so
-        on; the error names the stop.
+        For example for a stop in a wall, off the map, in the cell of another stop or unreachable, or for a window that ends
+        before it starts; the error names the stop.
 
     Examples
     --------
@@ -238,7 +238,7 @@ def plan_tour(
 
 
 def arguments(task: TourTask) -> dict[str, Any]:
-    """Return the arguments of `order_stops` for `task`; row 0 is the start, row i + 1 stop i, the last an end of its own."""
+    """Return the arguments of `order_stops` for `task`; row 0 is the start, row i + 1 stop i, and the last a separate end."""
     head, tail = np.zeros(1), np.zeros(1 if isinstance(task.end, tuple) else 0)
     always = np.array([[0.0, math.inf]])
     return {
@@ -253,7 +253,7 @@ def arguments(task: TourTask) -> dict[str, Any]:
 
 
 def _check_connected(task: TourTask, away: Floats) -> None:
-    """Raise the error that names all stops that cannot be reached from the start."""
+    """Raise an error that names all stops that cannot be reached from the start."""
     lost = np.flatnonzero(np.isinf(away[0, 1:]))
     if not len(lost):
         return

@@ -1,4 +1,4 @@
-"""A tour as plain data: what the command line prints as JSON, and what the page and files hold."""
+"""A tour as plain data, for JSON on the command line, the page, and files."""
 
 from __future__ import annotations
 

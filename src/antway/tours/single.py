@@ -13,12 +13,12 @@ from antway.tours.windowed import Path, search
 def best_order(
     stops: Stops, clock: Clock, cycles: int | None, seed: int, initial: Order | None, pheromone: Floats | None, quick: bool
 ) -> tuple[Order, bool, Floats | None]:
-    """Return the best order found, whether it is proven to be the best feasible one, and the pheromone, float64[n, n]."""
+    """Return the best order found, whether it is proven optimal and feasible, and the pheromone, float64[n, n]."""
     rows, spans, opens, closes = layout(stops)
     n, m = len(stops.matrix), len(rows)
     path = Path(spans, opens, closes, quick)
     tau = None
-    # Rows of the pheromone are stops; a closed tour has its start at both ends.
+    # Rows of the pheromone are stops. The start of a closed tour is at both ends of the path.
     ids = np.where(rows < 0, 0, rows)
     if pheromone is not None and pheromone.shape == (n, n):
         tau = np.ascontiguousarray(pheromone[np.ix_(ids, ids)])
@@ -40,7 +40,7 @@ def best_order(
 
 
 def _inserted(path: Path, order: list[int], missing: list[int]) -> Order:
-    """Insert the missing stops where they make the order least late, then least long."""
+    """Insert the missing stops where the order becomes least late, then shortest."""
     for stop in missing:
         trials = [[*order[:p], stop, *order[p:]] for p in range(1, len(order))]
         costs = [

@@ -1,4 +1,4 @@
-"""Files of stops: a table of comma-separated values, one stop a line."""
+"""Files of stops: tables of comma-separated values with one stop in each line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = ("x", "y", "name", "earliest", "latest", "service", "priority")
 
 @dataclass(frozen=True, slots=True)
 class StopFile:
-    """What a file of stops says; the keyword arguments of `plan_tour` of the same names.
+    """The content of a file of stops, named as the arguments of `plan_tour`.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class StopFile:
     service : tuple of float
         s.
     priorities : tuple of float or None
-        None without a column of that name.
+        None without such a column.
     """
 
     stops: tuple[tuple[float, float], ...]
@@ -46,15 +46,16 @@ class StopFile:
     priorities: tuple[float, ...] | None
 
     def arguments(self) -> dict[str, Any]:
-        """Return all but the stops themselves, as keyword arguments of `plan_tour`."""
+        """Return everything except the stops, as keyword arguments of `plan_tour`."""
         return {"names": self.names, "windows": self.windows, "service": self.service, "priorities": self.priorities}
 
 
 def load_stops(path: str | PathLike[str]) -> StopFile:
-    """Read a file of stops: a heading with the columns x and y (m) and, as far as wanted, name, earliest, latest (s; the window
-    in which service may begin), service (s) and priority, in any order; then one stop a line.
+    """Read a file of stops: a heading and one stop in each line.
 
-    An empty entry says that there is none. Without a heading the columns are x and y. Lines that begin with # say nothing.
+    The columns are x and y (m) and, optionally, name, earliest and latest (the window for the start of service, s), service (s)
+    and priority, in any order. Entries may be empty. Without a heading the columns are x and y. Lines that start with # are
+    comments.
 
     Raises
     ------
@@ -97,7 +98,7 @@ def load_stops(path: str | PathLike[str]) -> StopFile:
 
 
 def _columns(heading: list[str], where: str) -> list[str]:
-    """Return the names of the columns; none where the first line is a stop already."""
+    """Return the names of the columns; empty if the first line is a stop."""
     try:
         float(heading[0])
         return []
@@ -134,7 +135,7 @@ def _stop(columns: list[str], row: list[str], where: str) -> dict[str, Any]:
 
 
 def save_distances(task: TourTask, path: Path) -> None:
-    """Write the exact distances in m among start, stops and, if it is a place of its own, end as a table with their names.
+    """Write a table of the exact distances in m among start, stops and a separate end, with their names.
 
     Raises
     ------

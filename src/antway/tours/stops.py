@@ -1,4 +1,4 @@
-"""What is to be visited: travel times, windows, service, priorities, robots; checked once, and timed as it is driven."""
+"""The stops of a tour: travel times, windows, service, priorities and robots, checked once; and the times of an order."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Stops:
     matrix: Floats  # [n, n] travel time in s, infinite where there is no path
     start: int
     end: int | None
-    windows: Floats  # [n, 2] earliest and latest begin of service in s
+    windows: Floats  # [n, 2] earliest and latest start of service in s
     service: Floats  # [n] s
     priorities: Floats | None  # [n]
     deadline: float  # s
@@ -33,7 +33,7 @@ class Stops:
 
     @property
     def closed(self) -> bool:
-        """Whether the tour comes back to its start."""
+        """Whether the tour ends at its start."""
         return self.end == self.start
 
     @property
@@ -43,20 +43,20 @@ class Stops:
 
     @property
     def inner(self) -> Order:
-        """The stops but the start and the end, int32[m]."""
+        """The stops without start and end, int32[m]."""
         ends = {self.start, self.end}
         return np.array([i for i in range(len(self.matrix)) if i not in ends], dtype=np.int32)
 
     def timing(self, order: Order) -> tuple[Floats, Floats, float, float]:
-        """Return arrival and waiting at each stop of `order`, when the robot is done, and its lateness, in s.
+        """Return arrival and waiting at each stop of `order`, the end time of the robot, and its lateness, in s.
 
-        Lateness sums what service begins after the ends of windows, and what the end is after the deadline.
+        Lateness is the sum of the delays of service after the ends of windows, and of the end after the deadline.
         """
         arrival, waiting, now, late = np.empty(len(order)), np.empty(len(order)), 0.0, 0.0
         for p, stop in enumerate(order):
             if p > 0:
                 now += self.matrix[order[p - 1], stop]
-            # Of a closed tour the window of the start says when to leave; the deadline says when to be back.
+            # In a closed tour the window of the start is for the departure; the deadline is for the return.
             home = p > 0 and p == len(order) - 1 and self.closed
             earliest, latest = (0.0, math.inf) if home else self.windows[stop]
             arrival[p], waiting[p] = now, max(0.0, earliest - now)
@@ -118,7 +118,7 @@ def checked(
 
 
 def checked_windows(windows: object, n: int) -> Floats:
-    """Return `windows` as float64[n, 2], each from a time >= 0 to a later one, or infinite."""
+    """Return `windows` as float64[n, 2], each from a time >= 0 to a later one, which may be infinite."""
     if windows is None:
         return np.tile([0.0, math.inf], (n, 1))
     result = checks.array("windows", windows, (n, 2), finite=False)

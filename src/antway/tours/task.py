@@ -1,4 +1,4 @@
-"""What a tour on a map has to do, checked once: where it starts and ends, which stops it visits, when, with how many robots."""
+"""The checked task of a tour on a map: its start, end and stops, their times, and the robots."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ class TourTask:
     stops : float64[N, 2]
         (x, y) of each stop in m.
     names : tuple of str
-        What each stop is called.
+        Names of the stops.
     end : (x, y), "start" or None
-        Where the robots end: in m, back at the start, or at their last stops.
+        Where robots end: at that point in m, at the start, or at their last stops.
     windows : float64[N, 2]
-        Earliest and latest time in s at which service may begin; 0 and infinite where there is none.
+        Earliest and latest start of service in s; 0 and infinite if there is no window.
     service : float64[N]
-        How long each stop takes, s.
+        Duration of each stop, s.
     priorities : float64[N] or None
-        What each stop is worth; None: all must be visited.
+        Value of each stop; None: all must be visited.
     deadline : float
-        By when each robot must be done, s.
+        Latest end time of each robot, s.
     robots : int
     objective : str
         "travel time" or "makespan".
@@ -52,7 +52,7 @@ class TourTask:
         m/s, m.
     moves : Moves
     costs : float64[H, W] or None
-        What a metre costs in each cell (see `antway.search.costs`): so many times as long does it take.
+        Cost of each cell (see `antway.search.costs`): the factor by which a metre takes longer there.
     """
 
     grid: Grid
@@ -72,7 +72,7 @@ class TourTask:
     costs: Floats | None
 
     def places(self) -> tuple[Grid, list[Cell]]:
-        """Return the inflated grid and the cells of the start, of each stop, and of the end if that is a place of its own."""
+        """Return the inflated grid and the cells of the start, of each stop, and of a separate end."""
         free = self.grid.inflate(self.robot_radius)
         points = [self.start, *((float(x), float(y)) for x, y in self.stops)]
         points += [self.end] if isinstance(self.end, tuple) else []
@@ -97,7 +97,7 @@ def tour_task(
     moves: Moves = Moves.EIGHT,
     costs: ArrayLike | None = None,
 ) -> TourTask:
-    """Check what `plan_tour` is handed; parameters are its own.
+    """Check the arguments of `plan_tour`, and return them as a task.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def tour_task(
     standing_cell("start", start, grid, free, robot_radius)
     n = len(listed)
     known = _names(names, n)
-    named = [f" ({name})" for name in known] if names is not None else [""] * n  # what errors call the stops
+    named = [f" ({name})" for name in known] if names is not None else [""] * n  # names of the stops in errors
     first: dict[Cell, int] = {}
     for i, point in enumerate(listed):
         cell = standing_cell(f"stops[{i}]{named[i]}", point, grid, free, robot_radius)
@@ -167,7 +167,7 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
 
 
 def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: int, named: Sequence[str]) -> Floats:
-    """Return windows, of which each may be None, as float64[n, 2]."""
+    """Return windows, each of which may be None, as float64[n, 2]."""
     pairs = np.tile([0.0, math.inf], (n, 1))
     listed = [None] * n if windows is None else _listed("windows", windows, "for each stop (earliest, latest) in s, or None")
     if len(listed) != n:
@@ -188,7 +188,7 @@ def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: in
 
 
 def _amounts(name: str, value: ArrayLike, n: int) -> Floats:
-    """Return one number for each stop, each in [0, 1e9]; a single one holds for all."""
+    """Return one number in [0, 1e9] for each stop; a single number holds for all."""
     if np.ndim(value) == 0:
         return np.full(n, checks.number(name, value, low=0.0, high=1e9))
     listed = _listed(name, value, "one number for each stop")
@@ -198,7 +198,7 @@ def _amounts(name: str, value: ArrayLike, n: int) -> Floats:
 
 
 def _listed(field: str, value: object, wanted: str) -> list[Any]:
-    """Return what the iterable `value` holds, whose parts need not be of one shape."""
+    """Return the elements of the iterable `value`, which may differ in shape."""
     if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)) or getattr(value, "ndim", 1) == 0:
         raise BadParameter(field, value, wanted)
     return list(value)

@@ -26,15 +26,15 @@ MAX_NODES = 1_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tsptw:
-    """A travelling salesman problem with time windows, in the manner of its benchmark sets.
+    """A travelling salesman problem with time windows, as in the benchmark sets.
 
     Parameters
     ----------
     matrix : array_like[n, n]
-        Time from node to node, service at the first included, in [0, 1e9]; it may be asymmetric. The diagonal is not looked at.
+        Time from node to node with service at the first, in [0, 1e9]; it may be asymmetric. The diagonal is ignored.
     windows : array_like[n, 2]
-        Earliest and latest arrival; whoever comes early waits. Node 0 is the depot: one leaves when its window opens, and is
-        back before it closes.
+        Earliest and latest arrival; an early vehicle waits. Node 0 is the depot: the vehicle leaves when its window opens and
+        returns before it closes.
     name : str
 
     Raises
@@ -71,34 +71,34 @@ class Tsptw:
 
     @property
     def size(self) -> int:
-        """Number of nodes, the depot included."""
+        """Number of nodes, including the depot."""
         return len(self.matrix)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TsptwResult:
-    """What `solve_tsptw` found.
+    """The result of `solve_tsptw`.
 
     Attributes
     ----------
     order : int32[n]
         The nodes in the order of the tour, the depot 0 first.
     cost : float
-        The objective: the sum of times along the closed tour, or when it is back at the depot.
+        The objective: the sum of times along the closed tour, or the time of the return to the depot.
     feasible : bool
         Whether no window is missed.
     lateness : float
-        By how much arrivals come after the ends of windows, summed; 0.0 where feasible.
+        Sum of the delays of arrivals after the ends of windows; 0.0 if feasible.
     conflict : tuple of int
-        Where no order is feasible: one node, two or three of which no order visits all in time; empty if it takes more to see.
+        If no order is feasible: one to three nodes that no order visits in time; empty if no such few nodes show it.
     proven : bool
-        Whether no order is better; for an infeasible result, whether none is feasible.
+        Whether the order is proven to be the best; for an infeasible result, whether no order is feasible.
     bound : float
         No feasible order costs less.
     cycles : int
-        Cycles of the colony.
+        Number of cycles of the colony.
     history : float64[h, 3]
-        (cycle, best cost, seconds) whenever the best feasible one became better.
+        (cycle, best cost, seconds) at each improvement of the best feasible order.
     elapsed : float
         Seconds.
     """
@@ -129,28 +129,28 @@ def solve_tsptw(
     initial: object = None,
     cancel: threading.Event | None = None,
 ) -> TsptwResult:
-    """Look for the best closed tour that misses no window.
+    """Search for the best closed tour that misses no window.
 
-    A colony in which beams of ants build orders, forward and backward in time, by pheromone (Beam-ACO: Lopez-Ibanez, Blum,
-    Computers & Operations Research 37, 2010); each is improved by moving parts of it, shaken and improved again. From time to
-    time a wide beam looks at all partial orders that may be better than the best; once it drops none, the best is proven.
+    Beams of ants build orders, forward and backward in time, by pheromone (Beam-ACO: Lopez-Ibanez, Blum, Computers &
+    Operations Research 37, 2010). Local search improves each order, again and again after random moves. From time to time a
+    wide beam explores all partial orders that may lead to something better; once it drops none, the best order is proven.
 
     Parameters
     ----------
     instance : Tsptw
     objective : str
-        "travel time" or "makespan" (when the tour is back).
+        "travel time" or "makespan" (the time of the return).
     seconds, cycles : float, int or None
-        When to stop, whichever comes first; with neither, after 10 s; seconds may be infinite. The search ends once the best
-        is proven, too.
+        When to stop, whichever comes first; without both, after 10 s. Seconds may be infinite. The search also ends once the
+        best order is proven.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles give the same bytes.
     target : float or None
-        A cost that is good enough to stop.
+        The search stops at this cost.
     initial : sequence of int or None
-        An order of all nodes to start from, the depot first.
+        An initial order of all nodes, the depot first.
     cancel : threading.Event or None
-        Ends the search when set; the best so far is returned.
+        Ends the search when set; the best order so far is returned.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def solve_tsptw(
             raise BadParameter("initial", initial, f"a permutation of the nodes 0 to {n - 1} that begins with 0")
         first = np.append(nodes, n).astype(np.int32)
     clock = Budget(seconds=10.0 if seconds is None and cycles is None else seconds, cycles=cycles, cancel=cancel).start()
-    # The depot stands at both ends of the path.
+    # The depot is at both ends of the path.
     again = np.append(np.arange(n), 0)
     path = Path(instance.matrix[np.ix_(again, again)], instance.windows[again, 0], instance.windows[again, 1])
     found = search(path, clock, makespan=makespan, cycles=cycles, seed=seed, target=good, initial=first)
@@ -187,7 +187,7 @@ def solve_tsptw(
     cost, late = evaluate(instance, order, makespan)
     conflict = tuple(sorted({node % n for node in found.conflict}))
     if late > 0.0 and not found.late > 0.0:
-        late = 0.0  # of rounding alone
+        late = 0.0  # nothing but rounding errors
     return TsptwResult(
         order.copy(),
         cost,
@@ -213,7 +213,7 @@ def evaluate(instance: Tsptw, order: NDArray[np.int32], makespan: bool) -> tuple
 
 
 def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
-    """Read an instance in the usual text format: the number of nodes n, n x n times, n windows; `#` begins a comment.
+    """Read an instance in the usual text format: the number of nodes n, n x n times, n windows; `#` starts a comment.
 
     Parameters
     ----------
@@ -227,9 +227,9 @@ def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
     Raises
     ------
     BadMap
-        If the file is no such file; the message names the node.
+        If it is not such a file; the message names the node.
     TooLarge
-        If it is beyond the limits.
+        If it exceeds a limit.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise BadMap("path", path, "a path")
@@ -237,7 +237,7 @@ def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
 
 
 def parse(data: bytes, where: str = "") -> Tsptw:
-    """Return the instance in `data`; `where` stands in messages."""
+    """Return the instance in `data`; messages name `where`."""
     text = re.sub(rb"#[^\r\n]*", b"", decoded(data, where).encode())
     first = re.search(rb"\S+", text)
     word = first[0][:80].decode(errors="replace") if first else ""

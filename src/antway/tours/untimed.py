@@ -14,13 +14,13 @@ from antway.kernels.colony.local_search import improve, workspace
 from antway.planning import Clock
 from antway.tours.stops import Floats, Order, Stops
 
-FEW = 12  # stops that a dynamic program orders best in about a millisecond
-ROUNDS = 60, 400  # of the subgradient for the bound, at least and at most
-WORK = 20_000_000  # steps of the bound in between: some 50 ms
+FEW = 12  # number of stops up to which a dynamic program finds the best order in about 1 ms
+ROUNDS = 60, 400  # least and largest number of subgradient steps for the bound
+WORK = 20_000_000  # work of the bound that determines the number of these steps, about 50 ms
 
 
 def is_untimed(stops: Stops) -> bool:
-    """Tell whether `stops` are to be visited all, at any time, by one robot, and distances are the same both ways."""
+    """Tell whether one robot must visit all stops, at any time, and distances are symmetric."""
     away = stops.matrix
     few = len(away) <= FEW
     plain = not stops.timed and stops.robots == 1 and stops.priorities is None
@@ -32,7 +32,7 @@ def shortest_order(
 ) -> tuple[Order, float]:
     """Return the best order of untimed `stops` that ants find until the clock runs out, and a lower bound on its travel time.
 
-    Up to 12 stops a dynamic program finds the best at once. `initial` is an order to go on from, which 3-opt improves first.
+    For up to 12 stops a dynamic program finds the best order directly. `initial` is an order that 3-opt improves first.
     """
     away, n = stops.matrix, len(stops.matrix)
     first = rows_from_start(stops)
@@ -52,7 +52,7 @@ def shortest_order(
 
 
 def improved_order(stops: Stops, initial: Order) -> Order:
-    """Return `initial` as 3-opt leaves it, with all stops."""
+    """Return `initial` with all stops, improved by 3-opt."""
     first, n = rows_from_start(stops), len(stops.matrix)
     closed, _, end = closed_matrix(stops, stops.matrix)
     order = _improved(Tsp(matrix=closed), np.argsort(first)[initial], end)
@@ -65,10 +65,10 @@ def rows_from_start(stops: Stops) -> Order:
 
 
 def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
-    """Return distances whose closed tours are the tours of `stops`, how much longer those are, and the end's row or -1.
+    """Return distances whose closed tours are the tours of `stops`, their extra length, and the row of the end or -1.
 
-    An open tour is a closed one over a further node, which is 0 away from both ends and 2 max d from all else; a tour that does
-    not use both ends costs at least as much more as that saves.
+    An open tour is a closed one over one more node, with the distance 0 to both ends and 2 max d to all others. A tour that
+    does not use both of these arcs saves less than it costs.
     """
     first, n = rows_from_start(stops), len(away)
     end = -1 if stops.end is None else int(np.argsort(first)[stops.end])
@@ -83,16 +83,16 @@ def closed_matrix(stops: Stops, away: Floats) -> tuple[Floats, float, int]:
 
 
 def held_karp_bound(closed: Floats, extra: float, end: int) -> float:
-    """Return what no tour over `closed_matrix` is shorter than, `extra` taken off."""
+    """Return a lower bound of tours over `closed_matrix`, minus `extra`."""
     if len(closed) < 3:
         return 0.0
     rounds = max(ROUNDS[0], min(ROUNDS[1], WORK // len(closed) ** 2))
-    # Distances are sums of millions of roundings; the bound must not be above a tour by one of them.
+    # Distances have rounding errors, which must not lift the bound above a tour.
     return max(0.0, (held_karp.bound(closed, _nearest_first(closed), rounds) - extra) * (1 - 1e-9))
 
 
 def _improved(instance: Tsp, known: NDArray[np.int64], end: int) -> Order:
-    """Return the order `known` over rows as a closed tour with all nodes, those missing put in where that costs least."""
+    """Return the order `known` as a closed tour of all nodes; missing ones are inserted where that costs least."""
     away = instance.matrix
     assert away is not None
     order = known[:-1].tolist() if end == 0 and len(known) > 1 else known.tolist()
@@ -109,7 +109,7 @@ def _improved(instance: Tsp, known: NDArray[np.int64], end: int) -> Order:
 
 
 def _from_start(order: Order, n: int, end: int) -> Order:
-    """Return a closed tour over rows, the further node `n` left out, so that it begins with row 0 and ends with `end`."""
+    """Return a closed tour over rows, without the extra node `n`, from row 0 to `end`."""
     at = int(np.flatnonzero(order == 0)[0])
     order = np.roll(order, -at)
     if end != 0:
@@ -121,14 +121,14 @@ def _from_start(order: Order, n: int, end: int) -> Order:
 
 
 def _finish(order: Order, stops: Stops) -> Order:
-    """Return `order`, for a closed tour with the start once more at its end, in the sense that comes first."""
+    """Return `order` in a unique direction, for a closed tour with the start again at its end."""
     if stops.closed:
         order = np.r_[order, order[:1]]
     return order.astype(np.int32)
 
 
 def _nearest_first(away: Floats) -> float:
-    """Return the cost of the closed tour that always goes on to the nearest node left."""
+    """Return the cost of the closed tour that always goes to the nearest unvisited node."""
     left = np.ones(len(away), dtype=bool)
     at, total = 0, 0.0
     left[0] = False

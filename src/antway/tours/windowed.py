@@ -1,4 +1,4 @@
-"""The search behind `solve_tsptw` and `order_stops`: a path through all stops in time, by a colony and widening beams."""
+"""The search in `solve_tsptw` and `order_stops`: a path through all stops in time, by a colony and widening beams."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from antway.planning import Clock
 
 Floats = NDArray[np.float64]
 Order = NDArray[np.int32]
-_WIDER = 128  # partial orders in a wide beam for each cycle before it
-_FEW_ATTEMPTS = 10  # shakes between two looks at the clock where a former order is to be mended at once
-_LONGEST = 8  # stops; a part of an order that is moved is no longer
-_ATTEMPTS = 100  # shakes of an ant's order in a cycle
-_EVAPORATION = 0.1  # share of pheromone that a cycle replaces
-_TEMPERATURE = 0.5  # typical steps; by how much worse a shaken order may be at first
-_HURRY = 3.0  # seconds; how much an early arrival counts for ants, beside a second of lower bound, at most
-_WIDTH = 30  # partial orders in a beam
-_STATES = 4_000_000  # partial orders times stops that a beam may hold, 12 bytes each
-_SLICE = 0.02  # s: how long cycles run before the budget is looked at
+_WIDER = 128  # width of a wide beam for each cycle before it
+_FEW_ATTEMPTS = 10  # random moves between two looks at the clock when an earlier order must be repaired quickly
+_LONGEST = 8  # largest number of stops in a moved part of an order
+_ATTEMPTS = 100  # random moves of an ant's order in a cycle
+_EVAPORATION = 0.1  # share of pheromone that is replaced in a cycle
+_TEMPERATURE = 0.5  # typical steps; by about how much worse an order may become at first
+_HURRY = 3.0  # largest weight of a second of arrival time for ants, relative to a second of lower bound
+_WIDTH = 30  # partial orders in the beam of a cycle
+_STATES = 4_000_000  # limit of partial orders times stops in a beam, 12 bytes each
+_SLICE = 0.02  # s; time between two checks of the budget
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The best order found: `late` is 0 where it is feasible; proven: there is no better one."""
+    """The best order found. `late` is 0 if it is feasible; `proven` means that there is no better one."""
 
     order: Order
     late: float
@@ -45,21 +45,21 @@ class Found:
 
 
 class Path:
-    """A path from the first stop through all others to the last one, in whole units in which sums are exact.
+    """A path from the first stop through all others to the last one, in whole units so that sums are exact.
 
     Parameters
     ----------
     time : float64[n, n]
-        Service and travel from stop to stop; infinite where there is no path.
+        Time of service and travel; infinite if there is no path.
     opens, closes : float64[n]
-        When service may begin; closes may be infinite.
+        Earliest and latest start of service; closes may be infinite.
     quick : bool
-        Whether to go without what windows decide alone, which only local search does without.
+        Whether to leave out the analysis of windows, which only local search can do without.
 
     Notes
     -----
-    Decimal numbers of at most six places become whole numbers. Others are rounded to 50 bits of the horizon, all to the safe
-    side: an order in time here is in time there.
+    Decimal numbers with at most six places become whole numbers. Others are rounded to 50 bits of the horizon, to the safe
+    side: an order that is in time here is in time with the given numbers.
     """
 
     def __init__(self, time: Floats, opens: Floats, closes: Floats, quick: bool = False) -> None:
@@ -67,7 +67,7 @@ class Path:
         steps = time.copy()
         np.fill_diagonal(steps, np.inf)
         steps[:, 0] = steps[-1, :] = np.inf
-        # All is done by then in any order worth looking at.
+        # Any reasonable order ends before this.
         longest = np.where(np.isfinite(steps), steps, 0.0).max(axis=1).sum()
         horizon = float(opens.max() + longest) + 1.0
         ends = np.minimum(closes, horizon)
@@ -83,7 +83,7 @@ class Path:
         np.fill_diagonal(whole, 0.0)
         self.quick = quick
         self.far = whole if quick else kernel.shortest(whole)
-        # For orders that are late in any case: an arc that does not exist takes as long as all others.
+        # For orders that are late in any case: a missing arc takes as long as all others together.
         self.finite = np.where(np.isfinite(whole), whole, np.ceil(horizon * self.scale))
         self.windows, self.feasible = self._prepare()
         self.mirror = _mirror(self.windows) if self.feasible and not quick else self.windows
@@ -114,14 +114,14 @@ class Path:
         return tuple(stop for stop in kernel.conflict(self.far, self.opens, self.closes) if stop >= 0)
 
     def bound(self, makespan: bool) -> float:
-        """Return what no feasible order costs less than."""
+        """Return a lower bound of the cost of feasible orders."""
         if not self.feasible:
             return 0.0
         travel = self.windows.bound / self.scale
         return max(self.windows.opens[-1] / self.scale, travel + self.windows.opens[0] / self.scale) if makespan else travel
 
     def late(self, order: Order) -> float:
-        """Return by how much services begin late in sum."""
+        """Return the sum of the delays of service."""
         return float(lateness(self.finite, self.opens, self.closes, order, math.inf)) / self.scale
 
 
@@ -139,7 +139,7 @@ def _decimal(values: Floats, horizon: float) -> float:
 def _record(
     steps: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_], leave: Floats, enter: Floats
 ) -> kernel.Windows:
-    """Return the record that kernels take."""
+    """Return the record for kernels."""
     n = len(steps)
     reduced = steps - leave[:, None] - enter[None, :]
     words = (n + 63) // 64
@@ -168,7 +168,7 @@ def _unpacked(before: NDArray[np.uint64], n: int) -> NDArray[np.bool_]:
 
 
 def _mirror(windows: kernel.Windows) -> kernel.Windows:
-    """Return the same task from the end to the start, at times from the latest end back."""
+    """Return the same task backwards in time."""
     n, horizon = len(windows.opens), windows.closes[-1]
     first = _unpacked(windows.before, n).T
     return _record(
@@ -195,13 +195,13 @@ def search(
     evaporation: float = _EVAPORATION,
     width: int = _WIDTH,
 ) -> Found:
-    """Look for the best order until the clock is spent, `cycles` are done, one costs `target`, or none can be better.
+    """Search until the clock is spent, `cycles` are done, an order costs at most `target`, or none can be better.
 
-    `evaporation` is the share of the pheromone that a cycle replaces, 0 for ants that learn nothing; `width` that of the ants'
-    beams, 0 for no ants.
+    `evaporation` is the share of the pheromone that is replaced in a cycle, 0 for ants that do not learn. `width` is the width
+    of the ants' beams, 0 for no ants.
     """
     n = len(path.time)
-    # What is due first stands first, to begin with.
+    # The initial order is by due times.
     due = 1 + np.argsort((path.opens + path.closes)[1:-1], kind="stable")
     start = np.concatenate(([0], due, [n - 1])).astype(np.int32) if initial is None else initial.astype(np.int32)
     if not path.feasible or n <= 3:
@@ -229,7 +229,7 @@ class _Run:
     ) -> None:
         n = len(path.time)
         self.path, self.clock, self.seed, self.makespan = path, clock, np.uint64(seed), makespan
-        # Orders that end alike differ by a millionth of their travel.
+        # Among orders with equal ends, a millionth of the travel time decides.
         self.target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
         tau = np.full((n, n), 0.5) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
         self.colony = colonies.Colony(
@@ -249,7 +249,7 @@ class _Run:
             self.history.append((int(self.colony.record[colonies.CYCLE]), best, self.clock.elapsed()))
 
     def _widen(self, width: int, backward: bool) -> None:
-        """Look among all orders that `width` partial ones at a time allow, from the start or from the end."""
+        """Search with a beam of `width` partial orders, from the start or from the end."""
         path, record = self.path, self.colony.record
         n = len(path.time)
         width = min(width, _STATES // n)
@@ -263,7 +263,7 @@ class _Run:
         self.proven = bool(whole)
 
     def _repair(self, attempts: int, draw: int) -> float:
-        """Make the start order less late, and once it is in time give it to the colony; return its lateness."""
+        """Reduce the lateness of the initial order, and give it to the colony once it is in time; return its lateness."""
         path = self.path
         drawn, work = np.uint64(stream(self.seed, np.uint64(draw))), QUICK_WORK if path.quick else WORK
         late = float(repair(path.finite, path.opens, path.closes, self.start, attempts, drawn, work))
@@ -272,7 +272,7 @@ class _Run:
         return late
 
     def go(self, cycles: int | None) -> Found:
-        """Run the cycles; after 4, 8, 16, ... of them a wide beam takes about as long as they did."""
+        """Run the cycles; after 4, 8, 16, ... of them a wide beam follows that takes about as long as they did."""
         path, record = self.path, self.colony.record
         limit = 2**62 if cycles is None else cycles
         late = self._repair(0, 0) if self.warm else math.inf
@@ -288,10 +288,10 @@ class _Run:
             each = max(time.perf_counter() - started, 1e-9) / ran
             batch = max(1, min(2 * batch, 4096, int(_SLICE / each)))
             if record[colonies.BEST] == math.inf:
-                # One by one, so that what happens does not depend on how long it takes.
+                # One cycle at a time, so that the result does not depend on the time.
                 late, batch = self._repair(1, done), 1
             if done == widened:
-                # Each beam takes twice as long as the last; seconds that are not left are not started.
+                # Each beam takes twice as long as the one before, and is not started if that time is not left.
                 before = time.perf_counter()
                 if before + 2.0 * beam_time < self.clock.end and not path.quick:
                     self._widen(_WIDER * done, backward)

@@ -1,4 +1,4 @@
-"""What a policy shows of its ants at work."""
+"""How a policy shows its ants at work."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class LaidTrails(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AntStep:
-    """What the ants of a policy did in one control cycle.
+    """The work of a policy's ants in one control cycle.
 
     Attributes
     ----------
     idle : str
-        Why no ants took part; empty if some did.
+        Why no ants took part; empty if they did.
     done : bool
-        Whether they ended by themselves: with more cycles of theirs the control cycle comes to the same.
+        Whether the ants finished by themselves, so that more ant cycles would not change the decision.
     decision : Decision
     """
 
@@ -43,10 +43,10 @@ class ShowsAnts(Protocol):
     """A policy whose ants can be watched at work."""
 
     def use_common_memory(self) -> None:
-        """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
+        """From now on search in memory that all policies of a thread share; each search starts with empty memory."""
 
     def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
-        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+        """Return the result of the control cycle that `act` plays, with at most `cycles` ant cycles."""
 
     def trails(self) -> LaidTrails:
-        """Return the pheromone that is worth showing."""
+        """Return the pheromone to show."""

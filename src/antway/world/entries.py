@@ -1,4 +1,4 @@
-"""People of a recording who appear beside the robot: they are not there until they are farther off."""
+"""People of a recording who would appear next to the robot: they are absent until they are farther away."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from antway.world.policy import Task
 from antway.world.timeline import Timeline
 from antway.world.world import World
 
-NEAR = 1.0  # m between the centres; whoever appears so near to the robot is not there yet
-_FAR = 1000.0  # m from the robot; where whoever is not there is put, straight away from the robot
-_INSTANT = 1e-6  # s; somebody leaves so long after a scan and is back so long before one, so that none sees it on its way
+NEAR = 1.0  # m; a person who appears at a smaller distance of centres from the robot is absent at first
+_FAR = 1000.0  # m; distance from the robot at which absent people are placed
+_INSTANT = 1e-6  # s; people leave this long after a scan and return this long before one, so that no scan sees them move
 
 
 class Entries:
-    """Who of one episode appears, and who of them is not there yet.
+    """The people who appear during an episode, and those who are absent at present.
 
-    A `Replay` whose record starts in the episode is looked at in the first control period after that: where its centre is
-    within NEAR of the robot's, it is taken out of the world until a period at whose end it is farther off than that and the
-    way that the robot can make meanwhile. Its trajectory then says so: it is `_FAR` away in between.
+    A `Replay` whose record starts during the episode is examined in the next control period. If its centre is within NEAR of
+    the robot's, it is removed from the world until the end of a period at which its distance exceeds NEAR plus the distance
+    that the robot can drive in the period. Meanwhile its trajectory is `_FAR` away.
     """
 
     def __init__(self, world: World, task: Task) -> None:
         motions = [(k, one.motion) for k, one in enumerate(world.obstacles) if isinstance(one.motion, Replay)]
         self.task = task
         self.due = sorted((motion.record_start, k) for k, motion in motions if motion.record_start > 0.0)
-        self.away: dict[int, tuple[Replay, NDArray[np.float64]]] = {}  # the motion, and where it was put
+        self.away: dict[int, tuple[Replay, NDArray[np.float64]]] = {}  # the motion, and the far place
         self.motions = dict(motions)
 
     def go(self, i: int, robot: tuple[float, float], line: Timeline) -> Timeline:
-        """Return the timeline from control period i on, at the start of which the robot is at `robot` (m)."""
+        """Return the timeline for control period i, at the start of which the robot is at `robot` (m)."""
         dt, changed = self.task.robot.dt, {}
         t, here = i * dt, np.array(robot)
         for k, (motion, far) in list(self.away.items()):
@@ -70,7 +70,7 @@ def _place(t: NDArray[np.float64], xy: NDArray[np.float64], when: float) -> NDAr
 
 
 def _round(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return two far places on a path round the origin from the far place `start` to `end`, float64[2, 2]."""
+    """Return two far places on a path around the origin from the far place `start` to `end`, float64[2, 2]."""
     ahead = end / math.hypot(*end)
     side = np.array([-ahead[1], ahead[0]])
     if float(side @ start) < 0.0:
@@ -79,6 +79,6 @@ def _round(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _with(line: Timeline, changed: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]) -> Timeline:
-    """Return the timeline with other trajectories of some discs."""
+    """Return the timeline with the trajectories of some discs replaced."""
     parts = [changed.get(k, (line.knot_t[a:b], line.knot_xy[a:b])) for k, (a, b) in enumerate(pairwise(line.first.tolist()))]
     return Timeline.of(line.id.tolist(), line.radius.tolist(), parts)

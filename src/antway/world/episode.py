@@ -1,4 +1,4 @@
-"""An episode: sense, decide, drive, with an exact test of contact, until the goal, a contact or the horizon."""
+"""An episode: sense, decide and drive, with exact contact tests, until the goal, a contact or the horizon."""
 
 from __future__ import annotations
 
@@ -36,30 +36,30 @@ from antway.world.trace import Trace
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpisodeResult:
-    """What came of an episode.
+    """The result of an episode.
 
     Attributes
     ----------
     outcome : Outcome
     reason : str
-        One sentence on it.
+        One sentence about the outcome.
     time : float
-        When it ended, s.
+        End time, s.
     length : float
         Length driven, m.
     min_clearance : float
-        Least distance ever between the edges of the robot and a moving obstacle, m; infinite without obstacles.
+        Smallest distance between the edges of the robot and a moving obstacle, m; infinite without obstacles.
     replans : int
-        How often the policy turned from one planned motion (`Decision.path`) to another.
+        How often the policy changed its planned motion (`Decision.path`).
     waits : int
         How often the robot came to rest.
     cycle_ms : float64[N]
-        Wall time of each control cycle of the policy, ms, without what it took to compile kernels at their first use.
+        Wall time of each control cycle of the policy, ms, without the time spent compiling kernels.
     seed : int
     config : mapping
         How the episode was set up.
     trace : Trace or None
-        The record, if one was asked for.
+        The record, if it was requested.
     rounds : Rounds or None
         The stops, if the scenario has any, and how they were visited.
     order_ms : float64[M]
@@ -118,27 +118,26 @@ def run(
     ----------
     scenario : Scenario
     policy : str or Policy
-        A name for `make_policy`, or an object with `reset`, `act` and `explain`; `antway.policies.guard.Guarded` puts a guard
-        behind any. One that also has `foresee`
-        (`antway.world.policy.Foresees`) is told where every obstacle will be. One that has `planned`
-        (`antway.world.policy.Plans`) is not asked for explanations that nobody records.
+        A name for `make_policy`, or an object with `reset`, `act` and `explain`; `antway.policies.guard.Guarded` adds a guard
+        to any. A policy with `foresee` (`antway.world.policy.Foresees`) learns where every obstacle will be. A policy with
+        `planned` (`antway.world.policy.Plans`) is not asked for explanations that are not recorded.
     seed : int or None
-        Of all chance in it: obstacles, sensor, policy; None: the scenario's.
+        Seed of all randomness: obstacles, sensor, policy; None: that of the scenario.
     horizon : float or None
-        When the episode ends at the latest, s; None: the scenario's.
+        Latest end of the episode, s; None: that of the scenario.
     record : bool
-        Whether the result holds a trace.
+        Whether the result has a trace.
 
     Returns
     -------
     EpisodeResult
-        A policy that raises ends the episode as `Outcome.ERROR` once the robot is braked; a command that is None or not finite
-        means stop.
+        If the policy raises an exception, the robot brakes and the episode ends with `Outcome.ERROR`. A command that is None or
+        not finite means stop.
 
     Raises
     ------
     BadInput
-        For wrong arguments, or an obstacle that begins in contact with the robot.
+        For wrong arguments, or an obstacle that touches the robot at the start.
 
     Examples
     --------
@@ -166,11 +165,11 @@ class Episode:
     scenario : Scenario
     policy : Policy
     outcome : Outcome or None
-        None while it goes on.
+        None while the episode continues.
     reason : str
-        One sentence on the outcome.
+        One sentence about the outcome.
     decisions : list of (step, Decision)
-        As in `Trace`; none without a record of a policy that need not explain.
+        As in `Trace`; empty without a record, if the policy need not explain.
     stage : Stage
         The record: arrays as in `Trace`, filled up to row `steps`.
 
@@ -202,10 +201,10 @@ class Episode:
         if self.tour is not None:
             self.policy = self.tour
             self.tour.check(stage.task)
-            stage.aim[2] = -1.0  # no goal until all stops are visited
+            stage.aim[2] = -1.0  # the goal does not count until all stops are visited
         self._plans = driver if not record and isinstance(driver, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
-        self.plans: list[TimedPath] = []  # in use one after the other
+        self.plans: list[TimedPath] = []  # the successive planned motions
         self.outcome: Outcome | None = None
         self.reason = self._fault = ""
         if self.tour is None and math.dist(stage.task.start, stage.task.goal) <= stage.task.goal_tolerance:
@@ -214,12 +213,12 @@ class Episode:
             if isinstance(driver, Foresees):
                 driver.foresee(stage.timeline)
             self.policy.reset(stage.task, self.seed)
-        except Exception as error:  # whatever a policy raises is the outcome of its episode, not the end of ours
+        except Exception as error:  # an exception of a policy ends its episode, not the program
             self.outcome, self.reason = Outcome.ERROR, f"{self.name} at reset: {_message(error)}"
 
     @property
     def steps(self) -> int:
-        """How many control cycles were played."""
+        """Number of control cycles played."""
         return self.stage.n
 
     def step(self) -> None:
@@ -243,7 +242,7 @@ class Episode:
             self.outcome, self.reason = Outcome.ERROR, self._fault
 
     def _commanded(self, observation: Observation) -> Command | None:
-        """Return what the policy commands, and note how long it took; no robot waits for an explanation."""
+        """Return the command of the policy, and record its time, which does not include explanations."""
         compiled, started = compile_seconds(), time.perf_counter()
         try:
             return self.policy.act(observation)
@@ -252,7 +251,7 @@ class Episode:
             self.stage.cycle_ms[self.stage.n] = max(taken, 0.0) * 1e3
 
     def _planned(self) -> TimedPath | None:
-        """Return the motion planned; the explanation that tells it is kept, unless none is needed."""
+        """Return the planned motion, and record the explanation, if one is needed."""
         if self._plans is not None:
             return self._plans.planned()
         decision = self.policy.explain()
@@ -261,9 +260,9 @@ class Episode:
         return decision.path
 
     def result(self, *, record: bool = True) -> EpisodeResult:
-        """Return what came of an episode that has ended."""
+        """Return the result of an episode that has ended."""
         stage, scenario, outcome = self.stage, self.scenario, self.outcome
-        assert outcome is not None, "the episode goes on"
+        assert outcome is not None, "the episode continues"
         config = {
             "version": __version__,
             "horizon": stage.horizon,
@@ -295,14 +294,14 @@ class Episode:
 
 
 def _message(error: Exception) -> str:
-    """Return what an exception says and where it was raised: the last frame of its traceback that is written in Python."""
+    """Return the message of an exception, and the last Python frame of its traceback."""
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
     return f"{type(error).__name__}: {error}{where}"
 
 
 class Stage:
-    """The robot, the obstacles and the record of one episode, up to step `n`."""
+    """Robot, obstacles and record of one episode, up to step `n`."""
 
     def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
         task = self.task = scenario.task
@@ -342,7 +341,7 @@ class Stage:
         return math.hypot(*self.velocity[self.n].tolist()) <= REST and abs(float(self.turn_rate[self.n])) <= REST
 
     def observe(self) -> Observation:
-        """Sense."""
+        """Return what the robot senses now."""
         i = self.n
         now, (x, y), (vx, vy) = float(self.t[i]), self.xy[i].tolist(), self.velocity[i].tolist()
         stamp, tracks, seen = self.scanner.observe(now, x, y)
@@ -355,14 +354,14 @@ class Stage:
         return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp, float(self.turn_rate[i]), pending)
 
     def asked(self, command: Command | None, observation: Observation) -> tuple[float, float]:
-        """Return the two numbers that the robot is to follow; NaN where there is no command."""
+        """Return the two numbers of a command that the robot follows; NaN if there is no command."""
         if command is None:
             return math.nan, math.nan
         one, two = command.velocity if self.stepwise else command.acts(observation, self.task.robot)
         return float(one), float(two)
 
     def drive(self, one: float, two: float) -> tuple[Outcome | None, str]:
-        """Drive one cycle under a command; return how that ended the episode, if it did, and why."""
+        """Drive one cycle under a command; return the outcome, or None if the episode continues, and the reason."""
         self.command[self.n] = one, two
         what, obstacle, clearance = self._step(one, two) if self.stepwise else self._play()
         self.n, self.clearance = self.n + 1, min(self.clearance, clearance)
@@ -420,7 +419,7 @@ class Stage:
         reason: str,
         config: dict[str, Any],
     ) -> Trace:
-        """Return the record as it stands."""
+        """Return the record so far."""
         n = self.n
         return Trace(
             task=self.task,

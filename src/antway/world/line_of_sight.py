@@ -1,27 +1,34 @@
-"""What a robot can reach in a straight line among the walls of its map."""
+"""Where a robot can stand among the walls of its map, and what it can reach in a straight line."""
 
 from __future__ import annotations
 
 import math
 
-from antway.errors import OutOfBounds
+from antway.errors import CellBlocked, OutOfBounds
 from antway.grid import Cell, Grid
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.world.policy import XY, Task
 
 
 def clear(task: Task, a: XY, b: XY, radius: float | None = None) -> bool:
-    """Tell whether the robot, or a disc of another `radius` in m, can drive straight from `a` to `b` among the map's walls."""
+    """Tell whether the robot, or a disc of `radius` m, can drive straight from `a` to `b` without touching a wall."""
     (ar, ac), (br, bc) = task.grid.to_points((a, b)).tolist()
     radius = task.robot.radius if radius is None else radius
     return not segment_hits_cells(task.grid.blocked, ar, ac, br, bc, radius / task.grid.resolution, True)
 
 
+def check_clear(task: Task, name: str, xy: XY) -> None:
+    """Raise `CellBlocked`, which names `name`, if the robot touches a wall or an edge of the map at `xy`."""
+    if not clear(task, xy, xy):
+        allowed = f"at least the robot's radius, {task.robot.radius:g} m, from walls and the map's edges"
+        raise CellBlocked(name, xy, allowed)
+
+
 def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float | None = None) -> Cell | None:
     """Return the cell from which a path from `xy` starts, None if there is none.
 
-    It is free in `inflated`, at most `cells` rows and columns from that of `xy`, its centre is reached in a straight line, and
-    of all such it is the nearest. With `radius` (m) for a disc of that radius in place of the robot.
+    It is the nearest free cell of `inflated` at most `cells` rows and columns from that of `xy` whose centre can be reached in
+    a straight line, by the robot or by a disc of `radius` m.
     """
     try:
         row, col = inflated.cell_at(xy)
@@ -34,9 +41,9 @@ def nearest_free(task: Task, inflated: Grid, xy: XY, cells: int, radius: float |
 
 
 def goal_of_cells(task: Task) -> XY:
-    """Return where a path over cells ends: the goal, or, where its cell's centre has no room, the nearest centre that has.
+    """Return the end of a path over cells: the goal, or the nearest cell centre if the robot cannot be at that of the goal's.
 
-    From there the goal is reached in a straight line; if there is no such cell, it is the goal.
+    From that centre the goal can be reached in a straight line. If there is none, it is the goal.
     """
     centre = task.grid.centre(task.grid.cell_at(task.goal))
     if clear(task, centre, centre):

@@ -1,6 +1,6 @@
-"""How obstacles move: each motion, given a draw of chance and a horizon, becomes a piecewise linear course.
+"""How obstacles move: each motion, with random draws and a horizon, gives a piecewise linear trajectory.
 
-A *span* is a number, or a pair (low, high) of which each episode's seed draws a number uniformly.
+A *span* is a number, or a pair (low, high) from which the seed of an episode draws a number uniformly.
 """
 
 from __future__ import annotations
@@ -23,32 +23,32 @@ XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
 Trajectory = tuple[NDArray[np.float64], NDArray[np.float64]]  # t float64[M] in s, xy float64[M, 2] in m
 
-MAX_KNOTS = 100_000  # of one obstacle
+MAX_KNOTS = 100_000  # limit of knots of an obstacle
 
 
 class Draw:
-    """Chance of one obstacle in one episode: stream `index` of the episode's seed."""
+    """Random draws of one obstacle in one episode: stream `index` of the episode's seed."""
 
     def __init__(self, seed: int, index: int) -> None:
         self.state = np.array([stream(np.uint64(seed), np.uint64(index))], np.uint64)
 
     def of(self, span: Span) -> float:
-        """Return the number that `span` is, or one drawn from it."""
+        """Return `span` if it is a number, else a number drawn from it."""
         if isinstance(span, tuple):
             return span[0] + (span[1] - span[0]) * float(uniform(self.state))
         return span
 
 
 class Motion(Protocol):
-    """What moves an obstacle."""
+    """The motion of an obstacle."""
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
-        """Return the course of a disc of `radius` m from 0 to at least `horizon` s, or to where it stands for good."""
+        """Return the trajectory of a disc of `radius` m from 0 to at least `horizon` s, or until it stands for good."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """From `start` straight to `end` (m) at `speed` (m/s) after `delay` (s); it stands before and after."""
+    """Straight from `start` to `end` (m) at `speed` (m/s) after `delay` (s); the obstacle stands before and after."""
 
     start: XY
     end: XY
@@ -70,7 +70,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class BackAndForth:
-    """Between `start` and `end` (m) at `speed` (m/s) for ever, from the share `phase` in [0, 1] of a round trip on."""
+    """Back and forth between `start` and `end` (m) at `speed` (m/s), starting at the share `phase` of a round trip."""
 
     start: XY
     end: XY
@@ -87,7 +87,7 @@ class BackAndForth:
 
 @dataclass(frozen=True, slots=True)
 class Waypoints:
-    """Along `points` (m) at `speed` (m/s), with `pause` s at each; closed and for ever, or once if not `loop`.
+    """Along `points` (m) at `speed` (m/s), with `pause` s at each; in a loop for ever, or once without `loop`.
 
     A loop starts at the fraction `phase` in [0, 1] of its length.
     """
@@ -112,7 +112,7 @@ class Waypoints:
         legs = np.hypot(*np.diff(stops, axis=0).T)
         if speed == 0.0 or legs.sum() == 0.0:
             return _standing(self.points[0])
-        # Each leg is a drive and a pause at its end.
+        # Each leg consists of a drive and a pause at its end.
         durations = np.column_stack((legs / speed, np.full(len(legs), pause))).ravel()
         t = np.concatenate(([0.0], np.cumsum(durations)))
         xy = np.vstack((stops[:1], np.repeat(stops[1:], 2, axis=0)))
@@ -130,7 +130,7 @@ class Waypoints:
 
 @dataclass(frozen=True, slots=True)
 class Bounce:
-    """From `start` (m) at `speed` (m/s) in the direction `heading` (rad), mirrored at walls and at the edges of the map."""
+    """From `start` (m) at `speed` (m/s) in the direction `heading` (rad), reflected at walls and at the map's edges."""
 
     start: XY
     speed: Span
@@ -167,10 +167,10 @@ class RandomWalk:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A recorded track: at `points[i]` (m) at time `t[i]` (s, increasing); it stands before and after.
+    """A recorded track: it is at `points[i]` (m) at `t[i]` (s, increasing), and stands before and after.
 
-    The record itself may begin later than its first point, at the time `record_start` (s) > 0 of the episode: before that it
-    only says where the disc comes from. One whose centre is then within 1 m of the robot's is not there until it is farther off
+    The record itself may start later than the first point, at the time `record_start` > 0 (s) of the episode; earlier points
+    only say where the disc comes from. If its centre is then within 1 m of the robot's, it is absent until it is farther away
     (`antway.world.entries`).
     """
 
@@ -199,11 +199,11 @@ class Replay:
 
 @dataclass(frozen=True, slots=True)
 class Pursue:
-    """From `start` (m) after the robot: straight to where it is, at `speed` (m/s), from `delay` s on for `follow_time` s.
+    """From `start` (m) straight towards the present place of the robot, at `speed` (m/s), after `delay` s for `follow_time` s.
 
-    It keeps `gap` m between its edge and the robot's, and so never drives into one that stands; it slides along walls in its
-    way. As its course depends on the robot, none can be told beforehand: `trajectory` is that of standing at the start, and an
-    episode lays down the true one period by period.
+    It keeps `gap` m between its edge and the robot's, so it never runs into a standing robot, and it slides along walls. As its
+    trajectory depends on the robot, it is not known beforehand: `trajectory` is that of standing at the start, and an episode
+    extends the true one period by period.
     """
 
     start: XY
@@ -217,7 +217,7 @@ class Pursue:
         _spans(self, speed="m/s", gap="m", delay="s", follow_time="s")
 
     def drawn(self, draw: Draw) -> Pursuer:
-        """Return the numbers of an episode."""
+        """Return the motion with the spans drawn for an episode."""
         return Pursuer(self.start, draw.of(self.speed), draw.of(self.gap), draw.of(self.delay), draw.of(self.follow_time))
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
@@ -268,7 +268,7 @@ def _standing(place: XY) -> Trajectory:
 
 
 def _from(t: NDArray[np.float64], xy: NDArray[np.float64], since: float) -> Trajectory:
-    """Cut off what comes before time `since`, which becomes 0."""
+    """Cut off everything before the time `since`, which becomes 0."""
     i = int(np.searchsorted(t, since, side="right"))
     here = [np.interp(since, t, xy[:, 0]), np.interp(since, t, xy[:, 1])]
     return np.concatenate(([0.0], t[i:] - since)), np.vstack((here, xy[i:]))
@@ -312,6 +312,6 @@ def _spans(motion: object, *, low: float = 0.0, **units: str) -> None:
 
 
 def _no_crawl(name: str, value: float, unit: str) -> None:
-    """Refuse speeds so small that the time to get anywhere overflows."""
+    """Refuse speeds so small that travel times overflow."""
     if unit == "m/s" and 0.0 < value < MIN_SPEED:
         raise BadParameter(name, value, f"0, or at least {MIN_SPEED:g} ({unit})")

@@ -1,4 +1,4 @@
-"""Whether an obstacle's motion leads through walls: a scenario refuses such a motion, unless it says that it is meant."""
+"""Refuses scenarios in which an obstacle moves through walls, unless they say that this is intended."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from antway.kernels.robot.motions import first_inside
 from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Span, Waypoints
 from antway.world.world import Obstacle, World
 
-_STANDS = 1e-9  # m/s; what is slower gets nowhere in any horizon
-_SLACK = 1e-6  # m; an obstacle that goes along a wall touches it, and rounding must not make that a contact
-_TURN_BACK = (Bounce, RandomWalk, Pursue)  # these never enter a wall that they do not begin in
+_STANDS = 1e-9  # m/s; slower obstacles stand for any horizon
+_SLACK = 1e-6  # m; tolerance, so that an obstacle that moves along a wall is not in contact by rounding
+_TURN_BACK = (Bounce, RandomWalk, Pursue)  # motions that never enter a wall, unless they start in one
 
 
 def refuse_through_walls(world: World, seed: int, horizon: float) -> None:
-    """Refuse obstacles that begin in a wall or move through one; touching is legal, and so is leaving the map.
+    """Refuse obstacles that start in a wall or move through one. Touching walls and leaving the map are legal.
 
-    The motions are those that chance gives in the episode of `seed` up to `horizon` s. What goes along a fixed line is tested
-    on the whole of it, whatever speed and phase another seed may draw.
+    The motions are those of the episode with `seed` up to `horizon` s. Motions along a fixed line are tested on the whole line,
+    because another seed may draw another speed and phase.
 
     Raises
     ------
@@ -39,13 +39,13 @@ def refuse_through_walls(world: World, seed: int, horizon: float) -> None:
 
 
 def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
-    """Return when the obstacle is in a wall for the first time, s; infinite if it never is."""
+    """Return when the obstacle is in a wall for the first time, s; infinite if never."""
     motion = obstacle.motion
     if isinstance(motion, _TURN_BACK):
         return _inside(grid, obstacle.radius, np.zeros(1), np.array([motion.start]))
     t, xy = motion.trajectory(draw, horizon, grid, obstacle.radius)
     before = t <= horizon
-    before[: min(len(t), int(before.sum()) + 1)] = True  # and the leg that the horizon cuts
+    before[: min(len(t), int(before.sum()) + 1)] = True  # including the leg that contains the horizon
     when = _inside(grid, obstacle.radius, np.asarray(t[before], np.float64), np.asarray(xy[before], np.float64))
     if when <= horizon or not isinstance(motion, Line | BackAndForth | Waypoints):
         return when if when <= horizon else math.inf

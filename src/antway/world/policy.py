@@ -1,4 +1,4 @@
-"""The contract between a world and what steers the robot: Task and Observation in, Command and Decision out."""
+"""The contract between a world and a policy: Task and Observation in, Command and Decision out."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ XY = tuple[float, float]  # m, or m/s
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a policy is told before an episode: the known map, the robot, both ends, and how fast an obstacle may be.
+    """What a policy knows before an episode: the map, the robot, start and goal, and bounds on the obstacles' motion.
 
     Attributes
     ----------
     grid : Grid
-        The static map as it is (not inflated); yaw must be 0.
+        The static map, not inflated; yaw must be 0.
     robot : RobotSpec
     start, goal : (x, y)
         m; the robot's disc must be free of the map's blocked cells at both.
     goal_tolerance : float
         The goal is reached within this distance, m, > 0.
     obstacle_speed : float
-        Declared bound on the speed of moving obstacles, m/s, >= 0 (an assumption of the guard's promise).
+        Declared bound on the speed of moving obstacles, m/s, >= 0; the guard's guarantee assumes it.
     obstacle_surge : float
-        Declared bound on how fast an obstacle's speed grows, m/s^2, >= 0; infinite: it may be at full speed at once.
+        Declared bound on the growth of an obstacle's speed, m/s^2, >= 0; infinite: it may reach full speed at once.
     obstacle_swerve : float
-        Declared bound on how fast an obstacle's velocity changes as a vector, m/s^2, >= 0; infinite: it may turn at once. One
-        that touches a wall may turn at once in any case. Only what is told to robots with inertia.
+        Declared bound on the change of an obstacle's velocity vector, m/s^2, >= 0; infinite: it may turn at once. An obstacle
+        that touches a wall may always turn at once. Only robots with inertia use it.
     stay : float
-        For how long the robot is to stand at the goal, s, in [0, 60]: policy `antway` arrives when it is clear for so long.
+        How long the robot is to stand at the goal, s, in [0, 60]: policy `antway` arrives when the goal is free for that time.
 
     Raises
     ------
     BadParameter, OutOfBounds
-        Whether the robot has room at the ends is for `Scenario` and for policies to say.
+        `Scenario` and policies check whether the robot has room at start and goal.
 
     Examples
     --------
@@ -91,24 +91,24 @@ class Task:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Moving obstacles as sensed: K discs. Arrays of another type or layout, and lists, are copied into the types below.
+    """Sensed moving obstacles: K discs. Lists and arrays of another type or layout are converted to the types below.
 
     Attributes
     ----------
     id : int64[K]
-        The same obstacle keeps its number from one observation to the next; a negative one is none. Where a number occurs
-        twice, policies and guards take these tracks as tracks without a number.
+        An obstacle keeps its number from one observation to the next; negative means no number. If a number occurs twice,
+        policies and guards treat these tracks as tracks without a number.
     xy, velocity : float64[K, 2]
         m, m/s.
     radius : float64[K]
         m, > 0.
     covariance : float64[K, 4, 4] or None
-        Of (x, y, vx, vy), where the sensor is noisy.
+        Covariance of (x, y, vx, vy), if the sensor is noisy.
 
     Raises
     ------
     BadParameter
-        For what holds no numbers. What the numbers may be is checked where they are used.
+        For anything but numbers. Their ranges are checked where they are used.
 
     Examples
     --------
@@ -123,7 +123,7 @@ class Tracks:
     covariance: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        # Kernels are compiled for each type and layout of their arrays, which takes seconds: they meet these alone.
+        # Kernels are compiled for each type and layout of arrays, which takes seconds, so there is only one.
         for name, kind in _TRACKS:
             array = getattr(self, name)
             if array is None and name == "covariance":
@@ -135,7 +135,7 @@ class Tracks:
         return len(self.id)
 
     def distinct(self) -> Tracks:
-        """Return these tracks; those whose number another one has too, as floats tell numbers apart, have none then (-1).
+        """Return these tracks with -1 in place of numbers that occur twice, compared as floats.
 
         Examples
         --------
@@ -174,12 +174,12 @@ def _plain_array(field: str, value: object, kind: np.dtype[Any]) -> NDArray[Any]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """What the robot knows at time `t`: its own state, and the tracks sensed at `stamp` (`t` unless the sensor lags).
+    """What the robot knows at time `t`: its own state, and the tracks sensed at `stamp` (`t` unless the sensor has a delay).
 
     Raises
     ------
     BadParameter
-        For what is no number, or no pair of numbers; what the numbers may be is checked where they are used.
+        For anything but numbers or pairs of numbers. Their ranges are checked where they are used.
 
     Examples
     --------
@@ -197,7 +197,7 @@ class Observation:
     tracks: Tracks
     stamp: float = math.nan  # s; NaN: sensed now
     turn_rate: float = 0.0  # rad/s
-    pending: NDArray[np.float64] | None = None  # float64[M, 2]: the commands on their way to a robot with latency, oldest first
+    pending: NDArray[np.float64] | None = None  # float64[M, 2]; commands that do not act yet (latency), oldest first
 
     def __post_init__(self) -> None:
         for name in ("t", "heading", "stamp", "turn_rate"):
@@ -215,7 +215,7 @@ class Observation:
 
     @property
     def sensed_at(self) -> float:
-        """When the tracks were where they are said to be, s."""
+        """Time of the tracks, s."""
         return self.t if math.isnan(self.stamp) else self.stamp
 
     @property
@@ -245,7 +245,7 @@ def _pair(field: str, value: object) -> XY:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What to drive with until the next cycle.
+    """What the robot is to do until the next cycle.
 
     Attributes
     ----------
@@ -268,8 +268,8 @@ class Command:
     def acts(self, observation: Observation, robot: RobotSpec) -> XY:
         """Return the two numbers that the robot follows: (vx, vy), or for wheels (v, omega).
 
-        Wheels that are given a velocity alone turn towards it, as fast as they can still stop turning there, and meanwhile
-        drive forward at its part along the heading, never backwards.
+        For a velocity without a twist, wheels turn towards it, as fast as they can still stop turning there. Meanwhile they
+        drive forward with its component along the heading, never backwards.
         """
         if not robot.wheels:
             return self.velocity
@@ -279,10 +279,10 @@ class Command:
 
 
 def towards(velocity: XY, heading: float, robot: RobotSpec) -> XY:
-    """Return the (v, omega) of wheels with that heading in rad that are to drive with `velocity` in the world's frame."""
+    """Return (v, omega) of wheels with a heading in rad that are to drive with `velocity` in the world's frame."""
     asked = math.hypot(*velocity)
     if not asked > 1e-9:
-        return asked, 0.0  # also what is not a number
+        return asked, 0.0  # also for NaN
     turn = math.remainder(math.atan2(velocity[1], velocity[0]) - heading, 2.0 * math.pi)
     rate = min(robot.turn_rate, abs(turn) / robot.dt)
     if math.isfinite(robot.alpha_max):
@@ -293,7 +293,7 @@ def towards(velocity: XY, heading: float, robot: RobotSpec) -> XY:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decision:
-    """Why a policy does what it does in one cycle; every field but the first two may be empty.
+    """The reason of a policy's command in one cycle; every field but the first two may be empty.
 
     Attributes
     ----------
@@ -306,24 +306,24 @@ class Decision:
     encounter : str
         head-on, crossing-left, crossing-right, overtaking, standing, or empty.
     time_to_closest, distance_at_closest : float
-        Of the closest approach to that obstacle on the present course, s and m between the discs' edges; NaN if none.
+        Closest approach to that obstacle at present velocities: time, s, and distance of the edges, m; NaN if none.
     local_target : (x, y) or None
         Where the detour ends, m.
     path : TimedPath or None
         The motion planned from here on.
     alternatives : sequence of (name, cost in s)
-        What was weighed, and how much later than if nothing moved the goal is reached so; infinite where no path was found.
+        Alternatives, and how much later than without obstacles each reaches the goal; infinite if no path was found.
     gap : float
-        Certified gap of the choice (0.01 is 1 %), NaN if nothing is certified.
+        Certified optimality gap of the choice (0.01 is 1 %), NaN if nothing is certified.
     guard : str
         What the guard did: free, slowed, braked, stepped-aside, or empty.
     pheromone : (row0, col0, float32[h, w]) or None
-        The ants' pheromone by cell in the window with that corner, for pictures.
+        Pheromone by cell in the window with that corner, for pictures.
     history : float64[C, 4] or None
-        By ant cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats).
+        For each ant cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats).
     predicted : float32[P, 7] or None
-        Where the policy takes the tracks to go, for pictures: rows (t0, t1, x, y, vx, vy, radius), each a disc of `radius` m
-        that moves uniformly from (x, y) m with (vx, vy) m/s from t0 to t1 s.
+        Predicted motions of the tracks, for pictures: rows (t0, t1, x, y, vx, vy, radius), each a disc of `radius` m that moves
+        uniformly from (x, y) m with (vx, vy) m/s from t0 to t1 s.
 
     Examples
     --------
@@ -348,12 +348,12 @@ class Decision:
     predicted: NDArray[np.float32] | None = field(default=None)
 
     def weighed(self) -> list[tuple[str, str]]:
-        """Return the alternatives in words, as every table and page shows them: what, and what it costs."""
+        """Return the alternatives in words, as tables and pages show them: the name, and the cost."""
         return [(name, f"+{cost:.1f} s" if math.isfinite(cost) else "no path found") for name, cost in self.alternatives]
 
 
 class Policy(Protocol):
-    """What steers a robot. One instance plays one episode at a time; `reset` begins each.
+    """What steers a robot. An instance plays one episode at a time; `reset` starts each.
 
     Examples
     --------
@@ -371,40 +371,40 @@ class Policy(Protocol):
     """
 
     def reset(self, task: Task, seed: int) -> None:
-        """Forget everything and prepare for `task`."""
+        """Forget everything, and prepare for `task`."""
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
 
     def explain(self) -> Decision:
-        """Return why the last command was what it was."""
+        """Return the reason of the last command."""
 
 
 @runtime_checkable
 class Foresees(Protocol):
-    """A policy that is told where every obstacle will be: only an oracle, which bounds what others can reach, should be."""
+    """A policy that knows where every obstacle will be, which only an oracle should, as a bound for other policies."""
 
     def foresee(self, timeline: Timeline) -> None:
-        """Take in where all obstacles will be; comes before `reset`."""
+        """Receive where all obstacles will be; called before `reset`."""
 
 
 @runtime_checkable
 class Plans(Protocol):
-    """A policy that tells the motion in use without an explanation."""
+    """A policy that returns its planned motion without an explanation."""
 
     def planned(self) -> TimedPath | None:
-        """Return the motion in use, as the explanation would have it."""
+        """Return the planned motion, the same as in the explanation."""
 
 
 def make_policy(name: str, **options: Any) -> Policy:
-    """Return a new policy of that name: of `POLICIES`, of the entry points in the group `antway.policies`, or MODULE:CLASS.
+    """Return a new policy: a name of `POLICIES`, of an entry point in the group `antway.policies`, or MODULE:CLASS.
 
-    A name may be followed by /OPTION=VALUE as often as needed, in place of keyword options.
+    Options may also follow the name as /OPTION=VALUE.
 
     Raises
     ------
     BadParameter
-        For an unknown name or option, and an option that is given twice.
+        For an unknown name or option, or an option that is given twice.
 
     Examples
     --------

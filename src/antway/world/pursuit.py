@@ -1,4 +1,4 @@
-"""Obstacles that follow the robot: their courses grow with the episode, one control period at a time."""
+"""Obstacles that follow the robot: their trajectories grow by one control period at a time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Pursuit:
     Attributes
     ----------
     timeline : Timeline
-        Of all obstacles. A pursuer's trajectory is known up to the end of the present control period; after that it stands.
+        Of all obstacles. The trajectory of a pursuer is known up to the end of the present control period; then it stands.
     """
 
     def __init__(self, world: World, task: Task, seed: int, horizon: float, steps: int) -> None:
@@ -37,16 +37,16 @@ class Pursuit:
         self.use(Timeline.of(line.id.tolist(), line.radius.tolist(), trajectories))
 
     def use(self, whole: Timeline) -> Timeline:
-        """Go on with another timeline, in which the pursuers have the knots that they have in this one; return it."""
+        """Continue with another timeline, in which the pursuers have the same knots; return it."""
         self.timeline = whole
         if self.pursuers:
             self.xy = whole.knot_xy.copy()
-            live = self.xy.view()  # the timeline makes its own array read-only, and not what it is a view of
+            live = self.xy.view()  # the timeline makes the view read-only, not the array
             self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
         return self.timeline
 
     def go(self, i: int, robot: tuple[float, float]) -> None:
-        """Add the trajectories in control period i, at the start of which the robot is at `robot` (m)."""
+        """Extend the trajectories by control period i, at the start of which the robot is at `robot` (m)."""
         t, dt, grid = i * self.task.robot.dt, self.task.robot.dt, self.task.grid
         for k, radius, pursuer in self.pursuers:
             knots = self.xy[self.timeline.first[k] : self.timeline.first[k + 1]]
@@ -69,7 +69,7 @@ def _slide(
     to: tuple[float, float],
     share: float,
 ) -> tuple[float, float]:
-    """Return where a disc gets to that moves the fraction `share` from `at` to `to` (m) and slides along the first wall."""
+    """Return the end of a disc's step, the fraction `share` from `at` to `to` (m), that slides along the first wall."""
     row, col = (at[1] - origin[1]) / size - 0.5, (at[0] - origin[0]) / size - 0.5
     dr, dc = (to[1] - at[1]) * share / size, (to[0] - at[0]) * share / size
     for _ in range(2):

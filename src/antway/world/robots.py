@@ -1,4 +1,4 @@
-"""What a robot can do: drive, limits, latency, footprint; and the robots that antway knows by name."""
+"""What a robot can do: drive, limits, latency and footprint; and the robots that antway knows by name."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from antway import checks
 from antway.errors import BadInput, BadParameter, BadScenario
 from antway.kernels.base.records import RobotLimits
 from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_PERIOD
-from antway.reading import is_file, read_text, read_toml
+from antway.reading import is_file, read_toml_file
 
 DRIVES = ("holonomic", "differential", "ackermann")  # in the order of kernels/base/records.py
 DYNAMICS = ("ramps", "steps")
-_MOST_CORNERS = 64
-_MAX_BYTES = 2**20
+_MOST_CORNERS = 64  # limit of corners of a footprint
+_MAX_BYTES = 2**20  # limit of a robot's file
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,11 @@ class RobotSpec:
     Parameters
     ----------
     radius : float
-        m, > 0: of a robot that is a disc. With a `footprint` it is the disc around (0, 0) that holds that, whatever is given.
+        Radius of a disc, m, > 0. With a `footprint` it becomes that of the disc around (0, 0) that contains the footprint.
     v_max : float
         Speed limit in m/s, > 0.
     a_max : float
-        How fast its speed may grow, m/s^2, > 0; infinite: the speed changes at once.
+        Limit of acceleration, m/s^2, > 0; infinite: the speed changes at once.
     drive : str
         "holonomic" (any direction; a disc points where it goes, a footprint keeps its heading), "differential" or "ackermann".
     dt : float
@@ -43,20 +43,20 @@ class RobotSpec:
     turn_rate : float
         Limit of the turn rate of wheels in rad/s, > 0.
     v_reverse : float
-        How fast wheels drive backwards, m/s, in [0, v_max]; it has no sign.
+        Speed limit of wheels in reverse, m/s, in [0, v_max], without a sign.
     brake_max : float or None
-        How fast its speed may fall, m/s^2, > 0; None: as `a_max`.
+        Limit of deceleration, m/s^2, > 0; None: `a_max`.
     alpha_max : float
-        How fast the turn rate may change, rad/s^2, > 0.
+        Limit of change of the turn rate, rad/s^2, > 0.
     turning_radius : float
-        Least radius of an arc in m; > 0 with ackermann, else 0.
+        Smallest radius of an arc in m; > 0 for ackermann, else 0.
     latency : float
-        A command acts so long after it was given, s, >= 0.
+        Delay between a command and its effect, s, >= 0.
     footprint : sequence of (x, y) or None
-        Corners in m of a convex polygon in the robot's frame (x ahead, y left, turning about (0, 0)); None: a disc.
+        Corners in m of a convex polygon in the robot's frame (x ahead, y left, rotation about (0, 0)); None: a disc.
     dynamics : str
-        "ramps": speeds ramp within a control period and wheels drive arcs. "steps": velocity and heading jump at the begin of
-        each period and the robot drives straight; for traces of old, without ackermann, reverse, latency and footprint.
+        "ramps": speeds ramp within a control period and wheels drive arcs. "steps": velocity and heading jump at the start of
+        each period, and the robot drives straight; for old traces, without ackermann, reverse, latency and footprint.
 
     Raises
     ------
@@ -119,31 +119,31 @@ class RobotSpec:
 
     @property
     def wheels(self) -> bool:
-        """Whether it drives along its heading alone, so that commands are twists."""
+        """Whether it drives only along its heading, so that commands are twists."""
         return self.drive != "holonomic"
 
     @property
     def stepwise(self) -> bool:
-        """Whether it goes straight at constant speed all through each cycle.
+        """Whether it moves straight at constant speed throughout each cycle.
 
-        A disc without inertia and latency that drives in any direction does, and whoever has the dynamics "steps".
+        This holds for holonomic discs without inertia and latency, and for the dynamics "steps".
         """
         at_once = math.isinf(self.a_max) and math.isinf(self.braking) and self.latency == 0.0
         return self.dynamics == "steps" or (not self.wheels and self.footprint is None and at_once)
 
     @property
     def braking(self) -> float:
-        """How fast its speed may fall, m/s^2."""
+        """Limit of deceleration, m/s^2."""
         return self.a_max if self.brake_max is None else self.brake_max
 
     @property
     def stop_time(self) -> float:
-        """Time to stand from full speed, s, without the latency."""
+        """Time to stop from full speed, s, without the latency."""
         return self.v_max / self.braking
 
     @property
     def limits(self) -> RobotLimits:
-        """The numbers that kernels take."""
+        """The limits as a record for kernels."""
         return RobotLimits(
             DRIVES.index(self.drive),
             self.v_max,
@@ -159,12 +159,12 @@ class RobotSpec:
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """Corners of the footprint, counterclockwise, float64[N, 2], m; of a disc its centre alone."""
+        """Corners of the footprint, counterclockwise, float64[N, 2], m; for a disc its centre."""
         return np.array(self.footprint) if self.footprint is not None else np.zeros((1, 2))
 
     @property
     def inscribed(self) -> float:
-        """Radius of the largest disc around (0, 0) that the body holds, m; 0 where the footprint does not hold that point.
+        """Radius of the largest disc around (0, 0) inside the body, m; 0 if the footprint does not contain that point.
 
         Examples
         --------
@@ -179,7 +179,7 @@ class RobotSpec:
 
     @property
     def rounding(self) -> float:
-        """By how much, in m, the body reaches beyond the convex hull of `corners`: the radius of a disc, else 0."""
+        """By how much the body extends beyond the convex hull of `corners`, m: the radius of a disc, else 0."""
         return self.radius if self.footprint is None else 0.0
 
 
@@ -189,8 +189,8 @@ def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ..
     Raises
     ------
     BadParameter
-        For fewer than 3 corners or more than 64, corners that are not finite, an outline that crosses itself, bends inwards or
-        holds no area.
+        For fewer than 3 or more than 64 corners, corners that are not finite, and an outline that crosses itself, is not convex
+        or has no area.
 
     Examples
     --------
@@ -296,12 +296,12 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
 
 
 def load_robot(name: str | Path) -> RobotSpec:
-    """Return the robot of that name (`ROBOTS`), or what a TOML file says, whose keys are the fields of `RobotSpec`.
+    """Return the robot of that name (`ROBOTS`), or the one in a TOML file, whose keys are the fields of `RobotSpec`.
 
     Raises
     ------
     BadParameter, BadScenario
-        For a name that is neither, and for what the file says wrong.
+        For an unknown name, and for errors in the file.
 
     Examples
     --------
@@ -314,12 +314,7 @@ def load_robot(name: str | Path) -> RobotSpec:
     if path is None or path.suffix != ".toml" or not is_file(path):
         raise BadParameter("robot", str(name), f"one of {', '.join(ROBOTS)}, or an existing file .toml")
     where = str(path)
-    try:
-        record = read_toml(read_text(path, _MAX_BYTES, error=BadScenario, field="robot"), where)
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, BadInput):
-            raise
-        raise BadScenario("robot", str(error), "a TOML file in UTF-8", where=where) from None
+    record = read_toml_file(path, _MAX_BYTES, "robot")
     record = record.get("robot", record)
     known = [f.name for f in fields(RobotSpec)]
     for key in record if isinstance(record, dict) else ["robot"]:

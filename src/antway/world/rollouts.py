@@ -1,4 +1,4 @@
-"""What rollouts of controls know of the world: the map as fields of distance and time, and the robot when a command acts."""
+"""What rollouts of controls know: the map as fields of distance and time, and the robot's state when a command acts."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from antway.kernels.robot.motion import delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
 
-_NODE = 0.05  # m; distances to walls are exact at nodes no farther apart
-_NODES = 4_000_000  # at most
-_NEAR = 1.0  # m; so near the goal, and less up to twice as far, times count to the goal itself
-_MOST_NEAR = 200  # cells to each side of the goal that are looked at for that
-_LAYERS = 4  # cells by which the time to the goal is continued into walls
-_HEADINGS = 24  # headings of a car, at most, for each of which there is a time to the goal
-_FEWEST = 8  # headings; with fewer its arcs cannot be told apart, and there are no such times
-_SPANNED = 4  # cells of those times that its turning radius spans, if there are no more than _POSES then
-_FINEST = 0.25  # m; edge of such a cell, at most, if there are no more than _POSES then
-_POSES = 150_000  # cells times headings, at most; so many take a few tenths of a second
-_PARTS = 4  # parts, at most, into which the edges of larger cells are cut for them
-_SWEEPS = 80  # times, at most, that all poses are looked at
-_DISCS = 8  # at most, that cover a footprint's longer side
-_FAST = 1e3  # m/s^2, rad/s^2: as good as at once
+_NODE = 0.05  # m; largest distance of nodes at which distances to walls are exact
+_NODES = 4_000_000  # limit of nodes
+_NEAR = 1.0  # m; within this distance times are those to the goal itself; the effect fades up to twice the distance
+_MOST_NEAR = 200  # limit of cells on each side of the goal for that
+_LAYERS = 4  # number of cells by which the time to the goal is extended into walls
+_HEADINGS = 24  # limit of headings of a car for which there are times to the goal
+_FEWEST = 8  # least number of headings; with fewer, arcs cannot be told apart, and there are no such times
+_SPANNED = 4  # intended number of cells of these times in a turning radius, within the limit _POSES
+_FINEST = 0.25  # m; largest edge of such a cell, within the limit _POSES
+_POSES = 150_000  # limit of cells times headings; so many take a few tenths of a second
+_PARTS = 4  # limit of parts into which the edges of larger cells are divided
+_SWEEPS = 80  # limit of sweeps over all poses
+_DISCS = 8  # limit of discs that cover each side of a footprint
+_FAST = 1e3  # m/s^2, rad/s^2; replaces infinite limits
 
 RobotState = tuple[float, float, float, float, float]
 
 
 def finite_limits(robot: RobotSpec) -> RobotLimits:
-    """Return the robot's limits, with numbers in place of those that are infinite."""
+    """Return the robot's limits, with finite numbers in place of infinite ones."""
     return robot.limits._replace(
         a_max=min(robot.a_max, _FAST), brake_max=min(robot.braking, _FAST), alpha_max=min(robot.alpha_max, _FAST)
     )
 
 
 def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Command:
-    """Return the command (vx, vy), or of wheels with that heading in rad the twist (v, omega)."""
+    """Return the command (vx, vy), or for wheels with that heading in rad the twist (v, omega)."""
     if not robot.wheels:
         return Command((one, two))
     turned = heading + two * robot.dt if robot.stepwise else heading
@@ -50,7 +50,7 @@ def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Comma
 
 
 def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
-    """Return after how many s a command given now begins to act, and what is known of the robot and its state then."""
+    """Return the time in s until a command given now acts, and the observation and the robot's state at that time."""
     one, two = (o.speed, o.turn_rate) if robot.wheels else o.velocity
     state = float(o.xy[0]), float(o.xy[1]), float(o.heading), float(one), float(two)
     if robot.latency == 0.0 or o.pending is None:
@@ -60,12 +60,12 @@ def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotS
 
 
 def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float) -> StaticField:
-    """Return the map as the centre of a robot meets it.
+    """Return the map as fields for the centre of a robot.
 
     Parameters
     ----------
     time_to_goal : float64[H, W]
-        s to the goal at full speed, infinite where the robot cannot be.
+        Time to the goal at full speed, s; infinite where the robot cannot be.
     """
     size, (x, y, _), cells = grid.resolution, grid.origin, grid.blocked.size
     factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // cells)), 1)
@@ -86,9 +86,9 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
 def _by_heading(
     time_to_goal: NDArray[np.float64], grid: Grid, robot: RobotSpec
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return the times of a car by its heading, and their frame: `StaticField.turning` and `StaticField.turning_frame`.
+    """Return times of a car by heading, and their frame: `StaticField.turning` and `StaticField.turning_frame`.
 
-    There are none for other robots, and where the map is too large for cells on which a car's arcs can be told apart.
+    They are empty for other robots, and if the map is too large for cells on which a car's arcs can be told apart.
     """
     if robot.turning_radius == 0.0:
         return np.empty((0, 0, 0), np.float32), np.zeros(3)
@@ -109,7 +109,7 @@ def _by_heading(
 
 
 def static_time(field: StaticField, state: RobotState) -> float:
-    """Return the time in s to the goal of the nearest cell, of a car with the nearest heading."""
+    """Return the time in s to the goal from the nearest cell, for a car with the nearest heading."""
     times, frame = field.time, field.time_frame
     if len(field.turning):
         headings = len(field.turning) - 1
@@ -120,7 +120,7 @@ def static_time(field: StaticField, state: RobotState) -> float:
 
 
 def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: float, goal: XY) -> NDArray[np.float64]:
-    """Return the times with those of cells from which the goal is near and straight ahead to it, not to its cell's centre."""
+    """Return the times, corrected near the goal: to the goal itself instead of the centre of its cell."""
     row, col = np.unravel_index(int(np.argmin(time_to_goal)), grid.shape)
     n = min(math.ceil(2.0 * _NEAR / grid.resolution) + 3, _MOST_NEAR)
     window = np.s_[max(row - n, 0) : row + n + 1, max(col - n, 0) : col + n + 1]
@@ -130,7 +130,7 @@ def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: fl
     to_centre, to_goal = (np.hypot(*(xy - one).T).reshape(near.shape) for one in (end, goal))
     straight = near * v_max <= 1.03 * to_centre
     nearer = np.clip(2.0 - to_goal / _NEAR, 0.0, 1.0) * (to_goal - to_centre) / v_max
-    # Off its centre, the robot can stand in a cell of which the centre has no room.
+    # The robot may stand off the centre of a cell whose centre is too near a wall.
     off_centre = np.isinf(near) & (to_goal <= math.dist(end, goal))
     times = time_to_goal.copy()
     times[window] = np.where(off_centre, to_goal / v_max, near + np.where(straight, nearer, 0.0))
@@ -138,12 +138,12 @@ def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: fl
 
 
 def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a box that holds the footprint, and discs that cover it: `StaticField.box` and `StaticField.discs`."""
+    """Return a box that contains the footprint, and discs that cover it: `StaticField.box` and `StaticField.discs`."""
     (x0, y0), (x1, y1) = robot.corners.min(axis=0), robot.corners.max(axis=0)
     box = np.array([x0, x1, y0, y1, robot.radius])
     if robot.footprint is None:
         return box, np.empty((0, 3))
-    edge = min(x1 - x0, y1 - y0) / 4.0  # so that discs reach a twentieth of the width beyond the body
+    edge = min(x1 - x0, y1 - y0) / 4.0  # so that discs extend a twentieth of the width beyond the body
     m, n = (min(max(round(side / edge), 1), _DISCS) for side in (x1 - x0, y1 - y0))
     radius = math.hypot((x1 - x0) / m, (y1 - y0) / n) / 2.0
     xs, ys = x0 + (np.arange(m) + 0.5) * (x1 - x0) / m, y0 + (np.arange(n) + 0.5) * (y1 - y0) / n

@@ -1,4 +1,4 @@
-"""Rounds: any policy drives a robot from stop to stop, in an order that is decided anew when things turn out otherwise."""
+"""Rounds: any policy drives a robot from stop to stop, in an order that is revised when the situation changes."""
 
 from __future__ import annotations
 
@@ -20,40 +20,39 @@ from antway.tours.ordering import Ordering, order_stops
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.stops import XY, Rounds, Stop, Turn, Visit
 
-FEW = 13  # stops that a dynamic program orders exactly in about 5 ms
-CYCLES = 2  # of the colony for more of them
-MANY = 40  # stops; for more, local search alone goes on from the last order, in a fraction of the time
-SHAKES = 8  # cycles of that local search for so many stops; for more so many fewer that it takes no longer
-PACE = 0.85  # share of its top speed that a robot makes good among obstacles
-STAY = 1.0  # s; the robot is to arrive at a stop when it can stand there for so long
-REVIEW = 1.0  # s between two looks at the order
-STANDS, FORGOTTEN = 3.0, 30.0  # s: an obstacle that stood so long counts as a wall, until it was not seen so long
-EARLIER, LESS_LATE = 3.0, 0.5  # s that another order must be done earlier, or be less late, to be taken
-DETOUR = 1.0  # m by which the path to a stop grows before the order is decided anew
-SLOW = 0.05  # m/s
+FEW = 13  # number of stops up to which a dynamic program finds the order in about 5 ms
+CYCLES = 2  # cycles of the colony for more stops
+MANY = 40  # number of stops beyond which only local search improves the last order, in a fraction of the time
+SHAKES = 8  # cycles of that local search for MANY stops; for more stops fewer cycles, so that it takes no longer
+PACE = 0.85  # mean speed of a robot among obstacles, as a share of its top speed
+STAY = 1.0  # s; the robot should arrive at a stop when it can stand there for this time
+REVIEW = 1.0  # s; period at which the order is reviewed
+STANDS, FORGOTTEN = 3.0, 30.0  # s; an obstacle counts as a wall once it stood, and until it was unseen, for these times
+EARLIER, LESS_LATE = 3.0, 0.5  # s; another order is taken if it ends this much earlier, or is this much less late
+DETOUR = 1.0  # m; growth of the path to a stop from which the order is revised
+SLOW = 0.05  # m/s; a slower obstacle counts as standing
 
 
 class RoundsPolicy:
-    """A policy that visits stops, and drives to each as another policy does.
+    """A policy that visits stops, and drives to each of them by another policy.
 
-    The order is by travel time at 0.85 of the top speed, and what matters is in turn: that no window is missed, then when the
-    robot is done. It is decided anew at each departure; when the robot is late for the rest of its order; when an obstacle that
-    has stood for 3 s makes the path to the next stop longer or closes it; and when a stop is added. Another order is taken only
-    where it is not late and the present one is, or it is 0.5 s less late, or 3 s earlier done. Up to 13 stops a dynamic program
-    finds it, for more the colony goes on from its last answer.
+    The order minimises first the lateness and then the end time, with travel times at 0.85 of the top speed. It is revised at
+    each departure; when the robot becomes late; when an obstacle that has stood for 3 s blocks the path to the next stop or
+    makes it longer; and when a stop is added. The robot takes another order only if that avoids lateness, is 0.5 s less late, or
+    ends 3 s earlier. For up to 13 stops a dynamic program finds the order; for more the colony continues from its last answer.
 
     Parameters
     ----------
     policy : Policy
-        What drives.
+        Drives the robot.
     stops : sequence of Stop
 
     Attributes
     ----------
     homeward : bool
-        Whether all stops are visited and the robot is on its way to the task's goal.
+        Whether all stops have been visited and the robot is on its way to the goal.
     order_ms : list of float
-        How long each decision on the order took, ms.
+        Time of each decision on the order, ms.
     """
 
     def __init__(self, policy: Policy, stops: Sequence[Stop]) -> None:
@@ -67,29 +66,29 @@ class RoundsPolicy:
         return Rounds(tuple(self.stops), tuple(self.visits), tuple(self.turns))
 
     def reset(self, task: Task, seed: int) -> None:
-        """Decide on the first order, and set out."""
+        """Decide on the first order, and start."""
         self.task, self.seed = task, seed
         self.visits: list[Visit] = []
         self.turns: list[Turn] = []
         self.order: list[int] = []
         self.left = list(range(len(self.stops)))
-        self.known: tuple[tuple[int, ...], Ordering] | None = None  # the stops of the colony's last answer, and that
-        self.standing: dict[int, tuple[float, float, float, float, float]] = {}  # id: since, seen, x, y, radius
+        self.known: tuple[tuple[int, ...], Ordering] | None = None  # the colony's last answer, and its stops
+        self.standing: dict[int, tuple[float, float, float, float, float]] = {}  # by id: since, last seen, x, y, radius
         self.walls: frozenset[int] = frozenset()
-        self.promised: tuple[float, float] = (0.0, 0.0)  # lateness, and when it is done, as decided, s
-        self.at: int | None = None  # the stop that the robot is at
+        self.promised: tuple[float, float] = (0.0, 0.0)  # s; lateness and end time of the chosen order
+        self.at: int | None = None  # the stop at which the robot is
         self.arrived = self.served = self.started = 0.0
         self.looked, self.legs, self.homeward = 0.0, 0, False
         self.now, self.xy = 0.0, task.start
         self.free = task.grid.inflate(task.robot.radius)
-        self.around = self.free  # with what stands in it
+        self.around = self.free  # the free cells without standing obstacles
         self._explained: tuple[Decision | None, Decision] | None = None
         self._away = self._distances(self.free)
         self._decide("the first order", first=True)
         self._set_out()
 
     def add(self, stop: Stop) -> None:
-        """Visit another stop as well."""
+        """Add a stop."""
         cell = self._cell(self.free, stop.at)
         if not math.isfinite(float(distance_field(self.free, self._cell(self.free, self.xy), until=cell)[cell])):
             raise BadParameter("stop", stop.at, "where a path leads")
@@ -102,7 +101,7 @@ class RoundsPolicy:
             self._set_out()
 
     def act(self, observation: Observation) -> Command:
-        """Return the command of the policy on its way to the next stop, or while it is served."""
+        """Return the command of the policy on the way to the next stop, or during service."""
         self.now, self.xy = observation.t, observation.xy
         self._watch(observation)
         if self.at is None and self.order and self._near(self.order[0]):
@@ -114,7 +113,7 @@ class RoundsPolicy:
         return self.policy.act(observation)
 
     def explain(self) -> Decision:
-        """Return why, and to which stop."""
+        """Return the decision of the policy, with the next stop."""
         inner = self.policy.explain()
         if self._explained is None or self._explained[0] is not inner:
             if self.at is not None:
@@ -139,11 +138,11 @@ class RoundsPolicy:
         return self.stops[self.order[0]].at if self.order else self.task.goal
 
     def _serve(self) -> None:
-        """Wait for the window and serve while the robot is at the stop; then go on."""
+        """Wait for the window and serve while the robot is at the stop; then continue."""
         assert self.at is not None
         stop = self.stops[self.at]
         serves_from = max(self.arrived, stop.window[0])
-        if self.now > serves_from and self._near(self.at, 2.0):  # who must step aside for someone serves on when back
+        if self.now > serves_from and self._near(self.at, 2.0):  # after a step aside, service continues
             self.served += min(self.task.robot.dt, self.now - serves_from)
         if self.now < serves_from or self.served < stop.service - 1e-9:
             return
@@ -155,14 +154,14 @@ class RoundsPolicy:
         self._set_out()
 
     def _set_out(self) -> None:
-        """Have the policy drive to the next stop, or to the end."""
+        """Let the policy drive to the next stop, or to the end."""
         self.homeward, self.started, self._explained = not self.left, self.now, None
         self.legs += 1
         task = replace(self.task, grid=self._seen(), start=self.xy, goal=self._target, stay=STAY if self.order else 0.0)
         self.policy.reset(task, (self.seed + self.legs - 1) % 2**64)
 
     def _watch(self, observation: Observation) -> None:
-        """Note which obstacles stand, and for how long."""
+        """Record which obstacles stand, and since when."""
         tracks, now = observation.tracks, self.now
         for k in range(len(tracks)):
             number, (x, y) = int(tracks.id[k]), tracks.xy[k].tolist()
@@ -173,7 +172,7 @@ class RoundsPolicy:
         self.standing = {number: one for number, one in self.standing.items() if now - one[1] < FORGOTTEN}
 
     def _review(self) -> None:
-        """Decide on the order anew if the path to the next stop has changed, or if the robot is late."""
+        """Revise the order if the path to the next stop has changed, or if the robot is late."""
         self.looked = self.now
         walls = frozenset(number for number, one in self.standing.items() if one[1] - one[0] >= STANDS)
         reason = ""
@@ -198,13 +197,14 @@ class RoundsPolicy:
                 self._set_out()
 
     def _with(self, walls: frozenset[int]) -> Grid:
-        """Return the free cells without those in which the robot would touch an obstacle that stands."""
+        """Return the free cells in which the robot does not touch a standing obstacle."""
         return self._marked(self.free, walls & self.standing.keys(), self.task.robot.radius)
 
     def _seen(self) -> Grid:
-        """Return the map with the cells that lie wholly within obstacles that stand.
+        """Return the map with the cells that are completely inside standing obstacles blocked.
 
-        Not those that stand where the robot is or is to go: no policy sets out for a place within a wall, and they may move on.
+        Obstacles at the robot's place or destination are left out, because no policy plans to a place inside a wall, and they
+        may move on.
         """
         grid, ends, apart = self.task.grid, (self.xy, self._target), set()
         for number in self.walls & self.standing.keys():
@@ -214,7 +214,7 @@ class RoundsPolicy:
         return self._marked(grid, apart, -0.71 * grid.resolution)  # half the diagonal of a cell
 
     def _marked(self, grid: Grid, walls: Set[int], wider: float) -> Grid:
-        """Return `grid` without the cells whose centre is within the radius, and `wider` m more, of one of these obstacles."""
+        """Return `grid` with cells blocked whose centre is within the radius plus `wider` m of one of these obstacles."""
         if not walls:
             return grid
         rows, cols = np.indices(grid.shape)
@@ -231,7 +231,7 @@ class RoundsPolicy:
         return float(min(distance_field(around, there, until=here)[here], 1e9))
 
     def check(self, task: Task) -> None:
-        """Raise the error that names the first stop to which no path leads."""
+        """Raise an error that names the first stop to which no path leads."""
         free = task.grid.inflate(task.robot.radius)
         field = distance_field(free, self._cell(free, task.start))
         for k, stop in enumerate(self.stops):
@@ -242,7 +242,7 @@ class RoundsPolicy:
 
     @staticmethod
     def _cell(grid: Grid, xy: XY) -> Cell:
-        """Return the cell at `xy`, or the free one nearest to it."""
+        """Return the cell at `xy`, or the nearest free one."""
         row, col = grid.cell_at(xy)
         if not grid.blocked[row, col]:
             return row, col
@@ -255,12 +255,12 @@ class RoundsPolicy:
         return row, col
 
     def _distances(self, grid: Grid) -> NDArray[np.float64]:
-        """Return the lengths among all stops and, last, the goal, m."""
+        """Return the path lengths among all stops and, last, the goal, m."""
         cells = [self._cell(grid, place) for place in (*(stop.at for stop in self.stops), self.task.goal)]
         return stop_distances(grid, cells)
 
     def _times(self, stops: Sequence[int]) -> NDArray[np.float64]:
-        """Return travel times from here, among `stops`, and to the goal, s."""
+        """Return the travel times among the present place, `stops` and the goal, s."""
         away = self._away if self.around is self.free else self._distances(self.around)
         rows = [*stops, len(self.stops)]
         field = distance_field(self.around, self._cell(self.around, self.xy))
@@ -272,9 +272,9 @@ class RoundsPolicy:
         return result
 
     def _outlook(self, order: Sequence[int], times: NDArray[np.float64] | None = None) -> tuple[float, float]:
-        """Return how late the robot will be in all, and when it is done, if it visits `order` from here, s.
+        """Return total lateness and end time if the robot visits `order` from here, s.
 
-        Row k + 1 of `times` is the k-th of `order`; without it the path from here is measured and the rest is as it was.
+        Row k + 1 of `times` is the k-th stop of `order`. Without `times`, only the path from here is measured again.
         """
         scale = PACE * self.task.robot.v_max
         now, late = self.now, 0.0
@@ -296,12 +296,12 @@ class RoundsPolicy:
         return late, now + home
 
     def _decide(self, reason: str, first: bool = False) -> None:
-        """Look for the best order of what is left, and take it if it is worth it."""
+        """Search for the best order of the remaining stops, and take it if it is clearly better."""
         compiled, started = compile_seconds(), time.perf_counter()
         if self.left:
             times = self._times(self.left)
             reachable = [k for k in range(len(self.left)) if math.isfinite(times[0, k + 1])]
-            lost = [stop for k, stop in enumerate(self.left) if k not in reachable]  # for now; they come last
+            lost = [stop for k, stop in enumerate(self.left) if k not in reachable]  # unreachable now, so they come last
             rows = [0, *(k + 1 for k in reachable), len(self.left) + 1]
             stops = [self.left[k] for k in reachable]
             found = [stops[k] for k in self._best(stops, times[np.ix_(rows, rows)])] if stops else []
@@ -323,7 +323,7 @@ class RoundsPolicy:
         self.order_ms.append((time.perf_counter() - started - (compile_seconds() - compiled)) * 1e3)
 
     def _known(self, stops: Sequence[int]) -> Ordering | None:
-        """Return the colony's last answer in terms of `stops`: the order that the robot is in, and what the colony learned."""
+        """Return the colony's last answer for `stops`: the present order, and the pheromone."""
         if self.known is None:
             return None
         before, last = self.known
@@ -338,14 +338,14 @@ class RoundsPolicy:
         return replace(last, orders=(order,), pheromone=learned)
 
     def _best(self, stops: Sequence[int], times: NDArray[np.float64]) -> list[int]:
-        """Return the best order of `stops`, as places in the list; `times` has here first and the goal last."""
+        """Return the best order of `stops` as indices; `times` starts with the present place and ends with the goal."""
         windows = np.array([self.stops[stop].window for stop in stops])
         service = np.array([self.stops[stop].service for stop in stops])
         times = np.where(np.isfinite(times), times, 1e6)
         if len(stops) <= FEW:
             return [int(k) for k in earliest_of_few(np.ascontiguousarray(times), windows, service, self.now)]
         ahead = np.clip(windows - self.now, 0.0, None)
-        ahead[windows[:, 1] < self.now, 1] = np.inf  # what is missed is missed; it is visited all the same
+        ahead[windows[:, 1] < self.now, 1] = np.inf  # a missed window counts no more; the stop is visited anyway
         always = np.array([[0.0, np.inf]])
         found = order_stops(
             times,

@@ -1,4 +1,4 @@
-"""A scenario: a world, a robot in it and where it is to go; as a TOML file."""
+"""A scenario: a world, a robot, and its start and goal; also as a TOML file."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadInput, BadParameter, BadScenario, CellBlocked, TooLarge
-from antway.kernels.base.geometry import segment_hits_cells
+from antway.errors import BadInput, BadParameter, BadScenario, TooLarge
 from antway.limits import MAX_TIME
-from antway.reading import is_file, opened, read_text, read_toml
+from antway.reading import is_file, opened, read_toml_file
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
+from antway.world.line_of_sight import check_clear
 from antway.world.motions import MAX_KNOTS, MOTIONS, XY, Replay
 from antway.world.obstructed import refuse_through_walls
 from antway.world.policy import RobotSpec, Task
@@ -44,23 +44,23 @@ class Scenario:
     robot : RobotSpec
     sensor : Sensor
     horizon : float
-        The episode ends at this time at the latest, s, > 0.
+        Latest end of the episode, s, > 0.
     seed : int
-        Used where `run` is given none.
+        Default seed of `run`.
     goal_tolerance : float
         The goal is reached within this distance, m, > 0.
     obstacle_swerve : float
-        Declared bound on how fast their velocity changes as a vector, away from walls, m/s^2, >= 0, may be infinite.
+        Declared bound on the change of the obstacles' velocity vectors, away from walls, m/s^2, >= 0, may be infinite.
     obstacle_speed, obstacle_surge : float
-        Declared bounds on the obstacles' speed, m/s, >= 0, and on how fast it grows, m/s^2, >= 0, may be infinite.
+        Declared bounds on the obstacles' speed, m/s, >= 0, and on its growth, m/s^2, >= 0, may be infinite.
     name : str
     map : str
-        The map's file as the scenario file gives it; empty for a world made in Python.
+        The map's file as named in the scenario file; empty for a world made in Python.
     stops : tuple of Stop
-        What the robot visits, in the best order, before it goes to its goal; see `antway.world.rounds`.
+        Stops that the robot visits in the best order before it goes to the goal; see `antway.world.rounds`.
     through_walls : bool
-        Whether obstacles may move through walls; without it one that does, or begins in one, is refused. They may leave the map
-        in any case.
+        Whether obstacles may start in walls and move through them; otherwise such obstacles are refused. They may always leave
+        the map.
 
     Raises
     ------
@@ -105,24 +105,20 @@ class Scenario:
         set_(self, "task", task)
         if self.horizon / self.robot.dt > MAX_STEPS:
             raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
-        grid = self.world.grid
         for end in ("start", "goal"):
             set_(self, end, getattr(task, end))
-            row, col = grid.to_points(getattr(task, end))[0].tolist()
-            if segment_hits_cells(grid.blocked, row, col, row, col, self.robot.radius / grid.resolution, True):
-                allowed = f"at least the robot's radius, {self.robot.radius:g} m, from walls and the map's edges"
-                raise CellBlocked(end, getattr(task, end), allowed)
+            check_clear(task, end, getattr(task, end))
         set_(self, "stops", checked_stops(self.stops, task))
         if not checks.instance("through_walls", self.through_walls, bool):
             refuse_through_walls(self.world, self.seed, self.horizon)
 
     def driven_by(self, robot: RobotSpec) -> Scenario:
-        """Return the same scenario for another robot; one that is slower has more time.
+        """Return the same scenario for another robot; a slower robot gets more time.
 
         Raises
         ------
         CellBlocked
-            If it has no room at an end.
+            If it has no room at start or goal.
         """
         return replace(self, robot=robot, horizon=self.horizon * max(self.robot.v_max / robot.v_max, 1.0))
 
@@ -146,39 +142,30 @@ _TOP = (*_PLAIN, "resolution", "occupied", "robot", "sensor", "obstacles", "stop
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario from a TOML file, or the shipped scene called "paper", "office" or "warehouse".
 
-    Keys are the fields of `Scenario`; tables `[robot]` and `[sensor]` hold those of `RobotSpec` and `Sensor`; each
-    `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and that
-    motion's fields (`antway.world.motions`), and each `[[stops]]` those of
-    `antway.world.stops.Stop`. `map` is a file in the scenario's folder or below it; so is the `file` of a replay, CSV lines
-    t,x,y. `resolution` is the edge of a cell in m, for maps that hold none; `occupied` the cost from which a cell of a ROS map
-    is blocked. A map whose yaw is not 0 is turned (`Grid.turned`).
+    Keys are the fields of `Scenario`. The tables `[robot]` and `[sensor]` have the fields of `RobotSpec` and `Sensor`. Each
+    `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and the fields
+    of that motion (`antway.world.motions`). Each `[[stops]]` has the fields of `antway.world.stops.Stop`. `map` is a file in
+    the folder of the scenario or below; so is the `file` of a replay, with CSV lines t,x,y. `resolution` is the edge of a cell
+    in m, for maps that do not store it; `occupied` is the cost from which a cell of a ROS map is blocked. A map whose yaw is not 0
+    is turned (`Grid.turned`).
 
-    `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). In place of its `radius` a
-    robot may have a `footprint`, a list of corners [x, y] in m about the point that it turns about. Guard and contacts take it
-    as it is, turned as the robot is; planning takes the disc round it: safe whatever its heading, and blind to paths that fit
-    it in
-    some headings alone.
+    `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). Instead of `radius` a robot may
+    have a `footprint`, a list of corners [x, y] in m relative to its centre of rotation. Guard and contact tests use the turned
+    footprint. Planning uses the disc around it, which is safe for any heading but misses paths that need a certain heading.
 
     Raises
     ------
     BadScenario
-        For a file that is no TOML, and parts that are missing, unknown, no tables, or name files that are not there.
+        If the file is not TOML, or parts are missing, unknown, not tables, or name files that do not exist.
     BadMap, BadParameter, OutOfBounds, CellBlocked, TooLarge
-        What `load_map`, `Scenario` and its parts raise for a value; names the file, the table and the key.
+        As raised by `load_map`, `Scenario` and its parts; the error names the file, the table and the key.
     """
     if not isinstance(path, (str, PathLike)):
         raise BadScenario("path", path, "a path")
     path = shipped(path) or Path(path)
-    where = str(path)
     if not is_file(path):
-        raise BadScenario("scenario", where, f"an existing regular file, or a shipped scene: {names(SHIPPED_SCENES)}")
-    try:
-        record = read_toml(read_text(path, MAX_BYTES, error=BadScenario, field="scenario"), where)
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, BadInput):
-            raise
-        raise BadScenario("scenario", str(error), "a TOML file in UTF-8", where=where) from None
-    return _scenario(record, path.parent, where)
+        raise BadScenario("scenario", str(path), f"an existing regular file, or a shipped scene: {names(SHIPPED_SCENES)}")
+    return _scenario(read_toml_file(path, MAX_BYTES, "scenario"), path.parent, str(path))
 
 
 def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
@@ -207,7 +194,7 @@ def _scenario(record: dict[str, Any], folder: Path, where: str) -> Scenario:
 
 
 def _robot(value: object, where: str) -> RobotSpec:
-    """Return the robot of a name or a table."""
+    """Return the robot given by a name or a table."""
     if isinstance(value, str):
         try:
             return load_robot(value)
@@ -239,9 +226,9 @@ def _obstacle(name: str, record: object, folder: Path, where: str) -> Obstacle:
 
 
 def _read_csv(file: Path, name: str, where: str) -> NDArray[np.float64]:
-    """Read CSV lines of numbers from a plain text file; what `np.loadtxt` would unpack by its ending is not unpacked."""
+    """Read CSV lines of numbers from a plain text file, which `np.loadtxt` must not unpack because of its suffix."""
     with opened(file, MAX_BYTES, error=BadScenario, field=name) as (lines, _), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, whose shape is refused
+        warnings.simplefilter("ignore", UserWarning)  # about files without lines, whose shape is refused later
         try:
             text = io.TextIOWrapper(lines, encoding="utf-8-sig")
             return np.loadtxt(text, delimiter=",", ndmin=2, max_rows=MAX_KNOTS)

@@ -19,17 +19,17 @@ from antway.world.policy import Task, Tracks
 from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
-_STREAM = 2**32  # of the episode's seed; below are the obstacles'
+_STREAM = 2**32  # random stream of the episode's seed; smaller numbers are for obstacles
 
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """How well the robot sees what moves; its range is `RobotSpec.sensor_range`.
+    """How well the robot senses moving obstacles; its range is `RobotSpec.sensor_range`.
 
     Parameters
     ----------
     period : float
-        Time between scans in s, >= 0; 0: one each control cycle. Between scans the last one stands.
+        Time between scans in s, >= 0; 0: a scan in each control cycle. Between scans the last one remains.
     latency : float
         Age at which a scan reaches the policy, s, >= 0.
     occlusion : bool
@@ -43,7 +43,7 @@ class Sensor:
     velocity_noise : float
         Standard deviation of exact velocities, m/s, >= 0.
     agility : float
-        Acceleration that the estimate expects of obstacles, m/s^2, > 0.
+        Acceleration of obstacles that the estimate assumes, m/s^2, > 0.
     """
 
     period: float = 0.0
@@ -86,7 +86,7 @@ class Scanner:
         self.latest = (-math.inf, Tracks.none(), np.empty(0, np.int64))
 
     def observe(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
-        """Return what the robot at (x, y) m knows at time t s: stamp in s (minus infinity: nothing yet), tracks, indices."""
+        """Return what the robot at (x, y) m knows at t s: stamp in s (minus infinity if nothing yet), tracks, indices."""
         if self.direct:
             return self._scan(t, x, y)
         if t >= self.due - 1e-9:

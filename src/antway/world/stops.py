@@ -1,4 +1,4 @@
-"""Stops of a robot's rounds: where to go, when, for how long; and the record of how they were visited."""
+"""Stops of a robot's rounds: where, when and how long; and the record of the visits."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from antway import checks
-from antway.errors import BadParameter, CellBlocked, OutOfBounds, TooLarge
-from antway.kernels.base.geometry import segment_hits_cells
+from antway.errors import BadParameter, OutOfBounds, TooLarge
+from antway.world.line_of_sight import check_clear
 from antway.world.policy import Task
 
 XY = tuple[float, float]  # m
@@ -26,9 +26,9 @@ class Stop:
         m.
     name : str
     window : (earliest, latest)
-        When service may begin, s; the robot waits for the first, and is late after the second.
+        Times at which service may start, s; the robot waits for the first, and is late after the second.
     service : float
-        How long it stays, s, >= 0.
+        Duration of the service, s, >= 0.
     """
 
     at: XY
@@ -51,7 +51,7 @@ class Stop:
 
 
 def checked_stops(stops: object, task: Task) -> tuple[Stop, ...]:
-    """Return `stops`, each of which is on the map, clear of its walls and in a cell of its own.
+    """Return `stops` if each is on the map, clear of walls and in a cell of its own.
 
     Raises
     ------
@@ -68,17 +68,14 @@ def checked_stops(stops: object, task: Task) -> tuple[Stop, ...]:
             cell = grid.cell_at(stop.at)
         except OutOfBounds as error:
             raise error.at("", label) from None
-        row, col = grid.to_points(stop.at)[0].tolist()
-        if segment_hits_cells(grid.blocked, row, col, row, col, task.robot.radius / grid.resolution, True):
-            allowed = f"at least the robot's radius, {task.robot.radius:g} m, from walls and the map's edges"
-            raise CellBlocked(label, stop.at, allowed)
+        check_clear(task, label, stop.at)
         if cells.setdefault(cell, k) != k:
             raise BadParameter(label, stop.at, f"a stop of its own; stops[{cells[cell]}] is in the same cell")
     return tuple(listed)
 
 
 class Visit(NamedTuple):
-    """What came of a stop: the robot arrived, started to serve, and left, s."""
+    """A visit of a stop: times of arrival, start of service, and departure, s."""
 
     stop: int
     arrival: float
@@ -87,7 +84,7 @@ class Visit(NamedTuple):
 
 
 class Turn(NamedTuple):
-    """An order that was decided on: when, s, the stops still to visit, and why."""
+    """A decision on the order: its time, s, the remaining stops in order, and the reason."""
 
     t: float
     order: tuple[int, ...]
@@ -102,9 +99,9 @@ class Rounds:
     ----------
     stops : tuple of Stop
     visits : tuple of Visit
-        As they came.
+        In the order of time.
     turns : tuple of Turn
-        The first order, and each that took its place.
+        The first order, and each one that replaced it.
     """
 
     stops: tuple[Stop, ...]
@@ -112,7 +109,7 @@ class Rounds:
     turns: tuple[Turn, ...] = ()
 
     def lateness(self, visit: Visit) -> float:
-        """Return by how much service began after the window, s."""
+        """Return by how much service started after the window, s."""
         return max(0.0, visit.start - self.stops[visit.stop].window[1])
 
     @property
@@ -122,11 +119,11 @@ class Rounds:
         return tuple(stop for stop in range(len(self.stops)) if stop not in visited)
 
     def name(self, stop: int) -> str:
-        """Return what a stop is called."""
+        """Return the name of a stop, or "stop N"."""
         return self.stops[stop].name or f"stop {stop}"
 
     def record(self) -> dict[str, Any]:
-        """Return the rounds as JSON values; a window without an end has None there."""
+        """Return the rounds as JSON values; the end of an unlimited window is None."""
         return {
             "stops": [
                 {
@@ -143,7 +140,7 @@ class Rounds:
 
 
 def rounds_of(record: object, where: str = "") -> Rounds:
-    """Return the rounds that `Rounds.record` wrote, or raise a `BadParameter` that names what is wrong."""
+    """Return the rounds from a record of `Rounds.record`; a `BadParameter` names what is wrong."""
 
     def listed(field: str, value: object, parts: int | None = None) -> list[Any]:
         if not isinstance(value, list) or (parts is not None and len(value) != parts):

@@ -1,4 +1,4 @@
-"""Where moving obstacles are at every instant: discs on piecewise linear courses."""
+"""Where moving obstacles are at every instant: discs on piecewise linear trajectories."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from antway.kernels.base.records import Trajectories
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
-    """The courses of K discs, exact at every instant; the layout that every kernel takes.
+    """The exact trajectories of K discs, in the layout that all kernels use.
 
-    Disc k is at `knot_xy[i]` at time `knot_t[i]` for its knots `first[k] <= i < first[k + 1]`, moves straight and at constant
-    speed in between, and stands before its first and after its last knot.
+    Disc k has the knots `first[k] <= i < first[k + 1]`. It is at `knot_xy[i]` at time `knot_t[i]`, moves straight at constant
+    speed in between, and stands before the first knot and after the last.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Timeline:
     Raises
     ------
     BadScenario
-        If the arrays do not fit together or hold other than finite numbers.
+        If the arrays do not fit together or contain numbers that are not finite.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class Timeline:
         radii: Sequence[float],
         trajectories: Sequence[tuple[ArrayLike, ArrayLike]],
     ) -> Timeline:
-        """Return the timeline of discs with these ids, radii (m) and courses (t in s, xy in m), each a list of knots."""
+        """Return the timeline of discs with these ids, radii (m) and trajectories (t in s, xy in m)."""
         t = [np.asarray(trajectory[0], np.float64) for trajectory in trajectories]
         xy = [np.asarray(trajectory[1], np.float64).reshape(-1, 2) for trajectory in trajectories]
         return Timeline(
@@ -94,7 +94,7 @@ class Timeline:
 
     @property
     def trajectories(self) -> Trajectories:
-        """The same for kernels."""
+        """The same as a record for kernels."""
         return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
 
     def trajectory(self, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

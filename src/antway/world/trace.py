@@ -1,4 +1,4 @@
-"""The record of an episode: exact enough to replay it bit for bit, and a file that reads safely."""
+"""The record of an episode, exact enough to replay it bit for bit, and its file, which can be read safely."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from antway.world.tracefile import read_fields, to_json
 class Outcome(Enum):
     """How an episode ended.
 
-    A contact is `HIT_MOVING` if the robot moved at that instant, `HIT_STANDING` if it was at rest. `TIMEOUT`: the horizon
-    came first. `ERROR`: the policy failed; the robot was braked.
+    A contact is `HIT_MOVING` if the robot was moving at that instant, `HIT_STANDING` if it was at rest. `TIMEOUT`: the horizon
+    was reached. `ERROR`: the policy failed, and the robot was braked.
 
     Examples
     --------
@@ -55,24 +55,24 @@ class Trace:
     t : float64[N + 1]
         Increasing from 0, s. Steps are `task.robot.dt` apart; the last may be cut short by the goal or a contact.
     xy, velocity : float64[N + 1, 2]
-        The robot's centre in m, and the velocity in m/s at which it arrived there; constant over the step before where the
-        robot's dynamics are "steps" or it has neither inertia, latency nor footprint.
+        Centre of the robot in m, and its velocity in m/s at arrival there. The velocity is constant over the step before if the
+        dynamics are "steps", or without inertia, latency and footprint.
     heading : float64[N + 1]
         rad.
     command : float64[N, 2]
-        What was asked for in each step, before the robot's limits: (vx, vy) in m/s, of wheels (v, omega) in m/s and rad/s; NaN
-        where the policy gave none.
+        The commands, before the robot's limits: (vx, vy) in m/s, for wheels (v, omega) in m/s and rad/s; NaN without a
+        command.
     timeline : Timeline
-        Where every obstacle was, exactly.
+        The exact trajectories of all obstacles.
     sensed : bool[N + 1, K]
-        Which obstacles the robot had a track of when it decided at t[i] (the last row repeats the one before).
+        Of which obstacles the robot had a track when it decided at t[i] (the last row repeats the one before).
     decisions : tuple of (step, Decision)
-        The policy's decisions, at each step where it made a new one.
+        The policy's decisions, with the step of each new one.
     cycle_ms : float64[N]
-        Wall time that the policy took, ms. The one part that differs between two equal runs.
+        Wall time of the policy, ms; the only part that differs between two equal runs.
     outcome : Outcome
     reason : str
-        One sentence on the outcome.
+        One sentence about the outcome.
     config : mapping
         How the episode was set up, as JSON values: version, policy options, sensor, horizon.
     turn_rate : float64[N + 1]
@@ -134,15 +134,15 @@ class Trace:
         return math.fsum(np.hypot(*np.diff(self.xy, axis=0).T).tolist())
 
     def decision_at(self, step: int) -> Decision | None:
-        """Return the decision that stood in control step `step`, if any."""
+        """Return the decision that was valid in control step `step`, if any."""
         return next((decision for i, decision in reversed(self.decisions) if i <= step), None)
 
     def digest(self) -> str:
-        """Return the SHA-256 of everything but `cycle_ms`: two runs are the same exactly if these agree."""
+        """Return the SHA-256 of everything but `cycle_ms`: two runs are the same if and only if their digests agree."""
         return hashlib.sha256(to_json(self).encode()).hexdigest()
 
     def save(self, path: str | Path, *, timing: bool = False) -> None:
-        """Write the trace as JSON, every number exactly; `cycle_ms`, which no two runs have the same, only with `timing`."""
+        """Write the trace as JSON with exact numbers; `cycle_ms`, which differs between equal runs, only with `timing`."""
         Path(path).write_text(to_json(self, timing=timing) + "\n", encoding="utf-8")
 
     @staticmethod
@@ -152,7 +152,7 @@ class Trace:
         Raises
         ------
         BadScenario, TooLarge
-            If the file cannot be read as a trace, naming the key, or is larger than the limit.
+            If the file cannot be read as a trace (the error names the key), or exceeds the limit.
         """
         fields = read_fields(Path(path))
         outcome = checks.choice("outcome", fields["outcome"], [o.value for o in Outcome], where=str(path))

@@ -1,4 +1,4 @@
-"""Traces as JSON: lists of numbers for what people read, packed bytes for maps and pheromone; strict about what it reads."""
+"""Traces as JSON, with lists of numbers for people and packed bytes for maps and pheromone; read strictly."""
 
 from __future__ import annotations
 
@@ -28,28 +28,21 @@ if TYPE_CHECKING:
 
 FORMAT = "antway-trace"
 VERSION = 2
-READS = (1, VERSION)  # of version 1 the policy `antway` wrote whole times to the goal as costs
+READS = (1, VERSION)  # in version 1 the policy `antway` wrote total times to the goal as costs
 MAX_BYTES = 32 * 2**20
-MAX_UNPACKED = 128 * 2**20  # bytes of all packed arrays of a trace together
+MAX_UNPACKED = 128 * 2**20  # limit of bytes of all unpacked arrays of a trace together
 
 _ARRAYS = {"t": 1, "xy": 2, "velocity": 2, "heading": 1, "command": 2}
 _TIMELINE = {"id": np.int64, "radius": np.float64, "knot_t": np.float64, "knot_xy": np.float64, "first": np.int64}
 _ROBOT = ("radius", "v_max", "a_max", "drive", "dt", "sensor_range", "turn_rate")
-_DYNAMICS = (
-    "v_reverse",
-    "brake_max",
-    "alpha_max",
-    "turning_radius",
-    "latency",
-    "footprint",
-    "dynamics",
-)  # left out at their default
+# Written only if they differ from the default:
+_DYNAMICS = ("v_reverse", "brake_max", "alpha_max", "turning_radius", "latency", "footprint", "dynamics")
 _TEXTS = ("action", "reason", "encounter", "guard")
 _NUMBERS = ("time_to_closest", "distance_at_closest", "gap")
 
 
 def to_json(trace: Trace, *, timing: bool = False) -> str:
-    """Return `trace` as JSON text, without `cycle_ms`, the one part that differs between equal runs, unless `timing`."""
+    """Return `trace` as JSON text; `cycle_ms`, which differs between equal runs, is included only with `timing`."""
     task, grid = trace.task, trace.task.grid
     record = {
         "format": FORMAT,
@@ -109,7 +102,7 @@ def _decision_record(decision: Decision) -> dict[str, Any]:
 
 
 def _finite(value: Any) -> Any:
-    """Numbers that JSON lacks become the strings "nan", "inf" and "-inf"; NumPy's numbers become Python's."""
+    """Replace numbers that JSON lacks by "nan", "inf" and "-inf", and NumPy's numbers by Python's."""
     if isinstance(value, dict):
         return {key: _finite(part) for key, part in value.items()}
     if isinstance(value, (list, tuple)):
@@ -128,7 +121,7 @@ def _pack(array: NDArray[Any]) -> dict[str, Any]:
 def read_fields(path: Path) -> dict[str, Any]:
     """Read the fields of a `Trace` from a file, the outcome as text.
 
-    Every fault is a `BadInput` that names the file and the key: `BadScenario` unless a value is wrong.
+    All errors are `BadInput`s that name the file and the key; they are `BadScenario`s unless a value is wrong.
     """
     where = str(path)
     if not is_file(path):
@@ -149,7 +142,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 class _Reader:
-    """Turns a parsed record into the fields of a trace; `where` is the file that errors name."""
+    """Converts a parsed record to the fields of a trace; errors name the file `where`."""
 
     def __init__(self, where: str) -> None:
         self.where, self.unpacked = where, Unpacked(MAX_UNPACKED, where)
@@ -193,7 +186,7 @@ class _Reader:
         )
 
     def config(self, record: object) -> Mapping[str, Any]:
-        """Read how the episode was set up; what others read of it has the type that they expect."""
+        """Read how the episode was set up; entries that are used elsewhere must have the right type."""
         parts = self.table("config", record, "")
         sensor = self.table("config.sensor", parts.get("sensor", {}), "")
         if not isinstance(sensor.get("occlusion", True), bool):
@@ -202,7 +195,7 @@ class _Reader:
         return parts
 
     def task(self, record: object, ramps: bool) -> Task:
-        """Read the task; before speeds ramped, and turn rates were written, robots drove in steps."""
+        """Read the task. In old traces, without turn rates, robots drove in steps."""
         parts = self.table("task", record, "grid robot start goal goal_tolerance obstacle_speed obstacle_surge")
         grid = self.table("task.grid", parts["grid"], "resolution origin blocked unknown")
         robot = self.table("task.robot", parts["robot"], " ".join(_ROBOT))
@@ -291,7 +284,7 @@ class _Reader:
         )
 
     def predicted(self, name: str, value: object) -> NDArray[np.float32] | None:
-        """Read the motions predicted, which traces of before they were written lack."""
+        """Read the predicted motions, which old traces do not have."""
         if value is None:
             return None
         rows: NDArray[np.float32] = self.unpack(name, value, "<f4", 2)

@@ -1,4 +1,4 @@
-"""The place: a static map and the obstacles that move on it."""
+"""A world: a static map and the obstacles that move on it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A static map and what moves on it.
+    """A static map and its moving obstacles.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ class World:
         object.__setattr__(self, "obstacles", obstacles)
 
     def timeline(self, seed: int, horizon: float) -> Timeline:
-        """Return where every obstacle is from 0 to `horizon` s when chance falls as in `seed`.
+        """Return where every obstacle is from 0 to `horizon` s, with the random choices of `seed`.
 
-        Obstacle k depends on the seed and on k alone, not on the other obstacles.
+        The motion of obstacle k depends only on the seed and on k, not on the other obstacles.
         """
         trajectories = []
         for k, obstacle in enumerate(self.obstacles):
