@@ -146,8 +146,8 @@ def load_scenario(path: str | Path) -> Scenario:
     `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and the fields
     of that motion (`antway.world.motions`). Each `[[stops]]` has the fields of `antway.world.stops.Stop`. `map` is a file in
     the folder of the scenario or below; so is the `file` of a replay, with CSV lines t,x,y. `resolution` is the edge of a cell
-    in m, for maps that do not store it; `occupied` is the cost from which a cell of a ROS map is blocked. A map whose yaw is not 0
-    is turned (`Grid.turned`).
+    in m, for maps that do not store it; `occupied` is the cost from which a cell of a ROS map is blocked. A map whose yaw is
+    not 0 is turned (`Grid.turned`).
 
     `robot` is a table, or the name of a robot that antway knows (`antway.world.robots.ROBOTS`). Instead of `radius` a robot may
     have a `footprint`, a list of corners [x, y] in m relative to its centre of rotation. Guard and contact tests use the turned
