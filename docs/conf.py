@@ -16,6 +16,7 @@ from antway import _HOME  # noqa: E402
 from antway.version import __version__  # noqa: E402
 
 project, author, release = "antway", "the antway authors", __version__
+project_copyright = author
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme, html_title = "furo", f"antway {__version__}"
 exclude_patterns = ["build", "_build", "jupyter_execute"]

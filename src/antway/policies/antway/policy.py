@@ -68,40 +68,42 @@ _EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle 
 
 
 class AntwayPolicy:
-    """Cross a place among moving obstacles by ants in space and time.
+    """Drive to a goal among moving obstacles by ants in space and time.
 
-    Each cycle predicts the tracks, tests the plan in use against them, and lets the colony look for a better one until the gap
-    is certified to be nil or the budget of expansions is spent. A plan is kept unless it is in conflict or another is better by
-    `hysteresis`. What comes out passes the guard.
+    Each cycle predicts the tracks, tests the plan in use against them, and lets the colony look for a better plan until the gap
+    is certified to be nil or the budget of expansions is spent. The plan in use is kept unless it is in conflict or another is
+    better by `hysteresis`. The guard then checks the command. docs/crossing.md explains each step.
 
     Parameters
     ----------
     horizon : float
         How far ahead obstacles are predicted, s, > 0.
     margin : float or None
-        Least distance to predicted obstacles, m, >= 0; None: 0.03, or 0.005 where the guard is strict or obstacles do not sway.
+        Least distance to predicted obstacles, m, >= 0. None: 0.005 m, and in mode "least-harm" 0.2 s times how wrong a track's
+        velocity has been predicted, for robots that follow the plan itself.
     chance : float
         Probability in (0, 1) with which an uncertain track may leave its tube at any one time.
     hysteresis : float
-        s; a plan is left for another only if that arrives so much sooner, >= 0.
+        s, >= 0; the plan in use is replaced only by one that arrives so much sooner.
     minimum_improvement : float
-        s; differences below are not worth a search, > 0.
+        s, > 0; the colony does not search for smaller gains.
     expansions, improvement_expansions : int
-        Moves that the colony may test in a cycle that needs a new plan, >= 1, and in one that has a plan, >= 0.
+        Most moves that the colony tests in a cycle that needs a new plan, >= 1, and in a cycle that has a plan, >= 0.
     moves : Moves
         EIGHT, SIXTEEN or THIRTY_TWO.
     deposit : float
-        Q of the deposit Q / L on a path that is better than all before, s; 0 switches pheromone off.
+        Q of the deposit Q / L on a path that is better than all earlier ones, s; 0 switches pheromone off.
     distance_weight : float
-        s/m, >= 0; what a metre costs beside its time (least distance against least time); 0 for a robot that `controls` drives.
+        s/m, >= 0; cost of a metre in addition to its time (least distance against least time). 0 for a robot that `controls`
+        drives.
     guard : bool
         Whether commands pass the guard.
     controls : ControlOptions or None
-        Numbers of the colony in the space of controls, which drives all robots but a disc that can have any velocity at once;
-        None: the usual ones.
+        Numbers of the colony in the space of controls, which drives all robots except a disc that can have any velocity at
+        once; None: the defaults.
     mode : str
-        Of the guard, "strict" or "least-harm". Where it is "least-harm", a plan that keeps room to spare is taken before one
-        that arrives a little sooner, and where no path keeps all margins one is taken that keeps none.
+        Mode of the guard, "strict" or "least-harm". With "least-harm", a plan that keeps room to spare is preferred to one that
+        arrives a little sooner, and where no path keeps all margins, one that keeps none is taken.
 
     Raises
     ------
