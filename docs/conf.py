@@ -19,6 +19,7 @@ project, author, release = "antway", "the antway authors", __version__
 project_copyright = author
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 html_theme, html_title = "furo", f"antway {__version__}"
+html_static_path, html_css_files = ["static"], ["site.css"]
 exclude_patterns = ["build", "_build", "jupyter_execute"]
 nb_merge_streams, nb_execution_raise_on_error, nb_execution_timeout = True, True, 300  # tutorials are run when the site is made
 logging.getLogger("traitlets").setLevel(logging.WARNING)
