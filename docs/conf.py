@@ -44,8 +44,8 @@ def _outward(app: Any, name: str, source: list[str]) -> None:
 
 def _reference(app: Any) -> None:
     """Write the page of every public name, grouped by the module that defines it."""
-    lines = ["# Reference", "", "Every public name of `antway`, as its docstring tells it.", ""]
-    for module, names in _HOME.items():
+    lines = ["# Reference", "", "Every public name of `antway` with its docstring, grouped by module. Errors come last.", ""]
+    for module, names in sorted(_HOME.items(), key=lambda item: item[0] == "errors"):
         lines += [f"## antway.{module}", "", "```{eval-rst}"]
         for name in names.split():
             value = getattr(__import__("antway"), name)

@@ -3,7 +3,6 @@
 import math
 
 import antway
-from antway.scenes import scene
 
 
 class Timid:
@@ -30,6 +29,6 @@ class Timid:
 
 
 for policy in (Timid(), "paper", "antway"):
-    result = antway.run(antway.load_scenario(scene("paper")), policy, seed=3)
+    result = antway.run(antway.load_scenario("paper"), policy, seed=3)
     name = policy if isinstance(policy, str) else "timid"
     print(f"{name:8}{result.outcome.value:14}{result.time:6.1f} s, nearest {result.min_clearance:.2f} m")

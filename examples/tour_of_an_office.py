@@ -4,7 +4,6 @@ import tempfile
 from pathlib import Path
 
 import antway
-from antway import scenes
 from antway.view.style import save
 from antway.view.tours import plan_tour_figure
 
@@ -18,7 +17,7 @@ STOPS = {  # name: (x, y) in m, (earliest, latest) in s or None
     "copier": ((8.5, 2.5), None),
     "store": ((20.0, 3.0), None),
 }
-grid = antway.load_map(Path(scenes.__file__).parent / "office.yaml")
+grid = antway.load_map("office")
 places, windows = [xy for xy, _ in STOPS.values()], [window for _, window in STOPS.values()]
 how = {"names": list(STOPS), "windows": windows, "service": 5.0, "robot_radius": 0.25, "seed": 1}
 tour = antway.plan_tour(grid, (1.5, 7.0), places, end="start", seconds=0.5, **how)
