@@ -1,4 +1,4 @@
-"""Play the shipped scenes with a policy, many seeds each, and print how they came out.
+"""Play the shipped scenes with policies, many seeds each, and print how they came out; times are means of runs that arrived.
 
 python benchmarks/scenes.py [--policy paper] [--seeds 50]
 """
@@ -38,7 +38,7 @@ def main() -> None:
                 "scene": name,
                 "reached": outcomes["reached"],
                 "seeds": args.seeds,
-                "time": float(np.mean([r.time for r in results])),
+                "time": float(np.mean([r.time for r in results if r.reached])) if outcomes["reached"] else float("nan"),
                 "length": float(np.mean([r.length for r in results])),
                 "replans": float(np.mean([r.replans for r in results])),
                 "waits": float(np.mean([r.waits for r in results])),
