@@ -56,8 +56,8 @@ RobotName = Annotated[
         autocompletion=completed(ROBOTS),
     ),
 ]
-SMALL = 2**19  # cells of a map that `plan` searches sooner than it compiles the search
-TINY = 2**16  # and sooner than it loads Numba
+SMALL = 2**19  # cells of a map that interpreted kernels search faster than kernels are compiled
+TINY = 2**16  # cells of a map that interpreted kernels search faster than Numba is loaded
 
 ScenarioName = Annotated[
     str,
@@ -181,9 +181,9 @@ def plan_command(
 
 
 def _interpret_if_small(cells: int, planner: str) -> None:
-    """Let Python interpret the kernels where that is over before they, or Numba, would be there.
+    """Let Python interpret the kernels if that is faster than compiling them or loading Numba.
 
-    Interpreted and compiled kernels give the same answers (tests/test_without_jit.py). NUMBA_DISABLE_JIT=0 has them compiled.
+    Interpreted and compiled kernels give the same answers (tests/test_without_jit.py). NUMBA_DISABLE_JIT=0 forces compilation.
     """
     if cells > SMALL or planner not in ("jps", "astar") or "numba" in sys.modules or "NUMBA_DISABLE_JIT" in os.environ:
         return
@@ -193,7 +193,7 @@ def _interpret_if_small(cells: int, planner: str) -> None:
         os.environ["NUMBA_DISABLE_JIT"] = "1"
         import numpy as np
 
-        np.seterr(over="ignore")  # unsigned integers wrap, as they do in compiled kernels
+        np.seterr(over="ignore")  # unsigned integers overflow, as in compiled kernels
 
 
 @app.command("run")
@@ -439,11 +439,11 @@ def ros2_command(context: typer.Context) -> int:
 
 
 commands.add_to(app)
-for _command in app.registered_commands:  # one line each in the list of commands, wrapped rather than cut off
+for _command in app.registered_commands:  # the list of commands wraps these lines instead of cutting them off
     _command.short_help = (_command.callback.__doc__ or "").partition("\n")[0] if _command.callback else ""
 
 
 def main() -> None:
     """Run the command line and exit with its status."""
-    sys.path.append(os.getcwd())  # where MODULE:NAME is looked for last, so that nothing here hides what is installed
+    sys.path.append(os.getcwd())  # MODULE:NAME is looked up here last, so that local files hide no installed modules
     exit_with(app)

@@ -1,4 +1,4 @@
-"""What the longer commands do: tours, fronts, smoothing, comparisons; each imports what it needs when it runs."""
+"""The longer commands: tours, fronts, smoothing, comparisons; each imports what it needs when it runs."""
 
 from __future__ import annotations
 
@@ -266,7 +266,7 @@ def plan_front(
 
 
 def robot_of(name: str, radius: float) -> RobotSpec:
-    """Return the robot of `antway plan --robot`, beside which no radius may be given."""
+    """Return the robot of `antway plan --robot`, which excludes a radius."""
     from antway.world.robots import load_robot
 
     if radius != 0.0:
@@ -333,7 +333,7 @@ def compare_ants(runs: int, out: Path, json: bool) -> int:
 
 
 def predict(suite: str, file: Path | None, json: bool) -> int:
-    """Measure how well a recording is foretold; see `antway bench predict`."""
+    """Measure how well a recording is predicted; see `antway bench predict`."""
     from dataclasses import asdict
 
     from antway.arena.predict import forecast, markdown

@@ -1,4 +1,4 @@
-"""What the commands share: options that hold numbers, progress on stderr, answers on stdout, and the exit status."""
+"""Shared by the commands: options with numbers, progress on stderr, answers on stdout, and the exit status."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FAULT = 1
 
 
 def status_of(outcomes: Iterable[str]) -> int:
-    """Return the exit status for episodes that ended so: the gravest of a policy's fault, a contact, and time that ran out."""
+    """Return the exit status for episodes with these outcomes: the worst of policy error, contact and timeout."""
     ends = set(outcomes)
     if "error" in ends:
         return FAULT
@@ -36,11 +36,11 @@ def status_of(outcomes: Iterable[str]) -> int:
 
 
 class Refused(Exception):
-    """Carries a `BadInput` out of an option's parser; Typer would put words of its own round any `ValueError`."""
+    """Carries a `BadInput` out of an option's parser, because Typer would add its own text to a `ValueError`."""
 
 
 def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
-    """An option that holds a number; text that is none is refused in the library's own words."""
+    """Return an option with a number; other text is refused by the library's own error."""
 
     def parse(text: str) -> Any:
         try:
@@ -56,7 +56,7 @@ Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choi
 
 
 def completed(table: Iterable[str]) -> Callable[[str], list[str]]:
-    """Return what the shell offers in place of a name that is begun: the names of `table`."""
+    """Return the function for shell completion with the names of `table`."""
 
     def offered(incomplete: str) -> list[str]:
         return [name for name in table if name.startswith(incomplete)]
@@ -100,7 +100,7 @@ def pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
 
 @contextmanager
 def working(what: str) -> Iterator[None]:
-    """Say on stderr what is going on once it takes a second."""
+    """Print on stderr what is going on once it takes a second."""
     import threading
 
     late = threading.Timer(1.0, say, (f"{what} ...",))
@@ -170,7 +170,7 @@ def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
 
 
 def print_decisions(decisions: list[dict[str, Any]]) -> None:
-    """Print an episode's decisions as a table, one row for each that differs from the one before."""
+    """Print an episode's decisions as a table, with a row for each that differs from the one before."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -197,7 +197,7 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
 
 
 def print_summaries(table: Sequence[Summary]) -> None:
-    """Print what policies did on a suite as a table."""
+    """Print the results of policies on a suite as a table."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -238,7 +238,7 @@ def print_summaries(table: Sequence[Summary]) -> None:
 
 
 def print_rounds(numbers: dict[str, Any]) -> None:
-    """Print the visits of an episode with stops, from its summary, and what they come to."""
+    """Print the visits of an episode with stops, and their totals, from its summary."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -257,7 +257,7 @@ def print_rounds(numbers: dict[str, Any]) -> None:
 
 
 def print_tour(tour: TourPlan) -> None:
-    """Print a tour as a table, one row a stop in the order of the visits, and what it comes to."""
+    """Print a tour as a table, with a row for each stop in the order of the visits, and its totals."""
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -297,15 +297,15 @@ def _shown(value: float | None, form: str, unit: str) -> str:
 
 
 def _finite(value: float, form: str, unit: str = "") -> str:
-    """Return a number as text; what is none, as of a policy that never arrived, as a dash."""
+    """Return a number as text, or a dash if it is not finite, as for a policy that never arrived."""
     return _shown(value if value == value else None, form, unit)
 
 
 def exit_with(app: Callable[..., Any]) -> None:
-    """Run the command line `app` and exit with its status; wrong input is one line on stderr and status 2."""
+    """Run the command line `app` and exit with its status; wrong input gives one line on stderr and status 2."""
     warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
     usage_error: Any = typer.BadParameter.__base__
-    for stream in (sys.stdout, sys.stderr):  # a locale that lacks a letter of some name shows a substitute
+    for stream in (sys.stdout, sys.stderr):  # a locale without some letter shows a substitute
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:

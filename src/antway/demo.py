@@ -1,4 +1,4 @@
-"""The paper's experiment on the scenes that antway ships: episodes, figures, animations, replay pages, numbers."""
+"""The paper's experiment on the shipped scenes: episodes, figures, animations, replay pages, numbers."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Trace
 
-TIMINGS = ("cycle_ms_p50", "cycle_ms_p99", "order_ms_max")  # parts of a summary that differ between equal runs
+TIMINGS = ("cycle_ms_p50", "cycle_ms_p99", "order_ms_max")  # entries of a summary that differ between equal runs
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
 
 
 def scene(name: str) -> Scenario:
-    """Return the shipped scene of that name, or the scenario in the file of that name, which may be a path.
+    """Return the shipped scene of that name, or the scenario in that file.
 
     Raises
     ------
@@ -40,10 +40,10 @@ def scene(name: str) -> Scenario:
 
 
 def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
-    """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None where there is none.
+    """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None for missing ones.
 
-    `shortest` is the length of the shortest path at any angle over the static map, `length_ratio` what the robot drove, and the
-    rest to the goal's centre, over it; None unless the goal was reached. In rounds it leads over the stops visited.
+    `shortest` is the length of the shortest path at any angle on the static map, in rounds through the visited stops.
+    `length_ratio` is the driven length plus the rest to the goal's centre, divided by it; None unless the goal was reached.
     """
     rounds = result.rounds
     via = () if rounds is None else tuple(rounds.stops[visit.stop].at for visit in rounds.visits)
@@ -91,10 +91,10 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
 
 
 def explained(trace: Trace) -> list[dict[str, Any]]:
-    """Return every decision of an episode as JSON values, each of which stands until the next; None where there is none.
+    """Return all decisions of an episode as JSON values; each is valid until the next. Missing values are None.
 
-    Times in s, `distance_at_closest` in m between the discs' edges, `gap` 0.01 for 1 %, costs of the alternatives in s;
-    `weighed` says them in words.
+    Times are in s, `distance_at_closest` in m between the discs' edges, `gap` 0.01 is 1 %, and costs of alternatives are in s;
+    `weighed` has them in words.
     """
     return [
         {
@@ -131,7 +131,7 @@ def write_episode(
 ) -> dict[str, Any]:
     """Write figures, animation, replay page, trace, summary and timings of an episode; return the summary.
 
-    Episodes of the same place `beside` it have figures of their own and are shown at its left in the animation and the page.
+    Episodes `beside` it, of the same scene, have their own figures and are shown to its left in the animation and the page.
     """
     from antway.view import figures
     from antway.view.animation import write_animation
@@ -154,7 +154,7 @@ def write_episode(
 
 
 def figure_names(policy: str) -> tuple[str, ...]:
-    """Return the files of a policy's four figures: the paper's Figs. 4 to 7 for policy `paper`, else names of its own."""
+    """Return the file names of a policy's four figures: the paper's Figs. 4 to 7 for policy `paper`, else other names."""
     parts = ("global_path", "encounter", "avoidance", "final_path")
     if policy == "paper":
         return tuple(f"figure{n}_{part}.png" for n, part in enumerate(parts, 4))
@@ -162,7 +162,7 @@ def figure_names(policy: str) -> tuple[str, ...]:
 
 
 def write_figures(trace: Trace, folder: Path) -> None:
-    """Write the path set out on, an encounter before and in the midst of it, and the path driven, as pictures."""
+    """Write pictures of the initial path, an encounter before and during avoidance, and the driven path."""
     from antway.view import figures
 
     path, (meet, avoid) = figures.shortest(trace.task), figures.moments(trace)
@@ -197,9 +197,9 @@ def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict
 
 
 def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
-    """Check an episode, write its trace, its summary and its timings into `folder`, and return the summary, timings included.
+    """Check an episode, write its trace, summary and timings into `folder`, and return the summary with timings.
 
-    What took how long stands in `timings.json` alone, so that the same seed gives the other files the same bytes.
+    Timings are only in `timings.json`, so that the other files are the same for the same seed.
     """
     trace = _trace(result)
     check_episode(result)
@@ -224,14 +224,14 @@ def run_demo(
     seed: int | None = None,
     on_progress: Callable[[str, str], None] = lambda scene, what: None,
 ) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Play every scene with each policy and write what came of it under `out`; yield each episode's scene and summary.
+    """Play every scene with each policy and write the results under `out`; yield the scene and summary of each episode.
 
     The scene with stops, `rounds`, is played with the last policy alone.
 
-    A scene's folder holds the figures of all policies, trace and summary of the last, an animation and a page with all of them
-    side by side, and a folder for each other policy with its trace and summary. Figures 4 to 7 are of policy `paper`. The
-    pictures of the paper's scene, and those of no scene, lie in `out` itself. `on_progress(scene, what)` is called before each
-    part. Other processes play the other policies and draw; they start anew, so a script that calls this guards its own work by
+    The folder of a scene contains the figures of all policies, trace and summary of the last policy, an animation and a page
+    with all policies side by side, and a folder with trace and summary for each other policy. Figures 4 to 7 are of policy
+    `paper`. Pictures of the paper's scene, and those of no scene, are in `out` itself. `on_progress(scene, what)` is called
+    before each part. Other processes play the other policies and draw, so a script that calls this must guard its own code by
     `if __name__ == "__main__"`.
 
     Raises
@@ -246,13 +246,13 @@ def run_demo(
     *others, shown = policies
     out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        aside = pool.submit(_play, others, seed)  # in one process: each would compile the same kernels
+        aside = pool.submit(_play, others, seed)  # in one process, since several would compile the same kernels
         drawn: dict[str, Future[dict[str, Any]]] = {}
         rounds: dict[str, Future[dict[str, Any]]] = {}
         for name in SCENES:
             on_progress(name, "episodes")
             played = run(scene(name), shown, seed=seed)
-            if not rounds:  # begun sooner, they would compile the same kernels
+            if not rounds:  # if started earlier, they would compile the same kernels
                 rounds = {stops: pool.submit(write_rounds, stops, shown, seed, out / stops) for stops in ROUNDS}
             beside = [aside.result()[name, other] for other in others]
             drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)

@@ -1,4 +1,4 @@
-"""Policy `dwa`: the dynamic window approach, obstacles rolled on as they move."""
+"""Policy `dwa`: the dynamic window approach, with moving obstacles."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from antway.world.terrain import terrain_of
 class Dwa(Follow):
     """Choose, from the velocities that can be reached within a control period, the best one that is safe.
 
-    Each candidate command is held for `horizon` s under the robot's own limits of speed, acceleration and turning, while every
-    obstacle keeps its velocity. It is allowed if the robot can still stop before the first contact. Of these the one is taken
-    with the largest sum of `heading` (1 - angle to the target / pi, after one period), `dist` (time of the first contact, as a
-    share of the horizon) and `vel` (speed / v_max); the target is the farthest point of the global path in sight. With none
-    admissible contact is put off as long as can be. Candidates of wheels with ramps are the twists in the window that can be
-    reached within a period, and their angle to the target is taken after `aim` s; of them only those are taken after which
-    braking, with the same turn rate, ends before any wall.
+    Each candidate command is kept for `horizon` s within the robot's limits of speed, acceleration and turning, while all
+    obstacles keep their velocities. It is admissible if the robot can still stop before the first contact. The policy takes the
+    admissible command with the largest sum of `heading` (1 - angle to the target / pi, after one period), `dist` (time of the
+    first contact, as a share of the horizon) and `vel` (speed / v_max). The target is the farthest visible point of the global
+    path. If no command is admissible, the contact is delayed as long as possible. For wheels with ramps, candidates are the
+    twists that can be reached within a period; their angle to the target is measured after `aim` s, and they are admissible
+    only if braking with the same turn rate keeps clear of walls.
 
     Parameters
     ----------
@@ -34,21 +34,21 @@ class Dwa(Follow):
     horizon : float
         s, > 0.
     look_ahead : float
-        How far along the path the target may be, m, > 0.
+        Largest distance of the target along the path, m, > 0.
     directions, speeds : int
-        Of the candidates: so many directions, >= 3, and speeds up to v_max, >= 1.
+        Number of directions, >= 3, and of speeds, >= 1, of the candidates.
     margin : float
-        Room kept round obstacles, m, >= 0.
+        Distance kept from obstacles, m, >= 0.
     turns : int
-        Of the candidates of wheels with ramps: so many turn rates, >= 2, for each of `speeds` + 1 speeds.
+        For wheels with ramps: number of turn rates, >= 2, for each of `speeds` + 1 speeds.
     aim : float
         s, > 0.
 
     Notes
     -----
     Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, IEEE Robotics & Automation Magazine 4(1), 1997.
-    There a candidate is an arc of given speed and turn rate, as here for wheels with ramps; for other robots it is a command.
-    Obstacles stand still there, and the weights are 2, 0.2 and 0.2, which leave this robot standing before corners.
+    In the paper a candidate is an arc of given speed and turn rate, as here for wheels with ramps; for other robots it is a
+    command. There obstacles stand still, and the weights are 2, 0.2 and 0.2, with which this robot stops before corners.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Dwa(Follow):
         self.aim = checks.number("aim", aim, low=0.0, open_low=True, unit="s")
 
     def reset(self, task: Task, seed: int) -> None:
-        """Lay out the candidates."""
+        """Prepare the candidates."""
         super().reset(task, seed)
         robot = task.robot
         angle = np.arange(self.directions) * (2 * math.pi / self.directions)
@@ -114,7 +114,7 @@ class Dwa(Follow):
             best = int(np.argmax(free))
             self.decide("brake", "no velocity is safe: contact is put off as long as can be")
             if self.rolls and not clear.any():
-                commands[best] = 0.0, self.turning  # the stop that kept clear of walls when the last command was given
+                commands[best] = 0.0, self.turning  # the stop that was found clear of walls with the last command
         else:
             best = int(np.argmax(np.where(admissible, self._value(seen, target, ends, free), -math.inf)))
             self.decide("follow", "the best velocity in the window")
@@ -123,7 +123,7 @@ class Dwa(Follow):
         return commanded(one, two, o.heading, robot) if self.rolls else Command((one, two))
 
     def _candidates(self, o: Observation, target: XY) -> NDArray[np.float64]:
-        """Return the commands: rest, all directions and speeds, and straight to the target."""
+        """Return the candidates: rest, all directions and speeds, and straight to the target."""
         robot, dx, dy = self.task.robot, target[0] - o.xy[0], target[1] - o.xy[1]
         speed = min(robot.v_max, math.hypot(dx, dy) / robot.dt)
         there = speed * np.exp(1j * math.atan2(dy, dx))
@@ -160,7 +160,7 @@ class Dwa(Follow):
         robot, (xy, velocity) = self.task.robot, now(o)
         body = o.tracks.radius + robot.radius
         gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)  # a margin that is broken already is cut to what there is
+        contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)  # the margin is at most the present gap
         ends = np.empty((len(commands), 5))
         roll_out(
             commands, np.array([*o.xy, *o.velocity, o.heading]), self.limits, robot.dt, self.periods,

@@ -1,4 +1,4 @@
-"""What the baselines without a global plan share: a target on the global path, and a step that ends at walls."""
+"""Shared by baselines without a global plan: a target on the global path, and a step that ends before walls."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from antway.planning import TimedPath
 from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Observation, Task
 
-SHORT = 1e-6  # m of a step's distance to a wall that are left over
+SHORT = 1e-6  # m; distance to a wall that a step leaves
 
 
 def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY:
-    """Return the farthest node of `path`, at most `within` m along it, that the robot sees; the goal if it sees that.
+    """Return the farthest visible node of `path`, at most `within` m along it, or the goal if it is visible.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def look_ahead(task: Task, o: Observation, path: TimedPath, within: float) -> XY
 
 
 def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
-    """Return the command (vx, vy) in m/s, at most at full speed, slowed where a wall on the way is too near."""
+    """Return the command (vx, vy) in m/s, limited to full speed, and slowed down before walls."""
     robot, (x0, y0, _), size = task.robot, task.grid.origin, task.grid.resolution
     speed = math.hypot(vx, vy)
     if speed > robot.v_max:
@@ -42,7 +42,7 @@ def short_of_walls(task: Task, o: Observation, vx: float, vy: float) -> Command:
     row, col = (o.xy[1] - y0) / size - 0.5, (o.xy[0] - x0) / size - 0.5
     share, _, _ = first_wall(task.grid.blocked, row, col, vy * span / size, vx * span / size, robot.radius / size)
     if share <= 1.0:
-        # As braking needs v^2 / 2a, v reduced in proportion stops before the wall whatever a is.
+        # As the braking distance is v^2 / 2a, a proportional reduction of v is enough for any a.
         share = max(share - SHORT / (speed * span), 0.0)
         vx, vy = vx * share, vy * share
     return Command((vx, vy))

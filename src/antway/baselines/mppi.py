@@ -15,29 +15,29 @@ from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, look_
 from antway.world.policy import Command, Observation, Task
 from antway.world.rollouts import acting, commanded, finite_limits, static_field
 
-_DISCS = 64  # at most, near one another at one time
+_DISCS = 64  # limit of discs that are near one another at a time
 
 
 class Mppi(Follow):
-    """Drive the mean of many noisy sequences of controls, weighed by what each leads to.
+    """Drive the mean of many noisy sequences of controls, weighted by their costs.
 
-    Each is rolled out by the robot's dynamics (ramps, arcs, latency) among obstacles that keep their velocity, and judged on
-    time to the goal, contact, closeness and walls, by the same arithmetic as the colony of policy `antway`.
+    Each sequence is rolled out with the robot's dynamics (ramps, arcs, latency) among obstacles that keep their velocities. Its
+    cost is made of time to the goal, contacts, closeness and walls, as for the colony of policy `antway`.
 
     Parameters
     ----------
     samples : int
-        Sequences a cycle, 3 to 100,000.
+        Number of sequences in a cycle, 3 to 100,000.
     horizon, block : float
-        Length of a sequence, and of the spans in it that share a draw, s, > 0.
+        Length of a sequence, and of its parts with one draw each, s, > 0.
     temperature : float
-        s, > 0; of the weights exp(-cost / temperature).
+        Temperature of the weights exp(-cost / temperature), s, > 0.
     speed_noise, turn_noise : float
         Standard deviations, as shares of the robot's limits, > 0.
     margin, wished : float
-        Room kept to obstacles, and room wished for beyond, m, >= 0.
+        Distance kept from obstacles, and desired distance beyond that, m, >= 0.
     wall_margin : float
-        Room kept to walls, m, >= 0.
+        Distance kept from walls, m, >= 0.
 
     Notes
     -----
@@ -68,7 +68,7 @@ class Mppi(Follow):
         self.wall_margin = checks.number("wall_margin", wall_margin, low=0.0, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
-        """Prepare the fields of the map and room for the samples."""
+        """Prepare the fields of the map and the arrays of samples."""
         super().reset(task, seed)
         robot = task.robot
         self.limits = finite_limits(robot)

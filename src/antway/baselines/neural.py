@@ -1,4 +1,4 @@
-"""Policies `neural` and `glasius`: the robot climbs the activity that spreads from its target over the cells of the map."""
+"""Policies `neural` and `glasius`: the robot ascends the activity that spreads from the goal over the cells."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from antway.kernels.baselines.neural import CLOSED, DIAGONAL, FREE, TARGET, asce
 from antway.world.line_of_sight import clear
 from antway.world.policy import XY, Command, Decision, Observation, Task
 
-SETTLED = 1e-6  # largest relative change in a sweep of an activity that has come to rest
-MOST = 10_000  # sweeps before an episode
-TRANSFERS = {"mean": DIAGONAL, "glasius": 1.0}  # how much a diagonal neighbour counts
+SETTLED = 1e-6  # relative change in a sweep below which the activity is stationary
+MOST = 10_000  # limit of sweeps before an episode
+TRANSFERS = {"mean": DIAGONAL, "glasius": 1.0}  # weight of a diagonal neighbour
 
 
 class Neural:
-    """Climb the activity of a shunting neural network, one neuron a cell; nothing is learnt.
+    """Ascend the activity of a shunting neural network with one neuron for each cell; nothing is learnt.
 
     Each neuron follows dx/dt = -A x + (B - x)([I]+ + sum_j mu [x_j]+ / d_j) - (D + x)[I]-, over its 8 neighbours at distance
-    d_j (diagonal ones only past two open cells), with I = E at the goal and -E in cells that are closed: to the robot's centre
-    by a wall, or by an obstacle where it is now. Activity is positive only by what spreads from the goal, so it has no other
-    peak. The network is at rest on the empty map when an episode begins; each cycle then lets `sweeps` times `span` s pass.
+    d_j (diagonal ones only between two open cells). I is E at the goal, and -E in cells that are closed to the robot's centre
+    by a wall or by the present place of an obstacle. Positive activity comes only from the goal, so there is no other maximum.
+    The network is stationary on the empty map at the start of an episode; in each cycle `sweeps` times `span` s pass.
 
-    Known faults: activity falls by a factor of 5 to 15 a cell, and beyond some 270 cells of a corridor it is below the smallest
-    float64 and the robot is stuck; obstacles are avoided where they are and not where they will be.
+    Known faults: activity decreases by a factor of 5 to 15 per cell, so that after about 270 cells of a corridor it underflows
+    and the robot is stuck. The robot avoids obstacles where they are, not where they will be.
 
     Parameters
     ----------
     decay, upper, lower, mu, drive : float
         A > 0, B > 0, D >= 0, 0 < mu < A / 8 and E > 0.
     sweeps : int
-        Updates of the network in a cycle, >= 1.
+        Number of updates of the network in a cycle, >= 1.
     span : float
         s, > 0, may be infinite.
     margin : float
-        Room kept round obstacles, m, >= 0.
+        Distance kept from obstacles, m, >= 0.
 
     Notes
     -----
@@ -73,9 +73,9 @@ class Neural:
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
-        """Let the activity come to rest on the empty map."""
+        """Compute the stationary activity on the empty map."""
         self.task, grid, size = task, task.grid, task.grid.resolution
-        # A diagonal dips towards a corner by at most half its length.
+        # A diagonal move comes nearer to a corner by at most half its length.
         contact_radius = (
             task.robot.radius if size >= 2 * task.robot.radius else math.hypot(task.robot.radius, size / math.sqrt(2))
         )
@@ -113,7 +113,7 @@ class Neural:
         return short_of_walls(task, o, (target[0] - o.xy[0]) / dt, (target[1] - o.xy[1]) / dt)
 
     def explain(self) -> Decision:
-        """Return the decision that stands."""
+        """Return the present decision."""
         return self.decision
 
     def _decide(self, action: str, reason: str) -> None:
@@ -121,12 +121,12 @@ class Neural:
             self.decision = Decision(action, reason)
 
     def _cell(self, xy: XY) -> Cell:
-        """Return the cell that holds a point, counted with the rim."""
+        """Return the cell that contains a point, with indices that include the rim."""
         row, col = self.task.grid.cell_at(xy)
         return row + 1, col + 1
 
     def _up(self, o: Observation, kind: NDArray[np.uint8]) -> XY | None:
-        """Return the farthest place in sight on the path up, about one control period from here."""
+        """Return the farthest visible place on the ascending path, about one control period away."""
         here = self._cell(o.xy)
         if here == self.goal:
             return self.task.goal
@@ -138,12 +138,12 @@ class Neural:
 
 
 class Glasius(Neural):
-    """Climb the activity of a bounded relaxation: 1 at the goal, 0 in closed cells, else less than its neighbours' mean.
+    """Ascend the activity of a bounded relaxation: 1 at the goal, 0 in closed cells, else below the neighbours' mean.
 
-    With `transfer` "mean" each cell goes to `gain` times the mean of its 8 neighbours, weighted by 1 / distance: activity falls
-    by a third a cell in the open and by a factor of 7 in a corridor one cell wide. With "glasius" it goes to g of the plain sum
-    of its 8 neighbours: g(x) = 0 for x < 0, `gain` x / 8 up to 1, then 1. A diagonal neighbour then counts as much as a
-    straight one. What is closed, and what else there is, as in `Neural`.
+    With `transfer` "mean" each cell becomes `gain` times the mean of its 8 neighbours, weighted by 1 / distance: activity falls
+    by a third per cell in open space, and by a factor of 7 in a corridor one cell wide. With "glasius" it becomes g of the
+    plain sum of its 8 neighbours, where g(x) = 0 for x < 0, `gain` x / 8 up to 1, then 1; diagonal neighbours count as much as
+    straight ones. Everything else is as in `Neural`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Policy `oracle`: knows where every obstacle will be, and drives the path that arrives first."""
+"""Policy `oracle`, which knows where every obstacle will be and drives the path that arrives first."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from antway.world.policy import Command, Decision, Observation, Task, Tracks
 from antway.world.terrain import terrain_of
 from antway.world.timeline import Timeline
 
-MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # shares of how far the robot can be from its plan between two commands
-GRAZE = 1e-6  # m; the same touch, or arrival, may round to either side when it is driven
+MARGINS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 4.0)  # margins tried, in units of the deviation from a plan between two commands
+GRAZE = 1e-6  # m; allowance for rounding of touches and arrivals
 
 
 class Oracle:
-    """Search space and time once, by SIPP over 32 directions with every future known, and drive what was found.
+    """Search in space and time once, by SIPP over 32 directions with known futures, and drive the result.
 
-    Between two commands the robot goes straight, so it is up to v_max dt / 2 from a plan that turns or sets off in between. Of
-    plans with more and more room round the obstacles the first is taken whose driving, tried beforehand, touches nothing. What
-    follows the robot has no future that could be known; it is taken to stand.
+    Between two commands the robot moves straight, so it deviates by up to v_max dt / 2 from a plan that turns or starts in
+    between. The policy takes the plan with the smallest margin that touches nothing when it is driven in simulation. Obstacles
+    that follow the robot have no known future; they are assumed to stand.
 
     Source: Phillips, Likhachev: SIPP: Safe Interval Path Planning for Dynamic Environments, ICRA 2011.
     """

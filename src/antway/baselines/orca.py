@@ -1,4 +1,4 @@
-"""Policies `orca` and `nh-orca`: optimal reciprocal collision avoidance, by RVO2, and what wheels can track of it."""
+"""Policies `orca` and `nh-orca`: optimal reciprocal collision avoidance by RVO2, and a variant for wheels."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from antway.grid import Grid
 from antway.world.policy import XY, Command, Observation, Task
 from antway.world.rollouts import commanded
 
-AWAY = 1e6  # m; where agents stand that no track is given to
+AWAY = 1e6  # m; place of unused agents
 
 
 class Orca(Follow):
-    """Take the velocity nearest to the preferred one that keeps clear for a while of all who do their half of avoiding.
+    """Take the velocity nearest to the preferred one that avoids all agents for some time if they do their half.
 
-    The preferred velocity leads to the farthest point of the global path in sight, at full speed or, within the last metre, at
-    what is left of the way a second. Walls are obstacles of RVO2. Each track is an agent without a goal at its present
-    velocity; that obstacles do avoid the robot is this method's assumption, and where it is false the robot is hit.
+    The preferred velocity leads to the farthest visible point of the global path, at full speed or, within the last metre, at
+    the remaining distance per second. Walls are obstacles of RVO2. Each track is an agent without a goal at its present
+    velocity. The method assumes that obstacles avoid the robot; if they do not, they may hit it.
 
     Parameters
     ----------
     horizon, wall_horizon : float
-        For how long the velocity is to be free of moving obstacles, and of walls, s, > 0.
+        For how long the velocity must be free of moving obstacles, and of walls, s, > 0.
     margin : float
         Added to every radius, m, >= 0.
     look_ahead : float
-        How far along the path the target may be, m, > 0.
+        Largest distance of the target along the path, m, > 0.
 
     Raises
     ------
@@ -107,15 +107,15 @@ class Orca(Follow):
 
 
 class NhOrca(Orca):
-    """Do as `orca` with a wider robot, and track the velocity found with wheels, no farther off it than it is wider.
+    """Do as `orca` with an enlarged robot, and track the velocity with wheels, with an error up to the enlargement.
 
-    Within T s wheels turn into the direction of a velocity at constant turn rate; how far they get off it meanwhile grows with
-    the angle and the speed, so the speed is held back for `error`. T is the shortest that the limit of the turn rate allows.
+    Within T s wheels turn to the direction of the velocity at a constant turn rate. Their deviation grows with the angle and
+    the speed, so the speed is limited to keep it within `error`. T is the shortest time that the limit of the turn rate allows.
 
     Parameters
     ----------
     error : float
-        m, > 0; by so much the robot is wider.
+        Enlargement of the robot's radius, m, > 0.
     turn_time : float
         Least T, s, > 0.
     horizon, wall_horizon, margin, look_ahead : float
@@ -124,7 +124,7 @@ class NhOrca(Orca):
     Notes
     -----
     Alonso-Mora, Breitenmoser, Rufli, Beardsley, Siegwart: Optimal reciprocal collision avoidance for multiple non-holonomic
-    robots, DARS 2010, eqs. 3 to 7; the set of allowed velocities is kept by slowing down what the linear program finds.
+    robots, DARS 2010, eqs. 3 to 7; the velocity of the linear program is slowed down to be in the set of allowed ones.
     """
 
     def __init__(
@@ -156,8 +156,8 @@ class NhOrca(Orca):
 def tracked(speed: float, angle: float, time: float, error: float) -> XY:
     """Return the twist (v, omega) of wheels that track a velocity of `speed` m/s, `angle` rad off their heading, in `time` s.
 
-    With c = 2 (1 - cos angle): v = speed angle sin(angle) / c, and the place is off by time speed sqrt(1 - sin^2(angle) / c),
-    which slower speeds keep at most at `error` m. Beyond a right angle it turns in place.
+    With c = 2 (1 - cos angle): v = speed angle sin(angle) / c, and the error of the place is
+    time speed sqrt(1 - sin^2(angle) / c), which lower speeds keep within `error` m. Beyond a right angle it turns in place.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def tracked(speed: float, angle: float, time: float, error: float) -> XY:
 
 
 def outlines(grid: Grid) -> list[list[XY]]:
-    """Return the blocked cells as rectangles, counterclockwise, none of which overlap, and the map's edge, clockwise; m."""
+    """Return the blocked cells as disjoint counterclockwise rectangles, and the map's edge clockwise; m."""
     rows, cols = grid.shape
     taken = ~grid.blocked
     boxes = [(rows, 0, 0, cols)]  # the edge, turned inside out

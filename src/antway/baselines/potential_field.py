@@ -1,4 +1,4 @@
-"""Policy `potential-field`: pulled to its target, pushed off walls and what moves."""
+"""Policy `potential-field`: attraction by the target, repulsion by walls and moving obstacles."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from antway.world.policy import XY, Command, Observation, Task
 
 
 class PotentialField(Follow):
-    """Drive down a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
+    """Descend a potential: the target attracts, walls and moving obstacles repel; the force is the commanded velocity.
 
-    The target attracts with a force that grows to full speed over `conic` m and stays there. A wall at distance d < `influence`
-    repels with `wall` (1/d - 1/influence) / d^2, times the squared distance of the goal, held at `conic` m, so that a goal
-    beside a wall can be reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002,
-    see kernels/baselines/potential_field.py). No step goes as far as the next wall, where the potential is infinite.
+    The attraction grows with the distance up to full speed at `conic` m. A wall at distance d < `influence` repels with `wall`
+    (1/d - 1/influence) / d^2, times the squared distance to the goal, limited to `conic` m, so that a goal near a wall can be
+    reached (Ge and Cui 2000). A moving obstacle repels by distance and speed of approach (Ge and Cui 2002, see
+    kernels/baselines/potential_field.py). Steps end before walls, where the potential is infinite.
 
-    Known faults: it is caught in dead ends (`look_ahead` off), swings in narrow passages, and stops where forces cancel.
+    Known faults: dead ends (without `look_ahead`), oscillation in narrow passages, and places where forces cancel.
 
     Parameters
     ----------
     look_ahead : float or None
-        The target is the farthest point of the global path in sight, so many m along it at most, > 0; None: the goal itself.
+        The target is the farthest visible point of the global path up to this distance, m, > 0; None: the goal itself.
     conic : float
         m, > 0.
     wall, influence : float
         Gain of the walls, m^4/s, >= 0, and the distance from which they act, m, > 0.
     moving, far : float
-        Gain of moving obstacles, m^3/s, >= 0, and the distance from which they act, less the braking distance, m, > 0.
+        Gain of moving obstacles, m^3/s, >= 0, and the distance beyond the braking distance from which they act, m, > 0.
     brake : float
-        Deceleration that the braking distance counts on where the robot's own is larger, m/s^2, > 0.
+        Upper limit of the deceleration used for the braking distance, m/s^2, > 0.
 
     Notes
     -----
@@ -66,7 +66,7 @@ class PotentialField(Follow):
         self.brake = checks.number("brake", brake, low=0.0, open_low=True, unit="m/s^2")
 
     def reset(self, task: Task, seed: int) -> None:
-        """Tell the walls apart: cells that touch, corners included, are one."""
+        """Label the walls: blocked cells that touch, even at corners, are one wall."""
         from scipy.ndimage import label
 
         super().reset(task, seed)
@@ -96,7 +96,7 @@ class PotentialField(Follow):
         return look_ahead(self.task, o, path, self.look_ahead) if len(path.t) else None
 
     def _force(self, o: Observation, target: XY) -> tuple[float, float, int]:
-        """Return the force, which is the velocity to drive at, in m/s, and which track repels most (-1: none)."""
+        """Return the force, which is the velocity in m/s, and the track that repels most, or -1."""
         robot, (x, y), (vx, vy) = self.task.robot, o.xy, o.velocity
         dx, dy = target[0] - x, target[1] - y
         away = math.hypot(dx, dy)
@@ -105,7 +105,7 @@ class PotentialField(Follow):
         gx, gy = self.task.goal[0] - x, self.task.goal[1] - y
         rho = math.hypot(gx, gy)
         held = min(rho / self.conic, 1.0)
-        # -grad of eta/2 (1/d - 1/influence)^2 rho^2: the second part pulls to the goal, and is nil where rho is held.
+        # -grad of eta/2 (1/d - 1/influence)^2 rho^2: the second part pulls to the goal, and is 0 where rho is constant.
         back = u / self.conic**2 if rho < self.conic else 0.0
         xy, velocity = now(o)
         brake = min(self.brake, robot.a_max)

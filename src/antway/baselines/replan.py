@@ -1,4 +1,4 @@
-"""Baselines that replan: `follow`, `stop`, `replan`, `dstarlite`, `sipp`; each plans anew in every cycle."""
+"""Baselines that replan in every cycle: `follow`, `stop`, `replan`, `dstarlite`, `sipp`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STOP = Command((0.0, 0.0))
 class Follow:
     """Drive the shortest path over the map and avoid nothing.
 
-    Exact over moves in 32 directions (A* with the exact distance field as its heuristic). What every other policy has to beat.
+    The path is exact over moves in 32 directions (A* with the exact distance field as the heuristic).
     """
 
     def reset(self, task: Task, seed: int) -> None:
@@ -41,10 +41,10 @@ class Follow:
         return drive(self.task, observation, self.path(observation))
 
     def path(self, o: Observation, segments: NDArray[np.float64] = NO_SEGMENTS) -> TimedPath:
-        """Return the path that arrives first from where the robot is, empty if there is none.
+        """Return the path that arrives first from the robot's place, empty if there is none.
 
-        Where the disc that holds a footprint overlaps a wall, as the footprint itself does not, it leads to the nearest cell
-        with room first.
+        If the disc around a footprint overlaps a wall, although the footprint does not, the path first leads to the nearest
+        cell with room for the disc.
         """
         if self.search.stands(o.xy):
             return self.search.search(o.xy, o.t, segments).path
@@ -56,17 +56,17 @@ class Follow:
         return TimedPath(np.append(o.t, path.t), np.vstack((o.xy, path.xy))) if len(path.t) else path
 
     def explain(self) -> Decision:
-        """Return the decision that stands."""
+        """Return the present decision."""
         return self.decision
 
     def decide(self, action: str, reason: str, **more: Any) -> None:
-        """Note a decision; the one that stands stays while nothing but its numbers changes."""
+        """Set the decision, unless it differs from the present one only in numbers."""
         if (self.decision.action, self.decision.reason) != (action, reason):
             self.decision = Decision(action, reason, **more)
 
 
 class Stop(Follow):
-    """Drive the shortest path over the map, and wait while what moves would be met on the next part of it.
+    """Drive the shortest path over the map, and wait while an obstacle would be met on the next part of it.
 
     Every obstacle is assumed to keep its velocity. This is what most industrial vehicles do.
 
@@ -100,7 +100,7 @@ class Stop(Follow):
 
 
 class Sipp(Follow):
-    """Search space and time exactly every cycle (SIPP: Phillips, Likhachev, ICRA 2011), for the obstacles as predicted.
+    """Search in space and time exactly in every cycle (SIPP: Phillips, Likhachev, ICRA 2011), with predicted obstacles.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class Sipp(Follow):
     horizon : float
         How far ahead obstacles are predicted, s, > 0, may be infinite.
     margin : float or None
-        Room kept round predicted obstacles, m; None: how far the robot can be from its plan between two commands, v_max dt / 2.
+        Distance kept from predicted obstacles, m; None: v_max dt / 2, the deviation from a plan between two commands.
     """
 
     def __init__(self, *, predictions: str = "constant", horizon: float = 5.0, margin: float | None = None) -> None:
@@ -120,7 +120,7 @@ class Sipp(Follow):
     def reset(self, task: Task, seed: int) -> None:
         """Prepare the distance field."""
         super().reset(task, seed)
-        self.edges = True  # until an obstacle is seen to cross one
+        self.edges = True  # whether obstacles are assumed to bounce off the map's edges, until one is seen to cross them
         self.clearance = task.robot.v_max * task.robot.dt / 2 if self.margin is None else self.margin
 
     def act(self, observation: Observation) -> Command:
@@ -137,7 +137,7 @@ class Sipp(Follow):
     def _segments(self, o: Observation, margin: float) -> NDArray[np.float64]:
         """Return the predictions as motion segments (kernels/spacetime/segments.py).
 
-        Where the robot is within the margin of an obstacle already, the margin is cut to the distance that there is.
+        If the robot is already within the margin of an obstacle, the margin is reduced to the present distance.
         """
         robot, horizon = self.task.robot, min(self.horizon, 1e6)
         xy, velocity = now(o)
@@ -146,7 +146,7 @@ class Sipp(Follow):
             out = np.empty((16 * n + 1, 8))
             estimates = np.column_stack((xy, velocity, o.tracks.radius, np.zeros((n, 3))))
             terrain = terrain_of(self.task.grid)
-            seen = np.column_stack((o.tracks.xy, estimates[:, 2:]))  # not moved on to now: it may have turned back since
+            seen = np.column_stack((o.tracks.xy, estimates[:, 2:]))  # not extrapolated: it may have turned back
             self.edges = self.edges and not crosses_edge(seen, terrain)
             margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, edges=self.edges)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
@@ -160,14 +160,14 @@ class Sipp(Follow):
 
 
 class Replan(Sipp):
-    """Find the shortest path on the map with every sensed obstacle frozen into it, anew every cycle; wait if there is none.
+    """In every cycle find the shortest path with all sensed obstacles frozen; wait if there is none.
 
-    What navigation stacks do that put moving obstacles into a costmap: Dijkstra's answer, found by A* with an exact heuristic.
+    This is what navigation stacks do that put moving obstacles into a costmap. A* finds it with an exact heuristic.
 
     Parameters
     ----------
     margin : float
-        Room kept round obstacles, m, >= 0.
+        Distance kept from obstacles, m, >= 0.
     """
 
     def __init__(self, *, margin: float = 0.45) -> None:
@@ -176,22 +176,22 @@ class Replan(Sipp):
 
 
 class DStarLite(Follow):
-    """The same with D* Lite (Koenig, Likhachev, AAAI 2002), which repairs the last answer: 8 neighbours, obstacles as cells.
+    """Do as `replan` by D* Lite (Koenig, Likhachev, AAAI 2002), which repairs the last answer, over 8 neighbours.
 
     Parameters
     ----------
     margin : float
-        Room kept round obstacles, m, >= 0.
+        Distance kept from obstacles, m, >= 0.
     """
 
     def __init__(self, *, margin: float = 0.2) -> None:
         self.margin = checks.number("margin", margin, low=0.0, unit="m")
 
     def reset(self, task: Task, seed: int) -> None:
-        """Begin the search at the goal."""
+        """Start the search at the goal."""
         super().reset(task, seed)
         size = task.grid.resolution
-        # A diagonal dips towards a corner by at most half its length.
+        # A diagonal move comes nearer to a corner by at most half its length.
         self.inflated = task.grid.inflate(math.hypot(task.robot.radius, size / math.sqrt(2)))
         start, goal = self._cell(task.start), self._cell(task.goal)
         self.repair = None
@@ -230,12 +230,12 @@ class DStarLite(Follow):
         return drive(self.task, o, TimedPath(o.t + np.concatenate(([0.0], np.cumsum(times))), points))
 
     def _cell(self, xy: XY) -> Cell | None:
-        """Return the nearest free cell in straight reach."""
+        """Return the nearest free cell that can be reached in a straight line."""
         return nearest_free(self.task, self.inflated, xy, cells=2)
 
 
 def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return places (m) and velocities (m/s) of the tracks as they would be now; an unknown velocity counts as none."""
+    """Return places (m) and velocities (m/s) of the tracks, extrapolated to now; an unknown velocity counts as 0."""
     velocity = np.nan_to_num(o.tracks.velocity)
     return o.tracks.xy + velocity * (o.t - o.sensed_at) if len(o.tracks) else o.tracks.xy, velocity
 
@@ -243,12 +243,12 @@ def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:
     """Return the command that takes the robot to where `path` is at the end of the control period.
 
-    Where the straight line there would touch a wall, the command leads to the path's next corner and no farther.
+    If the straight line there would touch a wall, the command leads only to the next corner of the path.
     """
     if not len(path.t):
         return STOP
     end, dt, last = o.t + task.robot.dt, task.robot.dt, tuple(path.xy[-1].tolist())
-    # It leads to the centre of the goal's cell: from there, or if that were a way back, go to the goal.
+    # The path ends at the centre of the goal's cell. From there, or if that is behind the robot, go to the goal.
     back = math.dist(o.xy, task.goal) < math.dist(last, task.goal)
     there = path.t[-1] - (math.dist(o.xy, last) / task.robot.v_max if back else 0.0)
     target = task.goal if end >= there and clear(task, o.xy, task.goal) else path.at(end)

@@ -1,4 +1,4 @@
-"""The guard: no command passes after which the robot could not stop before an obstacle can reach it."""
+"""The guard: a command passes only if the robot can still stop before any obstacle can reach it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of, walls_of
 
-_MARGIN = 0.01  # m kept from walls by robots with inertia
+_MARGIN = 0.01  # m; distance that robots with inertia keep from walls
 DID = ("free", "slowed", "braked", "stepped-aside", "least-harm")
 MODES = ("strict", "least-harm")
 PEOPLE_ACCEL = 2.2  # m/s^2; 99.9 % of the changes of velocity in the recordings zara01 and students01 are smaller
@@ -43,11 +43,11 @@ _ALLOWED = (
     f"finite, up to {MAX_SPEED:g} m/s, or NaN where unknown",
     f"in [0, {MAX_PLACE:g}] (m)",
 )
-_TWICE = 5  # what `fault` says of tracks of which two have one number
+_TWICE = 5  # result of `fault` if two tracks have the same number
 
 
 def check_observation(o: Observation) -> Observation:
-    """Return `o` as policies and guards may use it; tracks of which several have one number have none then.
+    """Return `o` for policies and guards; numbers that several tracks share are removed.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check_observation(o: Observation) -> Observation:
         If the robot's state or a track is not finite or beyond the limits of `antway.limits`, or if a track's arrays differ in
         length.
     TooLarge
-        For more tracks than these allow.
+        For more tracks than the limit.
     """
     t, n = o.tracks, len(o.tracks)
     if t.id.shape != (n,) or t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
@@ -80,45 +80,45 @@ def check_observation(o: Observation) -> Observation:
 
 
 def assumed_accel(task: Task, mode: str) -> float:
-    """Return the bound on changes of velocity, m/s^2, that a plan goes by: in mode "least-harm" people's, else none.
+    """Return the bound on changes of velocity, m/s^2, for plans: that of people in mode "least-harm", else none.
 
-    Of robots with inertia the space-time search keeps none: it only leads the colony in the space of controls.
+    For robots with inertia there is none, because the space-time search only guides the colony in the space of controls.
     """
     return PEOPLE_ACCEL if mode != "strict" and task.robot.stepwise else math.inf
 
 
 def assumed_swerve(task: Task, mode: str) -> float:
-    """Return the bound on changes of velocity, m/s^2, that manoeuvres are certified by: the declared, or people's if less."""
+    """Return the bound on changes of velocity, m/s^2, for certified manoeuvres: the declared one, or people's if smaller."""
     return float(task.obstacle_swerve) if mode == "strict" else min(float(task.obstacle_swerve), PEOPLE_ACCEL)
 
 
 class Guard:
-    """Lets a command pass if its braking path is free of every place that an obstacle could reach before the robot stands.
+    """Passes a command if its braking path is free of every place that an obstacle can reach before the robot stands.
 
-    Else it passes the fastest command in that direction whose braking path is free, else it brakes. A robot at rest in the way
-    of an obstacle steps aside where a free side exists. A silent sensor, and a policy that gives no command, mean stop.
+    Otherwise it passes the fastest command in the same direction whose braking path is free, or brakes. A robot at rest in the
+    path of an obstacle steps aside if a side is free. If the sensor is silent or the policy gives no command, the robot stops.
 
     Parameters
     ----------
     timeout : float
         Age of the last scan at which the sensor counts as silent, s, > 0.
     hold : float
-        How long a track that is no longer seen still counts, s, >= 0; what it could reach grows meanwhile.
+        How long a track that is no longer seen still counts, s, >= 0; the places that it can reach grow meanwhile.
     lookahead : float
-        A robot at rest steps aside for what would touch it within so long, s, >= 0.
+        A robot at rest steps aside if an obstacle would touch it within this time, s, >= 0.
     mode : str
-        "strict": what is not certain does not pass. "least-harm": obstacles are taken to change their velocity by no more than
-        people do, and where no command is certain the one passes whose predicted contact is least likely, latest and slowest,
-        moving or not. Walls are certain in both: no command passes after which a robot with inertia could touch one.
+        "strict": only certain commands pass. "least-harm": obstacles are assumed to change their velocities no faster than
+        people do; if no command is certain, the one passes whose predicted contact is least likely, latest and slowest. Walls
+        are certain in both modes: no command passes after which a robot with inertia could touch one.
 
     Notes
     -----
-    The promise of "strict" is passive safety: while the robot moves there is no contact, if obstacles keep to the declared
-    bounds on their speed, its growth and the change of their velocity (`Task.obstacle_speed`, `obstacle_surge`,
-    `obstacle_swerve`; the last is infinite unless declared: they may turn in no time), but where a wall may throw them back,
-    they are not seen now, or not exactly; are seen early enough; and do not drive into a robot that has stopped. Bounds are
-    where a guard begins: what it sees of a track raises that track's own at once, and slowly the bound on the speed of all.
-    "least-harm" promises nothing, and has fewer contacts in all among people (docs/people.md).
+    The mode "strict" guarantees passive safety: there is no contact while the robot moves. It assumes that obstacles are seen
+    early enough and stay within the declared bounds on their speed, its growth and the change of their velocity
+    (`Task.obstacle_speed`, `obstacle_surge`, `obstacle_swerve`). The bound on the change of velocity does not apply where a
+    wall may reflect an obstacle, or while it is not seen, or not exactly; it is infinite unless declared. Obstacles may still
+    run into a robot that has stopped. Observations raise the bounds of a track at once, and the speed bound of all tracks
+    slowly. "least-harm" guarantees nothing, but has fewer contacts in total among people (docs/people.md).
     """
 
     def __init__(self, *, timeout: float = 0.5, hold: float = 0.5, lookahead: float = 1.5, mode: str = "strict") -> None:
@@ -144,7 +144,7 @@ class Guard:
         self.did = ""
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
-        """Return the command that may pass; `did` then says what was done to it.
+        """Return the command that passes; `did` then says what the guard did.
 
         Raises
         ------
@@ -154,14 +154,14 @@ class Guard:
         return self.passed(check_observation(observation), command)
 
     def passed(self, observation: Observation, command: Command | None, others: NDArray[np.float64] | None = None) -> Command:
-        """Do as `limit` does, for an observation that was checked already.
+        """Do as `limit` for an observation that has been checked already.
 
         Parameters
         ----------
         observation, command
             As in `limit`.
         others : float64[N, 2] or None
-            For robots with inertia: commands in place of one that does not pass, best first. The first that passes is taken.
+            For robots with inertia: replacements for a command that does not pass, best first. The first that passes is taken.
         """
         o, robot = observation, self.task.robot
         stamp = o.sensed_at
@@ -190,9 +190,9 @@ class Guard:
         return Command((vx, vy))
 
     def _within_reach(self, o: Observation, stamp: float) -> NDArray[np.float64]:
-        """Rows of all tracks that count (kernels/robot/reach.py)."""
+        """Return the rows of all tracks that count (kernels/robot/reach.py)."""
         t, robot = o.tracks, self.task.robot
-        # What the robot may drive after this command, it can brake from.
+        # The robot can brake from whatever it drives after this command.
         stopping = robot.dt + min(math.hypot(*o.velocity) / robot.braking + robot.dt, robot.stop_time)
         if self.dynamic is not None:
             stopping = self.dynamic.stopping
@@ -217,10 +217,10 @@ class Guard:
 
 
 def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve: float, walls: Walls, stopping: float) -> int:
-    """Bound the change of velocity of those of `n` rows that are `seen` now; returns how many rows there are then.
+    """Bound the changes of velocity of those of `n` rows that are `seen` now; return the new number of rows.
 
-    Each that could meet a wall within `stopping` s gets a second row, for what it may do from there on. What is not seen now
-    may go anywhere with its speed.
+    An obstacle that could meet a wall within `stopping` s gets a second row for the time after that. An obstacle that is not
+    seen now may go anywhere with its speed.
     """
     rows[:n, ACCEL] = np.where(seen, swerve, math.inf)
     return split_at_walls(rows, n, walls, stopping)
@@ -239,10 +239,10 @@ class _Dynamic:
         self.sent = np.zeros((self.late, 2))
         self.rows = np.empty((128, 8)), np.empty((128, 8))
         turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
-        # The time from now to the stand of any manoeuvre that is certified.
+        # The longest time until the end of any certified manoeuvre.
         self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
         aside = math.pi / 2 / robot.turn_rate + robot.turn_rate / robot.alpha_max if robot.wheels else 0.0
-        # Time to turn away and to get out of the way of a disc as large as the robot.
+        # Time to turn and to get out of the path of a disc as large as the robot.
         self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
 
     def passed(
@@ -253,9 +253,9 @@ class _Dynamic:
         late: NDArray[np.float64],
         lookahead: float,
     ) -> tuple[Command, int]:
-        """Return the command that passes, of those asked for the first that does, and what was done.
+        """Return the first of the given commands that passes, or another one, and what was done.
 
-        Of the tracks, `late` says how long ago they were seen, s.
+        `late` is the age of the tracks, s.
         """
         if 2 * len(tracks) > len(self.rows[0]):
             self.rows = np.empty((4 * len(tracks), 8)), np.empty((4 * len(tracks), 8))
@@ -269,7 +269,7 @@ class _Dynamic:
         pending = self.sent if o.pending is None else o.pending
         state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
         if len(asked) > 1 and not self.strict:
-            # The policy weighed contacts itself, so that a stop would not be better than its best: walls alone bind it.
+            # The policy has weighed contacts itself, so a stop would not be better than its best command: only walls count.
             one, two = asked[first_certified(*state, asked, rows[:0], near, self.record, self.keep)].tolist()
             one, two, did = passed_command(*state, one, two, rows[:0], near, self.record, 0.0, self.keep)
             if did == FREE and not passes(*state, one, two, rows[:n], near, self.record, self.keep):
@@ -282,7 +282,7 @@ class _Dynamic:
         return self._command(o, one, two), did
 
     def stop(self, o: Observation) -> Command:
-        """Return the next command of the stop that is certified."""
+        """Return the next command of the certified stop."""
         one, two, _ = fallback(self.keep, self.robot.wheels)
         return self._command(o, one, two)
 
@@ -295,13 +295,13 @@ class _Dynamic:
 
 
 class Guarded:
-    """A policy with a guard between it and the robot.
+    """A policy with a guard between the policy and the robot.
 
     Parameters
     ----------
     policy : Policy
     guard : Guard or None
-        None: one with the default settings.
+        None: a guard with default settings.
     """
 
     def __init__(self, policy: Policy, guard: Guard | None = None) -> None:
@@ -310,12 +310,12 @@ class Guarded:
         self.last_decision: Decision | None = None
 
     def reset(self, task: Task, seed: int) -> None:
-        """Begin an episode."""
+        """Start an episode."""
         self.guard.reset(task)
         self.policy.reset(task, seed)
 
     def act(self, observation: Observation) -> Command:
-        """Return what the guard lets pass of the policy's command.
+        """Return the policy's command as the guard passes it.
 
         Raises
         ------
@@ -326,7 +326,7 @@ class Guarded:
         return self.guard.passed(observation, self.policy.act(observation))
 
     def explain(self) -> Decision:
-        """Return the policy's reason, and what the guard did; the same object for as long as both stay."""
+        """Return the policy's reason and what the guard did; the same object while both are unchanged."""
         decision = self.policy.explain()
         if self.last_decision is None or decision is not self.inner or self.guard.did != self.last_decision.guard:
             self.inner, self.last_decision = decision, replace(decision, guard=self.guard.did)

@@ -1,8 +1,8 @@
-"""The memory that a guard's process, a planner and a robot's side share: observations, commands asked for, answers, bells.
+"""Memory shared by guard process, planner and robot side: observations, requested commands, answers, bells.
 
-Each record has its number at both ends: the writer takes both away, writes what lies between and puts the number back, at the
-end first; so a reader that meets the same number at both ends has a whole record. What is read here was checked where it was
-written, and the reader makes its records without checking again: in a planner's cycle every microsecond of this is added.
+Each record has its number at both ends. The writer clears both, writes the content and puts the number back, at the end first;
+so a reader that finds the same number at both ends has a complete record. The content is checked by the writer and not again by
+the reader, because this takes time in every cycle of the planner.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from antway.errors import BadParameter, TooLarge
 from antway.policies.guard import DID
 from antway.world.policy import Command, Observation, Tracks
 
-MAX_TRACKS = 1024  # of an observation
-_PENDING = 128  # commands on their way to the robot
+MAX_TRACKS = 1024  # limit of tracks in an observation
+_PENDING = 128  # limit of commands that do not act yet
 _OBSERVATION = 13  # numbers of an observation without its tracks
 SIDES = ("robot", "planner", "guard")
 _LAYOUT = np.dtype(
@@ -48,15 +48,15 @@ _WHOLE, _REAL = np.dtype(np.int64), np.dtype(np.float64)
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the robot is to do.
+    """The answer to an observation.
 
     Attributes
     ----------
     number : int
-        Of the observation that it answers.
+        Number of the observation that it answers.
     command : Command
     did : str
-        What the guard did (`antway.policies.guard.DID`); "silent": the guard's process gave no answer, and the robot brakes.
+        What the guard did (`antway.policies.guard.DID`); "silent": the guard process gave no answer, and the robot brakes.
     """
 
     number: int
@@ -65,7 +65,7 @@ class Answer:
 
 
 def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:
-    """Return numbers, places, velocities and radii of n tracks that lie in `memory` from byte `at` on."""
+    """Return numbers, places, velocities and radii of n tracks in `memory` from byte `at` on."""
     make, pairs = np.ndarray, (n, 2)
     return (
         make(n, _WHOLE, memory, at),
@@ -75,7 +75,7 @@ def _arrays(n: int, memory: Any, at: int = 0) -> tuple[Any, Any, Any, Any]:
     )
 
 
-# What puts each field into a record; a loop over them, or the classes' own checks, would take twice the time.
+# Setters of the fields; a loop over them, or the checks of the classes, would take twice the time.
 _put_id, _put_xy, _put_velocity, _put_radius, _put_covariance = (getattr(Tracks, name).__set__ for name in Tracks.__slots__)
 _put_t, _put_place, _put_speed, _put_heading, _put_tracks, _put_stamp, _put_turn_rate, _put_pending = (
     getattr(Observation, name).__set__ for name in Observation.__slots__
@@ -83,7 +83,7 @@ _put_t, _put_place, _put_speed, _put_heading, _put_tracks, _put_stamp, _put_turn
 
 
 class Link:
-    """One side's hold on the shared memory; each record has its number at both ends, so that no half of one is ever read."""
+    """One side's access to the shared memory. Numbers at both ends of a record prevent partial reads."""
 
     def __init__(self, folder: str, side: str) -> None:
         self.folder, self.side = folder, side
@@ -91,14 +91,14 @@ class Link:
             self.memory = mmap.mmap(file.fileno(), SIZE)
         whole = np.ndarray((), _LAYOUT, self.memory)
         self.views: dict[str, Any] = {name: whole[name] for name in _FIELDS}
-        # A named pipe each, open at both ends, so that who writes needs nobody who reads.
+        # A named pipe for each side, opened at both ends, so that a writer does not need a reader.
         self.bells = {other: os.open(f"{folder}/{other}", os.O_RDWR | os.O_NONBLOCK) for other in SIDES}
         self.bell = self.bells[side]
         self.poll = select.poll()
         self.poll.register(self.bell, select.POLLIN)
 
     def close(self) -> None:
-        """Let go of the memory."""
+        """Release the memory."""
         while self.bells:
             os.close(self.bells.popitem()[1])
         self.views.clear()
@@ -106,15 +106,15 @@ class Link:
             self.memory.close()
 
     def ring(self, *sides: str) -> None:
-        """Wake other sides that wait; the pipe of one that never listens is full some day, which is no concern."""
+        """Wake other sides that wait. The pipe of a side that never listens may become full, which does not matter."""
         for side in sides:
-            try:  # noqa: SIM105 - in half the time
+            try:  # noqa: SIM105 - takes half the time
                 os.write(self.bells[side], b".")
             except BlockingIOError:
                 pass
 
     def wait(self, until: float) -> bool:
-        """Return when the bell rings, or at time `until` s of the steady clock; True if what else is polled has something."""
+        """Return when the bell rings, or at `until` s of the steady clock; True if another polled file has data."""
         ready = self.poll.poll(max((until - time.monotonic()) * 1e3, 0.0))
         if ready:
             with contextlib.suppress(BlockingIOError):
@@ -148,7 +148,7 @@ class Link:
         view[-1] = view[0] = number
 
     def observed(self, after: int) -> tuple[int, Observation] | None:
-        """Return the last observation and its number, if there is one after number `after` and nobody is writing it."""
+        """Return the last observation and its number, if it is newer than `after` and not being written."""
         memory, views, make = self.memory, self.views, object.__new__
         number, t, x, y, vx, vy, heading, stamp, turn_rate, n, m, noisy, last = _READ(memory)
         if number <= after or number != last or not 0 <= n <= MAX_TRACKS:
@@ -172,7 +172,7 @@ class Link:
         return None if _READ(memory)[0] != number else (int(number), observation)
 
     def ask(self, number: int, command: Command | None) -> None:
-        """Write the command that the planner asks for in answer to that observation."""
+        """Write the command that the planner requests in answer to that observation."""
         view = self._cleared("asked")
         one, two = (0.0, 0.0) if command is None else command.velocity if command.twist is None else command.twist
         kind = 0.0 if command is None else 1.0 if command.twist is None else 2.0
@@ -180,7 +180,7 @@ class Link:
         view[0] = number
 
     def asked(self, number: int) -> tuple[bool, Command | None]:
-        """Return whether the planner has answered that observation, and the command that it asks for."""
+        """Return whether the planner has answered that observation, and the requested command."""
         first, kind, one, two, last = self.views["asked"].tolist()
         if not first == last == number:
             return False, None
@@ -194,7 +194,7 @@ class Link:
         view[-1] = view[0] = number
 
     def replied(self, number: int) -> Answer | None:
-        """Return the guard's answer to that observation, if it is there."""
+        """Return the guard's answer to that observation, if there is one."""
         first, vx, vy, v, omega, did, _, last = self.views["answer"].tolist()
         if not first == last == number:
             return None

@@ -1,9 +1,9 @@
-"""A guard in a process of its own, between what plans and the robot: when the planner hangs, crashes or is killed, it brakes.
+"""A guard in its own process, between planner and robot, which brakes when the planner hangs, crashes or is killed.
 
-Three sides share a file in memory. The robot's side writes what is seen; the planner's side writes the command it asks for; the
-guard's process answers each observation with the command that passes: the planner's, or, where none comes in time, the next one
-of the stop that the guard keeps certified. Nav2's collision monitor is the model. Where observations cease as well, because one
-process reads the sensors and plans, the guard brakes all the same; where that process is gone, it stops the robot, then ends.
+Three sides share a file in memory, similar to Nav2's collision monitor. The robot side writes observations, and the planner
+side writes the commands that it requests. The guard process answers each observation with the command that passes: the
+planner's or, if none comes in time, the next command of the certified stop. The guard also brakes if observations cease,
+because one process reads the sensors and plans. If that process has ended, the guard stops the robot and ends.
 
 Examples
 --------
@@ -43,27 +43,26 @@ from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
 SILENT = "silent"
-_LOOK = 1e-3  # s; how often the guard looks for the planner's command: to be woken for it would cost the planner 10 us and more
-_TIMEOUT = 2.0  # s; for the end of the guard's process, which says good-bye to the motors
-Driver = Callable[[Command, Observation], None]  # takes a command that passes, and what it answers, to the motors
+_LOOK = 1e-3  # s; period at which the guard looks for the planner's command; waking it would cost the planner 10 us
+_TIMEOUT = 2.0  # s; time for the guard process to end, in which it releases the motors
+Driver = Callable[[Command, Observation], None]  # sends a passed command, which answers an observation, to the motors
 
 
 class GuardProcess:
-    """Starts the guard's process, and is the robot's side of it.
+    """Starts the guard process, and is the robot side of it.
 
     Parameters
     ----------
     task : Task
     deadline : float
-        Share in (0, 1) of the control period after which a planner that has not answered an observation counts as gone.
+        Share in (0, 1) of the control period within which the planner must answer an observation.
     slack : float
-        How much later than one control period after the last the next observation may come, before the guard brakes, s, >= 0.
+        How much more than a control period may pass between two observations before the guard brakes, s, >= 0.
     emit : callable or None
-        Opens a driver of motors in the guard's process, where it is called once, without arguments; what it returns takes each
-        command that passes, and the observation that this answers. It travels by pickle: a function of a module, or a
-        `functools.partial` of one.
+        Opens a driver of motors. It is called once in the guard process, without arguments; the result is called with each
+        passed command and its observation. It is pickled, so it must be a function of a module, or a `functools.partial`.
     guard : of `Guard`
-        Its options: mode, timeout, hold, lookahead.
+        Options: mode, timeout, hold, lookahead.
 
     Raises
     ------
@@ -71,8 +70,8 @@ class GuardProcess:
 
     Notes
     -----
-    The process asks for a higher priority where it may. It ends with this object, or, once the robot stands, with the process
-    that made it.
+    The process requests a higher priority if it is allowed to. It ends with this object, or with the process that started it
+    once the robot stands.
     """
 
     def __init__(
@@ -89,7 +88,7 @@ class GuardProcess:
         self.slack = checks.number("slack", slack, low=0.0, unit="s")
         if emit is not None and not callable(emit):
             raise BadParameter("emit", emit, "what can be called, or None")
-        Guard(**guard)  # what it refuses is refused here
+        Guard(**guard)  # raises errors of its options here
         shared = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
         self.folder = tempfile.mkdtemp(prefix="antway-", dir=shared)
         (Path(self.folder) / "memory").write_bytes(bytes(SIZE))
@@ -111,24 +110,24 @@ class GuardProcess:
         self.process.stdin.flush()
 
     def reset(self, task: Task) -> None:
-        """Begin a new drive, and return when the guard is ready for it; observations count on."""
+        """Start a new drive, and return when the guard is ready; the numbers of observations continue."""
         assert self.process.stdout is not None
         self.task = task
-        with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready, either
+        with contextlib.suppress(BrokenPipeError):  # a process that has ended is not ready
             self._tell(task)
         self.link.ring("guard")
         if not self.process.stdout.readline():
             raise BadParameter("task", task, "such that the guard's process takes it up")
 
     def observe(self, o: Observation) -> int:
-        """Show the guard and the planner what is seen; returns the observation's number."""
+        """Write an observation for guard and planner; return its number."""
         self.number += 1
         self.link.observe(self.number, o)
         self.link.ring("guard", "planner")
         return self.number
 
     def answer(self, number: int) -> Answer:
-        """Return what to drive with, at the latest one control period from now: where the guard is silent, a stop."""
+        """Return the answer, at the latest one control period from now; if the guard is silent, it is a stop."""
         until = time.monotonic() + self.task.robot.dt
         while True:
             found = self.link.replied(number)
@@ -140,13 +139,13 @@ class GuardProcess:
             self.link.wait(until)
 
     def limit(self, number: int, command: Command | None) -> Answer:
-        """Return what passes of a command that a planner in this process asks for in answer to that observation."""
+        """Return the guard's answer to a command that a planner in this process requests for that observation."""
         self.link.ask(number, command)
         self.link.ring("guard")
         return self.answer(number)
 
     def rest(self, number: int) -> None:
-        """Let the guard be silent until the next observation: that of this number was the last before the robot stands."""
+        """Let the guard rest until the next observation; that of this number was the last before the robot stands."""
         self.limit(number, None)
         self.link.views["rest"][0] = number
         self.link.ring("guard")
@@ -173,7 +172,7 @@ class GuardProcess:
 
 
 def plan_for(folder: str, policy: Policy) -> None:
-    """Let `policy`, which was reset, answer what is observed, for as long as the guard's folder is there."""
+    """Let `policy`, which has been reset, answer observations as long as the guard's folder exists."""
     link, number = Link(folder, "planner"), 0
     while os.path.exists(folder):
         found = link.observed(number)
@@ -185,7 +184,7 @@ def plan_for(folder: str, policy: Policy) -> None:
 
 
 class _Server:
-    """The guard's process."""
+    """The guard process."""
 
     def __init__(
         self, folder: str, deadline: float, slack: float, emit: Callable[[], Driver] | None, options: dict[str, Any], maker: int
@@ -193,12 +192,12 @@ class _Server:
         self.link, self.guard, self.deadline, self.slack = Link(folder, "guard"), Guard(**options), deadline, slack
         self.link.poll.register(0, select.POLLIN)
         self.emit, self.maker = None if emit is None else emit(), maker
-        self.number, self.due = 0, 0.0  # of the last observation, and when there should be something newer
+        self.number, self.due = 0, 0.0  # number of the last observation, and when the next one is due
         self.seen: Observation | None = None  # the last observation; None while the robot rests
         self.task: Task | None = None
 
     def reset(self, task: Task) -> None:
-        """Take up a task, with everything compiled that an answer needs."""
+        """Start a task, and compile everything that answers need."""
         self.guard.reset(task)
         one = Tracks(np.zeros(1, np.int64), np.array([task.start]), np.zeros((1, 2)), np.full(1, 0.1))
         heading = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
@@ -209,7 +208,7 @@ class _Server:
         self.number = self.number if found is None else found[0]
 
     def turn(self, task: Task) -> None:
-        """Answer the next observation, or brake where none comes."""
+        """Answer the next observation, or brake if none comes."""
         found = self.link.observed(self.number)
         if found is not None:
             self.answer(task, *found)
@@ -222,7 +221,7 @@ class _Server:
             self.brake(task)
 
     def answer(self, task: Task, number: int, seen: Observation) -> None:
-        """Wait for the planner's command, for so long as it may take, and hand on what passes."""
+        """Wait for the planner's command until its deadline, and send what passes."""
         now = time.monotonic()
         until, self.due = now + self.deadline * task.robot.dt, now + task.robot.dt
         self.number, self.seen = number, seen
@@ -230,24 +229,24 @@ class _Server:
         while not done and time.monotonic() < until:
             called = self.link.wait(min(until, time.monotonic() + _LOOK))
             done, command = self.link.asked(number)
-            if called:  # by the robot's side, whose task is over, or which is gone
+            if called:  # by the robot side, because the task is over or that side has ended
                 break
         try:
             passed = self.guard.limit(seen, command)
-        except BadInput:  # an observation that makes no sense
+        except BadInput:  # an invalid observation
             self.guard.did = DID[2]
             passed = self.guard.passed(replace(seen, stamp=-math.inf, heading=0.0), None)
         self.give(passed)
 
     def brake(self, task: Task) -> None:
-        """Hand on the next command of the stop: an observation is missing."""
+        """Send the next command of the stop, because an observation is missing."""
         assert self.seen is not None
         self.due += task.robot.dt
         self.seen = replace(self.seen, t=self.seen.t + task.robot.dt)
         self.give(self.guard.passed(self.seen, None))
 
     def leave(self) -> None:
-        """Stop the robot, if it drives: the process that made this one is gone."""
+        """Stop the robot, if it drives, because the parent process has ended."""
         if self.task is None or self.seen is None or self.link.views["rest"][0] == self.number:
             return
         robot = self.task.robot
@@ -256,7 +255,7 @@ class _Server:
             time.sleep(robot.dt)
 
     def give(self, passed: Command) -> None:
-        """Hand on the command that passes."""
+        """Send a passed command."""
         assert self.seen is not None
         self.link.reply(self.number, passed, self.guard.did)
         self.link.ring("robot")
@@ -265,11 +264,11 @@ class _Server:
 
 
 def main() -> None:
-    """Be the guard's process: settings and tasks come on stdin, and "ready" goes out for each task."""
+    """Run the guard process: settings and tasks come on stdin, and "ready" is written for each task."""
     with contextlib.suppress(OSError):
         os.nice(-10)
     incoming, out = open(0, "rb", closefd=False), os.dup(1)  # noqa: SIM115 - for as long as the process lives
-    os.dup2(2, 1)  # what anything prints is no answer
+    os.dup2(2, 1)  # other output must not mix with answers
     server = _Server(*pickle.load(incoming))
     while os.getppid() == server.maker:
         if server.task is not None and not select.select([incoming], [], [], 0.0)[0]:

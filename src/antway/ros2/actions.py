@@ -1,4 +1,4 @@
-"""What the node serves: nav_msgs/srv/GetPlan, Nav2's actions compute_path_to_pose and follow_path, and tours by two more."""
+"""The services of the node: GetPlan, Nav2's actions compute_path_to_pose and follow_path, and two actions for tours."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
 
 class Served:
-    """The service and the actions of a configured node. Plans are made beside the executor, which goes on driving."""
+    """The service and the actions of a configured node. Planning runs in parallel to the executor, which drives."""
 
     def __init__(self, node: AntwayNode, kinds: dict[str, Kind]) -> None:
         self.node, self.kinds, self.open = node, kinds, True
-        self.asked = 0  # plans that the service has yet to answer
+        self.asked = 0  # number of plans that the service has not answered yet
         self.following: Any = None  # the goal handle of follow_path or visit_poses
         self.service = node.create_service(load("nav_msgs/srv/GetPlan"), "get_plan", self._get_plan)
         self.servers = [
@@ -53,7 +53,7 @@ class Served:
                 node,
                 kinds[name].type,
                 name,
-                execute_callback=lambda handle: None,  # each goal is given its own when it ends
+                execute_callback=lambda handle: None,  # replaced when a goal ends
                 goal_callback=lambda goal: GoalResponse.ACCEPT if node.active else GoalResponse.REJECT,
                 handle_accepted_callback=accepted,
                 cancel_callback=cancel,
@@ -68,7 +68,7 @@ class Served:
         ]
 
     def close(self) -> None:
-        """Close service and actions; what actions still plan is forgotten, what the service still plans it answers first."""
+        """Close service and actions. Pending plans of actions are dropped; those of the service are answered first."""
         self.open = False
         if not self.asked:
             self.node.destroy_service(self.service)
@@ -80,7 +80,7 @@ class Served:
     def _plan(
         self, stops: list[Any], planner: str, done: Callable[[Any, Failure | None], None], tolerance: float = 0.0
     ) -> None:
-        """Plan by way of the PoseStampeds `stops` (None: where the robot is); `done` gets a Path, empty on failure."""
+        """Plan through the PoseStampeds `stops` (None: the robot's place); `done` gets a Path, empty on failure."""
         node, executor, settings = self.node, self.node.executor, self.node.settings
         path = make("nav_msgs/msg/Path", header=convert.header_message(0.0, settings.frame, make))
         try:
@@ -120,7 +120,7 @@ class Served:
             raise Failure(PLAN_TF_ERROR, str(wrong)) from None
 
     async def _get_plan(self, request: Any, response: Any) -> Any:
-        """Serve nav_msgs/srv/GetPlan; the path is empty if there is none, and the log says why."""
+        """Serve nav_msgs/srv/GetPlan; if there is no path, it is empty and the log says why."""
         node, ready = self.node, Future()
         self.asked += 1
         self._plan(
@@ -154,7 +154,7 @@ class Served:
         return self._plan([start, *getattr(goal, "viapoints", ()), goal.goal], planner, done)
 
     def _planned(self, handle: Any, kind: Kind, started: float, path: Any, failure: Failure | None) -> None:
-        """End a goal whose result is a path that was asked for at `started` s of the steady clock."""
+        """End a goal whose result is a path that was requested at `started` s of the steady clock."""
         if not self.open:
             return
         code, reason = (NONE, "") if failure is None else (failure.code, failure.reason)
@@ -163,7 +163,7 @@ class Served:
         self._finish(handle, kind, code, path=path, planning_time=took, error_code=code, error_msg=reason)
 
     def _compute_tour(self, handle: Any) -> None:
-        """Serve compute_tour: the path through all goals in the best order; each goal's place in it has the goal's yaw."""
+        """Serve compute_tour: the path through all goals in the best order, with the goals' yaws."""
         node, kind, started = self.node, self.kinds["compute_tour"], time.monotonic()
         goal, grid, frame = kind.read(handle.request), node.pilot.map, node.settings.frame
         path = make("nav_msgs/msg/Path", header=convert.header_message(0.0, frame, make))
@@ -274,14 +274,14 @@ class Served:
         handle.publish_feedback(kind.feedback(**fields))
 
     def _cancel(self, handle: Any) -> CancelResponse:
-        """Stop the robot, if it is this goal that it drives to."""
+        """Stop the robot, if it drives to this goal."""
         if self.following is None or handle.goal_id != self.following.goal_id:
             return CancelResponse.REJECT
         self.node.drop("the goal is cancelled")
         return CancelResponse.ACCEPT
 
     def _finish(self, handle: Any, kind: Kind, code: int, aborted: bool = False, **fields: Any) -> None:
-        """End a goal: cancelled if that was asked, aborted with an error code or when replaced, else a success."""
+        """End a goal: cancelled if requested, aborted with an error code or if replaced, else a success."""
 
         def end(handle: Any) -> Any:
             if handle.is_cancel_requested:

@@ -1,4 +1,4 @@
-"""Bags of ROS 2 (rosbag2, as sqlite3 or mcap): traces into them, maps and tracks out of them, by the library rosbags."""
+"""Bags of ROS 2 (rosbag2, sqlite3 or mcap), by the library rosbags: writes traces, reads maps and tracks."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from antway.ros2 import convert
 from antway.world.policy import Command, RobotSpec, Tracks
 from antway.world.trace import Trace
 
-MAX_BYTES = 2**30  # of a bag, of the memory that reading one takes, and of a file that it unpacks to
-MAX_METADATA = 2**20  # bytes of its metadata.yaml
-_YAML = {"events": 50_000, "depth": 16, "aliases": 8}  # that its metadata may have
-MAX_MESSAGES = 1_000_000  # that are read of one topic
+MAX_BYTES = 2**30  # limit of a bag, of the memory for reading it, and of a file unpacked from it
+MAX_METADATA = 2**20  # limit of bytes of metadata.yaml
+_YAML = {"events": 50_000, "depth": 16, "aliases": 8}  # limits of the metadata
+MAX_MESSAGES = 1_000_000  # limit of messages read from a topic
 STORES = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
-_PLAIN = 40  # characters of a text that holds nothing else
+_PLAIN = 40  # characters; longer texts in the metadata are checked as YAML, too
 _KINDS = {
     "/map": "nav_msgs/msg/OccupancyGrid",
     "/odom": "nav_msgs/msg/Odometry",
@@ -60,7 +60,7 @@ _LATCHED = Qos(
 
 
 def make(kind: str, **fields: Any) -> Any:
-    """Make a message of rosbags; fields not given are zero, empty or made so."""
+    """Make a message of rosbags; other fields are zero or empty."""
     values = {name: _zero(*about) for name, about in _TYPES.fielddefs[kind][1] if name not in fields}
     return _TYPES.types[kind](**fields, **values)
 
@@ -85,7 +85,7 @@ def save_bag(trace: Trace, path: str | Path, *, storage: str = "mcap", start: fl
     Returns
     -------
     dict of str to int
-        How many messages each topic got.
+        Number of messages of each topic.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def load_bag_map(path: str | Path, topic: str = "/map") -> Grid:
     Raises
     ------
     BadMap, TooLarge
-        If there is no such topic, or fewer messages than the bag says, or the map is malformed (see `convert.read_grid`).
+        If there is no such topic, there are fewer messages than stated, or the map is invalid (see `convert.read_grid`).
     """
     grids: list[Grid] = _read_apart(path, topic, None)
     return grids[-1]
@@ -166,7 +166,7 @@ def load_bag_tracks(path: str | Path, topic: str = "/obstacles", *, radius: floa
     Raises
     ------
     BadScenario, BadParameter
-        If there is no such topic, or fewer messages than the bag says, or one is malformed.
+        If there is no such topic, there are fewer messages than stated, or one is invalid.
     """
     radius = checks.number("radius", radius, low=0.0, open_low=True, unit="m")
     tracks: list[tuple[float, Tracks]] = _read_apart(path, topic, radius)
@@ -174,18 +174,18 @@ def load_bag_tracks(path: str | Path, topic: str = "/obstacles", *, radius: floa
 
 
 def check_bag(path: str, error: type[BadMap] | type[BadScenario]) -> None:
-    """Refuse a bag that is too large, or whose metadata is no plain YAML of bounded size."""
+    """Refuse a bag that is too large, or whose metadata is not plain YAML of limited size."""
     size = sum(file.stat().st_size for file in Path(path).iterdir() if file.is_file()) if is_folder(Path(path)) else 0
     if size > MAX_BYTES:
         raise TooLarge("bag", f"{size} bytes", f"at most {MAX_BYTES} bytes", where=path)
     if is_file(Path(path) / "metadata.yaml"):
         for text in check_yaml(read_bytes(Path(path) / "metadata.yaml", MAX_METADATA, error=error), path, error=error, **_YAML):
-            if len(text) > _PLAIN:  # the settings of a topic may be YAML within a text
+            if len(text) > _PLAIN:  # the settings of a topic may be YAML inside a text
                 check_yaml(text.encode(), path, error=error, **_YAML)
 
 
 def _read_apart(path: str | Path, topic: str, radius: float | None) -> list[Any]:
-    """Read `topic` in a process whose memory and files are limited, for a bag may unpack to any size."""
+    """Read `topic` in a process with limited memory and files, because a bag may unpack to any size."""
     error = BadMap if radius is None else BadScenario
     check_bag(str(path), error)
     command = [sys.executable, "-c", "from antway.ros2.bags import serve; serve()"]
@@ -200,7 +200,7 @@ def _read_apart(path: str | Path, topic: str, radius: float | None) -> list[Any]
 
 
 def serve() -> None:
-    """Read one topic for the process that started this one."""
+    """Read a topic for the parent process."""
     limit_process(MAX_BYTES, file=MAX_BYTES)
     try:
         answer: object = read_topic(*pickle.load(sys.stdin.buffer))
@@ -210,9 +210,9 @@ def serve() -> None:
 
 
 def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
-    """Read every message on `topic`; as many as the bag's metadata says, or it is an error.
+    """Read all messages on `topic`; their number must be that in the metadata.
 
-    Maps if `radius` is None, else (t in s, tracks), where poses are discs of `radius` m.
+    They are maps if `radius` is None, else (t in s, tracks), where poses are discs of `radius` m.
     """
     error: type[BadMap] | type[BadScenario] = BadMap if radius is None else BadScenario
     readers: dict[str, Callable[[Any], Any]] = {"nav_msgs/msg/OccupancyGrid": convert.read_grid}
@@ -237,7 +237,7 @@ def read_topic(path: str, topic: str, radius: float | None) -> list[Any]:
         raise
     except MemoryError:
         raise TooLarge("bag", "unpacks to more", f"what {MAX_BYTES} bytes of memory hold", where=path) from None
-    except Exception as fault:  # what the library raises for spoilt bytes is of any type
+    except Exception as fault:  # for damaged bytes the library raises exceptions of any type
         raise error("bag", f"{type(fault).__name__}: {fault}"[:200], "a readable bag of ROS 2", where=path) from None
     if len(found) != promised:
         raise error(f"messages on {topic}", len(found), f"the {promised} of the bag's metadata", where=path)

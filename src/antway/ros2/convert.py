@@ -1,7 +1,7 @@
-"""ROS 2 messages to antway's types and back, without ROS: whatever has a message's fields is read as that message.
+"""Converts ROS 2 messages to antway's types and back, without ROS: any object with the fields of a message will do.
 
-Messages are written by `make("nav_msgs/msg/Path", header=..., poses=...)`, so that rclpy, rosbags and `plain` can each make
-their own. A map's cells are those of Nav2's map_server: row 0 has the lowest y, 0 is free, 100 blocked, -1 unknown.
+Messages are made by `make("nav_msgs/msg/Path", header=..., poses=...)`, which rclpy, rosbags and `plain` implement. Cells of
+maps are those of Nav2's map_server: row 0 has the lowest y, 0 is free, 100 blocked, -1 unknown.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from antway.planning import Plan, Status
 from antway.world.policy import XY, Command, RobotSpec, Tracks, towards
 
 Make = Callable[..., Any]
-SPHERE, CYLINDER, ARROW, ADD, DELETE_ALL = 2, 3, 0, 0, 3  # of visualization_msgs/msg/Marker
-_TILT = 1e-3  # of a quaternion: how far from a unit turn about z it may be
+SPHERE, CYLINDER, ARROW, ADD, DELETE_ALL = 2, 3, 0, 0, 3  # constants of visualization_msgs/msg/Marker
+_TILT = 1e-3  # tolerance of a quaternion, which must be a unit rotation about z
 
 
 def plain(_kind: str, **fields: Any) -> Any:
-    """Make a message of no library: an object with these fields."""
+    """Make a message as a plain object with these fields."""
     return SimpleNamespace(**fields)
 
 
@@ -62,7 +62,7 @@ def pose_message(x: float, y: float, yaw: float, make: Make = plain) -> Any:
 
 
 def read_pose(pose: Any, *, where: str = "pose") -> tuple[float, float, float]:
-    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuses one that is not finite or is tilted."""
+    """Return (x, y, yaw) of a geometry_msgs/msg/Pose in m, m, rad; refuse a pose that is not finite or is tilted."""
     x, y = (checks.number(f"position.{n}", getattr(pose.position, n), where=where) for n in "xy")
     q = [checks.number(f"orientation.{n}", getattr(pose.orientation, n), where=where) for n in "xyzw"]
     if abs(math.hypot(q[2], q[3]) - 1.0) > _TILT:
@@ -79,9 +79,9 @@ def _place(point: Any, where: str) -> XY:
 
 
 def read_grid(message: Any, *, occupied: int = 100, limits: Limits = DEFAULT) -> Grid:
-    """Return the map in a nav_msgs/msg/OccupancyGrid; blocked from a cost of `occupied` on and at -1, where it is unknown.
+    """Return the map in a nav_msgs/msg/OccupancyGrid; cells of cost `occupied` or more, or -1 (unknown), are blocked.
 
-    The message holds the resolution in single precision; it is taken as it is, as map_server's readers do.
+    The message has the resolution in single precision, which is used as it is, as by readers of map_server.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def grid_message(grid: Grid, make: Make = plain, *, t: float = 0.0, frame: str =
 
 
 def path_message(xy: ArrayLike, make: Make = plain, *, t: float = 0.0, frame: str = "map") -> Any:
-    """Return vertices, float[N, 2] in m, as a nav_msgs/msg/Path; each pose looks to the next, the last as the one before."""
+    """Return vertices, float[N, 2] in m, as a nav_msgs/msg/Path; each pose points to the next one."""
     points = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
     yaw = np.arctan2(*np.diff(points, axis=0).T[::-1])
     yaw = np.append(yaw, yaw[-1:] if len(yaw) else [0.0] * len(points))
@@ -180,12 +180,12 @@ def read_path(message: Any) -> NDArray[np.float64]:
 
 
 def read_plan(message: Any, grid: Grid) -> Plan:
-    """Return a nav_msgs/msg/Path whose poses stand in neighbouring cells of `grid` as a plan; an empty one as no path.
+    """Return a nav_msgs/msg/Path with poses in neighbouring cells of `grid` as a plan; an empty one is no path.
 
     Raises
     ------
     OutOfBounds, BadParameter
-        For a pose off the map, and for one in no neighbour cell of the one before.
+        For a pose off the map, or not in a neighbouring cell of the one before.
     """
     xy = read_path(message)
     if len(xy) == 0:
@@ -202,9 +202,9 @@ def read_plan(message: Any, grid: Grid) -> Plan:
 def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSpec, make: Make = plain) -> Any:
     """Return `command`, in the map's frame, as a geometry_msgs/msg/Twist in the robot's.
 
-    A holonomic robot gets the velocity turned by -heading. Wheels get the command's twist, or the one that turns them towards
-    its velocity (`antway.world.policy.towards`); with the dynamics "steps", the forward speed and turn rate that bring them,
-    within their limits and one control period, as near the command as `antway.world` would.
+    A holonomic robot gets the velocity turned by -heading. Wheels get the twist of the command, or the twist that turns them
+    towards its velocity (`antway.world.policy.towards`); with the dynamics "steps", the forward speed and turn rate by which
+    `antway.world` would follow the command in a control period.
     """
     vx, vy = command.velocity
     if robot.wheels and not robot.stepwise:
@@ -247,7 +247,7 @@ def read_turn_rate(message: Any) -> float:
 
 
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
-    """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m, nameless and of unknown velocity."""
+    """Return (t in s, tracks) of a geometry_msgs/msg/PoseArray: discs of `radius` m without names and velocities."""
     places = [read_pose(pose, where=f"PoseArray.poses[{i}]")[:2] for i, pose in enumerate(message.poses)]
     for i, pose in enumerate(message.poses):
         _place(pose.position, f"PoseArray.poses[{i}]")
@@ -259,14 +259,14 @@ def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
 def read_markers(message: Any) -> tuple[float, Tracks]:
     """Return (t in s, tracks) of a visualization_msgs/msg/MarkerArray.
 
-    Each added sphere or cylinder is a disc as wide as the larger of scale.x and scale.y, named by its id. An added arrow of the
-    same id from points[0] to points[1] is its velocity (m in 1 s); without one the velocity is unknown. Other markers and
-    actions say nothing. The time is the latest of the stamps, so that even an empty scene needs a marker: delete-all.
+    Each added sphere or cylinder is a disc whose diameter is the larger of scale.x and scale.y, named by its id. An added arrow
+    with the same id from points[0] to points[1] is its velocity (m in 1 s); without one the velocity is unknown. Other markers
+    and actions are ignored. The time is the latest stamp, so that even an empty scene needs a marker: delete-all.
 
     Raises
     ------
     BadParameter
-        For no marker at all, two discs of one id, and numbers out of range.
+        If there is no marker, two discs have the same id, or numbers are out of range.
     """
     if len(message.markers) == 0:
         raise BadParameter("MarkerArray.markers", [], "at least a delete-all marker, which carries the time")
@@ -300,7 +300,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
 
 
 def markers_message(tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
-    """Return `tracks` as the visualization_msgs/msg/MarkerArray that `read_markers` reads; RViz shows it as it is."""
+    """Return `tracks` as a visualization_msgs/msg/MarkerArray for `read_markers`, which RViz can show, too."""
     kind, header = "visualization_msgs/msg/Marker", header_message(t, frame, make)
 
     def vector(x: float, y: float, z: float) -> Any:

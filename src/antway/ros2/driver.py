@@ -1,4 +1,4 @@
-"""Sends commands to the robot's base from the guard's process, where a node of its own publishes them."""
+"""Sends commands to the robot's base from the guard process, in which a separate node publishes them."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ def twist_type(stamped: bool) -> str:
 
 
 def stamp_twist(twist: object, t: float, frame: str | None) -> object:
-    """Return a twist in `frame` with the stamp `t` s; as it is where the frame is None."""
+    """Return a twist in `frame` with the stamp `t` s, or unchanged if the frame is None."""
     if frame is None:
         return twist
     return make("geometry_msgs/msg/TwistStamped", header=convert.header_message(max(t, 0.0), frame, make), twist=twist)
 
 
 def open_driver(topic: str, frame: str | None, robot: RobotSpec) -> Driver:
-    """Open a publisher of commands on `topic`; stamped ones in `frame`, others if it is None."""
+    """Open a publisher of commands on `topic`, stamped in `frame` unless it is None."""
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("antway_guard", enable_rosout=False, start_parameter_services=False)
     publisher = node.create_publisher(load(twist_type(frame is not None)), topic, 10)
 
     def drive(command: Command, seen: Observation) -> None:
-        """Publish a command; the frame in which it and the observation are given cancels out."""
+        """Publish a command; the common frame of command and observation does not matter."""
         twist = convert.twist_message(command, seen.velocity, seen.heading, robot, make)
         publisher.publish(stamp_twist(twist, seen.t, frame))
 

@@ -1,4 +1,4 @@
-"""Frames on the floor: a pose (x, y, yaw) of one frame in another, what it does to points, tracks and maps; no ROS import."""
+"""Frames on the floor: poses (x, y, yaw) and their effect on points, tracks and maps; no ROS import."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HERE: Pose = (0.0, 0.0, 0.0)
 
 
 def chain(a: Pose, b: Pose) -> Pose:
-    """Return the pose in the world of what has pose `b` in a frame whose pose in the world is `a`.
+    """Return the world pose of something with the pose `b` in a frame with the world pose `a`.
 
     Examples
     --------
@@ -31,13 +31,13 @@ def chain(a: Pose, b: Pose) -> Pose:
 
 
 def inverse(a: Pose) -> Pose:
-    """Return the pose of the world in a frame whose pose in the world is `a`."""
+    """Return the pose of the world in a frame with the world pose `a`."""
     x, y = turn(-a[2], (-a[0], -a[1]))
     return x, y, -a[2]
 
 
 def between(poses: Sequence[tuple[float, Pose]], t: float) -> Pose:
-    """Return the pose at `t` s, straight between the neighbours among `poses`, (t in s, pose) in order; the ends hold beyond.
+    """Return the pose at `t` s by linear interpolation of `poses`, (t in s, pose) in order; constant beyond the ends.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def between(poses: Sequence[tuple[float, Pose]], t: float) -> Pose:
 
 
 def turn(yaw: float, vector: XY) -> XY:
-    """Return `vector` turned to the left by `yaw` rad; by 0, the same numbers."""
+    """Return `vector` turned to the left by `yaw` rad; unchanged for 0."""
     if yaw == 0.0:
         return vector
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -61,13 +61,13 @@ def turn(yaw: float, vector: XY) -> XY:
 
 
 def move_point(a: Pose, xy: XY) -> XY:
-    """Return in the world the point that is `xy`, m, in a frame whose pose is `a`."""
+    """Return the world coordinates of the point `xy`, m, of a frame with the pose `a`."""
     x, y = turn(a[2], xy)
     return a[0] + x, a[1] + y
 
 
 def move(a: Pose, xy: ArrayLike) -> NDArray[np.float64]:
-    """Return in the world the points `xy`, float[N, 2] in m, of a frame whose pose is `a`."""
+    """Return the world coordinates of points `xy`, float[N, 2] in m, of a frame with the pose `a`."""
     moved: NDArray[np.float64] = _turned(a[2], np.asarray(xy, np.float64).reshape(-1, 2)) + a[:2]
     return moved
 
@@ -81,7 +81,7 @@ def _turned(yaw: float, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def move_tracks(a: Pose, tracks: Tracks) -> Tracks:
-    """Return in the world the tracks seen in a frame whose pose is `a`; from HERE, the same object."""
+    """Return tracks of a frame with the pose `a` in the world; for HERE, the same object."""
     if a == HERE:
         return tracks
     covariance = tracks.covariance
@@ -93,7 +93,7 @@ def move_tracks(a: Pose, tracks: Tracks) -> Tracks:
 
 
 def move_decision(a: Pose, decision: Decision) -> Decision:
-    """Return in the world what was decided in a frame whose pose is `a`; the pheromone's cells stay cells."""
+    """Return a decision of a frame with the pose `a` in the world; the cells of pheromone do not change."""
     path, target = decision.path, decision.local_target
     return replace(
         decision,

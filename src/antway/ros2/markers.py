@@ -16,9 +16,9 @@ from antway.ros2.convert import Make, header_message, plain, pose_message
 from antway.world.policy import XY, Decision, Tracks
 from antway.world.terrain import terrain_of
 
-LINE_STRIP, CYLINDER, TEXT, ADD, DELETE_ALL = 4, 3, 9, 0, 3  # of visualization_msgs/msg/Marker
+LINE_STRIP, CYLINDER, TEXT, ADD, DELETE_ALL = 4, 3, 9, 0, 3  # constants of visualization_msgs/msg/Marker
 _COLOURS = {"follow": (0.1, 0.6, 0.2), "arrived": (0.1, 0.6, 0.2), "avoid": (0.1, 0.4, 0.9)}
-_HALTED = (0.9, 0.2, 0.1)  # of every other action: wait, brake, step-back, step-aside, stuck
+_HALTED = (0.9, 0.2, 0.1)  # colour of all other actions: wait, brake, step-back, step-aside, stuck
 
 
 class _Writer:
@@ -43,7 +43,7 @@ class _Writer:
         action: int = ADD,
         z: float = 0.0,
     ) -> None:
-        """Write a marker; its id is its place in the message."""
+        """Add a marker; its id is its index in the message."""
         make, (r, g, b) = self.make, colour
         pose = pose_message(*xy, 0.0, make)
         pose.position.z = z

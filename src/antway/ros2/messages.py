@@ -16,5 +16,5 @@ def load(kind: str) -> Any:
 
 
 def make(kind: str, **values: Any) -> Any:
-    """Make a message of rclpy; arrays of costs become what its fields take."""
+    """Make a message of rclpy; arrays of costs are converted to the type of its fields."""
     return load(kind)(**{k: array("b", v.tobytes()) if isinstance(v, np.ndarray) else v for k, v in values.items()})

@@ -1,4 +1,4 @@
-"""What Nav2's planner and controller servers say: the types, fields and error codes of their actions; no ROS import."""
+"""Types, fields and error codes of the actions of Nav2's planner and controller servers; no ROS import."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ENDS = {
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """An action's type, how its goals are read, and how its results and feedback are made of Nav2's fields."""
+    """The type of an action, how to read its goals, and how to make results and feedback from Nav2's fields."""
 
     type: Any
     read: Callable[[Any], Any]
@@ -47,9 +47,9 @@ class Kind:
 
 
 def nav2_kinds() -> dict[str, Kind]:
-    """Return Nav2's actions by the names that the node serves them under; none where nav2_msgs cannot be imported.
+    """Return Nav2's actions by the node's names for them; none if nav2_msgs cannot be imported.
 
-    compute_tour is a ComputePathThroughPoses, and visit_poses a FollowWaypoints, whose poses come in any order.
+    compute_tour is a ComputePathThroughPoses, and visit_poses a FollowWaypoints, with poses in any order.
     """
     if find_spec("nav2_msgs") is None:
         return {}
@@ -83,7 +83,7 @@ def nav2_kinds() -> dict[str, Kind]:
 
 
 class Failure(Exception):
-    """Why there is no plan: an error code of ComputePathToPose, and words."""
+    """Why there is no plan: an error code of ComputePathToPose, and a text."""
 
     def __init__(self, code: int, reason: str) -> None:
         self.code, self.reason = code, reason
@@ -93,15 +93,15 @@ class Failure(Exception):
 def find_path(
     grid: Grid, inflated: Grid, stops: list[XY], radius: float, planner: str, limit: float, tolerance: float = 0.0
 ) -> NDArray[np.float64]:
-    """Return the cell centres, float64[N, 2] in m, of the shortest path by way of `stops`, planned within `limit` s.
+    """Return the cell centres, float64[N, 2] in m, of the shortest path through `stops`, planned within `limit` s.
 
-    `inflated` is `grid` inflated by the robot's `radius`. Where the robot cannot stand at the last stop, the path leads to the
-    nearest place within `tolerance` m of it where it can.
+    `inflated` is `grid` inflated by the robot's `radius`. If the robot cannot stand at the last stop, the path leads to the
+    nearest possible place within `tolerance` m.
 
     Raises
     ------
     Failure
-        With Nav2's code for what stands in the way.
+        With Nav2's error code.
     """
     cells = []
     for i, xy in enumerate(stops):

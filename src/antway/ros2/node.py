@@ -51,12 +51,12 @@ SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
-    """Turns messages into what the pilot takes, and its answers into messages.
+    """Converts messages for the pilot, and its answers to messages.
 
     Parameters
     ----------
     kinds : mapping of str to Kind, or None
-        The actions compute_path_to_pose and follow_path; None: Nav2's, where nav2_msgs can be imported.
+        The actions compute_path_to_pose and follow_path; None: those of Nav2, if nav2_msgs can be imported.
     """
 
     def __init__(self, kinds: Mapping[str, Kind] | None = None) -> None:
@@ -66,7 +66,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         for name, one in parameters().items():
             about = make("rcl_interfaces/msg/ParameterDescriptor", description=one.text, additional_constraints=one.allowed)
             if isinstance(one.default, float):
-                about.dynamic_typing = True  # `robot.radius:=1` is an integer to ROS, and a radius to us
+                about.dynamic_typing = True  # `robot.radius:=1` is an integer for ROS
                 about.floating_point_range = [
                     make("rcl_interfaces/msg/FloatingPointRange", from_value=one.low, to_value=one.high)
                 ]
@@ -86,7 +86,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.active = False
 
     def _bare(self) -> bool:
-        """Tell whether the robot is not said yet: parameters may still be set before the node is configured."""
+        """Tell whether the robot is still unspecified: parameters may be set before the node is configured."""
         return not (self.values["robot.name"] or self.values["robot.drive"] or self.values["autostart"])
 
     def _on_parameters(self, changed: list[Any]) -> Any:
@@ -118,10 +118,10 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
         solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
         self.tracker = Tracker()
-        self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; by the first scan that is forgotten
+        self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; the first scan resets the state
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
-        self.charted = 0.0  # s, stamp of the map
+        self.charted = 0.0  # s; stamp of the map
         self.laser: Any = None  # a scan that waits for odometry
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
@@ -156,13 +156,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.transforms = Transforms(self)
         self.parts.append((Transforms.close, self.transforms))
         self.parts.append((Served.close, Served(self, self.kinds)))
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # which no jump of the ROS clock moves
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # unaffected by jumps of the ROS clock
         for period, tick in ((settings.robot.dt, self._watch), (1.0, self._diagnose)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
         return TransitionCallbackReturn.SUCCESS
 
     def _guard_process(self, task: Task) -> GuardProcess | None:
-        """Start the guard's process, if there is to be one, which sends commands to where this node sends its own."""
+        """Start the guard process, if requested, which sends commands to the topic of this node."""
         settings = self.settings
         if not settings.guard_process:
             return None
@@ -174,7 +174,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         return made
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        """Begin to drive to goals."""
+        """Start driving to goals."""
         done = super().on_activate(state)
         self.active, self.heard = True, time.monotonic()
         self._say(OK, "no goal")
@@ -206,7 +206,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     # What comes in
 
     def place(self, header: Any, pose: Any) -> Pose:
-        """Return in the map's frame a geometry_msgs/msg/Pose given in that of `header`; raises `BadInput` where it cannot."""
+        """Return a geometry_msgs/msg/Pose in the frame of `header` in the map's frame, or raise `BadInput`."""
         return frames.chain(self._frame(header.frame_id), convert.read_pose(pose))
 
     def _frame(self, name: str) -> Pose:
@@ -215,7 +215,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         return self.transforms.pose(name, self.settings.frame, t, self.settings.timeout)
 
     def _read(self, what: str, read: Callable[[Any], T], message: Any) -> T | None:
-        """Read a message; one that is malformed, or in a frame that is not known, is refused and named on diagnostics."""
+        """Read a message; an invalid one, or one in an unknown frame, is refused and reported on diagnostics."""
         try:
             return read(message)
         except BadInput as wrong:
@@ -256,11 +256,11 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.pilot.scan = found
 
     def _on_scan(self, message: Any) -> None:
-        """Keep a laser scan until odometry says where the robot was then."""
+        """Keep a laser scan until odometry tells where the robot was at its time."""
         self.laser = message
 
     def _see(self, t: float) -> None:
-        """Take the scan that is kept, if odometry, now at `t` s, has come to its time."""
+        """Use the kept scan, if odometry, now at `t` s, has reached its time."""
         settings, grid = self.settings, self.pilot.map
 
         def read(message: Any) -> tuple[float, Tracks] | None:
@@ -289,7 +289,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return
         t, (x, y, heading), velocity, turning = found
         now = time.monotonic()
-        if self.trail and t < self.trail[-1][0]:  # time went back: what is older may be newer
+        if self.trail and t < self.trail[-1][0]:  # time went back, so older data may be newer
             self.trail.clear()
             self.charted = 0.0
         self.trail.append((t, (x, y, heading)))
@@ -297,7 +297,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self._see(t)
         if self._do(self.pilot.hear(t, (x, y), velocity, heading, now, turning)):
             self._show(t)
-        self.heard = time.monotonic()  # the time that setting out took is no silence
+        self.heard = time.monotonic()  # the time for the start does not count as silence
 
     def _watch(self) -> None:
         self._do(self.pilot.silent(time.monotonic() - self.heard))
@@ -328,7 +328,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         t, _, velocity, heading = odometry if odometry is not None else (0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
         if not answer.drives:
             self.pilot.rest()
-        if not (answer.drives and settings.guard_process):  # else the guard's process has sent it
+        if not (answer.drives and settings.guard_process):  # else the guard process has sent it
             twist = make("geometry_msgs/msg/Twist")
             if answer.drives:
                 twist = convert.twist_message(answer.command, velocity, heading, settings.robot, make)
@@ -342,7 +342,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         return answer.drives
 
     def _show(self, t: float) -> None:
-        """Publish decision, planned motion and pheromone where they are new, and predictions if anybody looks."""
+        """Publish decision, planned motion and pheromone if they are new, and predictions if there is a subscriber."""
         pilot, frame = self.pilot, self.settings.frame
         decision = pilot.decision()
         if decision is None or pilot.scan is None or pilot.odometry is None:
@@ -385,13 +385,13 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
 
 def refuse(error: Exception) -> int:
-    """Say in one line which parameter is wrong, and return the exit status of wrong input."""
+    """Print in one line which parameter is wrong, and return the exit status of wrong input."""
     print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
     return 2
 
 
 def main(arguments: list[str], kinds: Mapping[str, Kind] | None = None) -> int:
-    """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM; the robot is stopped on the way out."""
+    """Run the node (with the actions `kinds`, if given) until SIGINT or SIGTERM, and stop the robot at the end."""
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     over = False
 

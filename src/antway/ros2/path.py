@@ -15,9 +15,9 @@ from antway.world.policy import XY
 
 
 def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
-    """Return the part of `grid` about `path`, float64[N, 2] in m, all blocked that is further than `width` m from it.
+    """Return the part of `grid` around `path`, float64[N, 2] in m, with cells farther than `width` m from it blocked.
 
-    Distances are those between centres of cells.
+    Distances are those between cell centres.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
 
 
 def keeps_within(part: Grid, path: NDArray[np.float64]) -> bool:
-    """Tell whether every vertex of `path`, float64[N, 2] in m, lies in a free cell of `part`."""
+    """Tell whether every vertex of `path`, float64[N, 2] in m, is in a free cell of `part`."""
     cells = np.floor(part.to_points(path) + 0.5).astype(np.int64)
     return all(part.is_free((row, col)) for row, col in cells.tolist())
 

@@ -1,4 +1,4 @@
-"""The pilot: drives to goals by the policy among what is sensed, and stands, saying why, whenever it cannot; no ROS import."""
+"""The pilot: drives to goals by the policy, and stands with a reason whenever it cannot; no ROS import."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks, towards
 
-OK, WARN, ERROR = 0, 1, 2  # of diagnostic_msgs/msg/DiagnosticStatus
+OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/msg/DiagnosticStatus
 STAND = Command((0.0, 0.0))
 
 
@@ -39,7 +39,7 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What to do, in the map's frame, and why; `end` when the goal is done with."""
+    """What to do, in the map's frame, and why; `end` is set when the goal has ended."""
 
     command: Command
     level: int
@@ -54,18 +54,18 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """Where to.
+    """A goal.
 
     Attributes
     ----------
     xy : (x, y)
         m.
     path : float64[N, 2] or None
-        The path to it; the robot keeps within `corridor` m of it.
+        The path to it; the robot stays within `corridor` m of it.
     yaw : float
-        Where wheels are to point when they have arrived, rad; NaN: anywhere.
+        Final heading of wheels, rad; NaN: any.
     hurried : bool
-        Whether it ends when `wait_timeout` passes or progress ceases.
+        Whether it fails after `wait_timeout`, or without progress.
     """
 
     xy: XY
@@ -75,23 +75,23 @@ class Goal:
 
 
 class Pilot:
-    """Takes what comes from the robot, in the map's frame, and answers odometry with a command each control period.
+    """Receives the robot's data in the map's frame, and answers odometry with a command in each control period.
 
-    The policy drives in a frame in which the map's yaw is 0; nothing of that shows outside. With a `keeper`, the guard's
-    process, commands go through that: it takes what passes to the robot itself, and brakes where none comes.
+    Internally the policy uses a frame in which the map's yaw is 0. With a `keeper`, the guard process, commands go through it:
+    it sends what passes to the robot itself, and brakes if none comes.
     """
 
     def __init__(self, settings: Settings, keeper: GuardProcess | None = None) -> None:
         self.settings, self.keeper = settings, keeper
-        self.number = 0  # of the observation that the keeper has; 0 while it rests
+        self.number = 0  # number of the keeper's observation; 0 while it rests
         self.map: Grid | None = None
         self.inflated: tuple[Grid, Grid] | None = None
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
         self.odometry: tuple[float, XY, XY, float] | None = None
-        self.turn_rate = 0.0  # rad/s, with odometry
+        self.turn_rate = 0.0  # rad/s; from odometry
         robot = settings.robot
-        self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands on their way to a robot with latency
+        self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
         self.guard: Guard | None = None  # while it turns in place at a goal
         self.command = STAND
@@ -100,13 +100,13 @@ class Pilot:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget since when the robot waits, and where it last made progress."""
+        """Reset the time of waiting and the place of the last progress."""
         self.waiting, self.mark = math.nan, (math.nan, (0.0, 0.0))
 
     # What comes in
 
     def chart(self, grid: Grid) -> Answer | None:
-        """Take a map; one that is new is planned on anew, and the robot stands meanwhile."""
+        """Receive a map; if it is new, the robot stands and plans again."""
         if self.map is not None and grid == self.map:
             return None
         self.map, self.policy = grid, None
@@ -114,16 +114,16 @@ class Pilot:
         return None if self.goal is None else Answer(STAND, WARN, "the map has changed")
 
     def inflated_grid(self, grid: Grid) -> Grid:
-        """Return `grid`, inflated by the robot's radius; kept for the newest. Any thread may ask."""
+        """Return `grid` inflated by the robot's radius; the newest one is kept. Any thread may call this."""
         kept = self.inflated
         if kept is None or kept[0] is not grid:
             kept = self.inflated = grid, grid.inflate(self.settings.robot.radius)
         return kept[1]
 
     def go(self, goal: Goal) -> Answer | None:
-        """Take a goal. The one before is replaced, without a stop if the new one follows the same path.
+        """Receive a goal, which replaces the previous one, without a stop if it follows the same path.
 
-        Patience and progress are counted on where the new goal is at the place of the one before.
+        Waiting time and progress continue if the new goal is at the same place.
         """
         before, self.goal, self.guard = self.goal, goal, None
         if before is None or math.dist(before.xy, goal.xy) > self.settings.task["goal_tolerance"]:
@@ -138,13 +138,13 @@ class Pilot:
         return Answer(STAND, OK, f"the goal {before.xy} is pre-empted by {goal.xy}", End.REPLACED)
 
     def drop(self, reason: str, end: End = End.DROPPED, level: int = OK) -> Answer:
-        """Stand, and be done with the goal."""
+        """Stand, and end the goal."""
         done = None if self.goal is None else end
         self.goal = self.policy = None
         return Answer(STAND, level, reason, done)
 
     def silent(self, seconds: float) -> Answer | None:
-        """Answer that there was no odometry for so long."""
+        """Answer that there was no odometry for this time."""
         if self.goal is None or seconds <= self.settings.timeout:
             return None
         self.command = STAND
@@ -154,15 +154,15 @@ class Pilot:
         return Answer(STAND, ERROR, reason)
 
     def hear(self, t: float, xy: XY, velocity: XY, heading: float, now: float, turn_rate: float = 0.0) -> Answer | None:
-        """Take the robot's state at `t` s, come at `now` s of a steady clock; answers once each control period.
+        """Receive the robot's state at `t` s, arrived at `now` s of a steady clock; answer once in each control period.
 
-        The clock has jumped, which is answered at once, if it went back, or on by `timeout` more than the steady one.
+        A jump of the clock is answered at once: it went back, or forward by `timeout` more than the steady one.
         """
         before, self.odometry = self.odometry, (t, xy, velocity, heading)
         self.turn_rate = turn_rate
         passed, self.now = now - self.now, now
         if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout + passed:
-            self.scan = self.policy = None  # what was seen and planned before means nothing any more
+            self.scan = self.policy = None  # earlier observations and plans are invalid now
             self.due = -math.inf
             self._restart()
             return Answer(STAND, WARN, f"odometry's clock jumped by {t - before[0]:.3f} s")
@@ -235,25 +235,25 @@ class Pilot:
     # The guard's process
 
     def _observe(self, seen: Observation, t: float) -> None:
-        """Show the keeper what is seen, with the time `t` s of odometry's clock, before anything is planned."""
+        """Send the observation with the time `t` s of odometry's clock to the keeper, before planning."""
         if self.keeper is not None:
             self.number = self.keeper.observe(replace(seen, t=t, stamp=t + seen.stamp - seen.t))
 
     def _passed(self, command: Command) -> tuple[Command, str]:
-        """Return what the keeper lets pass of a command, and what it did; the command as it is without one."""
+        """Return a command as the keeper passes it, and what it did; unchanged without a keeper."""
         if self.keeper is None:
             return command, ""
         answer = self.keeper.limit(self.number, command)
         return answer.command, answer.did
 
     def rest(self) -> None:
-        """Keep the keeper from braking on, for the robot is told to stand."""
+        """Let the keeper rest, because the robot is commanded to stand."""
         if self.keeper is not None and self.number:
             self.keeper.rest(self.number)
             self.number = 0
 
     def _send(self, pair: XY) -> None:
-        """Note a command that is on its way to the robot."""
+        """Record a command that does not act yet."""
         if len(self.sent):
             self.sent = np.vstack((self.sent[1:], [pair]))
 
@@ -302,7 +302,7 @@ class Pilot:
         return Answer(STAND, level, reason)
 
     def _set_out(self, goal: Goal, here: XY) -> AntwayPolicy:
-        """Return a policy that has just started; the map is that of the goal's corridor, if it has one."""
+        """Return a newly started policy; its map is that of the goal's corridor, if it has one."""
         settings, into = self.settings, inverse(self.frame)
         grid = self.grid
         if goal.path is not None:
@@ -317,7 +317,7 @@ class Pilot:
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:
-        """Tell whether `goal` is the one before, reached by a path that keeps to the inner half of the same corridor."""
+        """Tell whether `goal` is the previous one, with a path in the inner half of the same corridor."""
         if before.path is None or goal.path is None or math.dist(before.xy, goal.xy) > self.grid.resolution:
             return False
         paths = [move(inverse(self.frame), path) for path in (before.path, goal.path)]
@@ -326,7 +326,7 @@ class Pilot:
     # What is shown
 
     def decision(self) -> Decision | None:
-        """Return why the last command was what it was, in the map's frame; the same object while it stays; None: no policy."""
+        """Return the reason of the last command in the map's frame (the same object while unchanged); None: no policy."""
         if self.policy is None:
             return None
         last_decision = self.policy.explain()
@@ -344,7 +344,7 @@ class Pilot:
         return [np.column_stack((line[:, 0], move(self.frame, line[:, 1:]))) for line in lines]
 
     def pheromone(self) -> tuple[NDArray[np.int8], tuple[float, float, float]] | None:
-        """Return the ants' pheromone as costs from 0 to 100 in the window that holds any, and the pose of its corner."""
+        """Return the ants' pheromone as costs from 0 to 100 in its bounding window, and the pose of the window's corner."""
         found = None if self.policy is None else self.policy.explain().pheromone
         if found is None or self.policy is None:
             return None

@@ -1,4 +1,4 @@
-"""Tracks out of laser scans: what is not on the map, cut into discs, each followed by a Kalman filter; no ROS import."""
+"""Tracks from laser scans: points off the map, clustered into discs and followed by Kalman filters; no ROS import."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from antway.limits import MAX_ANGLE, MAX_PLACE
 from antway.ros2.frames import Pose, move
 from antway.world.policy import Tracks
 
-_ROUND = 0.03  # m; how far from a circle points may be that lie on it
+_ROUND = 0.03  # m; tolerance for points on a circle
 Discs = tuple[NDArray[np.float64], NDArray[np.float64]]  # centres, float64[N, 2] in m; radii, float64[N] in m
 
 
 def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
-    """Return the points that a sensor_msgs/msg/LaserScan hit, float64[N, 2] in m in the laser's frame, in the beams' order.
+    """Return the points of a sensor_msgs/msg/LaserScan, float64[N, 2] in m in the laser's frame, in the order of beams.
 
-    A range of -inf (too near to measure, REP 117) counts as range_min; NaN and what is out of range is no hit.
+    A range of -inf (too near to measure, REP 117) counts as range_min; NaN and ranges out of limits give no point.
 
     Parameters
     ----------
     message : sensor_msgs/msg/LaserScan
     valid : float
-        Share of the beams that must have measured something, [0, 1], if only that nothing is in range: NaN and what is below
-        range_min are no measurements. A laser that is covered or broken does not say that the place is empty.
+        Share of the beams that must be valid, [0, 1]: NaN and ranges below range_min are invalid. A covered or broken laser
+        does not mean that the place is empty.
 
     Raises
     ------
     BadParameter
-        For numbers that are not finite, or absurd (docs/limits.md), a step of 0, range_min above range_max, an empty scan and
-        too few valid beams.
+        For numbers that are not finite or beyond limits (docs/limits.md), a step of 0, range_min above range_max, an empty
+        scan, or too few valid beams.
     """
     where = "LaserScan"
     start, step = (
@@ -65,13 +65,13 @@ def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
 
 
 def off_the_map(points: NDArray[np.float64], pose: Pose, grid: Grid, clear: float) -> NDArray[np.float64]:
-    """Return in the world those `points`, seen by a laser at `pose`, that are no part of the map.
+    """Return the world coordinates of the `points` of a laser at `pose` that are not part of the map.
 
-    Part of the map is what has a blocked cell, or the map's edge, within `clear` m to either side along either axis.
+    A point is part of the map if a blocked cell or the map's edge is within `clear` m along either axis.
     """
     xy = move(pose, points)
     near = clear / grid.resolution
-    steps = np.linspace(-near, near, 2 * math.ceil(near) + 1)  # at most a cell apart, so that none is passed over
+    steps = np.linspace(-near, near, 2 * math.ceil(near) + 1)  # at most a cell apart, so that none is skipped
     around = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 1, 2)
     cells = np.floor(grid.to_points(xy) + 0.5 + around).astype(np.int64)
     inside: NDArray[np.bool_] = np.asarray(((cells >= 0) & (cells < grid.shape)).all(axis=2))
@@ -81,11 +81,11 @@ def off_the_map(points: NDArray[np.float64], pose: Pose, grid: Grid, clear: floa
 
 
 def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
-    """Cut points, float64[N, 2] in m in the order of a laser's beams, where neighbours are more than `gap` m apart.
+    """Cluster points, float64[N, 2] in m in the order of beams, at gaps of more than `gap` m, and return discs.
 
-    A piece that lies on a circle becomes that disc. Any other becomes the disc about the middle of its two ends that holds it
-    (a laser sees the near side of a thing, whose ends are as wide apart as the thing is), wider by half the spacing of its
-    points. Pieces that do not fit into a disc of radius `largest` m are halved. Single points are noise.
+    A cluster on a circle becomes that disc. Any other becomes the disc around the midpoint of its ends that contains it (a
+    laser sees the near side of an object, whose ends are as far apart as the object is wide), enlarged by half the spacing of
+    its points. Clusters that do not fit into a disc of radius `largest` m are halved. Single points are noise.
     """
     if len(xy) == 0:
         return np.empty((0, 2)), np.empty(0)
@@ -110,7 +110,7 @@ def discs(xy: NDArray[np.float64], *, gap: float, largest: float) -> Discs:
 
 
 def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float, float] | None:
-    """Return x, y and radius of the circle on which the points lie, or None if they lie on no arc of a quarter or more.
+    """Return x, y and radius of the circle through the points, or None if they are not on an arc of at least a quarter.
 
     The circle is the least squares solution of x^2 + y^2 = 2 a x + 2 b y + c (Kasa: A curve fitting procedure, 1976).
     """
@@ -128,16 +128,16 @@ def _circle(cluster: NDArray[np.float64], largest: float) -> tuple[float, float,
 
 
 class Tracker:
-    """Gives tracks what they lack of names and velocities, by a Kalman filter for each (kernels/tracking/kalman.py).
+    """Adds missing names and velocities to tracks, by a Kalman filter for each (kernels/tracking/kalman.py).
 
     Parameters
     ----------
     noise : float
         Standard deviation of the places, m, > 0.
     agility : float
-        Acceleration that is expected of obstacles, m/s^2, > 0.
+        Expected acceleration of obstacles, m/s^2, > 0.
     near : float
-        How far from its prediction a nameless track may be found, m, > 0.
+        Largest distance of a track without a name from its prediction, m, > 0.
     """
 
     def __init__(self, noise: float = 0.05, agility: float = 1.0, near: float = 0.8) -> None:
@@ -146,14 +146,14 @@ class Tracker:
         self.count, self.named, self.t = 0, 0, -math.inf
 
     def update(self, t: float, seen: Tracks) -> Tracks:
-        """Take in what was seen at `t` s; returns all that must still be about, at `t`. When time goes back, begin anew.
+        """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
 
-        Tracks that lack nothing are returned as they are.
+        Complete tracks are returned unchanged.
 
         Raises
         ------
         BadParameter
-            For tracks of which some have names and some (of id -1, or of an id that occurs twice) have none.
+            If some tracks have names and some (with the id -1, or an id that occurs twice) do not.
         """
         seen = seen.distinct()
         nameless = seen.id < 0

@@ -1,4 +1,4 @@
-"""The parameters of the ROS 2 node, taken from the definitions of robot, task and policy; no ROS import."""
+"""The parameters of the ROS 2 node, derived from the definitions of robot, task and policy; no ROS import."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _OWN: dict[str, tuple[Any, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter: its default, what it is, and what its definition accepts, in words and (of numbers) as a range."""
+    """A parameter: its default, its description, and what is accepted, in words and, for numbers, as a range."""
 
     default: Any
     text: str
@@ -72,7 +72,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The parameters, checked by the definitions they come from; as in `parameters`, less the prefixes."""
+    """The parameters, checked by the definitions they come from, named as in `parameters` without prefixes."""
 
     robot: RobotSpec
     task: dict[str, float]
@@ -102,7 +102,7 @@ class Settings:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Settings:
-        """Check `values` by name; raises `BadInput` for whatever a definition refuses."""
+        """Check `values` by name; raise `BadInput` for whatever a definition refuses."""
 
         def part(prefix: str) -> dict[str, Any]:
             return {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
@@ -160,17 +160,17 @@ _UNSAID = {
     "drive": "",
     "brake_max": 0.0,
     "footprint": "[]",
-}  # of parameters for which there is no default, or which may be None
+}  # for parameters without a default, or that may be None
 
 
 def _robot(name: str, **options: Any) -> RobotSpec:
-    """Return the robot of that name with the options that are not at their default, or, without a name, that of the options.
+    """Return the robot of that name with the non-default options or, without a name, the robot of the options.
 
     Raises
     ------
     BadParameter
-        For what `RobotSpec` refuses, and where neither a name nor a drive is given: nobody's robot drives in all directions at
-        once by default.
+        For values that `RobotSpec` refuses, or if neither a name nor a drive is given, because a holonomic robot is no
+        sensible default.
     """
     checks.number("brake_max", options["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")
     base = load_robot(checks.instance("name", name, str)) if name else None
@@ -185,7 +185,7 @@ def _robot(name: str, **options: Any) -> RobotSpec:
 
 
 def _footprint(text: object) -> Any:
-    """Return the corners of a footprint as Nav2 writes it: "[[0.2, 0.1], [0.2, -0.1], [-0.2, 0.0]]"."""
+    """Return the corners of a footprint in Nav2's format: "[[0.2, 0.1], [0.2, -0.1], [-0.2, 0.0]]"."""
     allowed = 'the corners of a convex polygon as Nav2 writes them, "[[x, y], [x, y], [x, y]]" in m, or "[]" for a disc'
     try:
         found = json.loads(checks.instance("footprint", text, str))
@@ -197,7 +197,7 @@ def _footprint(text: object) -> Any:
 
 
 def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
-    """Return what reads obstacles of type `kind`: the function that `hook` names, or the one built in."""
+    """Return the reader of obstacles of type `kind`: the function named by `hook`, or the built-in one."""
     readers: dict[str, Callable[[Any], Any] | None] = {
         "visualization_msgs/msg/MarkerArray": convert.read_markers,
         "geometry_msgs/msg/PoseArray": lambda message: convert.read_poses(message, radius),
@@ -219,12 +219,12 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
 
 
 def defaults(**changes: Any) -> dict[str, Any]:
-    """Return the values of all parameters for a robot that drives in any direction, but for `changes`."""
+    """Return the default values of all parameters for a holonomic robot, with `changes`."""
     return {name: one.default for name, one in parameters().items()} | {"robot.drive": "holonomic"} | changes
 
 
 def refused(values: Mapping[str, Any], name: str, value: Any) -> BadInput | None:
-    """Return why `value` is refused for the parameter `name` beside `values`, whatever the drive; None if it is not."""
+    """Return why `value` is refused for the parameter `name` besides `values`, for any drive; None if it is not."""
     wrong = None
     for drive in DRIVES if name.startswith("robot.") else DRIVES[:1]:
         turning = {"robot.turning_radius": 0.5} if drive == "ackermann" else {}
@@ -257,7 +257,7 @@ def described(kind: type) -> dict[str, str]:
 def parameters() -> dict[str, Parameter]:
     """Return every parameter by name, as `RobotSpec`, `Task` and `AntwayPolicy` define them, and the node's own.
 
-    What a definition accepts is found by asking it: its words come from its refusal, its range from what it refuses.
+    What a definition accepts is found by trying: the words come from its error, the range from the refused values.
     """
     robot = described(RobotSpec)
     found = {f"robot.{f.name}": (_UNSAID.get(f.name, f.default), robot[f.name]) for f in fields(RobotSpec)}
@@ -271,14 +271,14 @@ def parameters() -> dict[str, Parameter]:
     options = described(AntwayPolicy)
     for name, option in inspect.signature(AntwayPolicy).parameters.items():
         if option.default is None:
-            continue  # ROS has no type for what the policy works out itself where it is not given
+            continue  # ROS has no type for values that the policy computes if they are not given
         default = option.default.value if isinstance(option.default, Moves) else option.default
         found[f"policy.{name}"] = (default, options[name])
     found |= _OWN
     defaults = {name: default for name, (default, _) in found.items()}
 
     def refusal(name: str, value: Any) -> str:
-        """Why `value` is refused; empty if it is not."""
+        """Return why `value` is refused; empty if it is not."""
         wrong = refused(defaults, name, value)
         return "" if wrong is None else wrong.allowed
 
@@ -293,7 +293,7 @@ def parameters() -> dict[str, Parameter]:
 
 
 def _end(accepts: Callable[[Any], bool], inside: Any, outside: Any) -> Any:
-    """Return the last number from `inside` towards `outside` that is accepted, by bisection over the numbers there are."""
+    """Return the last accepted number from `inside` towards `outside`, by bisection over floats."""
     whole = isinstance(inside, int)
     for likely in (outside, *((0, 1) if whole else (math.copysign(sys.float_info.max, outside), 0.0, 5e-324))):
         beyond = likely + (1 if outside > inside else -1) if whole else math.nextafter(likely, outside)
@@ -307,7 +307,7 @@ def _end(accepts: Callable[[Any], bool], inside: Any, outside: Any) -> Any:
 
 
 def _between(a: float, b: float) -> float:
-    """Return the float halfway from `a` to `b` in the order of floats, which is that of their bits."""
+    """Return the float halfway from `a` to `b` in the order of their bits."""
 
     def rank(value: float) -> int:
         bits = int(np.float64(value).view(np.int64))

@@ -1,4 +1,4 @@
-"""Where frames stand to each other: by tf where tf2_ros can be imported, else nothing but the same frame is known."""
+"""Transforms between frames by tf if tf2_ros can be imported; otherwise only the identity is known."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from antway.ros2.frames import HERE, Pose
 
 
 class Transforms:
-    """The newest transforms that `node` has heard of."""
+    """The latest transforms received by `node`."""
 
     def __init__(self, node: Any) -> None:
         self.tf2: Any = importlib.import_module("tf2_ros") if find_spec("tf2_ros") else None
@@ -29,12 +29,12 @@ class Transforms:
             self.tf2 = None
 
     def pose(self, frame: str, within: str, t: float, timeout: float) -> Pose:
-        """Return the newest pose of `frame` in the frame `within`.
+        """Return the latest pose of `frame` in the frame `within`.
 
         Raises
         ------
         BadParameter
-            If there is none, or it is more than `timeout` s from `t` s, or is tilted; static ones (time 0) are of any age.
+            If there is none, it is more than `timeout` s from `t` s, or it is tilted; static ones (time 0) have no age.
         """
         if frame == within:
             return HERE

@@ -1,4 +1,4 @@
-"""Many places in the best order: what the node's actions compute_tour and visit_poses do."""
+"""Tours for the node's actions compute_tour and visit_poses: many places in the best order."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from antway.tours.plan import plan_tour
 if TYPE_CHECKING:
     from antway.ros2.node import AntwayNode
 
-THROUGH = 100  # by how much error codes of ComputePathThroughPoses are larger than those of ComputePathToPose
-SECONDS = 1.0  # s; the colony looks for the best order for so long
+THROUGH = 100  # offset of error codes of ComputePathThroughPoses from those of ComputePathToPose
+SECONDS = 1.0  # s; time of the search for the best order
 
 
 def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int], NDArray[np.float64]]:
@@ -40,7 +40,7 @@ def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int],
     Raises
     ------
     Failure
-        With Nav2's code for what stands in the way.
+        With Nav2's error code.
     """
     start, *stops = [place[:2] for place in places]
     try:
@@ -54,21 +54,21 @@ def find_tour(grid: Grid, places: list[Pose], radius: float) -> tuple[list[int],
 
 
 class Visit:
-    """A goal of visit_poses: drives to its poses in the best order, and on past those that it cannot come to.
+    """A goal of visit_poses: drives to its poses in the best order, and skips those that it cannot reach.
 
     Parameters
     ----------
     node : AntwayNode
     start : Pose
-        Where the robot is.
+        Place of the robot.
     poses : list of Pose
-        Where it is to go, in the map's frame.
+        Destinations in the map's frame.
     loops : int
-        How often it goes round again after the first time.
+        Number of repetitions after the first round.
     ended : function of (code, reason, missed)
-        Called once, when all is done: Nav2's error code, words, and (index, code) of each pose that was not come to.
+        Called once at the end: Nav2's error code, a text, and (index, code) of each pose that was missed.
     feed : function of index
-        Called after each command with the pose that is driven to.
+        Called after each command with the present destination.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Visit:
         return self._next()
 
     def _next(self) -> None:
-        """Drive to the next pose, or be done."""
+        """Drive to the next pose, or end."""
         if not self.left:
             reason = f"missed {[index for index, _ in self.missed]}" if self.missed else ""
             return self.ended(NONE, reason, self.missed)
@@ -115,7 +115,7 @@ class Visit:
         return self.node.go(Goal((x, y), hurried=True, yaw=yaw), self._arrived, lambda: self.feed(index))
 
     def _arrived(self, end: End, reason: str) -> None:
-        """Go on after a pose, unless the robot was sent elsewhere or stopped."""
+        """Continue after a pose, unless the robot was sent elsewhere or stopped."""
         index = self.left.pop(0)
         if end in (End.REPLACED, End.DROPPED):
             away = [(i, TASK_EXECUTOR_FAILED) for i in dict.fromkeys([index, *self.left])]

@@ -1,1 +1,1 @@
-"""From a path to a motion: shortcuts, speed profiles, nonlinear programs."""
+"""Turns paths into motions: curves, stops at corners, speed profiles."""

@@ -14,7 +14,7 @@ from antway.errors import BadParameter
 def covering_discs(polygon: ArrayLike, count: int) -> tuple[NDArray[np.float64], float]:
     """Return the centres, float64[count, 2], and the radius in m of equal discs that cover the box around `polygon`.
 
-    They stand in a row along the longer side; each covers its share of the box exactly to the corners.
+    They are in a row along the longer side; each covers its part of the box exactly to the corners.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A motion: where the robot is at which time, how it stands and how fast it drives and turns there."""
+"""A motion: poses, velocities and turn rates over time."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class Motion:
 
     @property
     def time(self) -> float:
-        """How long it takes, s."""
+        """Duration, s."""
         return float(self.t[-1])
 
     @property
     def length(self) -> float:
-        """How long its path is, m."""
+        """Length of the path, m."""
         return float(np.hypot(*np.diff(self.xy, axis=0).T).sum())

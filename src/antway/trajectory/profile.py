@@ -1,4 +1,4 @@
-"""The motion that stands at every corner of a polyline, and which corners are worth a stop."""
+"""The motion that stops at every corner of a polyline, and the choice of corners."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from antway.trajectory.motion import Motion
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import finite_limits
 
-_STRAIGHT = 1e-9  # rad; legs that turn by less are one
-_AHEAD = 60  # corners that a leg may leave out
+_STRAIGHT = 1e-9  # rad, m; smaller turns and distances are ignored
+_AHEAD = 60  # limit of corners that a leg may skip
 
 
 def stop_at_corners(points: ArrayLike, robot: RobotSpec) -> Motion:
-    """Return the fastest motion along a polyline that stands at every vertex; wheels turn in place there.
+    """Return the fastest motion along a polyline that stops at every vertex, where wheels turn in place.
 
     Parameters
     ----------
     points : float64[N, 2]
-        m; equal neighbours count once. Wheels begin with the heading of the first leg and end with that of the last.
+        m; equal neighbours count once. Wheels start with the heading of the first leg and end with that of the last.
     robot : RobotSpec
         Infinite accelerations count as 1000 m/s^2 and rad/s^2.
 
@@ -84,7 +84,7 @@ def _trapezoid(distance: float, most: float, growth: float, fall: float) -> list
 
 
 def without_repeats(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a polyline without vertices that equal the one before or lie straight between their neighbours."""
+    """Return a polyline without vertices that equal the one before or are straight between their neighbours."""
     if len(xy) == 0:
         return xy
     xy = xy[np.concatenate(([True], (np.diff(xy, axis=0) != 0.0).any(axis=1)))]
@@ -96,7 +96,7 @@ def without_repeats(xy: NDArray[np.float64]) -> NDArray[np.float64]:
 def straight_legs(points: NDArray[np.float64], grid: Grid, robot: RobotSpec) -> NDArray[np.float64] | None:
     """Return the polyline through some of the vertices that a disc as wide as the robot drives in the least time with stops.
 
-    None where not even the legs between neighbours are clear of walls, by the exact swept test.
+    None if not even the legs between neighbours are clear of walls, by the exact swept test.
     """
     xy = without_repeats(points)
     at, limits = grid.to_points(xy).tolist(), finite_limits(robot)

@@ -1,4 +1,4 @@
-"""From a plan to a motion: the path bent so that it is driven fast, or the one that stops at corners where that is faster."""
+"""Turns a plan into a motion along a curve, or with stops at corners if that is faster."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ from antway.verify_drive import check_motion
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import finite_limits
 
-_SPACINGS = (0.5, 0.3)  # m between control points
-_MORE_SPACINGS = (0.8, 1.2, 0.4)  # m; where those led to nothing
-_STEERING = 1.01  # by which a turning radius is taken larger, as samples miss the tightest place
-_FEWEST = 8  # control points
-_TRIALS = 40_000  # moves of control points for each start of the search, at most
-_FINE = 16  # samples of a span in the answer
-_DISCS = 3  # that cover a footprint
+_SPACINGS = (0.5, 0.3)  # m; distances between control points
+_MORE_SPACINGS = (0.8, 1.2, 0.4)  # m; distances tried if the first ones give no motion
+_STEERING = 1.01  # factor of the turning radius, because samples may miss the tightest place
+_FEWEST = 8  # least number of control points
+_TRIALS = 40_000  # limit of moves of control points for each search
+_FINE = 16  # samples on a span of the result
+_DISCS = 3  # number of discs that cover a footprint
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """The answer of `smooth`.
+    """The result of `smooth`.
 
     Attributes
     ----------
     status : Status
-        FOUND with a motion, NO_PATH where none was found that the robot could drive, and as the plan's where that has no path.
+        FOUND with a motion; NO_PATH if none was found that the robot can drive; that of the plan if it has no path.
     motion : Motion or None
         It has passed `check_motion`.
     bent : bool
         Whether it follows a curve; else it stops at corners.
     stop_time : float
-        Time in s of the motion that stops at corners; infinite where there is none.
+        Time in s of the motion that stops at corners; infinite if there is none.
     bound : float
         The plan's length over v_max, s.
     elapsed : float
         s.
     reason : str
-        What is wrong with the fastest motion that was found and discarded, if there was one.
+        Why the fastest motion was discarded, if it was.
     """
 
     status: Status
@@ -68,7 +68,7 @@ class Smoothed:
 
 
 class _Task(NamedTuple):
-    """A map with its corner at (0, 0), and what is to drive on it."""
+    """A map with its corner at (0, 0), and the robot on it."""
 
     grid: Grid
     robot: RobotSpec
@@ -81,24 +81,24 @@ class _Task(NamedTuple):
 def smooth(
     path: Plan, robot: RobotSpec, *, grid: Grid | None = None, margin: float = 0.02, seed: int = 0, trials: int = 400
 ) -> Smoothed:
-    """Bend a plan into a motion from stand to stand that takes little time.
+    """Turn a plan into a fast motion from stand to stand.
 
     Parameters
     ----------
     path : Plan
-        For a disc of the robot's radius. It says on which side of everything the motion goes, and is the first shape tried.
+        A plan for a disc of the robot's radius. It determines the side of each obstacle, and is the initial shape.
     robot : RobotSpec
-        Its limits hold: speed, acceleration, braking, turn rate and its change, turning radius. Wheels begin and end with the
-        heading of the path there and do not reverse; a holonomic robot with a footprint keeps that of the map. Infinite
-        accelerations count as 1000 m/s^2 and rad/s^2. Latency has no effect.
+        The motion respects its limits of speed, acceleration, braking, turn rate and its change, and turning radius. Wheels
+        start and end with the heading of the path and do not reverse; a holonomic robot with a footprint keeps the heading of
+        the map. Infinite accelerations count as 1000 m/s^2 and rad/s^2. Latency has no effect.
     grid : Grid or None
-        The map, not inflated; None: the plan's own, which is the map for plans of `antway.plan`.
+        The map, not inflated; None: that of the plan, which is the map for plans of `antway.plan`.
     margin : float
-        Clearance kept from walls beyond the robot's body, m, >= 0; less where start or goal has less.
+        Distance kept from walls, m, >= 0; less where start or goal has less.
     seed : int
-        Of the search for the shape.
+        Seed of the search for the shape.
     trials : int
-        Moves tried for each control point of the curve, 1 to 10,000; fewer on very long paths.
+        Number of moves tried for each control point, 1 to 10,000; fewer on very long paths.
 
     Returns
     -------
@@ -168,12 +168,12 @@ def _fastest(motions: list[Motion], grid: Grid, robot: RobotSpec) -> tuple[Motio
 
 
 def _lines(path: Plan, task: _Task) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Return the plan's polyline, and that of straight legs, around which a little more room may have to be found."""
+    """Return the plan's polyline, and a polyline of straight legs, for which the plan may need a little more room."""
     grid, robot = task.grid, task.robot
     line = without_repeats(path.xy(grid))
     legs = straight_legs(line, grid, robot)
     if legs is None:
-        wider = grid.inflate(robot.radius + 0.75 * grid.resolution)  # moves between free cells are then clear as a whole
+        wider = grid.inflate(robot.radius + 0.75 * grid.resolution)  # then whole moves between free cells are clear
         start, goal = ((int(row), int(col)) for row, col in path.cells[[0, -1]])
         if wider.is_free(start) and wider.is_free(goal):
             other = solve(Problem(wider, start, goal), "jps")
@@ -197,7 +197,7 @@ def _surroundings(grid: Grid, robot: RobotSpec, path: Plan, margin: float) -> Su
 
 
 def _curve(line: NDArray[np.float64], spacing: float, task: _Task) -> Motion:
-    """Return the fastest motion found on a spline that begins as the polyline."""
+    """Return the fastest motion found on a spline that starts from the polyline."""
     gone = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))))
     count = max(math.ceil(gone[-1] / spacing) + 1, _FEWEST)
     points = np.column_stack([np.interp(np.linspace(0.0, gone[-1], count), gone, line[:, axis]) for axis in (0, 1)])
@@ -208,7 +208,7 @@ def _curve(line: NDArray[np.float64], spacing: float, task: _Task) -> Motion:
         curve = _sampled(points, samples)
         improve(curve, _sampled(points, samples), task.surroundings, limits, moves, state)
         points = curve.points
-        # Where spans join the turn rate changes by a few percent more than it may, until it is planned with so much less.
+        # At joints of spans the turn rate changes a few percent faster than allowed, so the limit is lowered accordingly.
         limits = limits._replace(alpha_max=min(limits.alpha_max, limits.alpha_max * task.limits.alpha_max / _spin(curve)))
     return _timed(curve, task)
 
@@ -221,13 +221,13 @@ def _spin(curve: Curve) -> float:
 
 
 def _sampled(points: NDArray[np.float64], samples: int) -> Curve:
-    """Return a curve with those control points; nothing else is computed yet."""
+    """Return a curve with these control points; nothing else is computed yet."""
     count = (len(points) + 1) * samples + 1
     return Curve(points.copy(), np.zeros((count, 2)), np.zeros((count, 2)), *(np.zeros(count) for _ in range(6)))
 
 
 def _timed(curve: Curve, task: _Task) -> Motion:
-    """Return the motion along a curve; slower by the same factor everywhere where a limit is exceeded between samples."""
+    """Return the motion along a curve, slowed down by a common factor if a limit is exceeded between samples."""
     robot, limits = task.robot, task.limits
     speed = np.sqrt(curve.square)
     dt = 2.0 * curve.ds[:-1] / (speed[:-1] + speed[1:])
@@ -250,7 +250,7 @@ def _timed(curve: Curve, task: _Task) -> Motion:
 
 
 def _on_map(motion: Motion, grid: Grid) -> Motion:
-    """Return a motion on the map with its corner at (0, 0) as it is on the map where it lies."""
+    """Return a motion on the map with its corner at (0, 0) in the frame of the original map."""
     x, y, yaw = grid.origin
     cos, sin = math.cos(yaw), math.sin(yaw)
     turn = np.array([[cos, sin], [-sin, cos]])

@@ -9,7 +9,7 @@ from antway.errors import BadParameter
 
 
 def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = None) -> Path:
-    """Turn a trace file into what the suffix of `out` names, and return where it is.
+    """Convert a trace file to the format of the suffix of `out`, and return its path.
 
     Parameters
     ----------
@@ -18,12 +18,12 @@ def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = No
     out : path
         .html for a replay page, .gif or .mp4 for an animation, .png, .svg or .pdf for a picture.
     at : float or None
-        For a picture, the moment to show in s; None: the whole path driven.
+        For a picture, the time to show in s; None: the whole driven path.
 
     Raises
     ------
     BadScenario, TooLarge
-        For a file that is no trace.
+        For a file that is not a trace.
     BadParameter
         For another suffix.
     """

@@ -19,13 +19,13 @@ from antway.view import style
 from antway.view.figures import HORIZON, predicted
 from antway.world.trace import Trace
 
-SUPER = 2  # frames are drawn this many times larger and reduced, which smooths every edge
-CAPTION = 34  # px under the map
-LEGEND = 24  # px, height of a line of the legend
-GAP = 4  # px between episodes side by side
-ROBOT, HALO = 5.0, 5.0  # px: the robot's least radius, and the width of the ring round it, which finds it among obstacles
+SUPER = 2  # factor by which frames are drawn larger and then reduced, to smooth edges
+CAPTION = 34  # px; height of the caption under the map
+LEGEND = 24  # px; height of a line of the legend
+GAP = 4  # px; gap between episodes side by side
+ROBOT, HALO = 5.0, 5.0  # px; least radius of the robot, and width of the ring around it that makes it easy to find
 
-VIOLET = "#5E3C99"  # pheromone
+VIOLET = "#5E3C99"  # colour of pheromone
 
 XY = Sequence[float] | NDArray[np.float64]
 
@@ -40,14 +40,14 @@ def write_animation(
     frames: int = 100,
     seconds: float = 12.0,
 ) -> Path:
-    """Write `trace` as an animation of at most `frames` frames that plays for at most `seconds` s; return where it is.
+    """Write `trace` as an animation of at most `frames` frames and at most `seconds` s; return its path.
 
-    Episodes of the same place `beside` it are shown to its right at the same times, each `width` pixels wide.
+    Episodes `beside` it, of the same scene, are shown to its right at the same times, each `width` pixels wide.
 
     Raises
     ------
     BadParameter
-        For a suffix other than .gif and .mp4, and for .mp4 where ffmpeg is not installed.
+        For a suffix other than .gif and .mp4, and for .mp4 if ffmpeg is not installed.
     """
     path, traces = Path(path), (trace, *beside)
     longest = max(traces, key=lambda one: float(one.t[-1]))
@@ -64,7 +64,7 @@ def write_animation(
 
 
 def _write_gif(pictures: list[Image.Image], path: Path, pause: int) -> None:
-    """One palette for all frames, from the one in the middle, so that colours do not flicker and only changes are stored."""
+    """Write a GIF with one palette for all frames, so that colours do not flicker and only changes are stored."""
     palette = pictures[len(pictures) // 2].quantize(96, method=Image.Quantize.MEDIANCUT)
     first, *rest = (picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures)
     pauses = [pause] * len(rest) + [2000]
@@ -85,7 +85,7 @@ def _write_mp4(pictures: Iterator[Image.Image], path: Path, rate: float) -> None
 
 
 class _Painter:
-    """Turns metres into pixels of the enlarged picture, and draws in them."""
+    """Draws in metres on the enlarged picture."""
 
     def __init__(self, trace: Trace, width: int) -> None:
         rows, cols = trace.task.grid.shape
@@ -118,7 +118,7 @@ class _Painter:
         draw.line(flat, fill=colour, width=round(width * SUPER), joint="curve")
 
     def dashes(self, draw: ImageDraw.ImageDraw, points: NDArray[np.float64], colour: str, dash: float) -> None:
-        """A dashed line, its dashes and gaps `dash` pixels long."""
+        """Draw a dashed line with dashes and gaps of `dash` pixels."""
         paths = np.hypot(*np.diff(points, axis=0).T)
         along = np.concatenate(([0.0], np.cumsum(paths)))
         step = dash * SUPER / self.scale
@@ -153,7 +153,7 @@ def last_moment(trace: Trace, width: int) -> Image.Image:
 
 
 def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
-    """Return a picture that names what is drawn in any of these episodes, in as many lines as it takes."""
+    """Return a legend of everything drawn in these episodes, in as many lines as needed."""
     decisions = [decision for trace in traces for _, decision in trace.decisions]
     moving = any(len(trace.obstacle_radius) for trace in traces)
     kinds = {  # name: shape, colour, and whether it is drawn
@@ -186,7 +186,7 @@ def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
 
 
 def _symbol(draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: str) -> None:
-    """Draw what stands for one kind of things in the legend."""
+    """Draw the symbol of an entry of the legend."""
     r = 5 * SUPER
     if shape == "star":
         _star(draw, x, y, 7 * SUPER)
@@ -209,7 +209,7 @@ def _faded(colour: str) -> tuple[int, int, int]:
 
 
 def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
-    """What does not change: the map, the global path, the goal's place."""
+    """Return the constant part: the map, the global path, the goal."""
     grid = trace.task.grid
     shade = np.full(grid.shape, 255, np.uint8)[..., None] * np.ones(3, np.uint8)
     shade[grid.blocked] = _rgb(style.WALL)
@@ -254,7 +254,7 @@ def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, na
 
 
 def _mark_robot(picture: Image.Image, painter: _Painter, trace: Trace, step: int) -> None:
-    """Draw the robot with a line to its front, and a ring that is not part of it so that it is found at a glance."""
+    """Draw the robot with a line to its front, and a ring around it that makes it easy to find."""
     (x, y), r = painter.at(trace.xy[step]), max(trace.task.robot.radius * painter.scale, ROBOT * SUPER)
     ring, veil = r + HALO * SUPER, Image.new("L", picture.size, 0)
     ImageDraw.Draw(veil).ellipse((x - ring, y - ring, x + ring, y + ring), fill=110)
@@ -281,7 +281,7 @@ def _paste_pheromone(
 
 
 def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _Painter) -> None:
-    """Paste the bands that the policy takes the obstacles to sweep."""
+    """Paste the bands that obstacles sweep according to the policy's prediction."""
     if not predicted(trace, step, HORIZON):
         return
     veil = Image.new("L", picture.size, 0)

@@ -1,4 +1,4 @@
-"""Charts: an encounter in space and time, a colony's pheromone, and what an arena found. `figures.save` writes them."""
+"""Charts: an encounter in space and time, a colony's pheromone, and results of the arena."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from antway.view import style
 from antway.view.figures import shortest
 from antway.world.trace import Trace
 
-_STEP = 0.05  # m between the points of a path that are looked at
+_STEP = 0.05  # m; distance between the sampled points of a path
 _LOOKS = (
     (style.BLUE, "o", "-"),
     (style.ORANGE, "s", "--"),
@@ -39,7 +39,7 @@ _LOOKS = (
 
 @style.styled
 def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = None, path: Plan | None = None) -> Figure:
-    """Draw how far along the global path the robot is against time, and what of the path obstacles take meanwhile.
+    """Draw the robot's progress along the global path against time, and the parts of the path that obstacles occupy.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
 
     Notes
     -----
-    The robot on the path must stay out of what is taken: it waits below it or is through above it. Beside the path, drawn
-    dotted, it goes round.
+    On the path the robot must avoid the occupied parts: it waits below them, or has passed above them. Off the path, drawn
+    dotted, it makes a detour.
     """
     last = float(trace.t[-1])
     start = checks.number("start", start, low=0.0, high=last, unit="s")
@@ -97,7 +97,7 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
 
 @style.styled
 def pheromone_figure(grid: Grid, found: Exploration, *, title: str = "Pheromone on the moves between cells") -> Figure:
-    """Draw what a colony left on every move, the more the bolder, and the best path it found."""
+    """Draw the pheromone of a colony on every move, bolder for more, and the best path."""
     fig = style.figure(*style.map_size(grid))
     axes = fig.subplots()
     draw_pheromone(axes, grid, found, f"best path, {found.plan.length:.2f} m")
@@ -107,7 +107,7 @@ def pheromone_figure(grid: Grid, found: Exploration, *, title: str = "Pheromone 
 
 
 def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> None:
-    """Draw the map, the pheromone on its moves relative to the strongest, and the best path, `words` in the legend."""
+    """Draw the map, the pheromone relative to the strongest, and the best path, with `words` in the legend."""
     style.draw_map(axes, grid)
     tau, (row0, col0, _, _) = found.pheromone, found.window
     low, high = (float(tau[tau > 0.0].min()), float(tau.max())) if (tau > 0.0).any() else (0.0, 1.0)
@@ -130,12 +130,12 @@ def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> No
 
 @style.styled
 def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which the goal was reached") -> Figure:
-    """Draw the share of episodes reached by level of difficulty and policy, with its interval at 95 %.
+    """Draw the share of episodes that reached the goal, by level and policy, with 95 % intervals.
 
     Parameters
     ----------
     table : sequence of Summary
-        As `antway.arena.summary.summarise` makes it; the rows over all levels are left out where there are others.
+        From `antway.arena.summary.summarise`; rows over all levels are left out if there are others.
     """
     if not table:
         raise BadParameter("table", table, "at least one summary")
@@ -162,12 +162,12 @@ def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which 
 
 @style.styled
 def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the optimum of one who knew it all") -> Figure:
-    """Draw by policy the share of all episodes that were reached within so many times the clairvoyant optimum.
+    """Draw for each policy the share of all episodes that reached the goal within a multiple of the clairvoyant optimum.
 
     Parameters
     ----------
     rows : sequence of Row
-        Those without a bound are left out; those that failed count as never reached.
+        Rows without a bound are left out; failed episodes count as never reached.
     """
     bound = [row for row in rows if np.isfinite(row.bound)]
     if not bound:
@@ -190,20 +190,20 @@ def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the optimu
 
 
 def _points(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points every `_STEP` m of a polyline, float64[M, 2], and how far along they are, m."""
+    """Return points every `_STEP` m of a polyline, float64[M, 2], and their distances along it, m."""
     ends = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(nodes, axis=0).T))))
     along = np.linspace(0.0, ends[-1], max(2, int(ends[-1] / _STEP) + 1))
     return np.column_stack([np.interp(along, ends, nodes[:, i]) for i in (0, 1)]), along
 
 
 def _middles(taken: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the middle of each part of what is taken."""
+    """Return the middle of each connected occupied part."""
     parts, count = label(taken)
     return [(round(when), round(where)) for when, where in center_of_mass(taken, parts, range(1, count + 1))]
 
 
 def _apart(numbers: list[tuple[int, int, str]], wide: float, high: float) -> list[tuple[int, int, str]]:
-    """Return those that do not lie over one before."""
+    """Return the labels that do not overlap an earlier one."""
     kept: list[tuple[int, int, str]] = []
     for one in numbers:
         if all(abs(one[0] - other[0]) > wide or abs(one[1] - other[1]) > high for other in kept):

@@ -1,4 +1,4 @@
-"""Charts of colonies: pheromone over time, convergence over many seeds, how much a parameter matters."""
+"""Charts of colonies: pheromone over time, convergence over seeds, sensitivity to a parameter."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def pheromone_over_time_figure(grid: Grid, found: Mapping[int, Exploration], *, 
     ----------
     grid : Grid
     found : mapping of int to Exploration
-        By cycles: `explore` of the same problem and seed, stopped after so many, is the same colony at several times.
+        By number of cycles: `explore` with the same problem and seed shows the same colony at several times.
 
     Examples
     --------
@@ -61,14 +61,14 @@ def seeds_figure(
     optimum: float | None = None,
     title: str = "Convergence over seeds",
 ) -> Figure:
-    """Draw the best length so far by tours made: the median over seeds, and a band from the 10th to the 90th percentile.
+    """Draw the best length against the number of tours: the median over seeds, and the 10th to 90th percentiles.
 
     Parameters
     ----------
     histories : mapping of name to sequence of float64[h, 3]
         For each colony (at most six) the `Tour.history` of each seed.
     optimum : float or None
-        Where it is known, the gap to it is drawn, %.
+        If it is known, the gap to it is drawn, %.
     """
     if not 0 < len(histories) <= len(_COLOURS) or not all(histories.values()):
         raise BadParameter("histories", list(histories), f"one to {len(_COLOURS)} colonies of one or more seeds each")
@@ -97,7 +97,7 @@ def seeds_figure(
 def sensitivity_figure(
     parameter: str, values: Sequence[float], lengths: ArrayLike, *, optimum: float | None = None, title: str = ""
 ) -> Figure:
-    """Draw how good answers are by the value of one parameter: every seed a dot, the mean over seeds a line.
+    """Draw the quality of answers against one parameter: a dot for each seed, and a line for the mean.
 
     Parameters
     ----------
@@ -105,9 +105,9 @@ def sensitivity_figure(
         Its name.
     values : sequence of float[V]
     lengths : array_like[V, S]
-        Best length by value and seed.
+        Best length for each value and seed.
     optimum : float or None
-        Where it is known, the gap to it is drawn, %.
+        If it is known, the gap to it is drawn, %.
     """
     at = checks.array("values", values, (None,))
     table = checks.array("lengths", lengths, (len(at), None))

@@ -12,12 +12,12 @@ from matplotlib.patches import FancyBboxPatch, Polygon
 
 from antway.view import style
 
-WIDE, HIGH, PITCH = 3.4, 0.62, 1.02  # size of a box, and from one row to the next
+WIDE, HIGH, PITCH = 3.4, 0.62, 1.02  # width and height of a box, and distance of rows
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A box of a chart: its middle is in column `column` and row `row` from the top; `kind` is end, step or question."""
+    """A box of a chart, with its centre at column `column` and row `row`; `kind` is end, step or question."""
 
     text: str
     row: float
@@ -35,7 +35,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Arrow:
-    """From box `a` to box `b`: straight, or out of the `side` of `a`, along a lane `column` away, and into that side of `b`."""
+    """From box `a` to box `b`: straight, or from the `side` of `a`, at the distance `column`, to that side of `b`."""
 
     a: str
     b: str

@@ -14,13 +14,13 @@ from antway.trajectory.smooth import Smoothed
 from antway.view import style
 from antway.world.robots import RobotSpec
 
-_SHOWN = 12  # outlines of the robot along its path, about
+_SHOWN = 12  # approximate number of outlines of the robot along its path
 _SLOW_TO_FAST = "viridis"
 
 
 @style.styled
 def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec, *, title: str = "Smoothed plan") -> Figure:
-    """Draw the motion that came of a plan.
+    """Draw the motion of a smoothed plan.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec, 
     smoothed : Smoothed
         With a motion.
     robot : RobotSpec
-        Its outline is drawn along the motion, the same time apart.
+        Its outline is drawn along the motion at equal time steps.
     title : str
     """
     motion = smoothed.motion

@@ -27,7 +27,7 @@ from antway.world.trace import Trace
 __all__ = ["convergence_figure", "final_figure", "moment_figure", "moments", "plan_figure", "save", "shortest"]
 __all__ += ["meeting", "strip_figure", "title_of", "tour_figure"]
 
-HORIZON = 3.0  # s that a prediction is drawn for
+HORIZON = 3.0  # s; time for which predictions are drawn
 
 
 @style.styled
@@ -45,7 +45,7 @@ def plan_figure(
     grid : Grid
         The map, not inflated.
     path : Plan
-        May be without a path; then the map and the ends alone are drawn.
+        If it has no path, only the map and the ends are drawn.
     title : str
     ends : ((x, y), (x, y)) or None
         Start and goal in m; None: those of the path.
@@ -76,7 +76,7 @@ def moment_figure(
     prediction: bool = True,
     pheromone: bool = False,
 ) -> Figure:
-    """Draw an episode as it stood at one step (Figs. 5 and 6 of the paper); what moves is red and has its number.
+    """Draw an episode at one step (Figs. 5 and 6 of the paper); moving obstacles are red and have their numbers.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ def moment_figure(
         In [0, len(trace)].
     title : str
     caption : str or None
-        What stands under the picture; None: the decision in words.
+        Text under the picture; None: the decision in words.
     path : Plan or None
         The global path, drawn dashed.
     prediction : bool
-        Draw where the policy took the obstacles to go within the next 3 s, if the decision of that step tells it.
+        Draw the predicted motions of the obstacles in the next 3 s, if the decision of that step has them.
     pheromone : bool
         Draw the ants' pheromone and the path that was chosen, if the decision of that step has them.
     """
@@ -159,7 +159,7 @@ def convergence_figure(
     Parameters
     ----------
     histories : mapping of name to float64[C, 4]
-        By cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats); as a `Decision` has it.
+        For each cycle: best length, mean length (m), share of ants that arrived, pheromone entropy (nats), as in `Decision`.
     optimum : float or None
         The shortest length, m, drawn as a line.
     """
@@ -194,7 +194,7 @@ def convergence_figure(
 
 @style.styled
 def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
-    """Draw a tour on its cities, where they have places, and the best length against the number of tours made."""
+    """Draw a tour, if its cities have places, and the best length against the number of tours."""
     mapped = instance.xy is not None
     fig = style.figure(10.4 if mapped else 5.6, 5.2)
     *left, right = fig.subplots(1, 2 if mapped else 1, squeeze=False, width_ratios=(1.35, 1) if mapped else None)[0]
@@ -204,7 +204,7 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
         if geographic:
             xy = xy[:, ::-1]
         x, y = xy[np.append(tour.order, tour.order[:1])].T
-        if geographic:  # a leg over the date line leaves the map at one side and comes back at the other
+        if geographic:  # a leg across the date line leaves the map on one side and returns on the other
             x = np.unwrap(x, period=360.0)
             margin = 0.03 * float(np.ptp(xy[:, 0])) or 1.0
             axes.set_xlim(xy[:, 0].min() - margin, xy[:, 0].max() + margin)
@@ -215,7 +215,7 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
         axes.set(title=title or instance.name, xlabel=names[0], ylabel=names[1], aspect="equal")
         axes.locator_params(nbins=7, steps=[1, 2, 5, 10])
     made, best, _ = np.vstack((tour.history, [tour.tours, tour.length, tour.elapsed])).T
-    dot = {"marker": "o"} if len(set(made)) == 1 else {}  # a line of one point is not seen
+    dot = {"marker": "o"} if len(set(made)) == 1 else {}  # a line with one point would be invisible
     label = f"best tour, {tour.length:,.6g}"
     right.step(np.maximum(made, 1), best, where="post", color=style.BLUE, linewidth=1.8, label=label, **dot)
     if tour.optimum is not None:
@@ -230,7 +230,7 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
 
 
 def _laid(decision: Decision) -> int:
-    """In how many cells there is pheromone."""
+    """Return the number of cells with pheromone."""
     return 0 if decision.pheromone is None else int((decision.pheromone[2] > 0).sum())
 
 
@@ -294,7 +294,7 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
 
 
 def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:
-    """Draw the bands that the policy takes the obstacles to sweep in the next 1, 2 and 3 s, paler with time."""
+    """Draw the predicted bands that obstacles sweep in the next 1, 2 and 3 s, paler with time."""
     for ahead in (HORIZON, HORIZON * 2 / 3, HORIZON / 3):
         for a, b, radius in predicted(trace, step, ahead):
             axes.add_patch(Polygon(_band(a, b, radius), facecolor=style.ORANGE, alpha=0.25, linewidth=0, zorder=3))
@@ -304,9 +304,9 @@ def _draw_predictions(axes: Axes, trace: Trace, step: int) -> None:
 
 
 def predicted(trace: Trace, step: int, ahead: float) -> list[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
-    """Return what the policy, by the decision of that step, took obstacles to sweep in the next `ahead` s.
+    """Return the predicted motions of obstacles in the next `ahead` s, from the decision of that step.
 
-    Each part is a disc's straight motion: from where to where, (x, y) in m, and its radius in m.
+    Each part is the straight motion of a disc: start and end, (x, y) in m, and its radius in m.
     """
     decision, now = trace.decision_at(min(step, max(len(trace) - 1, 0))), float(trace.t[step])
     found = []
@@ -319,7 +319,7 @@ def predicted(trace: Trace, step: int, ahead: float) -> list[tuple[NDArray[np.fl
 
 
 def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Return the outline of what a disc of `radius` sweeps from `a` to `b`, float64[50, 2]."""
+    """Return the outline of the area that a disc of `radius` sweeps from `a` to `b`, float64[50, 2]."""
     heading = np.arctan2(*(b - a)[::-1])
     angle = heading + np.linspace(-0.5, 0.5, 25) * np.pi
     ahead = np.column_stack((np.cos(angle), np.sin(angle))) * radius
@@ -327,9 +327,9 @@ def _band(a: NDArray[np.float64], b: NDArray[np.float64], radius: float) -> NDAr
 
 
 def _draw_numbers(axes: Axes, trace: Trace, step: int) -> None:
-    """Write each obstacle's number beside it; where obstacles crowd, those of the first alone."""
+    """Write each obstacle's number beside it; where numbers would overlap, only the first."""
     inches = axes.get_position().width * style.width_of(axes)
-    apart, kept = 0.14 / inches * float(np.ptp(axes.get_xlim())), np.empty((0, 2))  # one takes that much, in inches
+    apart, kept = 0.14 / inches * float(np.ptp(axes.get_xlim())), np.empty((0, 2))  # the space of a number is in inches
     for k, place in enumerate(trace.obstacle_xy[step]):
         at = place + np.array([0.0, -trace.obstacle_radius[k] if trace.task.grid.top_first else trace.obstacle_radius[k]])
         if (np.abs(kept - at) > apart).any(axis=1).all():
@@ -376,7 +376,7 @@ def _disc(
 
 
 def _scaled(amount: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Pheromone on a scale from 0 (least) to 1 (most), by its square root, so that faint trails show."""
+    """Scale pheromone from 0 (least) to 1 (most), by its square root so that faint trails are visible."""
     low, high = float(amount.min()), float(amount.max())
     if not high > low:
         return np.zeros(amount.shape)
@@ -393,5 +393,5 @@ def in_words(decision: Decision | None) -> str:
 
 
 def _wrapped(text: str) -> str:
-    """A text on at most two lines, with no character that Matplotlib would take for a formula."""
+    """Return a text on at most two lines, without characters that Matplotlib would interpret as a formula."""
     return "\n".join(textwrap.wrap(text, 90, max_lines=2, placeholder=" ...")).replace("$", r"\$")

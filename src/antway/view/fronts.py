@@ -1,4 +1,4 @@
-"""Pictures of what ants trade against one another: time, distance and clearance among moving obstacles."""
+"""Pictures of fronts of time, distance and clearance among moving obstacles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from antway.grid import Grid
 from antway.view import style
 from antway.world.timeline import Timeline
 
-_SHOWN = 6  # paths at most, spread over the front
+_SHOWN = 6  # limit of paths, spread over the front
 _COLOURS = (style.BLUE, style.TEAL, style.ORANGE, style.CYAN, style.INK, "#AA3377")
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
@@ -21,16 +21,16 @@ _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 def front_figure(
     grid: Grid, front: TimedFront, obstacles: Timeline | None = None, *, title: str = "Least time, least distance"
 ) -> Figure:
-    """Draw paths of a front on the map, and the whole front as distance against time, its clearance in words.
+    """Draw paths of a front on the map, and the whole front as distance against time, with clearances in words.
 
     Parameters
     ----------
     grid : Grid
         The map, not inflated.
     front : TimedFront
-        With one path at least; of more than six, six spread over it are drawn.
+        With at least one path; if there are more than six, six are drawn.
     obstacles : Timeline or None
-        What moves: drawn where it is at first, with the track up to the last arrival.
+        Moving obstacles, drawn at their initial places, with tracks up to the last arrival.
     title : str
 
     Examples

@@ -1,4 +1,4 @@
-"""Which moments of an episode are worth a picture, and the words under it."""
+"""Which moments of an episode to show, and their captions."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from antway.world.trace import Trace
 
 
 def shortest(task: Task) -> Plan:
-    """Return the shortest path over the cells of the static map on which the robot fits, moving by 8: Step 2 of the paper.
+    """Return the shortest path of 8 moves for the robot on the static map: Step 2 of the paper.
 
-    Of the paths that are as short it is the one that policy `paper` follows.
+    Of equally short paths it is the one that policy `paper` follows.
     """
     routes = Routes(task)
     start = routes.cell(task.start)
@@ -26,11 +26,11 @@ def shortest(task: Task) -> Plan:
 
 
 def moments(trace: Trace) -> tuple[int, int]:
-    """Return two steps worth a picture: (about to meet an obstacle, in the midst of avoiding it).
+    """Return two steps to show: (shortly before an encounter, while avoiding the obstacle).
 
-    The first is that of the decision for the detour that leads farthest from the shortest path; without detours, of the first
-    decision to do other than follow it; without such, the closest approach. The second is that step or one at most 1.5 s later
-    at which the robot still does the same about the same obstacle.
+    The first is the step of the decision for the detour that leads farthest from the shortest path; without detours, of the
+    first decision not to follow it; else the closest approach. The second is that step, or one at most 1.5 s later at which the
+    robot still reacts in the same way to the same obstacle.
     """
     busy = [(n, step, decision) for n, (step, decision) in enumerate(trace.decisions) if decision.obstacle is not None]
     detours = [one for one in busy if one[2].action == "avoid" and one[2].path is not None]
@@ -51,7 +51,7 @@ def moments(trace: Trace) -> tuple[int, int]:
 
 
 def _strays(decision: Decision, onward: NDArray[np.float64]) -> float:
-    """How far the path of a decision leads from the nodes `onward`, m."""
+    """Return the largest distance of the path of a decision from the nodes `onward`, m."""
     if decision.path is None or not len(onward):
         return 0.0
     away = np.hypot(*(decision.path.xy[:, None] - onward[None]).transpose(2, 0, 1))
@@ -59,7 +59,7 @@ def _strays(decision: Decision, onward: NDArray[np.float64]) -> float:
 
 
 def meeting(decision: Decision | None) -> str:
-    """Return the caption of a picture before an encounter: what would be met, when, if the robot drove on as it does."""
+    """Return the caption before an encounter: what the robot would meet, and when, at its present velocity."""
     if decision is None or decision.obstacle is None:
         return "no obstacle is in the robot's way"
     kind = f" ({decision.encounter.replace('crossing-', 'crossing from the ')})" if decision.encounter else ""
@@ -71,7 +71,7 @@ def meeting(decision: Decision | None) -> str:
 
 
 def title_of(decision: Decision | None) -> str:
-    """Return the title of a picture in the midst of an encounter: what the robot does about the obstacle."""
+    """Return the title during an encounter: how the robot reacts to the obstacle."""
     doing = {"avoid": "Going round it", "wait": "Waiting for it", "brake": "Braking for it", "stuck": "Stuck"}
     doing |= {"step-back": "Stepping back from it", "step-aside": "Stepping aside"}
     return doing.get("" if decision is None else decision.action, "Passing it")

@@ -1,4 +1,4 @@
-"""Records in a notebook: pictures beside their words, replay pages in a frame, tables as data frames."""
+"""Records in notebooks: pictures with text, replay pages in a frame, tables as data frames."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def grid_figure(grid: Grid) -> Figure:
 
 
 def figure_of(record: object, grid: Grid | None = None) -> Figure | None:
-    """Return the picture of a record; None of an episode without a trace."""
+    """Return the picture of a record, or None for an episode without a trace."""
     if isinstance(record, Grid):
         return grid_figure(record)
     if isinstance(record, Plan):
@@ -82,7 +82,7 @@ def pixels(trace: Trace, step: int) -> NDArray[np.uint8]:
 
 
 def html(record: object) -> str:
-    """Return what a notebook shows of a record: its words, and its picture where there is one."""
+    """Return the HTML of a record for a notebook: its text, and its picture if there is one."""
     words = f"<p><code>{markup.escape(repr(record))}</code></p>"
     if isinstance(record, Plan) and record.grid is None:
         return words
@@ -98,15 +98,15 @@ def html(record: object) -> str:
 def show(record: object, *, height: int = 720, browser: bool = True) -> Page:
     """Show a record: an episode as a page that replays it, anything else as its picture.
 
-    In a notebook the page that is returned shows itself; elsewhere it opens in the browser.
+    In a notebook the returned page shows itself; elsewhere it opens in the browser.
 
     Parameters
     ----------
     record : Grid, Plan, TourPlan, EpisodeResult or Trace
     height : int
-        Of the frame in a notebook, pixels.
+        Height of the frame in a notebook, pixels.
     browser : bool
-        Open the browser outside notebooks.
+        Whether to open the browser outside notebooks.
 
     Returns
     -------
@@ -147,12 +147,12 @@ def to_dataframe(table: object) -> Any:
     ----------
     table : EpisodeResult, Trace, TourPlan, Plan, or rows
         An episode has a row for each control step (t in s, x and y in m, vx and vy in m/s, heading in rad, cycle_ms), a tour
-        one for each visit, a plan one for each cell, and rows of the arena (`Results.rows()`, `summarise(rows)`) one each.
+        for each visit, a plan for each cell, and results of the arena (`Results.rows()`, `summarise(rows)`) for each row.
 
     Raises
     ------
     BadParameter
-        For anything else, an episode without a trace, and where pandas is not installed.
+        For anything else, for an episode without a trace, or if pandas is not installed.
     """
     records = _records(table)
     try:

@@ -30,17 +30,17 @@ _EXPORT = re.compile(r"^export \{.*?\};\n", re.MULTILINE)
 
 
 def write_replay(trace: Trace, path: str | Path, *, beside: Sequence[Trace] = (), shortest: Plan | None = None) -> Path:
-    """Write the page that plays `trace`, with the global path `shortest` as a layer; return where it is."""
+    """Write the page that plays `trace`, with the global path `shortest` as a layer; return its path."""
     path = Path(path)
     path.write_text(replay_page(trace, beside=beside, shortest=shortest), encoding="utf-8")
     return path
 
 
 def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | None = None) -> str:
-    """Return the page as text; episodes of the same place `beside` it play at its right at the same times.
+    """Return the page as text; episodes `beside` it, of the same scene, play to its right at the same times.
 
-    Names and reasons from the trace reach the page as JSON data alone, and its script shows them as text; the page's security
-    policy allows its own script and style, by their hashes, and nothing else.
+    Names and reasons from the trace are only JSON data, which the script shows as text. The page's security policy allows only
+    its own script and style, by their hashes.
     """
     style = _asset("replay.css")
     script = "".join(_EXPORT.sub("", _IMPORT.sub("", _asset(name))) for name in ("layers.js", "canvas.js", "replay.js"))
@@ -63,7 +63,7 @@ def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | 
 
 
 def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
-    """Everything that the page's script reads; places are quantised to 1/65535 of the box that holds them all."""
+    """Return the data for the page's script; places are quantised to 1/65535 of their bounding box."""
     task, grid = trace.task, trace.task.grid
     paths = [decision.path.xy for _, decision in trace.decisions if decision.path is not None]
     path = shortest.xy(grid) if shortest is not None and len(shortest.cells) else np.empty((0, 2))
@@ -105,7 +105,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
 
 
 def _stops(rounds: Rounds | None) -> list[dict[str, Any]]:
-    """The stops of an episode in the order of the visits, and those not visited after them."""
+    """Return the stops of an episode in the order of the visits, then those not visited."""
     if rounds is None:
         return []
     visits = {visit.stop: visit for visit in rounds.visits}
@@ -122,7 +122,7 @@ def _stops(rounds: Rounds | None) -> list[dict[str, Any]]:
 
 
 def map_record(grid: Grid, pack: Callable[[NDArray[np.bool_]], str]) -> dict[str, Any]:
-    """Return what the pages' scripts read of a map, its masks as `pack` makes them; what is unknown is not shown as blocked."""
+    """Return the data of a map for the pages' scripts, with masks packed by `pack`; unknown cells are not shown as blocked."""
     return {
         "rows": grid.shape[0],
         "cols": grid.shape[1],
@@ -136,7 +136,7 @@ def map_record(grid: Grid, pack: Callable[[NDArray[np.bool_]], str]) -> dict[str
 
 
 def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int], heaps: list[dict[str, Any]]) -> dict[str, Any]:
-    """One decision; equal pheromone is stored once."""
+    """Return the data of a decision; equal pheromone is stored once."""
     heap = None
     if decision.pheromone is not None:
         row, col, amount = decision.pheromone
@@ -168,7 +168,7 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
 
 
 class _Box:
-    """The smallest box round all points, and points quantised in it."""
+    """The bounding box of all points, in which points are quantised."""
 
     def __init__(self, points: list[NDArray[np.float64]]) -> None:
         every = np.vstack(points)
@@ -186,14 +186,14 @@ def to_base64(values: NDArray[Any], dtype: str) -> str:
 
 
 def _shades(amount: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Pheromone in 16 shades from least to most by its square root, so that faint trails show."""
+    """Return pheromone in 16 shades by its square root, so that faint trails are visible."""
     low, high = float(amount.min()), float(amount.max())
     share = (amount - low) / (high - low) if high > low else np.zeros_like(amount)
     return np.round(15 * np.sqrt(share)).astype(np.uint8)
 
 
 def _mask(amount: NDArray[Any], *, levels: int) -> str:
-    """Return integers in [0, levels] as a PNG whose alpha is their share, its first row being the last of `amount`."""
+    """Return integers in [0, levels] as a PNG with them as alpha; its first row is the last of `amount`."""
     picture = Image.fromarray(np.flipud(amount).astype(np.uint8))
     picture.putpalette([0, 0, 0] * (levels + 1))
     buffer = io.BytesIO()

@@ -1,4 +1,4 @@
-"""The report: one HTML page of tables, plots and failures, made from the results file alone."""
+"""The report: an HTML page with tables, plots and failures, made from the results file."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from antway.view.charts import success_figure, time_ratio_figure
 from antway.view.replay import replay_page
 from antway.world.trace import Trace
 
-GALLERY = 8  # failures shown for each policy
-WIDE = 320  # px, width of its picture
+GALLERY = 8  # number of failures shown for each policy
+WIDE = 320  # px; width of a failure's picture
 _DATA = re.compile(r'(<script type="application/json" id="episode">)(.*?)(</script>)', re.DOTALL)
 
 
@@ -36,7 +36,7 @@ def write_report(results: Results, path: str | Path) -> Path:
 
 
 def report_page(results: Results) -> str:
-    """Return the page as text; it opens offline, and its security policy allows its own scripts only."""
+    """Return the page as text; it works offline, and its security policy allows only its own scripts."""
     rows = results.rows()
     replays = _Replays(results)
     suites = list(dict.fromkeys(row.suite for row in rows))
@@ -44,7 +44,7 @@ def report_page(results: Results) -> str:
     style, script = _asset("report.css"), _asset("report.js")
     hashes = {"script": [_hash(script)], "style": [_hash(style)]}
     for kind, found in re.findall(r"(script|style)-src '(sha256-[^']+)'", replays.shell):
-        hashes[kind].append(found)  # a replay opened from this page must satisfy this page's policy as well
+        hashes[kind].append(found)  # a replay opened from this page must satisfy the policy of this page as well
     allowed = "; ".join(f"{kind}-src {' '.join(map(repr, values))}" for kind, values in hashes.items())
     versions = ", ".join(sorted({row.version for row in rows}))
     parts = {
@@ -60,14 +60,14 @@ def report_page(results: Results) -> str:
 
 
 class _Replays:
-    """The replay pages of failures: the part they share, once, and the data of each."""
+    """The replay pages of failures: the common part, and the data of each."""
 
     def __init__(self, results: Results) -> None:
         self.results = results
         self.shell, self.data = "", list[str]()
 
     def add(self, row: Row) -> tuple[int, Trace] | None:
-        """Return the number under which the page opens the replay, and the trace; None if none was kept."""
+        """Return the number of the replay on the page, and the trace; None if none was kept."""
         text = self.results.trace(row.key)
         if not text:
             return None
@@ -122,7 +122,7 @@ def _table(table: Sequence[Summary]) -> str:
 
 
 def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
-    """Ranks by success and by time over the optimum; a rank is lost only to a policy that is significantly better."""
+    """Return the ranks by success and by time over the optimum; only significantly better policies rank higher."""
     wins, times = paired(rows, policies)
     time = {name: (rank, mean) for name, mean, rank in metrics.ranks(times, most=False)}
     lines = []
@@ -152,7 +152,7 @@ def _gallery(rows: Sequence[Row], policies: Sequence[str], replays: _Replays) ->
 
 
 def _thumbnail(row: Row, replays: _Replays) -> str:
-    """The episode's last moment as a small picture that opens its replay."""
+    """Return the last moment of an episode as a small picture that opens its replay."""
     caption = f"<b>{_text(row.outcome)}</b> {_text(row.episode)}<br>{_text(row.reason)}"
     found = replays.add(row)
     if found is None:

@@ -1,4 +1,4 @@
-"""The figure of rounds: where the robot drove from stop to stop, and when it was at each."""
+"""The figure of rounds: the path from stop to stop, and the times at the stops."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ EDGE = "#9AA3AD"
 
 @style.styled
 def rounds_figure(trace: Trace, *, title: str = "") -> Figure:
-    """Draw an episode's rounds: on the map, stops numbered as they were visited; below it when the robot came, waited, served.
+    """Draw an episode's rounds: a map with stops numbered by visit, and below the times of arrival, waiting and service.
 
     Parameters
     ----------
     trace : Trace
         Of a scenario with stops.
     title : str
-        By default how many stops were visited, and when.
+        By default the number of visited stops, and the times.
     """
     rounds = trace.rounds if trace.rounds is not None else Rounds(())
     low, high = shown_part(trace.task.grid)
@@ -87,7 +87,7 @@ def _draw_stops(axes: Axes, trace: Trace, rounds: Rounds, points_per_metre: floa
 
 
 def _draw_times(axes: Axes, trace: Trace, rounds: Rounds) -> None:
-    """Draw one row a stop: its window, and when the robot drove to it, waited and served."""
+    """Draw a row for each stop: its window, and the times of driving, waiting and service."""
     end, before, labels = float(trace.t[-1]), 0.0, []
     order = [*(visit.stop for visit in rounds.visits), *rounds.missed]
     for row, stop in enumerate(order):

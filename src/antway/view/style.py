@@ -1,4 +1,4 @@
-"""One style for every picture: colours that colour-blind people can tell apart, sizes, and the map as a background."""
+"""The common style of pictures: colours for colour-blind people, sizes, and the map as a background."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from antway.grid import Grid
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Tol's "vibrant" scheme, which people with any common colour blindness can tell apart; red is kept for moving obstacles.
+# Tol's "vibrant" scheme, which is safe for common kinds of colour blindness; red is reserved for moving obstacles.
 BLUE, CYAN, TEAL, ORANGE, RED = "#0077BB", "#33BBEE", "#009988", "#EE7733", "#CC3311"
 INK, WALL, UNKNOWN, RULE = "#1B1F24", "#454B54", "#D3D7DC", "#E3E6EA"
 _VIOLET = [(0.45, 0.25, 0.65, 0.0), (0.45, 0.25, 0.65, 0.55), (0.25, 0.05, 0.45, 0.95)]
@@ -57,7 +57,7 @@ _STYLE: dict[str, Any] = {
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Run `draw` in the one style, and leave Matplotlib's settings as they were."""
+    """Run `draw` in the common style, and restore Matplotlib's settings."""
 
     @wraps(draw)
     def inside(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -95,12 +95,12 @@ def save(fig: Figure, path: str | Path) -> Path:
 
 @styled
 def svg(fig: Figure) -> str:
-    """Return `fig` as an SVG element within a page: on the page's ground, without the styles that a page's policy forbids."""
+    """Return `fig` as an SVG element for a page: transparent, and without styles that a page's policy forbids."""
     file = io.StringIO()
     fig.savefig(file, format="svg", metadata={"Date": None}, transparent=True)
     text = file.getvalue()
     text = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", text[text.index("<svg ") :], flags=re.DOTALL)
-    text = re.sub(r'<g id="[^"]*"', "<g", text)  # figures of one page would share these names
+    text = re.sub(r'<g id="[^"]*"', "<g", text)  # figures on one page would share these names
 
     def attributes(found: re.Match[str]) -> str:
         pairs = (pair.split(":", 1) for pair in found[1].split(";") if ":" in pair)
@@ -155,7 +155,7 @@ def draw_map(axes: Axes, grid: Grid) -> None:
 
 
 def show_box(axes: Axes, grid: Grid, low: Sequence[float], high: Sequence[float]) -> None:
-    """Show the part of a map from `low` to `high`, (x, y) in m, its row 0 on top if the map is drawn so."""
+    """Show the part of a map from `low` to `high`, (x, y) in m, with row 0 on top for `Grid.top_first`."""
     axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]) if grid.top_first else (low[1], high[1]))
 
 
@@ -173,7 +173,7 @@ def _corners(grid: Grid) -> tuple[list[float], list[float]]:
 
 
 def casing(width: float) -> list[Any]:
-    """Return path effects that lay a white edge round a line of `width` points, so that it reads on any ground."""
+    """Return path effects that draw a white edge around a line of `width` points, so that it is visible everywhere."""
     return [Stroke(linewidth=width + 1.6, foreground="white"), Normal()]
 
 

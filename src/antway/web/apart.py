@@ -1,7 +1,7 @@
-"""Work on what comes over the network, in processes of its own: one that crashes, hangs or asks for too much costs one request.
+"""Work on data from the network in separate processes: one that crashes, hangs or needs too much memory costs one request.
 
-The server sends a process the name of a piece of work and what it takes; the process is kept for the next request, and is ended
-where it takes too long or the tab that asked is closed. Its memory is limited beyond what it needs to begin with.
+The server sends a process the name of a task and its arguments. The process is kept for the next request, and is ended if it
+takes too long or the tab is closed. The memory that it may use in addition to its initial memory is limited.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from typing import Any, BinaryIO
 from antway.errors import BadInput, BadParameter
 from antway.reading import limit_process
 
-MEMORY = 512 * 2**20  # bytes of address space that work may take beyond what the process has when it begins
-SECONDS = 20.0  # s that reading a file may take
-EXPORT_SECONDS = 120.0  # s that an export may take
-IDLE = 2  # processes that are kept for the next request
-MOST = 3  # processes at a time; further requests wait
+MEMORY = 512 * 2**20  # bytes of address space that a task may use beyond the initial memory of the process
+SECONDS = 20.0  # s; time limit for reading a file
+EXPORT_SECONDS = 120.0  # s; time limit of an export
+IDLE = 2  # number of processes that are kept for the next request
+MOST = 3  # limit of processes at a time; further requests wait
 _LENGTH = struct.Struct("<Q")
 
 
 def _upload(files: object) -> object:
-    """Read a scenario, and play its first step, so that what would crash does so here."""
+    """Read a scenario, and play its first step, so that a crash happens here."""
     from antway.web.files import read_upload
     from antway.world.episode import Episode
 
@@ -64,8 +64,8 @@ WORK: dict[str, Callable[..., object]] = {"upload": _upload, "export": _export, 
 class Apart:
     """A few processes that work for all tabs."""
 
-    def __init__(self, most: int = MOST) -> None:
-        self.turns, self.lock = threading.Semaphore(most), threading.Lock()
+    def __init__(self) -> None:
+        self.turns, self.lock = threading.Semaphore(MOST), threading.Lock()
         self.idle: list[subprocess.Popen[bytes]] = []
 
     def run(self, work: str, *given: object, seconds: float = SECONDS, closed: threading.Event | None = None) -> Any:
@@ -74,7 +74,7 @@ class Apart:
         Raises
         ------
         BadInput
-            What the work raises; and where its process ends, or has to be ended.
+            As raised by the task; also if its process ends, or has to be ended.
         """
         with self.turns:
             with self.lock:
@@ -97,7 +97,7 @@ class Apart:
         return answer
 
     def close(self) -> None:
-        """End the processes that wait for work."""
+        """End the idle processes."""
         with self.lock:
             while self.idle:
                 _end(self.idle.pop())
@@ -144,9 +144,9 @@ def _asked(process: subprocess.Popen[bytes], request: bytes, until: float, close
 
 
 def serve() -> None:
-    """Work for the process that started this one, until it closes the pipe."""
+    """Work for the parent process until it closes the pipe."""
     out: BinaryIO = os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(2, 1)  # what anything prints is no answer
+    os.dup2(2, 1)  # other output must not mix with answers
     import antway.view.animation
     import antway.web.files
     import antway.world.episode  # noqa: F401 - so that their memory is not counted

@@ -28,10 +28,10 @@ from antway.world.trace import Trace
 from antway.world.tracefile import to_json
 from antway.world.world import World
 
-MAX_BYTES = 4 * 2**20  # of all files together, unpacked
+MAX_BYTES = 4 * 2**20  # limit of all files together, unpacked
 MAX_FILES = 8
 MAX_OBSTACLES = 200
-MAX_LINK = 30_000  # characters
+MAX_LINK = 30_000  # limit of characters of a link
 LIMITS = Limits(cells=2**20, file_bytes=MAX_BYTES)
 _PLAIN = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # other methods may need gigabytes of memory to unpack
 _SPOILT = (zipfile.BadZipFile, zlib.error, struct.error, NotImplementedError, RuntimeError, EOFError, OSError, ValueError)
@@ -40,17 +40,17 @@ _MAPS = (".yaml", ".yml", ".map", ".txt", ".npy", ".png", ".pgm")
 
 
 def read_upload(files: object) -> Scenario:
-    """Return the scenario in `files`, or one made of the map in them.
+    """Return the scenario in `files`, or one made from a map in them.
 
-    Files are a list of {name, data in base64}; a picture has a resolution, too, and from how much black on it shows walls.
+    `files` is a list of {name, data in base64}; a picture also has a resolution, and the blackness from which it shows walls.
 
-    A .zip is unpacked. The first file of .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm, in this order, is read; the
+    A .zip is unpacked. The first file of type .toml, .yaml, .yml, .map, .txt, .npy, .png, .pgm, in this order, is read; the
     others are files that it refers to.
 
     Raises
     ------
     BadInput
-        If there are too many files, they are too large, or hold no scenario or map; the text names them without folder.
+        If there are too many files, they are too large, or contain no scenario or map; files are named without folder.
     """
     contents = _unpacked(decoded(files))
     given: dict[str, Any] = {}
@@ -139,7 +139,7 @@ def _name(value: object) -> str:
 
 
 def task_on(grid: Grid, name: str) -> Scenario:
-    """Return a scenario across the largest part of `grid` in which the robot fits, from low row and column to high."""
+    """Return a scenario across the largest connected part of `grid` for the robot, from low row and column to high."""
     from scipy.ndimage import label
 
     robot = RobotSpec(radius=min(0.3, 0.3 * grid.resolution) if grid.resolution >= 1.0 else 0.25)
@@ -199,17 +199,17 @@ EXPORTS = {"trace": trace_file, "replay": replay_file, "gif": gif_file}
 
 
 def kept(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
-    """Return the scenario's file for the page to keep in its browser."""
+    """Return the scenario's file, which the page keeps in the browser."""
     return {"kind": "kept", "name": scenario.name, "policies": policies, "data": scenario_file(scenario)["base64"]}
 
 
 def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
-    """Return what follows the # of an address that opens this very scenario: it holds the file and goes to no server.
+    """Return the part after the # of an address that opens this scenario; it contains the file and is sent to no server.
 
     Raises
     ------
     TooLarge
-        For a scenario that browsers might cut.
+        For a scenario that is too long for browsers.
     """
     data = scenario_file(scenario)["base64"].replace("+", "-").replace("/", "_").rstrip("=")
     if len(data) > MAX_LINK:

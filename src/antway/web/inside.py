@@ -1,4 +1,4 @@
-"""A look inside one control cycle: what its ants have found after so many of their own cycles, and the trails they lay."""
+"""A look inside one control cycle: what its ants have found after a number of their own cycles, and their pheromone."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from antway.world.policy import Decision, Policy
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """The control cycle to come, with at most `cycles` ant cycles.
+    """The next control cycle, with at most `cycles` ant cycles.
 
     Attributes
     ----------
     cycles : int
     done : bool
-        Whether the ants ended by themselves: the control cycle will come to the same.
+        Whether the ants finished by themselves, so that the control cycle will have the same result.
     decision : Decision
     policy : Policy
-        A copy of the policy as it is then.
+        A copy of the policy after this.
     """
 
     cycles: int
@@ -35,17 +35,17 @@ class Look:
 
 
 def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
-    """Play the control cycle to come on a copy with at most so many ant cycles; say why if no ants take part in it."""
+    """Play the next control cycle on a copy with at most `cycles` ant cycles; return why if no ants take part in it."""
     if not isinstance(policy, ShowsAnts):
         return "This policy has no ants."
-    shared = (episode.scenario, episode.stage.task, episode.stage.timeline)  # what never changes
+    shared = (episode.scenario, episode.stage.task, episode.stage.timeline)  # constant, so it need not be copied
     trial, ants = copy.deepcopy((episode, policy), {id(thing): thing for thing in shared})
     step = ants.step_ants(cycles, trial.step)
     return step.idle or Look(cycles, step.done, step.decision, ants)
 
 
 def edges(policy: Policy, grid: Grid, most: int) -> NDArray[np.float64]:
-    """Return the strongest trails of a policy's ants, float64[n, 5]: both ends (x, y, x, y) in m and the share of the most."""
+    """Return the strongest trails of a policy's ants, float64[n, 5]: both ends (x, y, x, y) in m, and relative strength."""
     if not isinstance(policy, ShowsAnts):
         return np.empty((0, 5))
     here, there, amount = policy.trails()

@@ -1,4 +1,4 @@
-"""Carries a tab's requests to its session and frames back: bounded in size and rate, never waiting for a slow page."""
+"""Passes a tab's requests to its session and frames back, with limits of size and rate, without waiting for slow pages."""
 
 from __future__ import annotations
 
@@ -19,43 +19,43 @@ from antway.web.view import Message
 
 T = TypeVar("T")
 
-MAX_SMALL = 2**19  # bytes of a message, unless it opens a file
-MAX_LISTS = 50_000  # lists and objects of a message: an empty one takes twenty times its text in memory
-RATE = 60.0  # messages a second that a page may send
-BURST = 240.0  # messages that a page may send at once
-IN_FLIGHT = 2  # frames that may be unconfirmed at a time
-TIMEOUT = 7.0  # s that a page may leave a frame unconfirmed; it is disconnected within 10 s, however busy the server is
-TICK = 1 / 40  # s between frames, at least
-THREADS = 2  # threads that play; more would take time from the event loop, which shares the interpreter
-SLICE = 0.05  # s that a tab may play before others have their turn
-LULL = 0.01  # s without a request after which play continues
-HOLD = 1.0  # s that requests may delay play, at most
+MAX_SMALL = 2**19  # limit of bytes of a message, unless it opens a file
+MAX_LISTS = 50_000  # limit of lists and objects in a message; in memory an empty one takes twenty times its text
+RATE = 60.0  # 1/s; limit of messages from a page
+BURST = 240.0  # limit of messages from a page at once
+IN_FLIGHT = 2  # limit of unconfirmed frames
+TIMEOUT = 7.0  # s; how long a frame may be unconfirmed; then the page is disconnected within 10 s, even by a busy server
+TICK = 1 / 40  # s; least time between frames
+THREADS = 2  # number of threads that play; more would delay the event loop, which shares the interpreter
+SLICE = 0.05  # s; how long a tab may play before others have their turn
+LULL = 0.01  # s; time without a request after which play continues
+HOLD = 1.0  # s; longest delay of play by requests
 
 
 class Turns:
-    """Shares a few threads beside the event loop among the tabs, first come, first served; requests go before play.
+    """Shares a few threads among the tabs, first come, first served; requests have priority over play.
 
-    Somebody waits for the answer to a request, which takes a fraction of a millisecond; a control cycle that comes late is
-    simply left out.
+    A user waits for the answer to a request, which takes a fraction of a millisecond, whereas a late control cycle is simply
+    left out.
     """
 
     def __init__(self, threads: int = THREADS) -> None:
         self.free, self.workers = asyncio.Semaphore(threads), ThreadPoolExecutor(threads, "antway")
-        self.latest_request = -math.inf  # time on the loop's clock
+        self.latest_request = -math.inf  # time on the clock of the event loop
         self.playing = asyncio.Semaphore(threads)  # at most this many tabs play or wait for a lull at a time
 
     def request(self) -> None:
-        """Note that a file is requested or a tab opened."""
+        """Record that a file is requested or a tab opened."""
         self.latest_request = asyncio.get_running_loop().time()
 
     async def take(self, work: Callable[..., T], *given: object) -> T:
-        """Run `work` on one of the threads, so that the server answers others meanwhile."""
+        """Run `work` in one of the threads, so that the server can answer others meanwhile."""
         async with self.free:
             return await asyncio.get_running_loop().run_in_executor(self.workers, work, *given)
 
     @asynccontextmanager
     async def lull(self) -> AsyncIterator[None]:
-        """Wait until no request has come for a moment, in a stream of them for `HOLD`, and until few others play."""
+        """Wait until there was no request for a moment (at most `HOLD` s), and until few others play."""
         time = asyncio.get_running_loop().time
         latest = time() + HOLD
         async with self.playing:
@@ -67,7 +67,7 @@ class Turns:
 
 
 class Player:
-    """Carries requests to a session and frames back, at the pace of the clock and never ahead of the page."""
+    """Passes requests to a session and frames back, at the pace of the clock and never ahead of the page."""
 
     def __init__(self, websocket: WebSocket, session: Tab, turns: Turns, exports: Turns) -> None:
         self.websocket, self.session = websocket, session
@@ -141,7 +141,7 @@ class Player:
         await self.show()
 
     async def play(self) -> None:
-        """Advance the session at the pace of the clock; cycles that come too late are left out, not made up for."""
+        """Advance the session at the pace of the clock; late cycles are left out, not made up for."""
         due = self.clock()
         while True:
             if not self.session.playing:
@@ -176,9 +176,9 @@ class Player:
                     self.owed, self.in_flight = False, self.in_flight + 1
 
     def moment(self, steps: int, send_frame: bool) -> str:
-        """Play this many steps; return the frame of the moment reached, or nothing if none is to be sent.
+        """Play this many steps; return the frame of the moment, or nothing if none is to be sent.
 
-        Steps that do not begin within `SLICE` are left out: whatever a tab plays, others wait no longer for their turn.
+        Steps that do not start within `SLICE` are left out, so that others do not wait longer for their turn.
         """
         until = time.perf_counter() + SLICE
         while steps and time.perf_counter() < until:
@@ -197,7 +197,7 @@ class Player:
 
 
 def _refusal(error: BadInput, request: object) -> Message:
-    """Return why a request was refused, and its number if the page gave one: another field than the one set may be wrong."""
+    """Return why a request was refused, and its number if the page gave one; the wrong field may be another one."""
     number = request.get("number") if isinstance(request, dict) else None
     number = number if isinstance(number, int) else None
     return {"kind": "refused", "error": type(error).__name__, "field": error.field, "number": number, "text": str(error)}

@@ -1,7 +1,7 @@
-"""The live page's server: a fixed list of files over HTTP and one session per websocket, by default for this machine alone.
+"""The server of the live page: a fixed list of files over HTTP and a session for each websocket, by default only local.
 
 Every request must name this server (its Host header, which stops DNS rebinding) and come from its own pages (its Origin header,
-which stops other sites). The page is served to who has the token that `antway serve` prints. There is nothing to post: a page
+which stops other sites). The page is served only with the token that `antway serve` prints. There are no POST requests: a page
 sends its requests over its websocket, which opens only with that token. A session lives as long as its socket.
 """
 
@@ -42,12 +42,12 @@ from antway.web.session import PARAMETERS, POLICIES, Session
 from antway.web.tab import Tab
 
 PORT = 8765
-MAX_MESSAGE = 6 * 2**20  # bytes of a message; the largest is an upload in base64
+MAX_MESSAGE = 6 * 2**20  # limit of bytes of a message; the largest is an upload in base64
 MAX_SESSIONS = 256
-MAX_HEAD = 2**16  # bytes of an HTTP request
-CLOSING = 2.0  # s that a page has to answer that its websocket is closed
-EXPORTS = 8  # threads that wait for files and exports, which other processes work on
-MAX_FILES = 8192  # sockets and files open at once, where the system allows as many
+MAX_HEAD = 2**16  # limit of bytes of an HTTP request
+CLOSING = 2.0  # s; time for a page to confirm that its websocket is closed
+EXPORTS = 8  # number of threads that wait for files and exports from other processes
+MAX_FILES = 8192  # number of sockets and files open at once, if the system allows it
 
 _FILES = {  # path: package, file, type
     "/": ("antway.web", "page.html", "text/html"),
@@ -86,27 +86,27 @@ def is_loopback(host: str) -> bool:
 
 
 def is_wildcard(host: str) -> bool:
-    """Tell whether `host`, however it is written ("0", "0x0", "::0"), stands for all addresses of this machine."""
+    """Tell whether `host`, in any notation ("0", "0x0", "::0"), means all addresses of this machine."""
     name = host.strip("[]")
     if name in ("", "*"):
         return True
     try:
         found = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
-        return False  # no name at all, which is refused where it is used
+        return False  # an invalid name, which is refused later
     return any(ipaddress.ip_address(str(address[0]).partition("%")[0]).is_unspecified for *_, address in found)
 
 
 def names_of(host: str, port: int) -> frozenset[str]:
-    """Return what a Host header may say to a server at `host` and `port`."""
+    """Return the allowed Host headers of a server at `host` and `port`."""
     hosts = {"127.0.0.1", "localhost", "[::1]"} if is_loopback(host) else {f"[{host}]" if ":" in host else host.lower()}
     return frozenset({f"{name}:{port}" for name in hosts} | (hosts if port == 80 else set()))
 
 
 class Gate:
-    """Passes requests that name this server and come from its own page on; all others are answered with 403.
+    """Passes on requests that name this server and come from its own page; all others are answered with 403.
 
-    `files` are answers to a GET of their paths, from their headers on: `Prompt` writes them at once, without the framework.
+    `files` are complete answers to a GET of their paths: `Prompt` writes them directly, without the framework.
     """
 
     def __init__(self, app: ASGIApp, names: frozenset[str], turns: Turns, files: Mapping[str, bytes]) -> None:
@@ -118,13 +118,13 @@ class Gate:
         hosts, origins = (
             [value.decode("latin-1").lower() for key, value in scope["headers"] if key == name] for name in (b"host", b"origin")
         )
-        # A browser names the origin of every websocket, but not that of a plain GET of a page.
+        # A browser sends the origin of every websocket, but not that of a plain GET of a page.
         own = origins == [] if scope["type"] == "http" else False
         own = own or (len(origins) == 1 and origins[0] in self.origins)
         return own and len(hosts) == 1 and hosts[0] in self.names
 
     def at_once(self, scope: Scope) -> bytes:
-        """Return the answer to a GET of a fixed file, from its headers on; nothing for any other request."""
+        """Return the complete answer to a GET of a fixed file; nothing for any other request."""
         if scope["method"] != "GET" or scope["path"] not in self.files or not self.is_ours(scope):
             return b""
         self.turns.request()
@@ -142,7 +142,7 @@ class Gate:
 
 
 def _with_headers(send: Send) -> Send:
-    """Return what sends an answer with the security headers that it lacks, as those of the framework's own do."""
+    """Return a `send` that adds missing security headers, as in the framework's own answers."""
 
     async def sending(message: Any) -> None:
         if message["type"] == "http.response.start":
@@ -160,14 +160,14 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
     Parameters
     ----------
     names : frozenset of str
-        What a Host header may say (`names_of`).
+        The allowed Host headers (`names_of`).
     token : str
-        What a websocket must present as its second subprotocol, and who asks for a page as ?token=... or, once that is done, in
-        a cookie: on this machine there may be others, too.
+        The token that a websocket needs as its second subprotocol, and a request for a page as ?token=... or, later, in a
+        cookie. Even on this machine there may be other users.
     apart : Apart or None
-        Processes that read files and make exports for the tabs; None: the server does.
+        Processes that read files and make exports for the tabs; None: the server does it.
     """
-    cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # its own name for each server: cookies do not tell ports apart
+    cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
     crossing = {
         "policies": POLICIES,
         "about": {name: ABOUT["policies"][name] for name in POLICIES},
@@ -191,7 +191,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
         text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", pages.get(path, ""))
         return Response(text, 200, _HEADERS, kind)
 
-    whole = {path: file(path) for path in _FILES}  # made once, because they are the same for all
+    whole = {path: file(path) for path in _FILES}  # made once, because they are constant
 
     def with_token(path: str) -> Callable[[Request], Awaitable[Response]]:
         async def answer(request: Request) -> Response:
@@ -219,7 +219,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
                 tab.apart = apart
                 await Player(websocket, tab, turns, exports).run()
             except (asyncio.CancelledError, WebSocketDisconnect):
-                pass  # the server ends, or the page left at once
+                pass  # the server ends, or the page was left at once
             finally:
                 open_tabs.discard(websocket)
 
@@ -232,7 +232,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
 
 
 def _written(answer: Response) -> bytes:
-    """Return an answer as it is sent, from its headers on."""
+    """Return an answer as the bytes that are sent."""
     return _lines(answer.raw_headers) + b"\r\n" + bytes(answer.body)
 
 
@@ -241,7 +241,7 @@ def _lines(headers: Iterable[tuple[bytes, bytes]]) -> bytes:
 
 
 def _embedded(choices: Mapping[str, object]) -> str:
-    """Return JSON that is safe within a page."""
+    """Return JSON that is safe inside a page."""
     return json.dumps(choices).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -250,7 +250,7 @@ def _same(one: str, other: str) -> bool:
 
 
 class Unstuck:
-    """A connection that is closed `TIMEOUT` s after the other side has stopped reading."""
+    """A connection that is closed `TIMEOUT` s after the other side stops reading."""
 
     loop: asyncio.AbstractEventLoop
     transport: asyncio.Transport
@@ -265,14 +265,14 @@ class Unstuck:
 
 
 class Wire(Unstuck, WebSocketsSansIOProtocol):
-    """A websocket to a page, which is cut if the page does not answer that it is closed."""
+    """A websocket to a page, which is cut if the page does not confirm that it is closed."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
         self.close_timeout = CLOSING
 
     async def send(self, message: Any) -> None:
-        """Send a message of the application; to a page on which uvicorn has hung up by itself there is nothing to send."""
+        """Send a message of the application, unless uvicorn has closed the connection itself."""
         await self.writable.wait()
         if self.handshake_complete and self.close_sent and self.close_timer is None:
             raise ClientDisconnected
@@ -280,9 +280,9 @@ class Wire(Unstuck, WebSocketsSansIOProtocol):
 
 
 class Prompt(Unstuck, HttpToolsProtocol):
-    """HTTP that cuts a connection without a whole request, body and all, in `TIMEOUT` s, or with one of over `MAX_HEAD` bytes.
+    """HTTP that cuts a connection if a request is incomplete after `TIMEOUT` s, or has more than `MAX_HEAD` bytes.
 
-    The time runs from the connection's begin and from the first byte of each request; uvicorn ends the pauses between them.
+    The time starts with the connection and with the first byte of each request; uvicorn limits the pauses between requests.
     """
 
     waiting: asyncio.TimerHandle | None = None
@@ -293,7 +293,7 @@ class Prompt(Unstuck, HttpToolsProtocol):
         self.expect()
 
     def expect(self) -> None:
-        """Give the other side `TIMEOUT` s from now, unless its time is running already."""
+        """Give the other side `TIMEOUT` s from now, unless its time already runs."""
         if self.waiting is None:
             self.waiting = self.loop.call_later(TIMEOUT, self.give_up)
 
@@ -306,7 +306,7 @@ class Prompt(Unstuck, HttpToolsProtocol):
         self.settle()
 
     def _start_asgi_task(self, cycle: Any, app: Any) -> None:
-        """Answer a request: with a fixed file at once, where nothing else waits to be written, else by the application."""
+        """Answer a request: directly for a fixed file if nothing else waits to be written, else by the application."""
         file = b"" if self.pipeline or self.flow.write_paused or not isinstance(app, Gate) else app.at_once(cycle.scope)
         if not file:
             return super()._start_asgi_task(cycle, app)
@@ -319,7 +319,7 @@ class Prompt(Unstuck, HttpToolsProtocol):
         return None
 
     def settle(self) -> None:
-        """Note that a request is whole, or that the connection is gone."""
+        """Record that a request is complete, or that the connection is closed."""
         if self.waiting is not None:
             self.waiting.cancel()
         self.waiting, self.head = None, 0
@@ -347,7 +347,7 @@ def config_of(app: ASGIApp) -> uvicorn.Config:
         app,
         log_level="error",
         access_log=False,
-        proxy_headers=False,  # nothing stands between this server and its page
+        proxy_headers=False,  # there is no proxy
         http=Prompt,
         ws=Wire,
         ws_max_size=MAX_MESSAGE,
@@ -359,7 +359,7 @@ def config_of(app: ASGIApp) -> uvicorn.Config:
 
 
 def _allow_files() -> None:
-    """Let the process open as many sockets as it may."""
+    """Raise the limit of open sockets as far as allowed."""
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -376,12 +376,12 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
     Parameters
     ----------
     host : str
-        An address or a name of this machine. Any but a loopback address opens the page to other machines. Whoever opens it
-        needs the token, here too.
+        An address or a name of this machine. Any but a loopback address opens the page to other machines. The token is always
+        needed.
     port : int
         0 means any free port.
     ready : callable
-        Called with the address of the page, and its token in it, once the port is open.
+        Called with the address of the page, which includes the token, once the port is open.
 
     Raises
     ------

@@ -30,15 +30,15 @@ from antway.world.world import Obstacle, World
 
 POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
 MAX_UNDO = 100
-MAX_UNDO_BYTES = 16 * 2**20  # of the maps that undo keeps
+MAX_UNDO_BYTES = 16 * 2**20  # limit of bytes of the maps kept for undo
 MAX_STOPS = 40
 MAX_WAYPOINTS = 50
-FIELD = 40_000  # cells of the distance field that is sent to the page, at most
+FIELD = 40_000  # limit of cells of the distance field that is sent to the page
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number that the page lets people set: a field of the scenario, its range there, and what it means."""
+    """A number that users can set on the page: a field of the scenario, its range, and its meaning."""
 
     field: str
     label: str
@@ -71,7 +71,7 @@ PARAMETERS = (
 
 @cache
 def _first() -> Scenario:
-    """Return what a tab shows at first; all tabs share it, for scenarios and their maps do not change."""
+    """Return what a tab shows at first; all tabs share it, because scenarios and maps are immutable."""
     return load_scenario(scene(SCENES[0]))
 
 
@@ -85,7 +85,7 @@ class Session(Tab):
         self.policies: tuple[str, ...] = ("antway",)
         self.history: list[Scenario] = []
         self.position = -1
-        self.at = 0  # control cycles that are shown
+        self.at = 0  # number of control cycles that are shown
         self._open(_first())
         self.operations |= {
             "at": self._at,
@@ -116,7 +116,7 @@ class Session(Tab):
 
     @property
     def steps(self) -> int:
-        """How many control cycles were played; `at` of them are shown."""
+        """Number of control cycles played, of which `at` are shown."""
         return max(view.episode.steps for view in self.views)
 
     @property
@@ -124,7 +124,7 @@ class Session(Tab):
         return self.at == self.steps and all(view.episode.outcome is not None for view in self.views)
 
     def advance(self, steps: int) -> None:
-        """Show so many control cycles more, of all policies in step; those that were not played yet are played."""
+        """Show this many more control cycles of all policies in step, and play those that were not played yet."""
         for _ in range(steps):
             if self.closed.is_set():
                 return
@@ -136,13 +136,13 @@ class Session(Tab):
             self.playing = False
 
     def frame(self) -> Message:
-        """Return what the page shows of this moment: at most 60 kB as JSON."""
+        """Return the content of the page at this moment, at most 60 kB as JSON."""
         views = [view.frame(len(self.views), self.at) for view in self.views]
         shown = {"at": self.at, "steps": self.steps}
         return {"kind": "frame", "playing": self.playing, "speed": self.speed, **shown, "views": views}
 
     def describe(self) -> Message:
-        """Return everything that does not move: map, start and goal, obstacles, parameters, names."""
+        """Return everything static: map, start and goal, obstacles, parameters, names."""
         scenario, grid = self.scenario, self.scenario.world.grid
         inflated = grid.inflate(scenario.robot.radius)
         start, goal = inflated.cell_at(scenario.start), inflated.cell_at(scenario.goal)
@@ -175,7 +175,7 @@ class Session(Tab):
         }
 
     def _shortest(self, inflated: Grid) -> list[list[float]]:
-        """Return the shortest path from the start to the goal, over the stops in the order decided on first, in m."""
+        """Return the shortest path from start to goal, through the stops in the first order, in m."""
         scenario, tour = self.scenario, self.views[0].episode.tour
         order = () if tour is None else tour.turns[0].order
         places = [scenario.start, *(scenario.stops[stop].at for stop in order), scenario.goal]
@@ -184,14 +184,14 @@ class Session(Tab):
         return [point for leg in legs for point in leg]
 
     def _set_up(self, scenario: Scenario, policies: tuple[str, ...]) -> None:
-        """Start again with these; if that is refused, everything stays as it was."""
+        """Restart with these; if that is refused, nothing changes."""
         if len(scenario.world.obstacles) > MAX_OBSTACLES:
             raise TooLarge("obstacles.length", len(scenario.world.obstacles), f"at most {MAX_OBSTACLES} on the page")
         self.views = [View(scenario, policy) for policy in policies]
         self.at = 0
 
     def _open(self, scenario: Scenario) -> list[Message]:
-        """Make `scenario` the present one, as a step that can be undone."""
+        """Make `scenario` the present one; this can be undone."""
         self._set_up(scenario, self.policies)
         return self._remember(scenario)
 
@@ -219,7 +219,7 @@ class Session(Tab):
         return []
 
     def _ants(self, message: Message) -> list[Message]:
-        """Run one more ant cycle within the control cycle; if no ants take part in it, play it and say why they do not."""
+        """Run one more ant cycle in the control cycle; if no ants take part in it, play it and say why."""
         self.playing, self.at = False, self.steps
         looked = [view.look_inside() for view in self.views]
         if True not in looked:
@@ -301,7 +301,7 @@ class Session(Tab):
         return self._change(world=World(world.grid, (*world.obstacles, Obstacle(radius, motion))))
 
     def _stop(self, message: Message) -> list[Message]:
-        """Add a stop at a point, or remove the one that is there; where rounds are under way, another stop joins them."""
+        """Add a stop at a point, or remove the one there; a stop can be added to rounds in progress."""
         x, y = checks.point("xy", message.get("xy"))
         near = max(self.scenario.goal_tolerance, self.scenario.world.grid.resolution)
         kept = tuple(stop for stop in self.scenario.stops if math.dist(stop.at, (x, y)) > near)

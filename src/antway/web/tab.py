@@ -1,4 +1,4 @@
-"""The state behind one tab of a page: requests come in, scenes and frames go out. A tab knows nothing of sockets."""
+"""The state of a tab of a page, which takes requests and returns scenes and frames, independent of sockets."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Tab(ABC):
     Attributes
     ----------
     SPEEDS : tuple of float
-        What `speed` may be.
+        Allowed values of `speed`.
     playing : bool
     speed : float
-        How fast the run plays.
+        Speed of play.
     closed : threading.Event
         Set when the tab is closed, so that long work ends.
     apart : Apart or None
-        Processes that read files and make exports; None: this one does.
+        Processes that read files and make exports; None: this process does it.
     operations : dict of str to callable
         The requests of the page: each takes a message and returns the messages to send back.
     """
@@ -35,7 +35,7 @@ class Tab(ABC):
 
     def __init__(self, speed: float) -> None:
         self.closed = threading.Event()
-        self.apart: Apart | None = None  # where the server gives it processes for what must not hurt others
+        self.apart: Apart | None = None  # processes from the server for work that must not affect others
         self.playing, self.speed = False, speed
         self.operations: dict[str, Callable[[Message], list[Message]]] = {
             "play": self._play,
@@ -59,14 +59,14 @@ class Tab(ABC):
 
     @abstractmethod
     def frame(self) -> Message:
-        """Return what the page shows of this moment: at most 60 kB as JSON."""
+        """Return the content of the page at this moment, at most 60 kB as JSON."""
 
     @abstractmethod
     def describe(self) -> Message:
         """Return everything that does not change while the run plays."""
 
     def work(self, name: str, *given: object, seconds: float = SECONDS) -> Any:
-        """Return what a piece of work gives, done in a process of its own if there are any."""
+        """Return the result of a task, done in a separate process if there are any."""
         if self.apart is None:
             return WORK[name](*given)
         return self.apart.run(name, *given, seconds=seconds, closed=self.closed)
@@ -77,7 +77,7 @@ class Tab(ABC):
         Raises
         ------
         BadInput
-            For wrong messages, which change nothing.
+            For invalid messages, which change nothing.
         """
         if not isinstance(message, dict):
             raise BadParameter("message", message, "a JSON object")

@@ -22,11 +22,11 @@ from antway.web.tab import Tab
 from antway.web.view import Message, short
 
 MAX_CITIES = 5000
-MIN_CITIES = 4  # of a colony
+MIN_CITIES = 4  # least number of cities of a colony
 SEARCHES = ("none", "2opt", "oropt", "3opt")
 PERSISTENCES = ("the rule's", "adaptive")
-_EDGES = 2000  # edges with pheromone in one frame, at most
-_SLICE = 0.1  # s that one call of `advance` may take
+_EDGES = 2000  # limit of edges with pheromone in a frame
+_SLICE = 0.1  # s; time limit of a call of `advance`
 
 
 def _scattered() -> Tsp:
@@ -55,7 +55,7 @@ _SQUARE: Frame = (np.zeros(2), np.full(2, 1000.0))
 
 
 class Tours(Tab):
-    """The state behind one tab; its speed is in cycles per second."""
+    """The state of a tab; its speed is in cycles per second."""
 
     SPEEDS = (1.0, 4.0, 16.0, 64.0, 1024.0)
 
@@ -155,7 +155,7 @@ class Tours(Tab):
         return ends[first], np.round(255 * amount[order][first])
 
     def _restart(self, instance: Tsp, settings: dict[str, Any], frame: Frame | None = None) -> list[Message]:
-        """Start again with these, and another map if one is given; if that is refused, everything stays as it was."""
+        """Restart with these, and with another map if one is given; if that is refused, nothing changes."""
         if instance.metric in ("MATRIX", "GEO"):
             raise BadParameter(
                 "EDGE_WEIGHT_TYPE", instance.metric, "one of cities with places: EUC_2D, CEIL_2D or ATT", where=instance.name
@@ -191,7 +191,7 @@ class Tours(Tab):
         raise BadParameter("files", list(contents), "a TSPLIB file .tsp")
 
     def _city(self, message: Message) -> list[Message]:
-        """Add a city at a point, or remove the one that is there; x and y are shares of the map's longer side."""
+        """Add a city at a point, or remove the one there; x and y are shares of the map's longer side."""
         x, y = checks.point("xy", message.get("xy"))
         near = checks.number("near", message.get("near"), low=0.0, high=0.1)
         xy, (low, size) = self.instance.xy, self.map
@@ -233,7 +233,7 @@ class Tours(Tab):
 
 
 def _around(instance: Tsp) -> Frame | None:
-    """Return the map that just holds the cities; None without places."""
+    """Return the smallest map with all cities; None without places."""
     if instance.xy is None:
         return None
     size = np.ptp(instance.xy, axis=0)

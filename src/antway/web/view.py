@@ -1,4 +1,4 @@
-"""One policy at work in a session: its episode, what it is shown, and what of both the page has been told."""
+"""A policy in a session: its episode, its observations, and what of both was sent to the page."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from antway.world.scenario import Scenario
 
 Message = dict[str, Any]
 
-HORIZON = 3.0  # s; predictions are shown so far ahead
-_GROWTH = 0.03  # m/s; policy paper lets its tubes widen so fast
-_QUANTILE = 1.645  # so many standard deviations are added to the radius of an obstacle that is sensed with noise
-_SHADES = 40_000  # greatest number of cells of pheromone in one frame
-_EDGES = 400  # greatest number of the ants' trails in one frame
-_KNOTS = 300  # greatest number of knots of a planned path in one frame
-MAX_SEEN = 1000  # greatest number of moments for which it is kept what was sensed
+HORIZON = 3.0  # s; time for which predictions are shown
+_GROWTH = 0.03  # m/s; growth of the tubes of policy paper
+_QUANTILE = 1.645  # number of standard deviations added to the radius of an obstacle that is sensed with noise
+_SHADES = 40_000  # limit of cells of pheromone in a frame
+_EDGES = 400  # limit of the ants' trails in a frame
+_KNOTS = 300  # limit of knots of a planned path in a frame
+MAX_SEEN = 1000  # limit of moments for which observations are kept
 _COLUMNS = 7  # see `_packed`
-_ROWS = 300  # greatest number of new rows of the driven path in one frame
+_ROWS = 300  # limit of new rows of the driven path in a frame
 
 
 class Watched:
-    """A policy, and what it was shown last."""
+    """A policy, and its last observation."""
 
     def __init__(self, policy: Policy) -> None:
         self.policy = policy
@@ -49,9 +49,9 @@ class Watched:
 
 
 def _packed(seen: Observation | None) -> bytes:
-    """Return what the page may ask of an observation later, in little room: hundreds of tabs keep hundreds of them.
+    """Return the parts of an observation that the page may need later, compactly, as hundreds of tabs keep hundreds of them.
 
-    Rows of seven numbers: its time and the sensor's; then place, velocity, radius and the variances of both of each track.
+    These are rows of seven numbers: its time and the sensor's; then place, velocity, radius and both variances of each track.
     """
     if seen is None:
         return b""
@@ -64,16 +64,16 @@ def _packed(seen: Observation | None) -> bytes:
 
 
 class Moment(NamedTuple):
-    """What the episode's own record does not hold of each moment."""
+    """What is kept of each moment besides the episode's record."""
 
-    seen: bytes  # what was sensed, see `_packed`
-    clearance: float  # the least so far, m
+    seen: bytes  # the observation, see `_packed`
+    clearance: float  # m; the smallest so far
     visited: tuple[tuple[int, bool], ...]  # stops, and whether each was reached too late
     order: tuple[int, ...]
 
 
 class View:
-    """One policy at work, and what of it the page has been told."""
+    """A policy at work, and what of it was sent to the page."""
 
     def __init__(self, scenario: Scenario, policy: str) -> None:
         self.episode = Episode(scenario, policy)
@@ -83,12 +83,12 @@ class View:
             self.episode.policy = self.watched
         else:
             tour.policy = self.watched
-        if isinstance(self.watched.policy, ShowsAnts):  # its own memory would be megabytes for each of hundreds of tabs
+        if isinstance(self.watched.policy, ShowsAnts):  # own memory would take megabytes for each tab
             self.watched.policy.use_common_memory()
-        self.sent = 0  # rows of the record
+        self.sent = 0  # number of rows of the record that were sent
         self.decision: Decision | None = None
-        self.look: Look | None = None  # into the cycle to come
-        self.idle = ""  # why no ants take part in it
+        self.look: Look | None = None  # a look inside the next cycle
+        self.idle = ""  # why no ants take part in the next cycle
         self.moments = [self._moment()]
 
     def step(self) -> None:
@@ -101,7 +101,7 @@ class View:
                 self.moments[-MAX_SEEN - 1] = self.moments[-MAX_SEEN - 1]._replace(seen=b"")
 
     def added(self) -> None:
-        """Note that a stop was added: the page forgets what it has been told when it is told of a scene."""
+        """Record that a stop was added, after which the page gets a new scene and everything is sent again."""
         self.sent, self.decision = 0, None
         self.moments[-1] = self._moment()
 
@@ -114,7 +114,7 @@ class View:
         return Moment(_packed(self.watched.seen), clearance, visited, tuple(tour.order))
 
     def look_inside(self) -> bool:
-        """Let the ants of the cycle to come do one cycle more, on a copy; tell whether there was one."""
+        """Run one more ant cycle of the next control cycle on a copy; tell whether there was one."""
         if self.episode.outcome is not None or (self.look is not None and self.look.done):
             return False
         cycles = 1 if self.look is None else self.look.cycles + 1
@@ -123,7 +123,7 @@ class View:
         return self.look is not None
 
     def frame(self, views: int, at: int) -> Message:
-        """Return the moment after `at` control cycles, or the last one, and what else is new since the last frame."""
+        """Return the moment after `at` control cycles, or the last one, and everything new since the last frame."""
         episode, stage = self.episode, self.episode.stage
         n = min(at, episode.steps)
         moment, latest = self.moments[n], n == episode.steps
@@ -161,14 +161,14 @@ class View:
             self.decision = decision
             policy = self.watched.policy if look is None else look.policy
             record["decision"] = None if decision is None else _decision(decision, views)
-            laid = latest and decision is not None and decision.pheromone is not None  # trails of before are not kept
+            laid = latest and decision is not None and decision.pheromone is not None  # earlier trails are not kept
             record["trails"] = (
                 [[short(v) for v in edge] for edge in edges(policy, stage.task.grid, _EDGES // views)] if laid else []
             )
         return record
 
     def _braking(self, n: int) -> tuple[float, float]:
-        """Return the distance in m and the time in s to a stand, if the robot brakes after one more control period."""
+        """Return distance in m and time in s until the robot stands, if it brakes after one more control period."""
         spec, stage = self.episode.stage.task.robot, self.episode.stage
         speed = math.hypot(*stage.velocity[n])
         if speed < 1e-6:
@@ -178,7 +178,7 @@ class View:
         return (speed * periods - slower) * spec.dt, periods * spec.dt
 
     def _tubes(self, packed: bytes, now: float) -> list[list[Any]]:
-        """Return [radius in m, growth in m/s, [[time from now, x, y], ...]] of each obstacle seen then."""
+        """Return [radius in m, growth in m/s, [[time from now, x, y], ...]] of each obstacle in the observation."""
         rows = np.frombuffer(packed).reshape(-1, _COLUMNS)
         if len(rows) < 2:
             return []
@@ -223,7 +223,7 @@ def _decision(decision: Decision, views: int) -> Message:
 
 
 def shades(amount: NDArray[Any], most: int) -> Message:
-    """Return amounts by cell in 16 shades by their square root, two to a byte, the largest of each block if over `most`."""
+    """Return amounts by cell in 16 shades by square root, two in a byte; beyond `most` cells the maximum of each block."""
     height, width = amount.shape
     block = max(1, math.ceil(math.sqrt(height * width / most)))
     rows, cols = -(-height // block), -(-width // block)

@@ -30,9 +30,9 @@ def local_target(
     route : float64[N, 2]
         Nodes that the robot has yet to drive to, m.
     taken : bool[N]
-        Whether a predicted tube holds the node when the robot can be there.
+        Whether the node is in a predicted tube when the robot can be there.
     on_path : bool[N]
-        Which of them lie on the global path, one at least: the others, of an earlier detour, are no targets.
+        Which of them are on the global path, at least one; nodes of an earlier detour cannot be targets.
     beyond : float
         Distance along them to the conflict, m.
     xy : (x, y)

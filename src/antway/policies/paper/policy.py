@@ -45,7 +45,7 @@ class Detour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ahead:
-    """What one control cycle knows: the observation, the tubes, and the robot's radius with the margin that fits."""
+    """What one control cycle knows: the observation, the tubes, and the robot's radius with the margin."""
 
     seen: Observation
     tubes: Tubes
@@ -73,12 +73,12 @@ class PaperPolicy:
     lookahead : float
         How far ahead motion is predicted, s, > 0.
     heuristic : str
-        What ants see of a cell: "goal", the paper's eta = 1 / d with the straight distance to the local target; "distance",
-        1 / exact distance; "field", the path lost by the move, with which they find the shortest path in their first cycle.
+        Heuristic of the ants: "goal", the paper's eta = 1 / d with the straight distance to the local target; "distance",
+        1 / exact distance; "field", the detour of the move, with which they find the shortest path in their first cycle.
     alpha, beta : float or None
         Exponents of pheromone and heuristic in Eq. (1), in [0, 100]; None: 1 for the one, 7 or 8 for the other.
     distance_weight : float
-        What a metre more costs beside the time that it takes, s/m, >= 0: the paper's least distance against its least time.
+        Cost of a metre besides its time, s/m, >= 0: the paper's least distance weighed against its least time.
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class PaperPolicy:
         """Do nothing: this policy's colonies keep no memory from one search to the next."""
 
     def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
-        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+        """Return the result of the control cycle that `act` plays, with at most `cycles` ant cycles."""
         before, most = self.colonies, self.cycles
         self.cycles = min(cycles, most)
         act()
@@ -196,7 +196,7 @@ class PaperPolicy:
         return AntStep("", done, decision)
 
     def trails(self) -> LaidTrails:
-        """Return what the last colony laid on the moves between cells beyond the least on any."""
+        """Return the pheromone of the last colony on moves between cells, minus the least on any."""
         found, none = self.found, np.empty((0, 2), np.int64)
         if found is None:
             return LaidTrails(none, none, np.empty(0))
@@ -223,7 +223,7 @@ class PaperPolicy:
         return Ahead(seen, tubes, self.spec.radius + inflated, velocity, seen.t + self.lookahead, self.growth)
 
     def _home(self, xy: XY) -> Nodes:
-        """Return the path from `xy`, off the global path, that rejoins it and goes on along it."""
+        """Return the path from `xy`, which is off the global path, that rejoins it and continues along it."""
         return self.routes.rejoining(xy, self.path, self.lookahead * self.spec.v_max)
 
     def _conflict(self, ahead: Ahead, nodes: Nodes, hold: float = 0.0, longer: float = 0.0) -> tuple[float, int]:
@@ -318,7 +318,7 @@ class PaperPolicy:
     def _joined(self, found: Nodes, onward: Nodes) -> Iterator[tuple[XY, Nodes]]:
         """Yield the ants' path to the first of the nodes `onward`, joined to these, with the node where they join.
 
-        Where it meets the global path beyond its target on its way there, it first comes joined there: it would be driven back.
+        If it meets the global path beyond its target on the way there, the first path joins there, to avoid driving back.
         """
         later = {cell: k for k, cell in enumerate(map(tuple, self.routes.cells(onward).tolist())) if cell in self.path_cells}
         for n, cell in enumerate(map(tuple, self.routes.cells(found).tolist())):
@@ -331,7 +331,7 @@ class PaperPolicy:
         yield (x, y), np.vstack((found[:-1], onward))
 
     def _refuge(self, ahead: Ahead) -> Nodes | None:
-        """Return the path to the nearest cell where the robot can stand, for long if there is one, else for now."""
+        """Return the path to the nearest cell where the robot can stand for a long time, or else for now."""
         seen, routes, v_max = ahead.seen, self.routes, self.spec.v_max
         here = routes.cell(seen.xy)
         if here is None:
@@ -371,7 +371,7 @@ class PaperPolicy:
     def _decide(
         self, action: str, reason: str, ahead: Ahead, obstacle: int, costs: Costs, detour: Detour | None = None
     ) -> None:
-        """Record the decision, the encounter if the robot drove on as it does, and the colony's pheromone."""
+        """Record the decision, the encounter at the present velocity, and the colony's pheromone."""
         seen, tracks, spec = ahead.seen, ahead.seen.tracks, self.spec
         aim = self.nodes[0].tolist()
         to_aim = math.dist(seen.xy, aim)

@@ -1,4 +1,4 @@
-"""Paths of a disc robot on the map as chains of nodes: found by Dijkstra, joined, timed, and driven exactly."""
+"""Paths of a disc on the map as chains of nodes: found by Dijkstra, joined, timed, and driven exactly."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PathsFrom:
         return known.reshape(self.inflated.shape)
 
     def nodes(self, cell: Cell) -> Nodes:
-        """Return the centres of the cells on the path from `cell` to the one cell; empty if there is none."""
+        """Return the cell centres on the path from `cell` to the source cell; empty if there is none."""
         return self.inflated.to_xy(self.cells(cell))
 
     def cells(self, cell: Cell) -> NDArray[np.int64]:
@@ -53,8 +53,8 @@ class Routes:
     Attributes
     ----------
     inflated : Grid
-        The map inflated so that the robot's disc fits on every legal move between its free cells. On cells at least as wide as
-        the robot that is the plain inflation; on finer ones a diagonal dips towards a corner by at most half its length.
+        The map inflated so that the robot's disc fits on every legal move between free cells. For cells at least as wide as the
+        robot this is the plain inflation; on finer ones a diagonal comes nearer to a corner by at most half its length.
     """
 
     def __init__(self, task: Task) -> None:
@@ -84,15 +84,15 @@ class Routes:
         return self.pulled(xy, nodes) if self.stops else nodes
 
     def cells(self, nodes: Nodes) -> NDArray[np.int64]:
-        """Return the (row, col) of the cells that hold `nodes`, int64[N, 2]."""
+        """Return the (row, col) of the cells that contain `nodes`, int64[N, 2]."""
         cells: NDArray[np.int64] = np.floor(self.inflated.to_points(nodes) + 0.5).astype(np.int64)
         return cells
 
     def rejoining(self, xy: XY, path: Nodes, within: float) -> Nodes:
-        """Return the path from `xy`, off `path`, to one of its nodes and on along it; empty if there is none.
+        """Return the path from `xy`, which is off `path`, to one of its nodes and on along it; empty if there is none.
 
-        It is the shortest over all nodes, or joins sooner if that costs less than the edge of a cell more. Nodes within so many
-        m are looked at first.
+        It is the shortest one over all nodes, or one that joins earlier and is longer by less than the edge of a cell. Nodes
+        within `within` m are tried first.
         """
         here = self.cell(xy)
         if here is None or not len(path):
@@ -118,7 +118,7 @@ class Routes:
         return nodes
 
     def pulled(self, xy: XY, nodes: Nodes) -> Nodes:
-        """Return `nodes` without those that can be left out on the path from `xy`: the corners of a string pulled tight."""
+        """Return `nodes` without those that are not needed on the path from `xy`: only the corners of a taut string."""
         points, kept, here = [xy, *map(tuple, nodes.tolist())], [], 0
         while here < len(nodes):
             there = here + 1
@@ -155,7 +155,7 @@ class Routes:
         length = np.hypot(*path.T)
         along = math.cos(angle[0]) * seen.velocity[0] + math.sin(angle[0]) * seen.velocity[1]
         speed = math.hypot(*seen.velocity)
-        on = speed - along < 1e-6  # it drives along the first leg already; else it stops first
+        on = speed - along < 1e-6  # it already drives along the first leg; else it stops first
         start = np.zeros(len(path))
         start[0] = along if on else 0.0
         pause = np.full(len(path), 2.0 * spec.dt)
@@ -179,7 +179,7 @@ class Routes:
         return np.concatenate(([0.0], np.cumsum(spans.ravel()))), np.vstack((points[:1], places.reshape(-1, 2)))
 
     def driven(self, seen: Observation, velocity: XY, push: float) -> TimedPath | None:
-        """Return the motion of a robot that is to drive at `velocity` for `push` s and then stop; None if it meets a wall."""
+        """Return the motion of a robot that drives at `velocity` for `push` s and then stops; None if it meets a wall."""
         spec = self.task.robot
         limits = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential")])
         (x, y), (vx, vy), heading, n = seen.xy, seen.velocity, seen.heading, 0
@@ -225,12 +225,12 @@ class Routes:
                 break
             here, left, rest = (x, y), left - leg, rest[1:]
         if not self.clear(seen.xy, here):
-            # The chord over a corner would touch a wall: drive to the corner and no farther.
+            # The chord over a corner would touch a wall, so drive only to the corner.
             here, rest = (float(nodes[0, 0]), float(nodes[0, 1])), nodes[1:]
         return Command(((here[0] - seen.xy[0]) / dt, (here[1] - seen.xy[1]) / dt)), rest if len(rest) else nodes[-1:]
 
     def astray(self, seen: Observation, nodes: Nodes) -> bool:
-        """Tell whether a robot that could not turn at once has come to rest out of sight of the next of `nodes`."""
+        """Tell whether a robot that could not turn at once has stopped where it does not see the next of `nodes`."""
         x, y = nodes[0].tolist()
         return self.stops and math.hypot(*seen.velocity) < 1e-6 and not self.clear(seen.xy, (x, y))
 
@@ -260,7 +260,7 @@ class Routes:
 
 
 def _straight(a: XY, b: XY, c: XY) -> bool:
-    """Tell whether b lies between a and c on a straight line."""
+    """Tell whether b is between a and c on a straight line."""
     cross = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
     along = (b[0] - a[0]) * (c[0] - b[0]) + (b[1] - a[1]) * (c[1] - b[1])
     return along >= 0.0 and abs(cross) <= 1e-9 * (math.dist(a, b) * math.dist(b, c) + 1e-12)

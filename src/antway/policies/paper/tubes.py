@@ -16,7 +16,7 @@ from antway.kernels.tracking.tubes import close_cells, first_conflict, stand_fre
 from antway.world.policy import XY
 from antway.world.terrain import terrain_of
 
-_KNOTS = 64  # knots of one predicted trajectory, at most; after the last one the obstacle is assumed to stand
+_KNOTS = 64  # limit of knots of a predicted trajectory; after the last one the obstacle is assumed to stand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class Tubes:
 
     @property
     def trajectories(self) -> Trajectories:
-        """The same for kernels."""
+        """The same as a record for kernels."""
         return Trajectories(self.knot_t, self.knot_xy, self.first, self.radius)
 
     @staticmethod
@@ -64,7 +64,7 @@ class Tubes:
         return Tubes(t, np.concatenate(times), np.concatenate(places), first, discs[:, 4].copy())
 
     def rows(self) -> NDArray[np.float32]:
-        """Return the prediction as a `Decision` holds it, float32[P, 7]."""
+        """Return the prediction in the format of a `Decision`, float32[P, 7]."""
         rows = []
         for k, radius in enumerate(self.radius.tolist()):
             knots = slice(int(self.first[k]), int(self.first[k + 1]))
@@ -92,7 +92,7 @@ class Tubes:
     def close(
         self, grid: Grid, window: tuple[int, int, int, int], xy: XY, v_max: float, body: float, horizon: float, *, whole: bool
     ) -> NDArray[np.bool_]:
-        """Return the cells, bool[H, W], of `window` that a body from `xy` would find taken when it gets there, or ever."""
+        """Return which cells of `window`, bool[H, W], are in a tube when a body from `xy` gets there, or ever."""
         closed = np.zeros(grid.shape, np.bool_)
         row, col, rows, cols = window
         part = np.empty((rows, cols), np.bool_)
