@@ -35,17 +35,30 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class AntSystem:
-    """Every ant deposits Q / L_k (Dorigo, Maniezzo, Colorni 1996); the paper's III.B."""
+class _Colony:
+    """The fields that all rules have."""
 
     ants: int | None = None
     alpha: float = 1.0
     beta: float = 5.0
     q: float = 1.0
-    persistence: Persistence = field(default=Constant(0.5))
 
     def __post_init__(self) -> None:
-        _check(self)
+        rule: Any = self
+        if rule.ants is not None:
+            checks.integer("ants", rule.ants, low=1, high=1_000_000)
+        for name in ("alpha", "beta"):
+            object.__setattr__(rule, name, checks.number(name, getattr(rule, name), low=0.0, high=100.0))
+        object.__setattr__(rule, "q", checks.number("q", rule.q, low=0.0, open_low=True))
+        if not hasattr(rule.persistence, "numbers"):
+            raise BadParameter("persistence", rule.persistence, "a persistence policy such as Constant(0.9)")
+
+
+@dataclass(frozen=True, slots=True)
+class AntSystem(_Colony):
+    """Every ant deposits Q / L_k (Dorigo, Maniezzo, Colorni 1996); the paper's III.B."""
+
+    persistence: Persistence = field(default=Constant(0.5))
 
     def numbers(self, ants: int) -> Numbers:
         return _numbers(self, deposit_weight=np.ones(ants))
@@ -55,18 +68,14 @@ class AntSystem:
 
 
 @dataclass(frozen=True, slots=True)
-class ElitistAntSystem:
+class ElitistAntSystem(_Colony):
     """Ant System in which the best so far also deposits `elite` times Q / L_best (None: the number of ants)."""
 
-    ants: int | None = None
-    alpha: float = 1.0
-    beta: float = 5.0
-    q: float = 1.0
     elite: float | None = None
     persistence: Persistence = field(default=Constant(0.5))
 
     def __post_init__(self) -> None:
-        _check(self)
+        _Colony.__post_init__(self)
         if self.elite is not None:
             object.__setattr__(self, "elite", checks.number("elite", self.elite, low=0.0))
 
@@ -81,18 +90,14 @@ class ElitistAntSystem:
 
 
 @dataclass(frozen=True, slots=True)
-class RankBasedAntSystem:
+class RankBasedAntSystem(_Colony):
     """The r-th best ant deposits (ranks - r) Q / L_r, the best so far ranks Q / L_best (Bullnheimer et al. 1999)."""
 
-    ants: int | None = None
-    alpha: float = 1.0
-    beta: float = 5.0
-    q: float = 1.0
     ranks: int = 6
     persistence: Persistence = field(default=Constant(0.9))
 
     def __post_init__(self) -> None:
-        _check(self)
+        _Colony.__post_init__(self)
         checks.integer("ranks", self.ranks, low=1)
 
     def numbers(self, ants: int) -> Numbers:
@@ -103,7 +108,7 @@ class RankBasedAntSystem:
 
 
 @dataclass(frozen=True, slots=True)
-class MaxMinAntSystem:
+class MaxMinAntSystem(_Colony):
     """Only one ant deposits, and pheromone has limits (Stuetzle, Hoos 2000).
 
     tau_max = Q / ((1 - rho) L_best); tau_min is such that a converged colony builds its best with probability `p_best`.
@@ -121,10 +126,7 @@ class MaxMinAntSystem:
         Number of cycles without improvement after which pheromone is reset to tau_max; the best solution is kept. 0: never.
     """
 
-    ants: int | None = None
-    alpha: float = 1.0
     beta: float = 2.0
-    q: float = 1.0
     p_best: float = 0.05
     choices: float | None = None
     schedule: tuple[tuple[int, int], ...] = ((0, 25),)
@@ -132,7 +134,7 @@ class MaxMinAntSystem:
     persistence: Persistence = field(default=Constant(0.98))
 
     def __post_init__(self) -> None:
-        _check(self)
+        _Colony.__post_init__(self)
         object.__setattr__(self, "p_best", checks.number("p_best", self.p_best, low=1e-300, high=1.0 - 1e-9))
         if self.choices is not None:
             object.__setattr__(self, "choices", checks.number("choices", self.choices, low=1.0, open_low=True))
@@ -156,7 +158,7 @@ class MaxMinAntSystem:
 
 
 @dataclass(frozen=True, slots=True)
-class AntColonySystem:
+class AntColonySystem(_Colony):
     """Pseudo-random proportional choice and local update; only the best tour deposits (Dorigo, Gambardella 1997).
 
     With probability `q0` an ant takes the best edge, else it draws. On each edge taken, tau <- (1 - xi) tau + xi tau_0. After a
@@ -164,15 +166,13 @@ class AntColonySystem:
     """
 
     ants: int | None = 10
-    alpha: float = 1.0
     beta: float = 2.0
-    q: float = 1.0
     q0: float = 0.9
     xi: float = 0.1
     persistence: Persistence = field(default=Constant(0.9))
 
     def __post_init__(self) -> None:
-        _check(self)
+        _Colony.__post_init__(self)
         for name in ("q0", "xi"):
             object.__setattr__(self, name, checks.number(name, getattr(self, name), low=0.0, high=1.0))
 
@@ -206,17 +206,6 @@ def make_rule(rule: object, **changes: object) -> Rule:
 
 
 _NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
-
-
-def _check(rule: Any) -> None:
-    """Check the fields that all rules have."""
-    if rule.ants is not None:
-        checks.integer("ants", rule.ants, low=1, high=1_000_000)
-    for name in ("alpha", "beta"):
-        object.__setattr__(rule, name, checks.number(name, getattr(rule, name), low=0.0, high=100.0))
-    object.__setattr__(rule, "q", checks.number("q", rule.q, low=0.0, open_low=True))
-    if not hasattr(rule.persistence, "numbers"):
-        raise BadParameter("persistence", rule.persistence, "a persistence policy such as Constant(0.9)")
 
 
 def _numbers(rule: Any, **own: Any) -> Numbers:

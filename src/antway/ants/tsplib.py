@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from scipy.spatial import cKDTree
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
 from antway.kernels.colony import tour as kernel
+from antway.maps.limits import as_path
 from antway.reading import check_lines, decoded, numbers_in, read_bytes
 
 MAX_BYTES = 64_000_000
@@ -240,9 +240,7 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
     TooLarge
         If it exceeds a limit.
     """
-    if not isinstance(path, (str, os.PathLike)):
-        raise BadMap("path", path, "a path")
-    return parse(read_bytes(Path(path), MAX_BYTES, field="path"), os.fspath(path))
+    return parse(read_bytes(as_path(path), MAX_BYTES, field="path"), os.fspath(path))
 
 
 def parse(data: bytes, where: str = "") -> Tsp:

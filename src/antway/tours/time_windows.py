@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
+from antway.maps.limits import as_path
 from antway.planning import Budget
 from antway.reading import decoded, numbers_in, read_bytes
 from antway.tours.stops import OBJECTIVES, checked_windows
@@ -231,9 +232,7 @@ def load_tsptw(path: str | os.PathLike[str]) -> Tsptw:
     TooLarge
         If it exceeds a limit.
     """
-    if not isinstance(path, (str, os.PathLike)):
-        raise BadMap("path", path, "a path")
-    return parse(read_bytes(File(path), MAX_BYTES, field="path"), os.fspath(path))
+    return parse(read_bytes(as_path(path), MAX_BYTES, field="path"), os.fspath(path))
 
 
 def parse(data: bytes, where: str = "") -> Tsptw:

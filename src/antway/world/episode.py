@@ -18,7 +18,7 @@ from antway.errors import BadScenario
 from antway.kernels.base.jit import compile_seconds, entry
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
 from antway.kernels.robot.cycle import Body, Record, play
-from antway.kernels.robot.dynamics import REST
+from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
 from antway.planning import TimedPath
 from antway.version import __version__
@@ -370,18 +370,8 @@ class Stage:
     def _play(self) -> tuple[int, int, float]:
         spec = self.task.robot
         turns = spec.footprint is None
-        return play(
-            self.n,
-            spec.dt,
-            self.limits,
-            self.body,
-            turns,
-            self.log,
-            self.aim,
-            self.walls,
-            self.timeline.trajectories,
-            self.clearance,
-        )
+        obstacles = self.timeline.trajectories
+        return play(self.n, spec.dt, self.limits, self.body, turns, self.log, self.aim, self.walls, obstacles, self.clearance)
 
     def _step(self, cx: float, cy: float) -> tuple[int, int, float]:
         record, dt = (self.t, self.xy, self.velocity, self.heading), self.task.robot.dt

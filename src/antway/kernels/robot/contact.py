@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import first_wall, swept_discs, swept_timeline
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import Terrain, Trajectories
-from antway.kernels.robot.dynamics import REST, drive
+from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.motion import REST
 
 # What ended a step, in the order by which ties are decided.
 GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED = 0, 1, 2, 3, 4

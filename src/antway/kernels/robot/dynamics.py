@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import kernel
-
-REST = 1e-9  # m/s; a slower robot is at rest
+from antway.kernels.robot.motion import REST
 
 
 @kernel

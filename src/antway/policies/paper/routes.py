@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
-from antway.kernels.robot.dynamics import REST, drive
+from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.motion import REST
 from antway.kernels.search.distance_field import STRAIGHT, descend
 from antway.planning import TimedPath
 from antway.search.derived import lattice
