@@ -85,14 +85,7 @@ def seed(value: object) -> int:
     return integer("seed", value, low=0, high=2**64 - 1)
 
 
-def choice(
-    field: str,
-    value: object,
-    allowed: Iterable[str],
-    *,
-    error: type[BadInput] = BadParameter,
-    where: str = "",
-) -> str:
+def choice(field: str, value: object, allowed: Iterable[str], *, error: type[BadInput] = BadParameter, where: str = "") -> str:
     """Return `value`, one of the `allowed` names."""
     names = list(allowed)
     if not isinstance(value, str) or value not in names:

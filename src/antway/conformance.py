@@ -120,10 +120,7 @@ def _plan_faults(what: str, problem: Problem, plan: Plan, status: Status) -> lis
 def _scenario() -> Scenario:
     walls = np.zeros((40, 40), np.bool_)
     walls[12:28, 18:22] = True
-    obstacles = (
-        Obstacle(0.3, Bounce((6.0, 1.5), 0.5, 1.0)),
-        Obstacle(0.4, Line((7.0, 6.5), (1.0, 6.5), 0.6, 2.0)),
-    )
+    obstacles = (Obstacle(0.3, Bounce((6.0, 1.5), 0.5, 1.0)), Obstacle(0.4, Line((7.0, 6.5), (1.0, 6.5), 0.6, 2.0)))
     return Scenario(
         World(Grid(walls, 0.2), obstacles),
         (1.1, 4.1),

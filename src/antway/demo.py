@@ -123,12 +123,7 @@ def static_shortest(task: Task) -> float:
     return solve(Problem(task.grid.inflate(task.robot.radius), start, goal), "anyangle").length
 
 
-def write_episode(
-    result: EpisodeResult,
-    folder: Path,
-    *,
-    beside: Sequence[EpisodeResult] = (),
-) -> dict[str, Any]:
+def write_episode(result: EpisodeResult, folder: Path, *, beside: Sequence[EpisodeResult] = ()) -> dict[str, Any]:
     """Write figures, animation, replay page, trace, summary and timings of an episode; return the summary.
 
     Episodes `beside` it, of the same scene, have their own figures and are shown to its left in the animation and the page.

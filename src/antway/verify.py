@@ -21,14 +21,7 @@ if TYPE_CHECKING:
     from antway.world.episode import EpisodeResult
     from antway.world.trace import Trace
 
-_FARTHEST = {
-    Moves.FOUR: 1,
-    Moves.EIGHT: 1,
-    Moves.EIGHT_NOSQUEEZE: 1,
-    Moves.EIGHT_CUT: 1,
-    Moves.SIXTEEN: 2,
-    Moves.THIRTY_TWO: 3,
-}
+_FARTHEST = {Moves.FOUR: 1, Moves.EIGHT: 1, Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 1, Moves.SIXTEEN: 2, Moves.THIRTY_TWO: 3}
 
 _EPS = 1e-9  # cells; tolerance far below any distance between cell centres and corners
 

@@ -134,13 +134,7 @@ def _corridor(length: int, width: int) -> np.ndarray:
 
 
 def _scenario(
-    name: str,
-    walls: np.ndarray,
-    start: XY,
-    goal: XY,
-    obstacles: Sequence[tuple[float, Motion]],
-    *,
-    occlusion: bool = False,
+    name: str, walls: np.ndarray, start: XY, goal: XY, obstacles: Sequence[tuple[float, Motion]], *, occlusion: bool = False
 ) -> Scenario:
     moving = tuple(Obstacle(radius, motion) for radius, motion in obstacles)
     return Scenario(

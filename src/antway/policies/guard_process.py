@@ -75,13 +75,7 @@ class GuardProcess:
     """
 
     def __init__(
-        self,
-        task: Task,
-        *,
-        deadline: float = 0.7,
-        slack: float = 0.0,
-        emit: Callable[[], Driver] | None = None,
-        **guard: Any,
+        self, task: Task, *, deadline: float = 0.7, slack: float = 0.0, emit: Callable[[], Driver] | None = None, **guard: Any
     ) -> None:
         checks.instance("task", task, Task)
         self.deadline = checks.number("deadline", deadline, low=0.0, high=1.0, open_low=True)

@@ -156,11 +156,7 @@ class Settings:
         )
 
 
-_UNSAID = {
-    "drive": "",
-    "brake_max": 0.0,
-    "footprint": "[]",
-}  # for parameters without a default, or that may be None
+_UNSAID = {"drive": "", "brake_max": 0.0, "footprint": "[]"}  # for parameters without a default, or that may be None
 
 
 def _robot(name: str, **options: Any) -> RobotSpec:

@@ -87,11 +87,7 @@ class Workspace:
 
     def __init__(self, corners: int, nodes: int) -> None:
         self.best, self.parent = np.empty(corners), np.empty(corners, np.int64)
-        self.nodes: tuple[Any, ...] = (
-            np.empty((nodes, 7), np.int64),
-            np.empty(nodes),
-            np.empty((nodes, 2)),
-        )
+        self.nodes: tuple[Any, ...] = (np.empty((nodes, 7), np.int64), np.empty(nodes), np.empty((nodes, 2)))
 
     def grow(self) -> None:
         """Double the capacity for nodes."""

@@ -223,12 +223,7 @@ def _draw_schedule(axes: Axes, tour: TourPlan) -> None:
             )
             start = arrival + waiting
             axes.plot(
-                [start, start + task.service[stop]],
-                [row, row],
-                color=style.INK,
-                linewidth=4.2,
-                solid_capstyle="butt",
-                zorder=3,
+                [start, start + task.service[stop]], [row, row], color=style.INK, linewidth=4.2, solid_capstyle="butt", zorder=3
             )
             axes.plot(
                 arrival,

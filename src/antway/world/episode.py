@@ -263,11 +263,7 @@ class Episode:
         """Return the result of an episode that has ended."""
         stage, scenario, outcome = self.stage, self.scenario, self.outcome
         assert outcome is not None, "the episode continues"
-        config = {
-            "version": __version__,
-            "horizon": stage.horizon,
-            "sensor": asdict(scenario.sensor),
-        }
+        config = {"version": __version__, "horizon": stage.horizon, "sensor": asdict(scenario.sensor)}
         n, decisions = stage.n, self.decisions
         speeds = np.hypot(*stage.velocity[1 : n + 1].T)
         resting = np.concatenate(([False], speeds <= REST))

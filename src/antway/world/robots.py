@@ -220,14 +220,8 @@ _INERTIA: dict[str, Any] = {"drive": "differential", "dt": 0.1}
 
 # name: (the specification, where its numbers come from)
 ROBOTS: dict[str, tuple[RobotSpec, str]] = {
-    "holonomic": (
-        RobotSpec(),
-        "a disc of 0.3 m that drives in any direction at once: the robot of antway's first suites",
-    ),
-    "inertia": (
-        RobotSpec(a_max=1.0),
-        "a holonomic disc of 0.3 m with an acceleration of 1 m/s^2",
-    ),
+    "holonomic": (RobotSpec(), "a disc of 0.3 m that drives in any direction at once: the robot of antway's first suites"),
+    "inertia": (RobotSpec(a_max=1.0), "a holonomic disc of 0.3 m with an acceleration of 1 m/s^2"),
     "diff": (
         RobotSpec(radius=0.3, v_max=1.0, a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, **_INERTIA),
         "a disc of 0.3 m on two wheels: the robot of antway's tables on wheels",

@@ -73,11 +73,7 @@ class Timeline:
             raise BadScenario("timeline.knot_t", float(self.knot_t[int(np.argmin(rising)) + 1]), "strictly increasing (s)")
 
     @staticmethod
-    def of(
-        ids: Sequence[int],
-        radii: Sequence[float],
-        trajectories: Sequence[tuple[ArrayLike, ArrayLike]],
-    ) -> Timeline:
+    def of(ids: Sequence[int], radii: Sequence[float], trajectories: Sequence[tuple[ArrayLike, ArrayLike]]) -> Timeline:
         """Return the timeline of discs with these ids, radii (m) and trajectories (t in s, xy in m)."""
         t = [np.asarray(trajectory[0], np.float64) for trajectory in trajectories]
         xy = [np.asarray(trajectory[1], np.float64).reshape(-1, 2) for trajectory in trajectories]

@@ -145,14 +145,7 @@ def roll_out_twists(
 
 
 @kernel
-def stops_clear(
-    cv: float,
-    cw: float,
-    state: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    terrain: Terrain,
-) -> bool:
+def stops_clear(cv: float, cw: float, state: NDArray[np.float64], limits: RobotLimits, dt: float, terrain: Terrain) -> bool:
     """Tell whether a period of the command (cv, cw), followed by (0, cw) until the robot stands, keeps clear of walls.
 
     The disc that is tested along the chord of each period is enlarged by the distance of the arc from its chord. After such a

@@ -15,11 +15,7 @@ from antway.kernels.tracking.tubes import first_met
 
 @kernel
 def first_contact(
-    t: NDArray[np.float64],
-    xy: NDArray[np.float64],
-    robot_radius: float,
-    terrain: Terrain,
-    trajectories: Trajectories,
+    t: NDArray[np.float64], xy: NDArray[np.float64], robot_radius: float, terrain: Terrain, trajectories: Trajectories
 ) -> float:
     """Return when a robot on a polyline touches an obstacle, or starts a leg that touches a wall.
 

@@ -212,15 +212,7 @@ def holonomic_ramp(vx: float, vy: float, cx: float, cy: float, limits: RobotLimi
 
 @bare_kernel
 def holonomic_cycle(
-    x: float,
-    y: float,
-    theta: float,
-    vx: float,
-    vy: float,
-    cx: float,
-    cy: float,
-    limits: RobotLimits,
-    dt: float,
+    x: float, y: float, theta: float, vx: float, vy: float, cx: float, cy: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float, float, float]:
     """Return the exact state of a holonomic robot after dt s; theta is its direction of motion, and is kept at rest."""
     cx, cy = clip_velocity(cx, cy, limits)
@@ -242,15 +234,7 @@ def holonomic_cycle(
 
 @bare_kernel
 def drive_cycle(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
-    command_a: float,
-    command_b: float,
-    limits: RobotLimits,
-    dt: float,
+    x: float, y: float, theta: float, a: float, b: float, command_a: float, command_b: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float, float, float]:
     """Return the state of any robot after dt s under a command: (v, omega) for wheels, (vx, vy) for a holonomic robot."""
     if limits.drive == HOLONOMIC:
@@ -260,15 +244,7 @@ def drive_cycle(
 
 @bare_kernel
 def drive_roughly(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
-    command_a: float,
-    command_b: float,
-    limits: RobotLimits,
-    dt: float,
+    x: float, y: float, theta: float, a: float, b: float, command_a: float, command_b: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float, float, float]:
     """Do as `drive_cycle`, within 1e-6 m for a cycle of 0.1 s: for rollouts."""
     if limits.drive == HOLONOMIC:

@@ -167,11 +167,7 @@ def disc_axis(
 
 @bare_kernel
 def square_axis(
-    at: tuple[float, float, float, float, float, float],
-    corners: NDArray[np.float64],
-    cx: float,
-    cy: float,
-    half: float,
+    at: tuple[float, float, float, float, float, float], corners: NDArray[np.float64], cx: float, cy: float, half: float
 ) -> tuple[float, float]:
     """Return the unit axis along which the hull of the corners is farthest from the square around (cx, cy)."""
     x, y, theta = at[0], at[1], at[2]
@@ -418,14 +414,7 @@ def _meets_near(
 
 @bare_kernel
 def _meets_square(
-    m: Segment,
-    start: float,
-    end: float,
-    corners: NDArray[np.float64],
-    rounding: float,
-    cx: float,
-    cy: float,
-    half: float,
+    m: Segment, start: float, end: float, corners: NDArray[np.float64], rounding: float, cx: float, cy: float, half: float
 ) -> float:
     s = start
     while s <= end:
