@@ -140,7 +140,7 @@ _TOP = (*_PLAIN, "resolution", "occupied", "robot", "sensor", "obstacles", "stop
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario from a TOML file, or the shipped scene called "paper", "office" or "warehouse".
+    """Read a scenario from a TOML file, or a shipped scene: "paper", "office", "warehouse" or "rounds".
 
     Keys are the fields of `Scenario`. The tables `[robot]` and `[sensor]` have the fields of `RobotSpec` and `Sensor`. Each
     `[[obstacles]]` has `radius`, `motion` (line, back-and-forth, waypoints, bounce, random-walk, replay, pursue) and the fields
