@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import Terrain
 
 TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than the contact radius by more than this
@@ -222,7 +222,7 @@ def segment_hits_cells(
     return False
 
 
-@kernel
+@inner_kernel
 def hits_walls(terrain: Terrain, ax: float, ay: float, bx: float, by: float, radius: float, walled: bool) -> bool:
     """Do as `segment_hits_cells` for places and a radius in m."""
     size = terrain.resolution

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import hits_walls, segment_hits_cells, swept_discs
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits, Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST, drive_roughly
@@ -70,7 +70,7 @@ def roll_out(
         out[c, 0], out[c, 1] = contact, obstacle
 
 
-@kernel
+@inner_kernel
 def _first_contact(
     x: float,
     y: float,
