@@ -226,7 +226,8 @@ def explore(
     trail = Trail(graph, colony, number, heuristic, clock)
     _lay_first(trail, pheromone)
     steps, proved, spent = 0, False, False
-    with Ants(graph, number, _limit(step_limit, graph), retreat=retreat, threads=threads) as walkers:
+    most = int(8 * graph.bound) + 64 if step_limit is None else step_limit
+    with Ants(graph, number, most, retreat=retreat, threads=threads) as walkers:
         for t in range(cycles):
             weights, spent = trail.weights(), clock.spent()
             if spent:
@@ -265,11 +266,6 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
         grid = crop(grid, (row, col), (rows, cols), mask)
     start, goal = ((r - row, c - col) for r, c in (problem.start, problem.goal))
     return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
-
-
-def _limit(step_limit: int | None, graph: AntGraph) -> int:
-    """Return the step limit."""
-    return int(8 * graph.bound) + 64 if step_limit is None else step_limit
 
 
 def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:

@@ -241,7 +241,9 @@ class Sipp:
         """
         t = checks.number("t", t, low=-1e8, high=1e8, unit="s")
         horizon = checks.number("horizon", horizon, low=t, infinite=True, unit="s")
-        segments = NO_SEGMENTS if obstacles is None else _segments(obstacles, self.radius, t, horizon)
+        segments = NO_SEGMENTS
+        if obstacles is not None:
+            segments = timed.timeline_segments(checked_trajectories(obstacles), self.radius, t, horizon)
         return self.search(start, t, segments, max_expanded)
 
     def search(
@@ -340,11 +342,6 @@ def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
         whole(states), whole(states), real(states), real(states), real(states), real(states), real(states), real(states),
         real(entries), real(entries), whole(entries), np.empty((spans, 2)), real(2),
     )  # fmt: skip
-
-
-def _segments(obstacles: Trajectories, robot_radius: float, t: float, horizon: float) -> NDArray[np.float64]:
-    """Check the motions and return their segments from t to the horizon."""
-    return timed.timeline_segments(checked_trajectories(obstacles), robot_radius, t, horizon)
 
 
 def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:

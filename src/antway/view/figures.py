@@ -229,11 +229,6 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     return fig
 
 
-def _laid(decision: Decision) -> int:
-    """Return the number of cells with pheromone."""
-    return 0 if decision.pheromone is None else int((decision.pheromone[2] > 0).sum())
-
-
 def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
     task = trace.task
     style.draw_map(axes, task.grid)
@@ -264,7 +259,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
 
 
 def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
-    if decision.pheromone is not None and _laid(decision):
+    if decision.pheromone is not None and (decision.pheromone[2] > 0).any():
         row, col, amount = decision.pheromone
         x, y, _ = grid.origin
         d, (h, w) = grid.resolution, amount.shape

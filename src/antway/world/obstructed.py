@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from antway.errors import BadScenario
 from antway.grid import Grid
 from antway.kernels.robot.motions import first_inside
-from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Span, Waypoints
+from antway.world.motions import BackAndForth, Bounce, Draw, Line, Pursue, RandomWalk, Waypoints
 from antway.world.world import Obstacle, World
 
 _STANDS = 1e-9  # m/s; slower obstacles stand for any horizon
@@ -52,12 +52,8 @@ def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
     points = list(motion.points) if isinstance(motion, Waypoints) else [motion.start, motion.end]
     ends = np.array(points + points[:1] if isinstance(motion, Waypoints) and motion.loop else points)
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))))
-    speed = _highest(motion.speed)
+    speed = motion.speed[1] if isinstance(motion.speed, tuple) else motion.speed  # the highest
     return _inside(grid, obstacle.radius, along / speed, ends) if speed > _STANDS else math.inf
-
-
-def _highest(span: Span) -> float:
-    return span[1] if isinstance(span, tuple) else span
 
 
 def _inside(grid: Grid, radius: float, t: NDArray[np.float64], xy: NDArray[np.float64]) -> float:
