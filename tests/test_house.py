@@ -35,7 +35,6 @@ ALLOWED = {
     "LINE_STRIP": "a name of ROS",
     "PATIENCE_EXCEEDED": "a name of ROS",
     "kernels/robot/reach.py reach": "the places that a robot can come to",
-    "kernels/robot/reach.py reach_gap": "as reach",
     "kernels/robot/reach.py reach_gap_along": "as reach",
     "web/server.py on_message_begin": "a name of httptools",
     "kernels/robot/guard.py reach": "as in kernels/robot/reach.py",

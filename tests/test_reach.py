@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway.kernels.robot.reach import reach_gap, reach_gap_along
+from antway.kernels.robot.reach import reach_gap_along
 from common import cases
 from naive import reach as naive
 
@@ -26,7 +26,7 @@ def _cases(seed, count):
 def test_the_gap_is_that_of_both_discs():
     for rng, row in _cases(1, cases(200)):
         px, py, t = rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(0, 2)
-        assert reach_gap(row, px, py, t) == pytest.approx(naive.gap(row, px, py, t), abs=1e-12)
+        assert reach_gap_along(row, px, py, 0.0, 0.0, t, t) == pytest.approx(naive.gap(row, px, py, t), abs=1e-12)
 
 
 def test_along_a_motion_it_bounds_every_instant_and_is_nearly_met():
@@ -50,7 +50,7 @@ def test_whoever_keeps_to_the_bounds_is_never_nearer_than_the_gap():
         (x, y), (vx, vy), t, step = row[:2], row[2:4], -row[7], 0.005
         px, py = rng.uniform(-2, 2, 2)
         while t < 1.0:
-            assert math.hypot(px - x, py - y) - row[4] >= reach_gap(row, px, py, t) - 1e-9
+            assert math.hypot(px - x, py - y) - row[4] >= reach_gap_along(row, px, py, 0.0, 0.0, t, t) - 1e-9
             # towards the point as fast as the bounds let it
             far = max(math.hypot(px - x, py - y), 1e-9)
             dx, dy = (px - x) / far * row[5] - vx, (py - y) / far * row[5] - vy

@@ -46,45 +46,25 @@ def least_gap(ax: float, ay: float, wx: float, wy: float, reach: float, growth: 
 
 
 @bare_kernel
-def reach_gap(row: NDArray[np.float64], px: float, py: float, t: float) -> float:
-    """Return the distance in m of (px, py) from every place that an obstacle can cover at time `t`; below 0 it may be there.
+def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
+    """Return a lower bound in m of the gap between a moving point and every place that an obstacle can cover meanwhile.
 
     Parameters
     ----------
     row : float64[8]
         Its last known place x, y (m) and velocity vx, vy (m/s), its radius (m), bounds on its speed (m/s) and on its
         acceleration vector (m/s^2, infinite if the velocity may jump), and how long ago it was seen (s).
-    t : float
-        s from now, >= -age.
-
-    Notes
-    -----
-    With t' = t + age: max(|p - x| - r - speed t', |p - (x + v t')| - r - accel t'^2 / 2). The obstacle is in both discs, so it
-    is no nearer than either of them.
-    """
-    later = t + row[AGE]
-    gap: float = math.hypot(px - row[X], py - row[Y]) - row[RADIUS] - row[SPEED] * later
-    if row[ACCEL] < math.inf:
-        dx, dy = px - row[X] - row[VX] * later, py - row[Y] - row[VY] * later
-        gap = max(gap, math.hypot(dx, dy) - row[RADIUS] - 0.5 * row[ACCEL] * later * later)
-    return gap
-
-
-@bare_kernel
-def reach_gap_along(row: NDArray[np.float64], px: float, py: float, wx: float, wy: float, start: float, end: float) -> float:
-    """Return a lower bound in m of `reach_gap` over [start, end] for a point at (px, py) at `start` that moves with (wx, wy).
-
-    Parameters
-    ----------
-    row : float64[8]
-        As in `reach_gap`.
+    px, py, wx, wy : float
+        Place of the point at `start`, m, and its velocity, m/s.
     start, end : float
         s from now, -age <= start <= end.
 
     Notes
     -----
-    It is the larger of the minima of both terms. The first term is convex, and so is the second once the parabola
-    accel t'^2 / 2 is replaced by its chord, which is above it by at most accel (end - start)^2 / 8.
+    At a time t' after it was seen, an obstacle is in two discs, so that the gap of a point p is at least max(|p - x| - r -
+    speed t', |p - (x + v t')| - r - accel t'^2 / 2). The result is the larger of the minima of both terms. The first term is
+    convex, and so is the second once the parabola accel t'^2 / 2 is replaced by its chord, which is above it by at most accel
+    (end - start)^2 / 8.
     """
     since, span = start + row[AGE], end - start
     ax, ay = px - row[X], py - row[Y]
