@@ -21,7 +21,6 @@ from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 from antway.maps.limits import DEFAULT, Limits
-from antway.planning import Plan, Status
 from antway.world.policy import XY, Command, RobotSpec, Tracks, towards
 
 Make = Callable[..., Any]
@@ -177,26 +176,6 @@ def read_path(message: Any) -> NDArray[np.float64]:
     """
     poses = [read_pose(one.pose, where=f"Path.poses[{i}]")[:2] for i, one in enumerate(message.poses)]
     return np.array(poses, np.float64).reshape(-1, 2)
-
-
-def read_plan(message: Any, grid: Grid) -> Plan:
-    """Return a nav_msgs/msg/Path with poses in neighbouring cells of `grid` as a plan; an empty one is no path.
-
-    Raises
-    ------
-    OutOfBounds, BadParameter
-        For a pose off the map, or not in a neighbouring cell of the one before.
-    """
-    xy = read_path(message)
-    if len(xy) == 0:
-        return Plan(Status.NO_PATH)
-    cells = np.array([grid.cell_at(point) for point in xy], np.int32)
-    steps = np.abs(np.diff(cells, axis=0))
-    far = steps.max(axis=1, initial=0) != 1
-    if far.any():
-        i = int(np.argmax(far)) + 1
-        raise BadParameter(f"Path.poses[{i}]", tuple(xy[i].tolist()), "in a neighbour cell of the pose before")
-    return Plan(Status.FOUND, cells, math.fsum(np.hypot(*steps.T).tolist()) * grid.resolution)
 
 
 def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSpec, make: Make = plain) -> Any:
