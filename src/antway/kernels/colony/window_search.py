@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import rng
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.colony.windows import Floats, Ids, Windows
 
 Part = tuple[float, float, float]  # duration, earliest end, latest start
+Found = tuple[float, int, int, int, int]  # gain of a move, and the arguments of `change`
 
 
 class Trail(NamedTuple):
@@ -152,10 +153,19 @@ def stirred(gain: float, temperature: float, state: rng.State) -> float:
     return gain - temperature * math.log(-math.log(rng.uniform(state) * (1.0 - 1e-12) + 1e-13))
 
 
+@inner_kernel
+def better(
+    problem: Windows, t: Trail, habits: Moves, found: Found, move: tuple[int, int, int, int],
+    one: Part, ends: tuple[int, int], two: Part, others: tuple[int, int], temperature: float, state: rng.State,
+) -> Found:  # fmt: skip
+    """Return the better one of `found` and a move, the arguments of `change`, after which `one` comes before `two`."""
+    least = -np.inf if temperature > 0.0 else found[0]
+    gain = stirred(gain_of(problem, t, habits, move[0], move[2], one, ends, two, others, least), temperature, state)
+    return (gain, *move) if gain > found[0] else found
+
+
 @bare_kernel
-def best_at(
-    problem: Windows, t: Trail, habits: Moves, i: int, temperature: float, state: rng.State
-) -> tuple[float, int, int, int, int]:
+def best_at(problem: Windows, t: Trail, habits: Moves, i: int, temperature: float, state: rng.State) -> Found:
     """Return the best of the moves that begin or end at place i: its gain (more than `least`) and what `change` takes.
 
     With temperature > 0 it is drawn at random, see `stirred`.
@@ -184,15 +194,9 @@ def best_at(
             if second[2] < 0.0 or second[1] > limit:
                 break
             if forward[2] >= 0.0:
-                least = -np.inf if temperature > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), forward, (u, x), least), temperature, state)
-                if gain > found[0]:
-                    found = (gain, i, j, k, 0)
+                found = better(problem, t, habits, found, (i, j, k, 0), second, (w, v), forward, (u, x), temperature, state)
             if j > i and backward[2] >= 0.0:
-                least = -np.inf if temperature > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, i, k, second, (w, v), backward, (x, u), least), temperature, state)
-                if gain > found[0]:
-                    found = (gain, i, j, k, 1)
+                found = better(problem, t, habits, found, (i, j, k, 1), second, (w, v), backward, (x, u), temperature, state)
     # A short part j + 1 ... i and a longer one before it.
     forward = backward = (0.0, opens[u], closes[u])
     for j in range(i - 1, max(i - habits.longest, 0) - 1, -1):
@@ -215,15 +219,9 @@ def best_at(
             if second[2] < soonest:
                 break
             if forward[2] >= 0.0 and j - h >= i - j:
-                least = -np.inf if temperature > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, h, i, forward, (x, u), second, (v, w), least), temperature, state)
-                if gain > found[0]:
-                    found = (gain, h, j, i, 0)
+                found = better(problem, t, habits, found, (h, j, i, 0), forward, (x, u), second, (v, w), temperature, state)
             if j < i - 1 and backward[2] >= 0.0:
-                least = -np.inf if temperature > 0.0 else found[0]
-                gain = stirred(gain_of(problem, t, habits, h, i, backward, (u, x), second, (v, w), least), temperature, state)
-                if gain > found[0]:
-                    found = (gain, h, j, i, 2)
+                found = better(problem, t, habits, found, (h, j, i, 2), backward, (u, x), second, (v, w), temperature, state)
     return reversal(problem, t, habits, i, temperature, state, found)
 
 
@@ -235,8 +233,8 @@ def reversal(
     i: int,
     temperature: float,
     state: rng.State,
-    found: tuple[float, int, int, int, int],
-) -> tuple[float, int, int, int, int]:
+    found: Found,
+) -> Found:
     """Return the best of `found` and of reversing a part that begins at place i."""
     opens, closes, order = problem.opens, problem.closes, t.order
     u = order[i]
@@ -248,10 +246,7 @@ def reversal(
         between = one if j == i + 1 else join(problem, one, v, order[j - 1], between)
         if between[2] < 0.0 or between[1] > closes[u]:
             break
-        least = -np.inf if temperature > 0.0 else found[0]
-        gain = stirred(gain_of(problem, t, habits, i, j, between, (v, order[i + 1]), alone, (u, u), least), temperature, state)
-        if gain > found[0]:
-            found = (gain, i, j, j, 3)
+        found = better(problem, t, habits, found, (i, j, j, 3), between, (v, order[i + 1]), alone, (u, u), temperature, state)
     return found
 
 
