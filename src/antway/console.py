@@ -131,158 +131,134 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def print_table(rows: list[tuple[str, dict[str, Any]]]) -> None:
-    """Print the summaries of episodes as a table."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
+Cell = str | tuple[str, str]  # text, or text and its colour
 
-    table = Table(title="Robot among moving obstacles", title_justify="left")
-    heads = [
-        "scene",
-        "policy",
-        "outcome",
-        "time",
-        "driven",
-        "shortest\nstatic path",
-        "more, rest\nto goal added",
-        "waits",
-        "re-plans",
-    ]
-    for head in (*heads, "smallest\nclearance", "cycle ms\np50 / p99"):
-        table.add_column(head, justify="left" if head in heads[:3] else "right")
-    for name, n in rows:
-        over = _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %")
-        table.add_row(
-            escape(name),
-            escape(n["policy"]),
-            f"[{'green' if n['reached'] else 'red'}]{n['outcome']}[/]",
+
+def _print_cells(
+    title: str, heads: Sequence[str], left: str, rows: Iterable[Sequence[Cell]], wide: int = 120, fold: bool = False
+) -> None:
+    """Print a table, `wide` characters wide outside a terminal; the columns named in `left` are aligned left."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left")
+    for head in heads:
+        table.add_column(head, justify="left" if head in left.split() else "right", overflow="fold" if fold else "ellipsis")
+    for row in rows:
+        table.add_row(*(Text(cell) if isinstance(cell, str) else Text(*cell) for cell in row))
+    Console(width=None if sys.stdout.isatty() else wide).print(table)
+
+
+def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
+    """Print the summaries of episodes as a table."""
+    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic path", "more, rest\nto goal added"]
+    heads += ["waits", "re-plans", "smallest\nclearance", "cycle ms\np50 / p99"]
+    rows: list[Sequence[Cell]] = [
+        (
+            name,
+            n["policy"],
+            (n["outcome"], "green" if n["reached"] else "red"),
             _shown(n["time"], ".1f", " s"),
             _shown(n["length"], ".2f", " m"),
             _shown(n["shortest"], ".2f", " m"),
-            over,
+            _shown(n["length_ratio"] and 100 * (n["length_ratio"] - 1), "+.1f", " %"),
             str(n["waits"]),
             str(n["replans"]),
             _shown(n["min_clearance"], ".2f", " m"),
             f"{_shown(n['cycle_ms_p50'], '.2f', '')} / {_shown(n['cycle_ms_p99'], '.2f', '')}",
         )
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+        for name, n in summaries
+    ]
+    _print_cells("Robot among moving obstacles", heads, "scene policy outcome", rows)
 
 
 def print_decisions(decisions: list[dict[str, Any]]) -> None:
     """Print an episode's decisions as a table, with a row for each that differs from the one before."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title="Decisions, each until the next", title_justify="left")
-    for head in ("time", "action", "obstacle", "encounter", "closest", "weighed", "gap", "guard", "reason"):
-        table.add_column(head, justify="right" if head in ("time", "gap") else "left", overflow="fold")
+    heads = ("time", "action", "obstacle", "encounter", "closest", "weighed", "gap", "guard", "reason")
+    rows = []
     for one in decisions:
         closest = "-"
         if one["time_to_closest"] is not None:
             closest = f"{_shown(one['distance_at_closest'], '.2f', ' m')} in {one['time_to_closest']:.1f} s"
-        table.add_row(
+        row = (
             f"{one['t']:.1f} s",
-            escape(one["action"]),
+            one["action"],
             "-" if one["obstacle"] is None else str(one["obstacle"]),
-            escape(one["encounter"] or "-"),
+            one["encounter"] or "-",
             closest,
-            escape(", ".join(f"{name}: {cost}" for name, cost in one["weighed"]) or "-"),
+            ", ".join(f"{name}: {cost}" for name, cost in one["weighed"]) or "-",
             _shown(one["gap"] and 100 * one["gap"], ".1f", " %"),
             one["guard"] or "-",
-            escape(one["reason"]),
+            one["reason"],
         )
-    Console(width=None if sys.stdout.isatty() else 160).print(table)
+        rows.append(row)
+    left = "action obstacle encounter closest weighed guard reason"
+    _print_cells("Decisions, each until the next", heads, left, rows, wide=160, fold=True)
 
 
 def print_summaries(table: Sequence[Summary]) -> None:
     """Print the results of policies on a suite as a table."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
     from antway.arena.summary import remarks
 
-    shown = Table(title="Policies against the clairvoyant optimum", title_justify="left")
-    heads = [
-        "level",
-        "policy",
-        "episodes",
-        "success",
-        "95 %",
-        "hit moving/\nstanding/wall",
-        "timeout/\nerror",
-        "time /\noptimum",
-    ]
-    for head in (*heads, "95 %", "time", "cycle ms\np50 / p99"):
-        shown.add_column(head, justify="left" if head in heads[:2] else "right")
-    for one in table:
-        hits, ends = (("hit-moving", "hit-standing", "hit-wall"), ("timeout", "error"))
-        shown.add_row(
-            escape(one.level or "all"),
-            escape(one.policy),
+    heads = ["level", "policy", "episodes", "success", "95 %", "hit moving/\nstanding/wall", "timeout/\nerror"]
+    heads += ["time /\noptimum", "95 %", "time", "cycle ms\np50 / p99"]
+    rows = [
+        (
+            one.level or "all",
+            one.policy,
             str(one.episodes),
             f"{100 * one.success:.1f} %",
             "{:.1f} - {:.1f}".format(*(100 * end for end in one.success_interval)),
-            "/".join(str(one.outcomes[name]) for name in hits),
-            "/".join(str(one.outcomes[name]) for name in ends),
+            "/".join(str(one.outcomes[name]) for name in ("hit-moving", "hit-standing", "hit-wall")),
+            "/".join(str(one.outcomes[name]) for name in ("timeout", "error")),
             _finite(one.time_ratio, ".4f"),
             " - ".join(_finite(end, ".3f") for end in one.time_ratio_interval if end == end) or "-",
             _finite(one.time, ".2f", " s"),
             f"{_finite(one.cycle[0], '.2f')} / {_finite(one.cycle[1], '.2f')}",
         )
-    Console(width=None if sys.stdout.isatty() else 140).print(shown)
+        for one in table
+    ]
+    _print_cells("Policies against the clairvoyant optimum", heads, "level policy", rows, wide=140)
     for remark in remarks(table):
         print(remark)
 
 
 def print_rounds(numbers: dict[str, Any]) -> None:
     """Print the visits of an episode with stops, and their totals, from its summary."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title="Stops", title_justify="left")
-    for head in ("visit", "stop", "arrives", "waits", "leaves", "late"):
-        table.add_column(head, justify="left" if head == "stop" else "right")
+    rows: list[Sequence[Cell]] = []
     for n, visit in enumerate(numbers["visits"], 1):
         waits = visit["start"] - visit["arrival"]
-        late = f"[red]{visit['late']:.1f} s[/]" if visit["late"] > 0 else "-"
-        name, waited = escape(visit["stop"]), f"{waits:.1f} s" if waits > 0 else "-"
-        table.add_row(str(n), name, f"{visit['arrival']:.1f} s", waited, f"{visit['end']:.1f} s", late)
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+        waited = f"{waits:.1f} s" if waits > 0 else "-"
+        late = (f"{visit['late']:.1f} s", "red") if visit["late"] > 0 else "-"
+        rows.append((str(n), visit["stop"], f"{visit['arrival']:.1f} s", waited, f"{visit['end']:.1f} s", late))
+    _print_cells("Stops", ("visit", "stop", "arrives", "waits", "leaves", "late"), "stop", rows)
     late_in_all = f"{numbers['lateness']:.1f} s late in all" if numbers["lateness"] > 0 else "none late"
     print(f"{numbers['visited']} of {numbers['stops']} stops visited, {late_in_all}; {numbers['orders']} orders decided on")
 
 
 def print_tour(tour: TourPlan) -> None:
     """Print a tour as a table, with a row for each stop in the order of the visits, and its totals."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    task, table = tour.task, Table(title="Tour", title_justify="left")
-    several = len(tour.routes) > 1
-    for head in (*(["robot"] if several else []), "visit", "stop", "leg", "arrives", "waits", "window", "late"):
-        table.add_column(head, justify="left" if head == "stop" else "right")
-    for k, route in enumerate(tour.routes):
+    task, several = tour.task, len(tour.routes) > 1
+    rows: list[Sequence[Cell]] = []
+    for k, route in enumerate(tour.routes, 1):
         for n, stop in enumerate(route.order.tolist()):
             earliest, latest = task.windows[stop].tolist()
+            window = f"{earliest:g} - {'' if latest == float('inf') else f'{latest:g}'} s"
             late = max(0.0, float(route.arrival[n] + route.waiting[n]) - latest)
-            table.add_row(
-                *([str(k + 1)] if several else []),
+            row: list[Cell] = [
+                str(k),
                 str(n + 1),
-                escape(task.names[stop]),
+                task.names[stop],
                 f"{route.legs[n].length:.1f} m",
                 f"{route.arrival[n]:.1f} s",
                 f"{route.waiting[n]:.1f} s" if route.waiting[n] > 0 else "-",
-                f"{earliest:g} - {'' if latest == float('inf') else f'{latest:g}'} s"
-                if (earliest, latest) != (0, float("inf"))
-                else "-",
-                f"[red]{late:.1f} s[/]" if late > 1e-9 * (1 + tour.duration) else "-",
-            )
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+                window if (earliest, latest) != (0, float("inf")) else "-",
+                (f"{late:.1f} s", "red") if late > 1e-9 * (1 + tour.duration) else "-",
+            ]
+            rows.append(row if several else row[1:])
+    heads = ["robot", "visit", "stop", "leg", "arrives", "waits", "window", "late"]
+    _print_cells("Tour", heads if several else heads[1:], "stop", rows)
     proof = f"; at most {100 * tour.gap:.1f} % over the best" if tour.feasible and tour.gap < 1.0 else ""
     if tour.feasible and tour.gap < 1e-6:
         proof = "; proved the best"
