@@ -24,8 +24,8 @@ from antway.console import (
     MovesName,
     Resolution,
     Seed,
-    completed,
     exit_with,
+    name_option,
     number_option,
     pair,
     print_decisions,
@@ -34,6 +34,7 @@ from antway.console import (
     print_summaries,
     print_table,
     say,
+    scene_argument,
     status_of,
     working,
 )
@@ -48,35 +49,16 @@ app = typer.Typer(
 
 
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; the scenario's by default.")]
-RobotName = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help=f"Robot: {names(ROBOTS)}, or a .toml file.",
-        autocompletion=completed(ROBOTS),
-    ),
-]
+RobotName = Annotated[str | None, name_option(ROBOTS, f"Robot: {names(ROBOTS)}, or a .toml file.")]
 SMALL = 2**19  # cells of a map that interpreted kernels search faster than kernels are compiled
 TINY = 2**16  # cells of a map that interpreted kernels search faster than Numba is loaded
 
-ScenarioName = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO",
-        help=f"A .toml file, or a scene: {names(SHIPPED_SCENES)}.",
-        autocompletion=completed(SHIPPED_SCENES),
-    ),
-]
-PlannerName = Annotated[
-    str,
-    typer.Option(metavar="NAME", help=f"Planner: {names(PLANNERS)}, or MODULE:NAME.", autocompletion=completed(PLANNERS)),
-]
+ScenarioName = Annotated[str, scene_argument("SCENARIO", "A .toml file")]
+PlannerName = Annotated[str, name_option(PLANNERS, f"Planner: {names(PLANNERS)}, or MODULE:NAME.")]
 PolicyName = Annotated[
     str,
-    typer.Option(
-        metavar="NAME",
-        help=f"Policy that steers the robot: {names(POLICIES)}, or MODULE:CLASS; /OPTION=VALUE after it sets an option.",
-        autocompletion=completed(POLICIES),
+    name_option(
+        POLICIES, f"Policy that steers the robot: {names(POLICIES)}, or MODULE:CLASS; /OPTION=VALUE after it sets an option."
     ),
 ]
 
@@ -152,9 +134,8 @@ def plan_command(
 
         title = {Status.FOUND: "Plan", Status.NO_PATH: "No path", Status.BUDGET: "Out of budget"}[path.status]
         with working("drawing"):
-            figures.save(
-                figures.plan_figure(grid, path, title=title, ends=(grid.centre(problem.start), grid.centre(problem.goal))), out
-            )
+            drawn = figures.plan_figure(grid, path, title=title, ends=(grid.centre(source), grid.centre(target)))
+            figures.save(drawn, out)
     xy = path.xy(grid)
     if json:
         record = {
@@ -259,14 +240,11 @@ def demo_command(
 
     console, shown = Console(stderr=True), policies.split(",")
     with console.status("starting") as status, working("playing the scenes"), compiling_beside(shown[-1]):
-        rows = list(
-            run_demo(
-                out,
-                policies=shown,
-                seed=seed,
-                on_progress=lambda name, what: status.update(escape(f"{name}: {what}")),
-            )
-        )
+
+        def progress(name: str, what: str) -> None:
+            status.update(escape(f"{name}: {what}"))
+
+        rows = list(run_demo(out, policies=shown, seed=seed, on_progress=progress))
     rows.sort(key=lambda row: SHIPPED_SCENES.index(row[0]))
     if json:
         print_json({"episodes": [numbers for _, numbers in rows], "out": str(out)})
@@ -362,8 +340,7 @@ def bench_command(
 @app.command("warmup")
 def warmup_command(
     kinds: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[KIND]...", help=f"What to prepare: {names(WARM)}; all by default."),
+        list[str] | None, typer.Argument(metavar="[KIND]...", help=f"What to prepare: {names(WARM)}; all by default.")
     ] = None,
     workers: Annotated[int | None, number_option("workers", int, "N", "Processes; one per core by default.")] = None,
 ) -> int:

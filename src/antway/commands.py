@@ -288,13 +288,8 @@ def smooth_plan(path: Plan, grid: Grid, robot: RobotSpec, seed: int, out: Path |
         with working("drawing"):
             save(motion_figure(grid, path, found, robot), out)
     if json:
-        record: dict[str, Any] = {
-            "status": found.status.value,
-            "length": path.length,
-            "bent": found.bent,
-            "reason": found.reason,
-        }
-        record |= {"bound": found.bound, "stop_time": found.stop_time, "elapsed": found.elapsed}
+        record: dict[str, Any] = {"status": found.status.value, "length": path.length, "bent": found.bent}
+        record |= {name: getattr(found, name) for name in ("reason", "bound", "stop_time", "elapsed")}
         if motion is not None:
             names = ("t", "xy", "heading", "velocity", "turn_rate")
             record |= {"time": motion.time, "motion": {name: getattr(motion, name).tolist() for name in names}}

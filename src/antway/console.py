@@ -64,14 +64,18 @@ def completed(table: Iterable[str]) -> Callable[[str], list[str]]:
     return offered
 
 
-MapFile = Annotated[
-    Path,
-    typer.Argument(
-        metavar="MAP",
-        help=f"ROS .yaml, .pgm, .png, .map, .txt, .npy, or a scene: {names(SHIPPED_SCENES)}.",
-        autocompletion=completed(SHIPPED_SCENES),
-    ),
-]
+def scene_argument(metavar: str, files: str) -> Any:
+    """Return an argument that is a file or a shipped scene."""
+    help = f"{files}, or a scene: {names(SHIPPED_SCENES)}."
+    return typer.Argument(metavar=metavar, help=help, autocompletion=completed(SHIPPED_SCENES))
+
+
+def name_option(table: Iterable[str], help: str) -> Any:
+    """Return an option with a name, which the shell completes from `table`."""
+    return typer.Option(metavar="NAME", help=help, autocompletion=completed(table))
+
+
+MapFile = Annotated[Path, scene_argument("MAP", "ROS .yaml, .pgm, .png, .map, .txt, .npy")]
 MOVES = {
     "four": "with four directions",
     "eight": "with eight directions",
@@ -80,9 +84,7 @@ MOVES = {
     "sixteen": "with sixteen directions",
     "thirty-two": "with thirty-two directions",
 }
-MovesName = Annotated[
-    str, typer.Option(metavar="NAME", help=f"Moves between cells: {names(MOVES)}.", autocompletion=completed(MOVES))
-]
+MovesName = Annotated[str, name_option(MOVES, f"Moves between cells: {names(MOVES)}.")]
 Resolution = Annotated[float | None, number_option("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")]
 
 

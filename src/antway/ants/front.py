@@ -74,7 +74,7 @@ def pareto(
         Risk of each cell per m of path, >= 0; needed if exposure is an objective.
     seed : int
     budget : Budget
-        Its cycles, if any, stand in place of `cycles`.
+        Its cycles, if any, replace `cycles`.
     ants : int
         Ants for each weighting and cycle. There are 12 weightings for one objective besides length, 25 for two, 27 for three.
     cycles : int
@@ -155,7 +155,7 @@ def alternatives(
         Largest ratio of the longest to the shortest path, >= 1.
     seed : int
     budget : Budget
-        Its cycles, if any, stand in place of `cycles`.
+        Its cycles, if any, replace `cycles`.
     ants : int
         Ants in a cycle.
     cycles : int

@@ -136,7 +136,7 @@ def explore(
         Its moves must be to the 4 or 8 neighbours.
     seed : int
     budget : Budget
-        Its cycles, if any, stand in place of `cycles`.
+        Its cycles, if any, replace `cycles`.
     rule : str or Rule
         as, eas, rank, mmas, acs, or a rule of `antway.ants.rules`; `persistence`, `ants`, `alpha`, `beta` override it. The
         name mmas stands for `MMAS_ON_GRIDS`.

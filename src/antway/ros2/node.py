@@ -50,6 +50,11 @@ _OF_ROS = ("use_sim_time", "qos_overrides", "start_type_description_service")
 SEEN_AHEAD = 3.0  # s; how far ahead predictions are shown
 
 
+def _as_float(default: Any, value: Any) -> Any:
+    """Return `value` as a float if it is an integer and the default of the parameter is a float."""
+    return float(value) if isinstance(default, float) and type(value) is int else value
+
+
 class AntwayNode(LifecycleNode):  # type: ignore[misc]
     """Converts messages for the pilot, and its answers to messages.
 
@@ -72,10 +77,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
                 ]
             elif isinstance(one.default, int) and not isinstance(one.default, bool):
                 about.integer_range = [make("rcl_interfaces/msg/IntegerRange", from_value=one.low, to_value=one.high, step=1)]
-            value = self.declare_parameter(name, one.default, about).value
-            if isinstance(one.default, float) and isinstance(value, int) and not isinstance(value, bool):
-                value = float(value)
-            self.values[name] = value
+            self.values[name] = _as_float(one.default, self.declare_parameter(name, one.default, about).value)
         for name, given in getattr(self, "_parameter_overrides", {}).items():
             if not self.has_parameter(name) and not name.startswith(_OF_ROS):
                 near = difflib.get_close_matches(name, self.values, 3) or list(self.values)
@@ -91,9 +93,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _on_parameters(self, changed: list[Any]) -> Any:
         values = self.values | {one.name: one.value for one in changed if one.name in self.values}
-        for name, one in parameters().items():
-            if isinstance(one.default, float) and isinstance(values[name], int) and not isinstance(values[name], bool):
-                values[name] = float(values[name])
+        values = {name: _as_float(one.default, values[name]) for name, one in parameters().items()}
         try:
             Settings.of(values)
         except BadInput as wrong:

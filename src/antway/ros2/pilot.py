@@ -185,20 +185,18 @@ class Pilot:
             return self._wait(t, WARN, "waiting for a map")
         if self.scan is None:
             return self._wait(t, WARN, "waiting for obstacles")
-        stamp, tracks = self.scan
+        stamp = self.scan[0]
         if abs(t - stamp) > settings.timeout:
             return self._wait(t, ERROR, f"obstacles are {t - stamp:.2f} s older than odometry: the sensor is silent")
         if stamp > t:  # seen after the robot's place was measured
             xy, t = (xy[0] + velocity[0] * (stamp - t), xy[1] + velocity[1] * (stamp - t)), stamp
-        into = inverse(self.frame)
-        here = move_point(into, xy)
         if self.policy is None:
             try:
                 standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
             except BadInput as wrong:
                 return self.drop(f"the goal {goal.xy} is refused: {wrong}", End.REFUSED, ERROR)
             try:
-                self.policy = self._set_out(goal, here)
+                self.policy = self._set_out(goal, move_point(inverse(self.frame), xy))
             except BadInput as wrong:
                 return self._wait(t, ERROR, f"the robot cannot set out from {xy}: {wrong}")
             self.started = t
@@ -207,16 +205,7 @@ class Pilot:
             self.mark = (t, xy)
         elif goal.hurried and t - self.mark[0] > settings.progress_time:
             return self.drop(f"no progress in {settings.progress_time:g} s", End.HELD, ERROR)
-        seen = Observation(
-            t - self.started,
-            here,
-            turn(into[2], velocity),
-            wrap(heading + into[2]),
-            move_tracks(into, tracks),
-            stamp - self.started,
-            self.turn_rate,
-            self.sent if len(self.sent) else None,
-        )
+        seen = self._seen(t, self.started, xy, velocity, heading, self.scan)
         try:
             self._observe(seen, t)
             command = self.policy.act(seen)
@@ -231,6 +220,13 @@ class Pilot:
         if did == "braked" and decision.guard != did:
             return Answer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
+
+    def _seen(self, t: float, start: float, xy: XY, velocity: XY, heading: float, scan: tuple[float, Tracks]) -> Observation:
+        """Return what is observed at `t` s in the policy's frame; its time counts from `start` s."""
+        into, sent = inverse(self.frame), self.sent if len(self.sent) else None
+        here, velocity, heading = move_point(into, xy), turn(into[2], velocity), wrap(heading + into[2])
+        tracks, stamp = move_tracks(into, scan[1]), scan[0] - start
+        return Observation(t - start, here, velocity, heading, tracks, stamp, self.turn_rate, sent)
 
     # The guard's process
 
@@ -259,23 +255,14 @@ class Pilot:
 
     def _turn(self, goal: Goal, t: float, xy: XY, velocity: XY, heading: float) -> Answer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
-        settings, into = self.settings, inverse(self.frame)
+        settings = self.settings
         if self.map is None or self.scan is None or abs(t - self.scan[0]) > settings.timeout:
             return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
-        here = move_point(into, xy)
-        task = Task(self.grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
-        seen = Observation(
-            t,
-            here,
-            turn(into[2], velocity),
-            wrap(heading + into[2]),
-            move_tracks(into, self.scan[1]),
-            min(self.scan[0], t),
-            self.turn_rate,
-            self.sent if len(self.sent) else None,
-        )
+        seen = self._seen(t, 0.0, xy, velocity, heading, (min(self.scan[0], t), self.scan[1]))
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), heading, settings.robot)
         if self.guard is None:
+            there = move_point(inverse(self.frame), goal.xy)
+            task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
             self.guard = Guard()
             self.guard.reset(task)
             if self.keeper is not None:
@@ -307,10 +294,8 @@ class Pilot:
         grid = self.grid
         if goal.path is not None:
             grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
-        policy, task = (
-            AntwayPolicy(**settings.policy),
-            Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task),
-        )
+        policy = AntwayPolicy(**settings.policy)
+        task = Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
         policy.reset(task, 0)
         if self.keeper is not None:
             self.keeper.reset(task)
@@ -329,12 +314,9 @@ class Pilot:
         """Return the reason of the last command in the map's frame (the same object while unchanged); None: no policy."""
         if self.policy is None:
             return None
-        last_decision = self.policy.explain()
-        if self.last_decision is None or last_decision is not self.last_decision[0]:
-            self.last_decision = (
-                last_decision,
-                last_decision if self.frame == HERE else move_decision(self.frame, last_decision),
-            )
+        last = self.policy.explain()
+        if self.last_decision is None or last is not self.last_decision[0]:
+            self.last_decision = last, last if self.frame == HERE else move_decision(self.frame, last)
         return self.last_decision[1]
 
     def predictions(self, horizon: float) -> list[NDArray[np.float64]]:

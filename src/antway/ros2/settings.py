@@ -132,13 +132,10 @@ class Settings:
             if isinstance(default, float)
         }
         radius = own.pop("obstacle_radius")
-        for name in ("autostart", "guard_process", "stamped"):
-            checks.instance(name, values[name], bool)
-        for name in ("frame", "base_frame"):
-            if not checks.instance(name, values[name], str):
+        for name in ("autostart", "guard_process", "stamped", "frame", "base_frame", "planner_id", "controller_id"):
+            own[name] = checks.instance(name, values[name], type(_OWN[name][0]))
+            if name.endswith("frame") and not own[name]:
                 raise BadParameter(name, values[name], "the name of a frame")
-        for name in ("planner_id", "controller_id"):
-            checks.instance(name, values[name], str)
         kind = values["obstacles_type"]
         return Settings(
             robot=robot,
@@ -147,10 +144,6 @@ class Settings:
             map_occupied=checks.integer("map_occupied", values["map_occupied"], low=1, high=100),
             planner=checks.choice("planner", values["planner"], PLANNERS),
             reader=_reader(kind, values["obstacles_converter"], radius),
-            **{
-                n: values[n]
-                for n in ("autostart", "guard_process", "stamped", "frame", "base_frame", "planner_id", "controller_id")
-            },
             obstacles_type=kind,
             **own,
         )

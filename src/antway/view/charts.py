@@ -161,7 +161,7 @@ def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which 
 
 
 @style.styled
-def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the optimum of one who knew it all") -> Figure:
+def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the clairvoyant optimum") -> Figure:
     """Draw for each policy the share of all episodes that reached the goal within a multiple of the clairvoyant optimum.
 
     Parameters
