@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
-from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, change, compute, descend, initialize, move
+from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, DStar, change, compute, descend, initialize, move
 from antway.planning import Budget, Plan, Problem, Status, start_clock
 from antway.search.result import not_found
 
@@ -79,24 +79,22 @@ class DStarLite:
             raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _NEED)} for D* Lite")
         free = np.pad(~problem.grid.blocked, 1)
         size, self._width = free.size, free.shape[1]
-        self._problem, self._stale, self._free = problem, False, free.ravel()
+        self._problem, self._stale = problem, False
         start, goal = self._flat("ends", [problem.start, problem.goal])
-        self._arrays = (
-            *(np.full(size, INF), np.full(size, INF), np.zeros((size, 2), np.int64)),  # g, rhs, key
-            *(np.empty(size, np.int64), np.full(size, -1)),  # queue, place
-            np.array([self._width, len(problem.moves.offsets), _NEED[problem.moves], start, goal, 0, 0, 0]),
-        )
-        initialize(*self._arrays)
+        g, rhs, place = np.full(size, INF), np.full(size, INF), np.full(size, -1)
+        key, queue = np.zeros((size, 2), np.int64), np.empty(size, np.int64)
+        state = np.array([self._width, len(problem.moves.offsets), _NEED[problem.moves], start, goal, 0, 0, 0])
+        self._search = DStar(free.ravel(), g, rhs, key, queue, place, state)
+        initialize(self._search)
 
     @property
     def problem(self) -> Problem:
         """The present problem; its grid is made on demand."""
         if self._stale:
-            grid, blocked = self._problem.grid, ~self._free.reshape(-1, self._width)[1:-1, 1:-1]
+            grid, blocked = self._problem.grid, ~self._search.free.reshape(-1, self._width)[1:-1, 1:-1]
             unknown = None if grid.unknown is None else grid.unknown & (blocked == grid.blocked)
-            self._problem = replace(
-                self._problem, grid=replace(grid, blocked=blocked, unknown=unknown), start=self._cell(self._arrays[-1][START])
-            )
+            start = self._cell(self._search.state[START])
+            self._problem = replace(self._problem, grid=replace(grid, blocked=blocked, unknown=unknown), start=start)
             self._stale = False
         return self._problem
 
@@ -122,11 +120,11 @@ class DStarLite:
             raise BadParameter("blocked", f"{state.dtype}{list(state.shape)}", f"one bool, or {len(flat)}")
         now_free = np.full(flat.shape, ~state)
         for name, place in (("start", START), ("goal", GOAL)):
-            end = self._arrays[-1][place]
+            end = self._search.state[place]
             at = (flat == end).nonzero()[0]
             if len(at) and not now_free[at[-1]]:
                 raise CellBlocked("cells", self._cell(end), f"other than the {name} if they become blocked")
-        change(self._free, *self._arrays, flat, now_free)
+        change(self._search, flat, now_free)
         self._stale = True
 
     def move(self, start: Cell) -> None:
@@ -137,9 +135,9 @@ class DStarLite:
         BadParameter, OutOfBounds, CellBlocked
         """
         flat = int(self._flat("start", [start])[0])
-        if not self._free[flat]:
+        if not self._search.free[flat]:
             raise CellBlocked("start", start, "a free cell; this one is blocked")
-        move(self._arrays[-1], flat)
+        move(self._search, flat)
         self._stale = True
 
     def _flat(self, name: str, cells: ArrayLike) -> NDArray[np.int64]:
@@ -168,13 +166,13 @@ class DStarLite:
         If the budget runs out, the next call continues the search.
         """
         clock = budget.start()
-        state, rhs = self._arrays[-1], self._arrays[1]
+        state = self._search.state
         state[EXPANDED] = 0
         done = False
         while not done and not clock.spent():
-            done = compute(self._free, *self._arrays, STEPS)
-        if not done or rhs[state[START]] == INF:
+            done = compute(self._search, STEPS)
+        if not done or self._search.rhs[state[START]] == INF:
             return not_found(done, int(state[EXPANDED]), clock)
-        path, diagonals = descend(self._free, self._arrays[0], rhs, state)
+        path, diagonals = descend(self._search)
         length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * self._problem.grid.resolution
         return Plan(Status.FOUND, path, length, True, int(state[EXPANDED]), clock.elapsed(), length)

@@ -7,6 +7,8 @@ differ by less than 5741.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,96 +19,103 @@ Bools = NDArray[np.bool_]
 
 STEP, DIAGONAL = 5741, 8119
 INF = 1 << 60
-WIDTH, MOVES, NEED, START, GOAL, KM, SIZE, EXPANDED = range(8)  # indices of `state`
+# Indices of `state`: width of the padded grid, number of moves (4 or 8), number of side cells of a diagonal that must be free,
+# start, goal, k_m, size of the queue, number of expansions.
+WIDTH, MOVES, NEED, START, GOAL, KM, SIZE, EXPANDED = range(8)
+
+
+class DStar(NamedTuple):
+    """The memory of a search; the arrays [N] but `queue` are indexed by the flat cell of the padded grid."""
+
+    free: Bools
+    g: Ints
+    rhs: Ints
+    key: Ints  # [N, 2]
+    queue: Ints  # [N]; heap of the cells where g and rhs differ
+    place: Ints  # [N]; position in `queue`, or -1
+    state: Ints  # [8]
 
 
 @bare_kernel
-def compute(free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints, steps: int) -> bool:
-    """Expand at most `steps` cells; tell whether `rhs` of the start is now its distance to the goal.
-
-    `free`, `g`, `rhs`, `key` [N, 2] and `place`, the position in `queue` or -1, are indexed by flat cell, padded by one.
-    `queue` [N] is a heap of the cells where g and rhs differ. `state` [8] is the width of the padded grid, the number of moves
-    (4 or 8), the side cells of a diagonal that must be free, start, goal, k_m, the size of the queue, and the expansions.
-    """
-    start = state[START]
+def compute(d: DStar, steps: int) -> bool:
+    """Expand at most `steps` cells; tell whether `rhs` of the start is now its distance to the goal."""
+    start = d.state[START]
     for _ in range(steps):
-        if state[SIZE] == 0:
+        if d.state[SIZE] == 0:
             return True
-        u = queue[0]
-        first, second = _key(g, rhs, state, start)
-        if not _less(key[u, 0], key[u, 1], first, second) and rhs[start] <= g[start]:
+        u = d.queue[0]
+        first, second = _key(d, start)
+        if not _less(d.key[u, 0], d.key[u, 1], first, second) and d.rhs[start] <= d.g[start]:
             return True
-        first, second = _key(g, rhs, state, u)
-        if _less(key[u, 0], key[u, 1], first, second):
-            key[u, 0], key[u, 1] = first, second
-            _sink(key, queue, place, state, 0)
+        first, second = _key(d, u)
+        if _less(d.key[u, 0], d.key[u, 1], first, second):
+            d.key[u, 0], d.key[u, 1] = first, second
+            _sink(d, 0)
             continue
-        state[EXPANDED] += 1
-        old = g[u]
-        g[u] = rhs[u] if old > rhs[u] else INF
-        for k in range(state[MOVES]):
-            s = u + _offset(state, k)
-            cost = _cost(free, state, u, k)
-            if cost == INF or s == state[GOAL]:
+        d.state[EXPANDED] += 1
+        old = d.g[u]
+        d.g[u] = d.rhs[u] if old > d.rhs[u] else INF
+        for k in range(d.state[MOVES]):
+            s = u + _offset(d, k)
+            cost = _cost(d, u, k)
+            if cost == INF or s == d.state[GOAL]:
                 continue
-            before = rhs[s]
-            if g[u] != INF:
-                rhs[s] = min(before, cost + g[u])
+            before = d.rhs[s]
+            if d.g[u] != INF:
+                d.rhs[s] = min(before, cost + d.g[u])
             elif before == cost + old:
-                rhs[s] = _look_ahead(free, g, state, s)
-            if rhs[s] != before:
-                _update(g, rhs, key, queue, place, state, s)
-        _update(g, rhs, key, queue, place, state, u)
+                d.rhs[s] = _look_ahead(d, s)
+            if d.rhs[s] != before:
+                _update(d, s)
+        _update(d, u)
     return False
 
 
 @bare_kernel
-def change(
-    free: Bools, g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints, cells: Ints, now_free: Bools
-) -> None:
+def change(d: DStar, cells: Ints, now_free: Bools) -> None:
     """Set the `cells` to `now_free` and update `rhs` around those that changed; `cells` is overwritten."""
     changed = 0
     for i in range(len(cells)):
-        if free[cells[i]] != now_free[i]:
-            free[cells[i]] = now_free[i]
+        if d.free[cells[i]] != now_free[i]:
+            d.free[cells[i]] = now_free[i]
             cells[changed] = cells[i]
             changed += 1
     for i in range(changed):
         for dr in range(-1, 2):
             for dc in range(-1, 2):
-                s = cells[i] + dr * state[WIDTH] + dc
-                if s != state[GOAL]:
-                    rhs[s] = _look_ahead(free, g, state, s)
-                    _update(g, rhs, key, queue, place, state, s)
+                s = cells[i] + dr * d.state[WIDTH] + dc
+                if s != d.state[GOAL]:
+                    d.rhs[s] = _look_ahead(d, s)
+                    _update(d, s)
 
 
 @bare_kernel
-def initialize(g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints) -> None:
+def initialize(d: DStar) -> None:
     """Put the goal, at distance 0, on the queue."""
-    rhs[state[GOAL]] = 0
-    _update(g, rhs, key, queue, place, state, state[GOAL])
+    d.rhs[d.state[GOAL]] = 0
+    _update(d, d.state[GOAL])
 
 
 @bare_kernel
-def move(state: Ints, start: int) -> None:
+def move(d: DStar, start: int) -> None:
     """Move the robot to `start`. k_m grows by the largest decrease of the heuristic, so that keys stay lower bounds."""
-    state[KM] += _heuristic(state, state[START], start)
-    state[START] = start
+    d.state[KM] += _heuristic(d, d.state[START], start)
+    d.state[START] = start
 
 
 @kernel
-def descend(free: Bools, g: Ints, rhs: Ints, state: Ints) -> tuple[NDArray[np.int32], int]:
+def descend(d: DStar) -> tuple[NDArray[np.int32], int]:
     """Return a shortest path from the start as (row, col), and its number of diagonal moves; there must be one."""
-    s, n, diagonals = state[START], 1, 0
-    path = np.empty((rhs[s] // STEP + 1, 2), np.int32)  # no move is cheaper than a step
-    path[0, 0], path[0, 1] = s // state[WIDTH] - 1, s % state[WIDTH] - 1
-    while s != state[GOAL]:
+    s, n, diagonals = d.state[START], 1, 0
+    path = np.empty((d.rhs[s] // STEP + 1, 2), np.int32)  # no move is cheaper than a step
+    path[0, 0], path[0, 1] = s // d.state[WIDTH] - 1, s % d.state[WIDTH] - 1
+    while s != d.state[GOAL]:
         k = 0  # one of the moves leads to the neighbour that determines `rhs`
-        while g[s + _offset(state, k)] + (STEP if k < 4 else DIAGONAL) != rhs[s] or _cost(free, state, s, k) == INF:
+        while d.g[s + _offset(d, k)] + (STEP if k < 4 else DIAGONAL) != d.rhs[s] or _cost(d, s, k) == INF:
             k += 1
         down, right = _step(k)
         path[n, 0], path[n, 1] = path[n - 1, 0] + down, path[n - 1, 1] + right
-        s += _offset(state, k)
+        s += _offset(d, k)
         n += 1
         diagonals += k >= 4
     return path[:n], diagonals
@@ -121,53 +130,53 @@ def _step(k: int) -> tuple[int, int]:
 
 
 @bare_kernel
-def _offset(state: Ints, k: int) -> int:
+def _offset(d: DStar, k: int) -> int:
     """Return the flat offset of move `k`."""
     down, right = _step(k)
-    return int(down * state[WIDTH] + right)
+    return int(down * d.state[WIDTH] + right)
 
 
 @bare_kernel
-def _cost(free: Bools, state: Ints, s: int, k: int) -> int:
+def _cost(d: DStar, s: int, k: int) -> int:
     """Return the cost of move `k` from or to `s`; INF if it is illegal."""
-    t = s + _offset(state, k)
-    if not (free[s] and free[t]):
+    t = s + _offset(d, k)
+    if not (d.free[s] and d.free[t]):
         return INF
     if k < 4:
         return STEP
-    sides = int(free[s + (state[WIDTH] if k < 6 else -state[WIDTH])]) + int(free[s + (-1 if 4 < k < 7 else 1)])
-    return DIAGONAL if sides >= state[NEED] else INF
+    sides = int(d.free[s + (d.state[WIDTH] if k < 6 else -d.state[WIDTH])]) + int(d.free[s + (-1 if 4 < k < 7 else 1)])
+    return DIAGONAL if sides >= d.state[NEED] else INF
 
 
 @bare_kernel
-def _look_ahead(free: Bools, g: Ints, state: Ints, s: int) -> int:
+def _look_ahead(d: DStar, s: int) -> int:
     """Return the least cost from `s` to the goal through a neighbour."""
     best = INF
-    if free[s]:
-        for k in range(state[MOVES]):
-            cost = _cost(free, state, s, k)
+    if d.free[s]:
+        for k in range(d.state[MOVES]):
+            cost = _cost(d, s, k)
             if cost != INF:
-                best = min(best, cost + g[s + _offset(state, k)])
+                best = min(best, cost + d.g[s + _offset(d, k)])
     return best
 
 
 @bare_kernel
-def _heuristic(state: Ints, s: int, t: int) -> int:
+def _heuristic(d: DStar, s: int, t: int) -> int:
     """Return the cost between two cells on an empty map."""
-    row, to_row = s // state[WIDTH], t // state[WIDTH]
-    dr, dc = abs(row - to_row), abs(s - t - (row - to_row) * state[WIDTH])
-    if state[MOVES] == 4:
+    row, to_row = s // d.state[WIDTH], t // d.state[WIDTH]
+    dr, dc = abs(row - to_row), abs(s - t - (row - to_row) * d.state[WIDTH])
+    if d.state[MOVES] == 4:
         return int(STEP * (dr + dc))
     return int(STEP * max(dr, dc) + (DIAGONAL - STEP) * min(dr, dc))
 
 
 @bare_kernel
-def _key(g: Ints, rhs: Ints, state: Ints, s: int) -> tuple[int, int]:
+def _key(d: DStar, s: int) -> tuple[int, int]:
     """Return the key of `s`."""
-    least = min(g[s], rhs[s])
+    least = min(d.g[s], d.rhs[s])
     if least == INF:
         return INF, INF
-    return least + _heuristic(state, state[START], s) + state[KM], least
+    return least + _heuristic(d, d.state[START], s) + d.state[KM], least
 
 
 @bare_kernel
@@ -177,51 +186,53 @@ def _less(a: int, b: int, c: int, d: int) -> bool:
 
 
 @bare_kernel
-def _update(g: Ints, rhs: Ints, key: Ints, queue: Ints, place: Ints, state: Ints, s: int) -> None:
+def _update(d: DStar, s: int) -> None:
     """Put `s` where it belongs in the queue, or take it out if it is consistent."""
-    i = place[s]
-    if g[s] != rhs[s]:
-        key[s, 0], key[s, 1] = _key(g, rhs, state, s)
+    i = d.place[s]
+    if d.g[s] != d.rhs[s]:
+        d.key[s, 0], d.key[s, 1] = _key(d, s)
         if i < 0:
-            i = state[SIZE]
-            state[SIZE] += 1
-            queue[i], place[s] = s, i
-        _rise(key, queue, place, i)
-        _sink(key, queue, place, state, place[s])
+            i = d.state[SIZE]
+            d.state[SIZE] += 1
+            d.queue[i], d.place[s] = s, i
+        _rise(d, i)
+        _sink(d, d.place[s])
     elif i >= 0:
-        place[s] = -1
-        state[SIZE] -= 1
-        last = queue[state[SIZE]]
+        d.place[s] = -1
+        d.state[SIZE] -= 1
+        last = d.queue[d.state[SIZE]]
         if last != s:
-            queue[i], place[last] = last, i
-            _rise(key, queue, place, i)
-            _sink(key, queue, place, state, place[last])
+            d.queue[i], d.place[last] = last, i
+            _rise(d, i)
+            _sink(d, d.place[last])
 
 
 @bare_kernel
-def _rise(key: Ints, queue: Ints, place: Ints, i: int) -> None:
+def _rise(d: DStar, i: int) -> None:
     """Move the entry at `i` up to where no entry above it is greater."""
-    s = queue[i]
+    s = d.queue[i]
     while i > 0:
-        above = queue[(i - 1) >> 1]
-        if not _less(key[s, 0], key[s, 1], key[above, 0], key[above, 1]):
+        above = d.queue[(i - 1) >> 1]
+        if not _less(d.key[s, 0], d.key[s, 1], d.key[above, 0], d.key[above, 1]):
             break
-        queue[i], place[above] = above, i
+        d.queue[i], d.place[above] = above, i
         i = (i - 1) >> 1
-    queue[i], place[s] = s, i
+    d.queue[i], d.place[s] = s, i
 
 
 @bare_kernel
-def _sink(key: Ints, queue: Ints, place: Ints, state: Ints, i: int) -> None:
+def _sink(d: DStar, i: int) -> None:
     """Move the entry at `i` down to where no entry below it is less."""
-    s = queue[i]
-    while 2 * i + 1 < state[SIZE]:
+    s = d.queue[i]
+    while 2 * i + 1 < d.state[SIZE]:
         j = 2 * i + 1
-        if j + 1 < state[SIZE] and _less(key[queue[j + 1], 0], key[queue[j + 1], 1], key[queue[j], 0], key[queue[j], 1]):
+        if j + 1 < d.state[SIZE] and _less(
+            d.key[d.queue[j + 1], 0], d.key[d.queue[j + 1], 1], d.key[d.queue[j], 0], d.key[d.queue[j], 1]
+        ):
             j += 1
-        below = queue[j]
-        if not _less(key[below, 0], key[below, 1], key[s, 0], key[s, 1]):
+        below = d.queue[j]
+        if not _less(d.key[below, 0], d.key[below, 1], d.key[s, 0], d.key[s, 1]):
             break
-        queue[i], place[below] = below, i
+        d.queue[i], d.place[below] = below, i
         i = j
-    queue[i], place[s] = s, i
+    d.queue[i], d.place[s] = s, i
