@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
-from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, build_mesh, search, unwind
+from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, Memory, build_mesh, search, unwind
 from antway.kernels.search.theta import cells_along, theta
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept
@@ -79,19 +79,7 @@ class Mesh(NamedTuple):
     ports: NDArray[np.int64]
     at: NDArray[np.int32]
     widest: int  # largest number of portals of a rectangle
-    spare: list[Workspace]  # unused workspaces, for the next searches
-
-
-class Workspace:
-    """The memory of a search by Polyanya, see `kernels.search.polyanya.search`; it grows on demand and is reused."""
-
-    def __init__(self, corners: int, nodes: int) -> None:
-        self.best, self.parent = np.empty(corners), np.empty(corners, np.int64)
-        self.nodes: tuple[Any, ...] = (np.empty((nodes, 7), np.int64), np.empty(nodes), np.empty((nodes, 2)))
-
-    def grow(self) -> None:
-        """Double the capacity for nodes."""
-        self.nodes = tuple(_longer(array) for array in self.nodes)
+    spare: list[Memory]  # unused memories, for the next searches
 
 
 def _mesh(grid: Grid) -> Mesh:
@@ -99,30 +87,34 @@ def _mesh(grid: Grid) -> Mesh:
     return Mesh(mesh, part, ports, at, int((mesh[:, 3] - mesh[:, 2] + mesh[:, 5] - mesh[:, 4]).max()), [])
 
 
+def _memory(net: Mesh, nodes: int) -> Memory:
+    corners, ends, counts = 2 * len(net.ports), np.empty(6, np.int64), np.empty(4, np.int64)
+    best, parent, node = np.empty(corners), np.empty(corners, np.int64), np.empty((nodes, 7), np.int64)
+    return Memory(net.mesh, net.ports, ends, best, parent, node, np.empty(nodes), np.empty((nodes, 2)), counts)
+
+
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
     net = kept(problem.grid, "mesh", lambda: _mesh(problem.grid))
     (sr, sc), (gr, gc) = problem.start, problem.goal
     first, last = net.at[sr, sc], net.at[gr, gc]
-    ends = np.array([2 * sc + 1, 2 * sr + 1, first, 2 * gc + 1, 2 * gr + 1, last])
     if net.part[first] != net.part[last]:
         return not_found(True, 0, clock)
     most = 3 * net.widest
-    workspace = net.spare.pop() if net.spare else Workspace(2 * len(net.ports), 2048 + most)
-    workspace.best.fill(np.inf)
-    count = np.array([0, 0, 0, most])
+    memory = net.spare.pop() if net.spare else _memory(net, 2048 + most)
+    memory.ends[:] = 2 * sc + 1, 2 * sr + 1, first, 2 * gc + 1, 2 * gr + 1, last
+    memory.best.fill(np.inf)
+    memory.counts[:] = 0, 0, 0, most
     code, corner = (FOUND if first == last else PAUSED), START
     try:
         while code == PAUSED and not clock.spent():
-            memory: tuple[Any, ...] = (workspace.best, workspace.parent, *workspace.nodes, count, STEPS)
-            code, corner = search(net.mesh, net.ports, ends, *memory)
-            if code == PAUSED and count[0] + most > len(workspace.nodes[0]):
-                workspace.grow()
-        path = unwind(net.ports, ends, workspace.parent, corner) if code == FOUND else None
+            code, corner = search(memory, STEPS)
+            if code == PAUSED and memory.counts[0] + most > len(memory.node):
+                node, cost, heap = _longer(memory.node), _longer(memory.cost), _longer(memory.heap)
+                memory = memory._replace(node=node, cost=cost, heap=heap)
+        path, expanded = unwind(memory, corner) if code == FOUND else None, int(memory.counts[2])
     finally:
-        net.spare.append(workspace)
-    if path is None:
-        return not_found(False, int(count[2]), clock)
-    return _found(problem, path, int(count[2]), clock, True)
+        net.spare.append(memory)
+    return not_found(False, expanded, clock) if path is None else _found(problem, path, expanded, clock, True)
 
 
 def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
