@@ -13,7 +13,18 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
 from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, holonomic_ramp, wheels_segment
-from antway.kernels.robot.sweep import Segment, Walls, meets_disc, meets_wall, nearest_disc, pose, rolling, straight, top_speed
+from antway.kernels.robot.sweep import (
+    Disc,
+    Segment,
+    Walls,
+    meets_disc,
+    meets_wall,
+    nearest_disc,
+    pose,
+    rolling,
+    straight,
+    top_speed,
+)
 
 
 class Body(NamedTuple):
@@ -72,8 +83,8 @@ def _first_contact(
             x, y, _, _, _, _ = pose(m, s)
             away = math.hypot(x - ox, y - oy) - body.radius - discs.radius[k]
             if away <= (fastest + math.hypot(ux, uy)) * span:
-                part = _later(m, s)
-                hit = meets_disc(part, span, body.corners, body.rounding, ox, oy, ux, uy, discs.radius[k], 0.0, 0.0)
+                disc = Disc(ox, oy, ux, uy, discs.radius[k])
+                hit = meets_disc(_later(m, s), span, body.corners, body.rounding, disc)
                 if s + hit < when:
                     what, obstacle, when = HIT_MOVING, k, s + hit
             s += max(span, 1e-12)
@@ -85,7 +96,7 @@ def _first_contact(
     if away < 0.0:  # the robot is there already
         return REACHED, -1, 0.0
     if away <= fastest * h:
-        arrival = meets_disc(m, min(h, when), body.centre, 0.0, aim[0], aim[1], 0.0, 0.0, aim[2], 0.0, 0.0)
+        arrival = meets_disc(m, min(h, when), body.centre, 0.0, Disc(aim[0], aim[1], 0.0, 0.0, aim[2]))
         if arrival < when:
             what, obstacle, when = REACHED, -1, arrival
     return what, obstacle, when
@@ -116,7 +127,8 @@ def _nearest(m: Segment, t: float, h: float, body: Body, discs: Trajectories, be
         while True:
             ox, oy, ux, uy = timeline_at(t + s, discs.knot_t, discs.knot_xy, discs.first[k], discs.first[k + 1])
             span = min(_next_knot(discs, k, t + s) - t - s, h - s)
-            best = nearest_disc(_later(m, s), span, body.corners, body.rounding, ox, oy, ux, uy, discs.radius[k], best)
+            disc = Disc(ox, oy, ux, uy, discs.radius[k])
+            best = nearest_disc(_later(m, s), span, body.corners, body.rounding, disc, best)
             s += max(span, 1e-12)
             if s >= h:
                 break

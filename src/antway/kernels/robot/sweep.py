@@ -216,36 +216,26 @@ def square_axis(
     return bx, by
 
 
-@bare_kernel
-def meets_disc(
-    m: Segment,
-    h: float,
-    corners: NDArray[np.float64],
-    rounding: float,
-    ox: float,
-    oy: float,
-    ux: float,
-    uy: float,
-    radius: float,
-    growth: float,
-    growth_rate: float,
-) -> float:
-    """Return the time in s of the first contact with a disc on a segment, `h` s long; infinite if there is none.
+class Disc(NamedTuple):
+    """A disc that moves on a straight line."""
 
-    Parameters
-    ----------
-    ox, oy, ux, uy : float
-        Centre of the disc at the start of the segment, m, and its velocity, m/s.
-    radius, growth, growth_rate : float
-        Its radius at that time, m, the rate at which the radius grows, m/s, and the change of that rate, m/s^2.
-    """
+    x: float  # m; centre at the start of a segment
+    y: float
+    vx: float  # m/s
+    vy: float
+    radius: float  # m
+
+
+@bare_kernel
+def meets_disc(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, disc: Disc) -> float:
+    """Return the time in s of the first contact with a disc on a segment, `h` s long; infinite if there is none."""
     s = 0.0
     while s <= h:
         at = pose(m, s)
-        px, py = ox + ux * s, oy + uy * s
+        px, py = disc.x + disc.vx * s, disc.y + disc.vy * s
         nx, ny = disc_axis(at, corners, px, py)
-        level = nx * px + ny * py + radius + (growth + 0.5 * growth_rate * s) * s + rounding - TOUCH
-        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy + growth + growth_rate * s, growth_rate)
+        level = nx * px + ny * py + disc.radius + rounding - TOUCH
+        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, nx * disc.vx + ny * disc.vy, 0.0)
         if gap <= _CLOSE and opening < 0.0:
             return s
         s += max(time, _LEAST)
@@ -253,66 +243,44 @@ def meets_disc(
 
 
 @bare_kernel
-def nearest_disc(
-    m: Segment,
-    h: float,
-    corners: NDArray[np.float64],
-    rounding: float,
-    ox: float,
-    oy: float,
-    ux: float,
-    uy: float,
-    radius: float,
-    best: float,
-) -> float:
-    """Return the smallest gap in m to a disc at (ox, oy) that moves with (ux, uy), or `best` if that is smaller.
+def nearest_disc(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, disc: Disc, best: float) -> float:
+    """Return the smallest gap in m to a disc on a segment, or `best` if that is smaller.
 
     The segment, `h` s long, is sampled every 4 ms wherever the gap may be smaller than the best so far. Around each local
     minimum of the samples the minimum is refined.
     """
-    apart, around = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST), radius + rounding
+    apart, around = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST), disc.radius + rounding
     s, last, before, last_gap, gap_before = 0.0, 0.0, 0.0, math.inf, math.inf
     while True:
         s = min(s, h)
         at = pose(m, s)
-        px, py = ox + ux * s, oy + uy * s
+        px, py = disc.x + disc.vx * s, disc.y + disc.vy * s
         nx, ny = disc_axis(at, corners, px, py)
-        gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + around, nx * ux + ny * uy, 0.0)
+        gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + around, nx * disc.vx + ny * disc.vy, 0.0)
         best = min(best, gap)
         if last_gap <= gap_before and last_gap <= gap and last_gap < best + _DIP:
             low, high = max(before, last - apart), min(last + apart, s)
-            best = _lowest(m, corners, around, ox, oy, ux, uy, low, high, best)
+            best = _lowest(m, corners, around, disc, low, high, best)
         if s >= h:
             break
         before, gap_before, last, last_gap = last, last_gap, s, gap
         level = nx * px + ny * py + around + best
-        _, _, time = axis_gap(m, at, corners, nx, ny, level, nx * ux + ny * uy, 0.0)
+        _, _, time = axis_gap(m, at, corners, nx, ny, level, nx * disc.vx + ny * disc.vy, 0.0)
         s += max(time, apart)
     if gap <= last_gap and gap < best + _DIP:
-        best = _lowest(m, corners, around, ox, oy, ux, uy, max(last, h - apart), h, best)
+        best = _lowest(m, corners, around, disc, max(last, h - apart), h, best)
     return best
 
 
 @bare_kernel
-def _lowest(
-    m: Segment,
-    corners: NDArray[np.float64],
-    around: float,
-    ox: float,
-    oy: float,
-    ux: float,
-    uy: float,
-    low: float,
-    high: float,
-    best: float,
-) -> float:
-    """Return the smallest gap to a disc of radius `around` in [low, high], where it has one minimum, or `best`."""
+def _lowest(m: Segment, corners: NDArray[np.float64], around: float, disc: Disc, low: float, high: float, best: float) -> float:
+    """Return the smallest gap to a disc enlarged to radius `around` in [low, high], which holds one minimum, or `best`."""
     first = math.inf
     for _ in range(40):  # thirds
         for side in range(2):
             s = (2.0 * low + high) / 3.0 if side == 0 else (low + 2.0 * high) / 3.0
             at = pose(m, s)
-            px, py = ox + ux * s, oy + uy * s
+            px, py = disc.x + disc.vx * s, disc.y + disc.vy * s
             nx, ny = disc_axis(at, corners, px, py)
             gap, _, _ = axis_gap(m, at, corners, nx, ny, nx * px + ny * py + around, 0.0, 0.0)
             if side == 0:
