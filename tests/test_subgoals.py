@@ -58,9 +58,10 @@ def test_hierarchies_keep_distances() -> None:
             edges[e, :2], weight[e], first[a] = (first[a], b), w, e
         order, rank = np.column_stack((np.zeros(n, np.int64), rng.permutation(n))), np.full(n, -1, np.int32)
         local, heap, level = np.zeros((n, 2), np.int64), np.empty((len(edges), 2), np.int64), np.zeros(n, np.int32)
-        while hierarchy.contract(first, edges, weight, state, local, heap, np.empty(n, np.int32), order, level, rank, 50) != 1:
+        made = hierarchy.Memory(first, edges, weight, order, level, rank, local, heap, np.empty(n, np.int32), state)
+        while hierarchy.contract(made, 50) != hierarchy.DONE:
             pass
-        row_start, up, parts = hierarchy.upward_graph(first, edges, weight, rank)
+        row_start, up, parts = hierarchy.upward_graph(made)
         assert sorted(rank.tolist()) == list(range(n))
         graph = coo_array((cost.astype(float), (ends[:, 0], ends[:, 1])), shape=(n, n)).tocsr()
         expected = scipy_dijkstra(graph, directed=False)

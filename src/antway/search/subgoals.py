@@ -14,7 +14,7 @@ from antway.grid import Grid, Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.search.canonical import Lattice
 from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, route, route_all
-from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, contract, upward_graph
+from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, Memory, contract, upward_graph
 from antway.kernels.search.subgoals import corners, link
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept, lattice, packed_lines
@@ -112,14 +112,15 @@ class Hierarchy:
         order, local = np.column_stack((np.zeros(n, np.int64), np.arange(n))), np.zeros((n, 2), np.int64)
         heap, state, left = np.empty((len(edges), 2), np.int64), np.zeros(6, np.int64), _most_steps(grid.blocked.size, n)
         state[FREE], state[OPEN] = -1, n
+        memory = Memory(first, edges, weight, order, level, rank, local, heap, ends, state)
         while state[RANKED] < n:
             if state[LINKED] < n:
-                code = link(net.around, stops, number.ravel(), net.width, nodes, first, edges, weight, state, heap, STEPS)
+                code = link(net.around, stops, number.ravel(), net.width, nodes, memory, STEPS)
             else:
-                code = contract(first, edges, weight, state, local, heap, ends, order, level, rank, STEPS)
+                code = contract(memory, STEPS)
             if code == FULL:
                 edges, weight = np.concatenate((edges, np.empty_like(edges))), np.concatenate((weight, np.empty_like(weight)))
-                heap = np.empty((len(edges), 2), np.int64)
+                memory = memory._replace(edges=edges, weight=weight, heap=np.empty((len(edges), 2), np.int64))
             elif code == RUNNING:
                 left -= STEPS
             if left < 0:
@@ -129,7 +130,7 @@ class Hierarchy:
         number[number >= 0] = rank
         cells = np.empty((n, 2), np.int32)
         cells[rank] = np.column_stack(np.divmod(nodes, net.width))
-        row_start, up, parts = upward_graph(first, edges, weight, rank)
+        row_start, up, parts = upward_graph(memory)
         self.arrays = (net, stops, number.ravel(), UpwardGraph(row_start, up, parts, cells))
         self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
 

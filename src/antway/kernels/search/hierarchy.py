@@ -2,12 +2,12 @@
 paths through them. A query then searches only upwards from both ends, and both searches meet at the top of a shortest path
 (Geisberger, Sanders, Schultes and Delling, Contraction hierarchies, WEA 2008).
 
-Each node has a linked list of edges that starts at `first`. An edge is a row of `edges`, int32[M, 5]: the next in the list,
-the node it leads to, and for a shortcut the bypassed node and the edges from that node to its start and its end, else -1.
-`weight` int64[M] is its cost. Of two nodes the one that was removed first keeps the edge.
+Each node has a linked list of edges. Of two nodes the one that was removed first keeps the edge.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,181 +20,168 @@ Longs = NDArray[np.int64]
 
 RUNNING, DONE, FULL = 0, 1, 2
 NEXT, TO, OUT, BEFORE, AFTER = range(5)
+# Indices of `state`: edges ever used, first recycled edge, nodes in the heap, nodes removed, number of the last local search,
+# nodes whose edges have been made.
 USED, FREE, OPEN, RANKED, ROUND, LINKED = range(6)
-"""Indices of `state`: edges ever used, first recycled edge, nodes in the heap, nodes removed, number of the last local search,
-nodes whose edges have been made."""
 MOST_SETTLED = 24  # limit of nodes settled in a local search; an unnecessary shortcut does no harm
 NOWHERE = 1 << 62
 
 
+class Memory(NamedTuple):
+    """A graph of N nodes, from which nodes are being removed."""
+
+    first: Ints  # [N]; first edge of each node, or -1
+    edges: Ints  # [M, 5]; next edge, node it leads to; of a shortcut the bypassed node and the edges from it to both ends, else -1
+    weight: Longs  # [M]; cost of each edge
+    order: Longs  # [N, 2]; heap of the remaining nodes: priority (least first, 0 at first) and node
+    level: Ints  # [N]; depth of nested shortcuts below a node, 0 at first
+    rank: Ints  # [N]; order in which nodes were removed
+    local: Longs  # [N, 2]; distance and round of local searches, 0 at first
+    heap: Longs  # [M, 2]; scratch
+    ends: Ints  # [N]; scratch
+    state: Longs  # [6]
+
+
 @bare_kernel
-def join(
-    first: Ints, edges: Ints, weight: Longs, state: Longs, a: int, b: int, cost: int, out: int, before: int, after: int
-) -> None:
+def join(m: Memory, a: int, b: int, cost: int, out: int, before: int, after: int) -> None:
     """Add an edge from a to b at `cost`, or lower the cost of the existing one."""
-    e = first[a]
-    while e >= 0 and edges[e, TO] != b:
-        e = edges[e, NEXT]
+    e = m.first[a]
+    while e >= 0 and m.edges[e, TO] != b:
+        e = m.edges[e, NEXT]
     if e < 0:
-        e = state[FREE]
+        e = m.state[FREE]
         if e >= 0:
-            state[FREE] = edges[e, NEXT]
+            m.state[FREE] = m.edges[e, NEXT]
         else:
-            e = state[USED]
-            state[USED] += 1
-        edges[e, NEXT], edges[e, TO] = first[a], b
-        first[a] = e
-    elif weight[e] <= cost:
+            e = m.state[USED]
+            m.state[USED] += 1
+        m.edges[e, NEXT], m.edges[e, TO] = m.first[a], b
+        m.first[a] = e
+    elif m.weight[e] <= cost:
         return
-    edges[e, OUT], edges[e, BEFORE], edges[e, AFTER] = out, before, after
-    weight[e] = cost
+    m.edges[e, OUT], m.edges[e, BEFORE], m.edges[e, AFTER] = out, before, after
+    m.weight[e] = cost
 
 
 @bare_kernel
-def leave(first: Ints, edges: Ints, state: Longs, a: int, b: int) -> None:
+def leave(m: Memory, a: int, b: int) -> None:
     """Remove the edge from a to b."""
-    e, last = first[a], -1
-    while edges[e, TO] != b:
-        last, e = e, edges[e, NEXT]
+    e, last = m.first[a], -1
+    while m.edges[e, TO] != b:
+        last, e = e, m.edges[e, NEXT]
     if last < 0:
-        first[a] = edges[e, NEXT]
+        m.first[a] = m.edges[e, NEXT]
     else:
-        edges[last, NEXT] = edges[e, NEXT]
-    edges[e, NEXT] = state[FREE]
-    state[FREE] = e
+        m.edges[last, NEXT] = m.edges[e, NEXT]
+    m.edges[e, NEXT] = m.state[FREE]
+    m.state[FREE] = e
 
 
 @bare_kernel
-def measure(
-    first: Ints, edges: Ints, weight: Longs, state: Longs, local: Longs, heap: Longs, source: int, avoid: int, within: int
-) -> int:
-    """Write distances from `source` that avoid `avoid` to `local`, int64[N, 2], distance and round; return the work."""
-    state[ROUND] += 1
-    now = state[ROUND]
-    local[source, 0], local[source, 1] = 0, now
-    size, settled = push(heap, 0, 0, source), 0
+def measure(m: Memory, source: int, avoid: int, within: int) -> int:
+    """Write distances from `source` that avoid `avoid` to `local`; return the work."""
+    m.state[ROUND] += 1
+    now = m.state[ROUND]
+    m.local[source, 0], m.local[source, 1] = 0, now
+    size, settled = push(m.heap, 0, 0, source), 0
     work = 0
     while size > 0 and settled < MOST_SETTLED:
-        g, x = heap[0, 0], heap[0, 1]
+        g, x = m.heap[0, 0], m.heap[0, 1]
         if g > within:
             break
-        size = pop(heap, size)
-        if local[x, 0] < g:
+        size = pop(m.heap, size)
+        if m.local[x, 0] < g:
             continue
         settled += 1
-        e = first[x]
+        e = m.first[x]
         while e >= 0:
-            to, g_to = edges[e, TO], g + weight[e]
-            if to != avoid and g_to <= within and (local[to, 1] != now or g_to < local[to, 0]):
-                local[to, 0], local[to, 1] = g_to, now
-                size = push(heap, size, g_to, to)
+            to, g_to = m.edges[e, TO], g + m.weight[e]
+            if to != avoid and g_to <= within and (m.local[to, 1] != now or g_to < m.local[to, 0]):
+                m.local[to, 0], m.local[to, 1] = g_to, now
+                size = push(m.heap, size, g_to, to)
             work += 1
-            e = edges[e, NEXT]
+            e = m.edges[e, NEXT]
     return work
 
 
 @bare_kernel
-def bypass(
-    first: Ints, edges: Ints, weight: Longs, state: Longs, local: Longs, heap: Longs, ends: Ints, x: int, really: bool
-) -> tuple[int, int, int]:
+def bypass(m: Memory, x: int, really: bool) -> tuple[int, int, int]:
     """Count the shortcuts needed to remove node x, and add them if `really`; return their number, x's degree, and the work."""
     n, needed, work = 0, 0, 0
-    e = first[x]
+    e = m.first[x]
     while e >= 0:
-        ends[n] = e
+        m.ends[n] = e
         n += 1
-        e = edges[e, NEXT]
+        e = m.edges[e, NEXT]
     for i in range(n - 1):
-        a, to_a = edges[ends[i], TO], weight[ends[i]]
+        a, to_a = m.edges[m.ends[i], TO], m.weight[m.ends[i]]
         farthest = 0
         for j in range(i + 1, n):
-            farthest = max(farthest, weight[ends[j]])
-        work += measure(first, edges, weight, state, local, heap, a, x, to_a + farthest)
+            farthest = max(farthest, m.weight[m.ends[j]])
+        work += measure(m, a, x, to_a + farthest)
         for j in range(i + 1, n):
-            b, cost = edges[ends[j], TO], to_a + weight[ends[j]]
-            if local[b, 1] != state[ROUND] or local[b, 0] > cost:
+            b, cost = m.edges[m.ends[j], TO], to_a + m.weight[m.ends[j]]
+            if m.local[b, 1] != m.state[ROUND] or m.local[b, 0] > cost:
                 needed += 1
                 if really:
-                    join(first, edges, weight, state, a, b, cost, x, ends[i], ends[j])
-                    join(first, edges, weight, state, b, a, cost, x, ends[j], ends[i])
+                    join(m, a, b, cost, x, m.ends[i], m.ends[j])
+                    join(m, b, a, cost, x, m.ends[j], m.ends[i])
     return needed, n, work + n
 
 
 @bare_kernel
-def contract(
-    first: Ints,
-    edges: Ints,
-    weight: Longs,
-    state: Longs,
-    local: Longs,
-    heap: Longs,
-    ends: Ints,
-    order: Longs,
-    level: Ints,
-    rank: Ints,
-    steps: int,
-) -> int:
+def contract(m: Memory, steps: int) -> int:
     """Remove nodes in the order of their importance for about `steps` steps; return RUNNING, DONE or FULL.
 
-    Parameters
-    ----------
-    first, edges, weight, state
-        The graph, as above. FULL means that `edges` and `weight` must be longer.
-    local, heap, ends
-        Scratch for local searches: int64[N, 2], zero at first; int64[M, 2] for M edges; int32[N].
-    order : int64[N, 2]
-        A heap of the remaining nodes: priority (least first) and node. All priorities are zero at first; the priority of a
-        node is computed whenever it reaches the top.
-    level, rank : int32[N]
-        The depth of nested shortcuts below a node, zero at first; the order in which nodes were removed.
+    FULL means that `edges`, `weight` and `heap` must be longer. The priority of a node is computed whenever it reaches the top.
     """
     while steps > 0:
-        if state[RANKED] == rank.size:
+        if m.state[RANKED] == m.rank.size:
             return DONE
-        x = order[0, 1]
-        needed, n, work = bypass(first, edges, weight, state, local, heap, ends, x, False)
+        x = m.order[0, 1]
+        needed, n, work = bypass(m, x, False)
         steps -= work + 1
-        turn = 1000 * level[x] + 2000 * needed // max(n, 1) + needed
-        state[OPEN] = pop(order, state[OPEN])
-        if state[OPEN] > 0 and turn > order[0, 0]:
-            state[OPEN] = push(order, state[OPEN], turn, x)
+        turn = 1000 * m.level[x] + 2000 * needed // max(n, 1) + needed
+        m.state[OPEN] = pop(m.order, m.state[OPEN])
+        if m.state[OPEN] > 0 and turn > m.order[0, 0]:
+            m.state[OPEN] = push(m.order, m.state[OPEN], turn, x)
             continue
-        if state[USED] + 2 * needed > edges.shape[0]:
-            state[OPEN] = push(order, state[OPEN], -1, x)
+        if m.state[USED] + 2 * needed > m.edges.shape[0]:
+            m.state[OPEN] = push(m.order, m.state[OPEN], -1, x)
             return FULL
-        bypass(first, edges, weight, state, local, heap, ends, x, True)
+        bypass(m, x, True)
         for i in range(n):
-            other = edges[ends[i], TO]
-            leave(first, edges, state, other, x)
-            level[other] = max(level[other], level[x] + 1)
-        rank[x] = state[RANKED]
-        state[RANKED] += 1
+            other = m.edges[m.ends[i], TO]
+            leave(m, other, x)
+            m.level[other] = max(m.level[other], m.level[x] + 1)
+        m.rank[x] = m.state[RANKED]
+        m.state[RANKED] += 1
     return RUNNING
 
 
 @kernel
-def upward_graph(first: Ints, edges: Ints, weight: Longs, rank: Ints) -> tuple[Longs, Longs, Ints]:
+def upward_graph(m: Memory) -> tuple[Longs, Longs, Ints]:
     """Return the edges of the hierarchy, grouped by node; nodes are numbered by `rank`.
 
     They are `row_start`, `up` and `parts` of `ch_query.UpwardGraph`.
     """
-    node = np.argsort(rank)
-    place = np.full(edges.shape[0] + 1, -1, np.int32)  # the last entry is for -1
-    row_start = np.zeros(rank.size + 1, np.int64)
+    node = np.argsort(m.rank)
+    place = np.full(m.edges.shape[0] + 1, -1, np.int32)  # the last entry is for -1
+    row_start = np.zeros(m.rank.size + 1, np.int64)
     n = 0
-    for x in range(rank.size):
-        e = first[node[x]]
+    for x in range(m.rank.size):
+        e = m.first[node[x]]
         while e >= 0:
             place[e] = n
             n += 1
-            e = edges[e, NEXT]
+            e = m.edges[e, NEXT]
         row_start[x + 1] = n
     up, parts = np.empty((n, 2), np.int64), np.full((n, 3), -1, np.int32)
-    for e in range(edges.shape[0]):
+    for e in range(m.edges.shape[0]):
         k = place[e]
         if k >= 0:
-            up[k, 0], up[k, 1] = rank[edges[e, TO]], weight[e]
-            if edges[e, OUT] >= 0:
-                parts[k, 0] = rank[edges[e, OUT]]
-                parts[k, 1], parts[k, 2] = place[edges[e, BEFORE]], place[edges[e, AFTER]]
+            up[k, 0], up[k, 1] = m.rank[m.edges[e, TO]], m.weight[e]
+            if m.edges[e, OUT] >= 0:
+                parts[k, 0] = m.rank[m.edges[e, OUT]]
+                parts[k, 1], parts[k, 2] = place[m.edges[e, BEFORE]], place[m.edges[e, AFTER]]
     return row_start, up, parts

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.search.canonical import COL, ROW
-from antway.kernels.search.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED
+from antway.kernels.search.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED, Memory
 from antway.kernels.search.jps import place
 
 STRAIGHT, DIAGONAL = 38613965, 54608393
@@ -119,30 +119,24 @@ def link(
     number: NDArray[np.int32],
     width: int,
     nodes: NDArray[np.int64],
-    first: NDArray[np.int32],
-    edges: NDArray[np.int32],
-    weight: NDArray[np.int64],
-    state: NDArray[np.int64],
-    found: NDArray[np.int64],
+    m: Memory,
     steps: int,
 ) -> int:
-    """Add the edges from `nodes` to all that they see, for about `steps` steps; return RUNNING, DONE or FULL.
-
-    The graph is laid out as in `hierarchy`; `found`, int64[M, 2], is scratch for what one node sees.
-    """
+    """Add the edges from `nodes` to all that they see, for about `steps` steps; return RUNNING, DONE or FULL."""
+    found = m.heap
     while steps > 0:
-        x = state[LINKED]
+        x = m.state[LINKED]
         if x == nodes.size:
             return DONE
         n = seen(around, stops, number, width, nodes[x] // width, nodes[x] % width, found)
         steps -= 16 + 4 * n
-        if state[USED] + n > edges.shape[0]:
+        if m.state[USED] + n > m.edges.shape[0]:
             return FULL
         for i in range(n):
-            e = state[USED]
-            edges[e, NEXT], edges[e, TO], weight[e] = first[x], found[i, 0], found[i, 1]
-            edges[e, OUT] = edges[e, BEFORE] = edges[e, AFTER] = -1
-            first[x] = e
-            state[USED] += 1
-        state[LINKED] += 1
+            e = m.state[USED]
+            m.edges[e, NEXT], m.edges[e, TO], m.weight[e] = m.first[x], found[i, 0], found[i, 1]
+            m.edges[e, OUT] = m.edges[e, BEFORE] = m.edges[e, AFTER] = -1
+            m.first[x] = e
+            m.state[USED] += 1
+        m.state[LINKED] += 1
     return RUNNING
