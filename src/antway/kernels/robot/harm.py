@@ -1,4 +1,7 @@
-"""Least harm: where no command is certain, the one whose predicted contact is least likely, latest and slowest."""
+"""Least harm: the command whose predicted contacts are least likely, latest and slowest.
+
+The guard takes it in mode "least-harm" where no command is certain to be safe.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,16 @@ from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 
-_SIDES = 16  # directions tried
-_SPEEDS = 2  # and speeds in each
-_LASTS = (0.3, 0.8, 2.0)  # s; how long before the robot stands
-_AHEAD, _STEPS = 2.5, 64  # s looked ahead, in so many steps at most
-_WEIGHT = 1.5  # s; a contact so much later counts 1 / e
-_SIGMA, _GROWTH = 0.04, 0.15  # m, m/s; standard deviation of a predicted place, and its growth
-_SPEED_COST, _PROGRESS = 0.02, 0.02  # of a contact at full speed; of going where the command leads: small against any contact
+_SIDES = 16  # number of directions tried
+_SPEEDS = 2  # number of speeds tried in each direction
+_LASTS = (0.3, 0.8, 2.0)  # s; a tried motion lasts this long, and then the robot stands
+_AHEAD = 2.5  # s; contacts are looked for up to this time ahead
+_STEPS = 64  # most steps into which that time is divided
+_WEIGHT = 1.5  # s; a contact this much later counts 1 / e of the earlier one
+_SIGMA = 0.04  # m; standard deviation of the place of a track now
+_GROWTH = 0.15  # m/s; growth of the standard deviation of a predicted place
+_SPEED_COST = 0.02  # a contact at full speed counts this share more than a contact at rest
+_PROGRESS = 0.02  # expected contacts that full speed in the commanded direction makes up for
 
 
 @kernel
@@ -36,16 +42,18 @@ def harm(
     enough: float,
     path: NDArray[np.float64],
 ) -> float:
-    """Expected contacts, later ones counting less, of a robot that is commanded (tx, ty) for `until` s and then to stand.
+    """Return the expected number of contacts of a robot that is commanded (tx, ty) for `until` s and then stands.
+
+    Later contacts count less.
 
     Parameters
     ----------
     tracks : float64[K, 8]
-        Rows of kernels/robot/reach.py; each keeps its velocity, and its place is known less and less.
+        Rows of kernels/robot/reach.py. Each track keeps its velocity, and its place becomes less certain with time.
     enough : float
-        A value from which on the answer need not be exact.
+        The sum is broken off when it reaches this value.
     path : float64[S, 5]
-        Room to work in.
+        Scratch memory for the robot's path.
     """
     (px, py), (vx, vy) = xy, velocity
     steps = min(round(_AHEAD / dt + 0.5), len(path))
@@ -98,7 +106,10 @@ def least_harm(
     dt: float,
     terrain: Terrain,
 ) -> tuple[float, float]:
-    """Return the command (vx, vy) of least `harm` among a stand, (cx, cy), and motions in many directions, clear of walls."""
+    """Return the command (vx, vy) of least `harm` that is clear of walls.
+
+    The candidates are standing still, the command (cx, cy), and `_SIDES` directions at `_SPEEDS` speeds.
+    """
     v_max, a_max, radius, resolution, blocked = limits[0], limits[1], limits[4], terrain.resolution, terrain.blocked
     path = np.empty((_STEPS, 5))
     best, bx, by = harm((px, py), (vx, vy), heading, 0.0, 0.0, 0.0, tracks, limits, dt, math.inf, path), 0.0, 0.0
@@ -122,7 +133,7 @@ def least_harm(
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
         reaches = math.hypot(wx, wy)
         far = reaches * dt + 0.5 * reaches * reaches / a_max
-        if reaches > TOUCH:  # wheels drive where they point, not where they are told
+        if reaches > TOUCH:  # wheels drive along their heading, which may differ from the commanded direction
             share, _, _ = first_wall(
                 blocked, row, col, wy / reaches * far / resolution, wx / reaches * far / resolution, radius / resolution
             )

@@ -1,4 +1,7 @@
-"""Which command of a robot with inertia passes its guard: as it is, slower, a step aside, or the stop that is certified."""
+"""The command that passes the guard of a robot with inertia.
+
+It is the command as given, the same command slower, a step aside, or the certified stop.
+"""
 
 from __future__ import annotations
 
@@ -11,34 +14,16 @@ from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC
 from antway.kernels.robot.brake import CYCLES, SIDE, TURN, Robot, margin_left, nearby, stop_for
-from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, drive_cycle, drive_roughly
+from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, time_to_contact
+from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, delayed, drive_roughly
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 from antway.kernels.robot.sweep import free_distance
 
-FREE, SLOWED, BRAKED, STEPPED_ASIDE = 0, 1, 2, 3  # what the guard did
-_FRACTIONS = 5  # parts of the commanded speed tried
-_SPEEDS, _TURNS = 3, 5  # arcs tried for a step aside
-_SIDES = 16  # directions tried for one, without wheels
-_KEEP = 0.3  # s; what it is worth to keep to the side taken
-
-
-@bare_kernel
-def first_touch(x: float, y: float, tracks: NDArray[np.float64], radius: float) -> float:
-    """Earliest contact in s of a disc that stands at (x, y) with a track that keeps its velocity; infinite if none."""
-    earliest = math.inf
-    for k in range(len(tracks)):
-        vx, vy = tracks[k, VX], tracks[k, VY]
-        ax, ay = tracks[k, X] + vx * tracks[k, AGE] - x, tracks[k, Y] + vy * tracks[k, AGE] - y
-        contact_radius = radius + tracks[k, RADIUS]
-        closing = ax * vx + ay * vy
-        apart = ax * ax + ay * ay - contact_radius * contact_radius
-        vv = vx * vx + vy * vy
-        root = closing * closing - vv * apart
-        if apart <= 0.0:
-            return 0.0
-        if closing < 0.0 and root > 0.0:
-            earliest = min(earliest, apart / (-closing + math.sqrt(root)))
-    return earliest
+_FRACTIONS = 5  # number of speeds tried below the commanded one
+_SPEEDS = 3  # number of speeds tried for a step aside on wheels
+_TURNS = 5  # number of turn rates tried with each of these speeds
+_SIDES = 16  # number of directions tried for a step aside without wheels
+_KEEP = 0.3  # s; the value of a step aside grows by this if it keeps to the side taken last
 
 
 @bare_kernel
@@ -55,9 +40,10 @@ def _safe_for(
     until: float,
     horizon: float,
 ) -> float:
-    """How long in s, at most `horizon`, a robot touches no track that keeps its velocity, if it drives so and then stands.
+    """Return the time of the robot's first contact with any track if all tracks keep their velocities, s, at most `horizon`.
 
-    It drives under the command for `until` s, or to a wall, and stands from there; looked at in steps of a control cycle.
+    The robot drives under the command (ca, cb) for `until` s, or up to a wall, and then stands. Contacts are tested once in a
+    control cycle.
     """
     limits, radius = robot.limits, robot.body.radius
     t = limits.latency
@@ -95,14 +81,14 @@ def _aside(
     lookahead: float,
     keep: NDArray[np.float64],
 ) -> tuple[float, float, bool]:
-    """Command that steps aside for a track that would touch the robot where it stands; whether there is one.
+    """Return a command that steps aside for a track that would touch the standing robot, and whether there is one.
 
-    Arcs forward and backward, or all directions without wheels; what is kept longest from contact is taken, if it can be
-    certified, and the side taken last counts for a little more.
+    Wheels try arcs forward and backward; other robots try all directions. Of the commands that can be certified, the one whose
+    first contact comes latest is taken. The side taken last is preferred a little, so that the robot does not sway.
     """
     limits = robot.limits
     wheels = limits.drive != HOLONOMIC
-    still = first_touch(x, y, tracks, robot.body.radius)
+    still = time_to_contact(x, y, 0.0, 0.0, tracks, robot.body.radius)
     if still > lookahead:
         return 0.0, 0.0, False
     horizon = 2.0 * lookahead
@@ -124,7 +110,9 @@ def _aside(
             best, one, two, chosen = worth, ca, cb, float(k)
     if chosen < 0.0:
         return 0.0, 0.0, False
-    stop_for(x, y, theta, a, b, one, two, robot, margin, rows, keep)  # the last one certified need not be the best
+    stop_for(
+        x, y, theta, a, b, one, two, robot, margin, rows, keep
+    )  # `keep` must hold the stop after the best command, and the last one tried may be another
     keep[SIDE] = chosen
     return one, two, True
 
@@ -144,20 +132,20 @@ def passed_command(
     lookahead: float,
     keep: NDArray[np.float64],
 ) -> tuple[float, float, int]:
-    """Return the command that passes and what was done to it.
+    """Return the command that passes the guard, and what the guard did (FREE and the others).
 
     Parameters
     ----------
     x, y, theta, a, b : float
         State of the robot when the command begins to act.
     ca, cb : float
-        The command; not finite means stop.
+        The command; one that is not finite means stop.
     tracks, rows : float64[K, 8], float64[>= K, 8]
-        All obstacles known, and free_distance for those that are near.
+        All known obstacles (kernels/robot/reach.py), and scratch memory for those that are near.
     lookahead : float
-        For what would touch a robot at rest within so long it steps aside, s.
+        The robot steps aside if an obstacle would touch it at rest within this time, s.
     keep : float64[3]
-        The guard's state from cycle to cycle: the certified stop and the side taken.
+        The guard's state from cycle to cycle: the certified stop and the side taken last.
     """
     limits = robot.limits
     wheels = limits.drive != HOLONOMIC
@@ -204,7 +192,10 @@ def first_certified(
     robot: Robot,
     keep: NDArray[np.float64],
 ) -> int:
-    """Return the first of `commands`, float64[N, 2], that passes as it is, or 0; else as `passed_command`."""
+    """Return the index of the first of `commands`, float64[N, 2], that passes unchanged, or 0 if none does.
+
+    The other parameters are those of `passed_command`.
+    """
     wheels = robot.limits.drive != HOLONOMIC
     near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
     margin = margin_left(x, y, theta, robot)
@@ -232,14 +223,14 @@ def passes(
     robot: Robot,
     keep: NDArray[np.float64],
 ) -> bool:
-    """Tell whether a command within the robot's limits passes as it is; parameters as in `passed_command`."""
+    """Tell whether a command within the robot's limits passes unchanged; the parameters are those of `passed_command`."""
     near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
     return stop_for(x, y, theta, a, b, ca, cb, robot, margin_left(x, y, theta, robot), near, keep)
 
 
 @bare_kernel
 def fallback(keep: NDArray[np.float64], wheels: bool) -> tuple[float, float, int]:
-    """Return the next command of the stop kept, which was certified when it was taken."""
+    """Return the next command of the kept stop, which was certified when its command was given."""
     if wheels and keep[CYCLES] > 0.0:
         keep[CYCLES] -= 1.0
         return 0.0, keep[TURN], BRAKED
@@ -257,16 +248,11 @@ def when_it_acts(
     pending: NDArray[np.float64],
     robot: Robot,
 ) -> tuple[float, float, float, float, float]:
-    """State of the robot when a command given now begins to act."""
-    limits = robot.limits
-    a, b = vx, vy
-    if limits.drive != HOLONOMIC:
-        a, b = vx * math.cos(theta) + vy * math.sin(theta), turn_rate
-    left = limits.latency
-    for i in range(len(pending)):
-        h = left - (len(pending) - 1 - i) * robot.dt
-        x, y, pointing, a, b = drive_cycle(x, y, theta, a, b, pending[i, 0], pending[i, 1], limits, h)
-        if limits.drive != HOLONOMIC:
-            theta = pointing  # without wheels a footprint keeps its heading, and a disc's does not matter
-        left -= h
-    return x, y, theta, a, b
+    """Return the state of the robot when a command given now begins to act.
+
+    It is that of `delayed` (kernels/robot/motion.py), but the footprint of a holonomic robot keeps its heading.
+    """
+    wheels = robot.limits.drive != HOLONOMIC
+    a, b = (vx * math.cos(theta) + vy * math.sin(theta), turn_rate) if wheels else (vx, vy)
+    x, y, pointing, a, b = delayed(x, y, theta, a, b, pending, robot.limits, robot.dt)
+    return x, y, pointing if wheels else theta, a, b
