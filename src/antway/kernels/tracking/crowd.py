@@ -1,9 +1,10 @@
-"""People who avoid one another: the goal of each is learnt from what it does, and where all will go follows by ORCA.
+"""Prediction of people who avoid one another: learn the goal of each person, then simulate all of them with ORCA.
 
 A person who avoids others takes the allowed velocity nearest to the preferred one (kernels/tracking/orca.py). Conversely, the
-preferred velocity is the one taken plus some of the outward normals of the lines that it lies on. Its length is known, so that
-of a person who is free or at one line is known exactly; else it lies in an arc. Its bearings from several places tell the goal.
-A crowd is predicted in this way only if of late that was better than constant velocity.
+preferred velocity is the velocity taken plus a sum of the outward normals of the lines on which it lies. The length of the
+preferred velocity is known. If the velocity lies on at most one line, the preferred velocity is therefore known exactly; else
+it lies in an arc. Bearings of the preferred velocity from several places determine the goal. The prediction is used only if
+its recent errors were smaller than those of constant velocity.
 """
 
 from __future__ import annotations
@@ -18,30 +19,30 @@ from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
 from antway.kernels.tracking.predict import LATER, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
 
-# Columns of a row after those of a track estimate: time of the estimate, goal, information on the goal, next velocity as
-# predicted, and errors of constant velocity and of this prediction.
+# Columns of a row after those of a track estimate: the time of the estimate, the goal, the information matrix of the goal, the
+# next velocity as predicted, and the summed squared errors of constant velocity and of this prediction.
 _SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _DIRECT, _TURNING = range(8, 18)
 COLUMNS = 18  # of a row
-STEPS = 36  # of a predicted trajectory
-_HORIZON = 5.0  # s; people avoid contacts that would come within so long
-_SKIN = 0.01  # m; each person keeps so much room around itself
+STEPS = 36  # number of steps of a predicted trajectory
+_HORIZON = 5.0  # s; people avoid contacts within this time
+_SKIN = 0.01  # m; each person keeps this distance around itself
 _NEAR = 10.0  # m; people farther apart than this do not avoid one another
-_MOST = 32  # more people than this are predicted by constant velocity alone: together they would take too long
-_EASE = 1.0  # s; a person nearer to its goal than it walks in so long slows down
-_AHEAD = 10.0  # m; when only a bearing is known, the goal is taken to be so far ahead
-_DOUBT = 0.2  # 1; relative standard deviation of that distance
+_MOST = 32  # a larger crowd is predicted by constant velocity alone, because this prediction would take too long
+_EASE = 1.0  # s; a person slows down when the goal is nearer than the distance walked in this time
+_AHEAD = 10.0  # m; the goal is assumed this far ahead when only a bearing is known
+_DOUBT = 0.2  # 1; relative standard deviation of that assumed distance
 _SURE = 0.01  # rad; standard deviation of a bearing that is known exactly
-_ON = 0.005  # m/s; a velocity so near to a line lies on it
-_EXACT = 4  # steps; a predicted trajectory is exact for so long, and later
-_DEVIATION = 0.01  # m; as straight as can be without being farther off than this
-_SPARED = round(LATER / STEP_TIME)  # steps; from then on the clearance radius is smaller, so no straight stretch reaches across
-_BETTER = 0.8  # 1; errors must be so much smaller than those of constant velocity for the prediction to be used
+_ON = 0.005  # m/s; a velocity this near to a line lies on it
+_EXACT = 4  # number of first steps of a predicted trajectory that are not straightened
+_DEVIATION = 0.01  # m; straightening moves a person no farther than this from the predicted place
+_SPARED = round(LATER / STEP_TIME)  # the clearance radius shrinks at this step, so no straight stretch crosses it
+_BETTER = 0.8  # 1; the prediction is used if its squared errors are below this share of those of constant velocity
 _DECAY = 0.8  # 1; share of the sum of squared errors that is left after each scan
 
 
 @bare_kernel
 def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.float64]) -> int:
-    """Write the lines that bind person k among all of `rows`; returns how many."""
+    """Write the lines that restrict the velocity of person k among all of `rows`; return how many there are."""
     n = 0
     for j in range(len(rows)):
         ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
@@ -56,7 +57,10 @@ def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.flo
 
 @bare_kernel
 def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64], count: NDArray[np.int64]) -> None:
-    """Write for each person what `_lines` does, to lines[k, : count[k]]: what binds two of one another is worked out once."""
+    """Write the lines of each person k, as `_lines` does, to lines[k, : count[k]].
+
+    The lines of two people are symmetric, so each pair is computed once.
+    """
     count[:] = 0
     for k in range(len(rows)):
         for j in range(k + 1, len(rows)):
@@ -80,12 +84,12 @@ def _turn(angle: float) -> float:
 
 @bare_kernel
 def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: float, lines: NDArray[np.float64], n: int) -> None:
-    """Learn of the goal of one who stood at `row` under lines[:n] and took the velocity (vx, vy)."""
+    """Update the goal of a person at `row` that took the velocity (vx, vy) under lines[:n]."""
     speed, own, on, low, high = math.hypot(vx, vy), math.atan2(vy, vx), 0, 0.0, 0.0
     for i in range(n):
         off = beyond(lines, i, vx, vy)
         if off > _ON:
-            return  # nothing was allowed
+            return  # the velocity is not allowed, so it tells nothing about the preferred one
         if off > -_ON:
             nx, ny = lines[i, 3], -lines[i, 2]
             along = vx * nx + vy * ny
@@ -94,10 +98,10 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: floa
             turn = _turn(math.atan2(vy + more * ny, vx + more * nx) - own)
             low, high = (min(low, turn), max(high, turn)) if on else (turn, turn)
             on += 1
-    if on and speed > preferred_speed - 0.001:  # as fast as can be: the wish may be anything between
+    if on and speed > preferred_speed - 0.001:  # at full speed the preferred velocity may lie anywhere in the arc
         low, high = min(low, 0.0), max(high, 0.0)
     information, gx, gy = row[_A11] + row[_A22], row[_GX], row[_GY]
-    if not on and speed < preferred_speed - 0.01:  # free, and slow: arriving
+    if not on and speed < preferred_speed - 0.01:  # a slow person on no line is arriving at its goal
         row[_GX], row[_GY] = row[X] + _EASE * vx, row[Y] + _EASE * vy
         row[_A11] = row[_A22] = 1.0 / (10 * _SURE) ** 2
         row[_A12] = 0.0
@@ -111,10 +115,12 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: floa
         far = max(math.hypot(gx - row[X], gy - row[Y]), 1.0)
         turn = _turn(math.atan2(gy - row[Y], gx - row[X]) - own)
         if low + _SURE < turn < high - _SURE:
-            return  # as thought
+            return  # the observation agrees with the goal
         bearing = own + min(max(turn, low), high)
     dx, dy = math.cos(bearing), math.sin(bearing)
-    if information > 0.0 and high - low > 2 * _SURE:  # the end of an arc: the likeliest goal there, no surer than before
+    if (
+        information > 0.0 and high - low > 2 * _SURE
+    ):  # move the goal to its likeliest place at the end of the arc; keep the information
         qx, qy = -row[_A22] * dy - row[_A12] * dx, row[_A12] * dy + row[_A11] * dx
         off = (dx * (gy - row[Y]) - dy * (gx - row[X])) / (dx * qy - dy * qx)
         row[_GX], row[_GY] = gx - qx * off, gy - qy * off
@@ -131,9 +137,9 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: floa
 
 @bare_kernel
 def _straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
-    """Make steps [first, last) of a course straight where that leaves nobody more than _DEVIATION m from where he was to be.
+    """Replace runs of steps in [first, last) by their mean velocity where that moves the person by at most _DEVIATION m.
 
-    What is uniform for many steps is one piece for those who plan (kernels/tracking/predict.py), in place of many.
+    Steps with one velocity become one motion segment (kernels/tracking/predict.py), which makes planning faster.
     """
     while first < last:
         until = first + 1
@@ -166,18 +172,21 @@ def foresee(
     preferred_speed: float,
     prediction: NDArray[np.float64],
 ) -> int:
-    """Take in one scan and predict; returns how many rows there are now: one for each belief, in order, or none of too many.
+    """Update the rows with one scan, and predict; return how many rows are in use.
+
+    There is one row for each estimate, in the same order; a crowd of more than _MOST has none.
 
     Parameters
     ----------
     rows : float64[M, COLUMNS]
-        What is known, M >= K; rows below `count`.
+        The people known so far are the rows below `count`; M >= K.
     estimates : float64[K, 8]
-        As of kernels/tracking/predict.py, at time `t` s. Names that are negative tell nobody apart: those have no past.
+        As in kernels/tracking/predict.py, at time `t` s. A track with a negative name has no past.
     preferred_speed : float
-        Speed of whoever walks freely, m/s.
+        Speed at which a person walks if nothing is near, m/s.
     prediction : float64[N, STEPS, 2]
-        N >= K. Filled with the velocities, m/s, of each in steps of COURSE s from `t` on; NaN for who is not predicted here.
+        N >= K. Filled with each person's velocity in steps of STEP_TIME s from `t` on, m/s. NaN in the first step means that
+        the track is not predicted here.
     """
     n = len(estimates)
     prediction[:n, 0, 0] = math.nan
@@ -197,7 +206,7 @@ def foresee(
             if dt > 0.0:
                 vx, vy = estimates[k, VX], estimates[k, VY]
                 bound = _lines(rows[:count], before, max(dt, 0.01), lines)
-                if row[_A11] + row[_A22] > 0.0:  # its prediction came from knowledge
+                if row[_A11] + row[_A22] > 0.0:  # only predictions with a known goal are compared
                     row[_DIRECT] = _DECAY * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
                     row[_TURNING] = _DECAY * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
                 _learn(row, vx, vy, preferred_speed, lines, bound)

@@ -1,4 +1,4 @@
-"""How well predictions have held: where each track was foretold to be, beside where it is a little later."""
+"""Errors of earlier predictions: each track's predicted place is compared with its place a little later."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 
-# columns of a row: name, when seen, since when a place is foretold, for when, that place, and the errors
+# Columns of a row: the track's name, when it was last seen, when its place was predicted, for which time, that place, the
+# weighted sum of its errors, and the weighted number of comparisons.
 _NAME, _SEEN, _SINCE, _DUE, _X, _Y, _ERROR, _COMPARED = range(8)
 COLUMNS = 8
-LATER = 0.8  # s after which a foretold place is compared with the true one
-_KEPT, _POOL_KEPT = 0.8, 0.95  # what is left of old errors, of one track and of all, at each comparison
-_POOL_WEIGHT = 2.0  # comparisons of its own that the errors of all tracks count as
-_LOST = 1.0  # s
-_AXIS = math.sqrt(2.0 / math.pi)  # standard deviation along an axis of what is normal, for a mean distance of 1
-# Of all tracks: the mean error, m/s, and how many were compared. A mean of distances, not of squares: what turns at once, and
-# else goes straight, is not foretold badly all the time.
+LATER = 0.8  # s; a predicted place is compared with the true one after this time
+_KEPT = 0.8  # 1; each comparison multiplies the weight of the track's earlier errors by this
+_POOL_KEPT = 0.95  # 1; each comparison multiplies the weight of the earlier errors of all tracks by this
+_POOL_WEIGHT = 2.0  # the mean error of all tracks counts like this many comparisons of the track itself
+_LOST = 1.0  # s; a row whose track was not seen for longer is dropped
+_AXIS = math.sqrt(2.0 / math.pi)  # 1; standard deviation along one axis of a normal error whose mean distance is 1
+# Entries of `pool`: the mean error of all tracks in m/s, and the number of comparisons. The mean is of distances, not of
+# squares, so that one sudden turn does not dominate the errors of a track that otherwise goes straight.
 MEAN, SEEN = range(2)
-FIRST = 0.1 / _AXIS  # m/s; that mean before any was compared, as of people
+FIRST = 0.1 / _AXIS  # m/s; the mean error before the first comparison is that of people
 
 
 @kernel
@@ -36,17 +38,18 @@ def compared(
     t: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Write how wrong velocities foretold have been, along one axis, m/s; returns how many rows are in use.
+    """Write the standard deviation of each track's predicted velocity along one axis, m/s; return how many rows are in use.
 
     Parameters
     ----------
     rows : float64[M, COLUMNS]
-        What is known of each track, rows below `count`.
+        The tracks known so far are the rows below `count`.
     pool : float64[2]
-        Of all tracks, see MEAN and SEEN.
+        Errors of all tracks together, see MEAN and SEEN.
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     out : float64[K]
+        Filled.
     """
     kept = 0
     for i in range(count):
@@ -74,7 +77,7 @@ def compared(
             row[_ERROR] = _KEPT * row[_ERROR] + off
             row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
             pool[SEEN] += 1.0
-            step = max(1.0 - _POOL_KEPT, 1.0 / (1.0 + pool[SEEN]))  # what it begins with counts as one
+            step = max(1.0 - _POOL_KEPT, 1.0 / (1.0 + pool[SEEN]))  # the first value of the mean counts as one comparison
             pool[MEAN] += step * (off - pool[MEAN])
         if over > -1e-6:
             row[_DUE] = -math.inf
@@ -87,18 +90,18 @@ def compared(
 def foretell(
     rows: NDArray[np.float64], count: int, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]
 ) -> None:
-    """Note where tracks will be `LATER` s after `t`, of all for which that is not noted yet.
+    """Store the place predicted for `LATER` s after `t` of each track that has no stored prediction.
 
     Parameters
     ----------
     rows, count, estimates, t
-        As of `compared`, but with the velocities' standard deviations as the filter has them.
+        As in `compared`; SIGMA_V is the standard deviation that the filter gives.
     segments : float64[P, 8]
-        What `predict` made of the estimates: those of one track after those of another, walls and whom it avoids included.
+        The motion segments that `predict` wrote for these estimates, track after track.
     """
     first = 0
     for k in range(len(estimates)):
-        last = first + 1  # behind the track's last segment
+        last = first + 1  # one past the last segment of the track
         while last < len(segments) and segments[last, records.T0] >= segments[last - 1, records.T1]:
             last += 1
         start, first = first, last

@@ -18,14 +18,17 @@ from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 
 ID, T, P11, P12, P22 = range(8, 13)  # columns of the track table after those of a track estimate
 COLUMNS = 13  # of the track table
-UNKNOWN = 1.0  # m/s; standard deviation of a velocity that is not measured, of a track that was seen once
-_TURNED = 4.0  # standard deviations; who is farther from where he was expected has turned
+UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
+_TURNED = 4.0  # standard deviations; a track farther than this from its predicted place has turned
 _LOST = 1.0  # s; a track that was not seen for longer is dropped
 
 
 @kernel
 def _row(table: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
-    """Row of the track called `name`, or, where sensors give no names (-1), of the track predicted nearest; -1 if none."""
+    """Return the row of the track with this name, or -1 if there is none.
+
+    Without a name (-1) it is the track whose predicted place is nearest to (x, y), if that is nearer than `near` m.
+    """
     if name >= 0.0:
         for i in range(count):
             if table[i, ID] == name:
@@ -54,7 +57,7 @@ def update(
     near: float,
     estimates: NDArray[np.float64],
 ) -> tuple[int, int]:
-    """Take in one scan; returns (rows of the track table, estimates written).
+    """Update the track table with one scan; return the number of its rows and the number of estimates written.
 
     Parameters
     ----------
@@ -63,16 +66,16 @@ def update(
     t : float
         Time of the scan, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
-        The scan; a name of -1 is found by nearness, a velocity that is NaN is estimated.
+        The scan. A track without a name (-1) is found by its place. A velocity of NaN is estimated.
     variance : float64[K, 2]
-        Of the places (m^2) and of the velocities (m^2/s^2); 0: exact. Negative: these are estimates of a filter already, with
-        the variances' absolute values, and are taken as they are.
+        Variances of the places (m^2) and of the velocities (m^2/s^2); 0 means exact. A negative variance of the place means
+        that the scan is the output of a filter with the absolute values as variances; it then replaces the estimate.
     agility : float
-        Standard deviation of the obstacles' acceleration, m/s^2, for the filter.
+        Standard deviation of the obstacles' acceleration, m/s^2.
     near : float
-        How far from its prediction a nameless track may be found, m.
+        A track without a name is matched if it is nearer than this to its predicted place, m.
     estimates : float64[N, 8]
-        Filled with the tracks of this scan and of the last second, moved on to `t`.
+        Filled with the tracks that were seen within the last second, predicted to time `t`.
     """
     for k in range(len(name)):
         i = _row(table, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
@@ -80,9 +83,8 @@ def update(
         filtered = variance[k, 0] < 0.0
         if i < 0 or filtered:
             if i < 0:
-                i = (
-                    count if count < len(table) else int(np.argmin(table[:count, T]))
-                )  # a full table forgets the track unseen for longest
+                # In a full table, the track that was unseen for longest is replaced.
+                i = count if count < len(table) else int(np.argmin(table[:count, T]))
                 count = min(count + 1, len(table))
             table[i, ID], table[i, T] = float(name[k]), t
             table[i, X], table[i, Y] = xy[k, 0], xy[k, 1]
@@ -92,7 +94,7 @@ def update(
         else:
             dt = t - table[i, T]
             if dt <= 0.0:
-                continue  # a scan that was taken in already
+                continue  # this scan was processed before
             x, y = table[i, X] + table[i, VX] * dt, table[i, Y] + table[i, VY] * dt
             vx, vy = table[i, VX], table[i, VY]
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
@@ -100,14 +102,14 @@ def update(
                 spread = table[i, P11] + dt * (2.0 * table[i, P12] + dt * table[i, P22]) + variance[k, 0]
                 off = math.hypot(rx, ry)
                 if off > _TURNED * math.sqrt(spread + agility * agility * dt**4 / 3):
-                    table[i, P22] += (off / dt) ** 2  # it turned since the last scan: its old velocity tells nothing
+                    table[i, P22] += (off / dt) ** 2  # the track turned since the last scan, so its old velocity is useless
             g1, g2, p11, p12, p22 = measure_place(table[i, P11], table[i, P12], table[i, P22], dt, agility, variance[k, 0])
             x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
             if known:
                 s = p22 + variance[k, 1]
                 wx, wy = velocity[k, 0] - vx, velocity[k, 1] - vy
                 jump = math.hypot(wx, wy)
-                if jump > 3.0 * math.sqrt(s) + 0.02:  # it turned since the last scan: its place was predicted wrongly
+                if jump > 3.0 * math.sqrt(s) + 0.02:  # the track turned since the last scan, so its predicted place is wrong
                     p11 = min(p11 + (jump * dt) ** 2, variance[k, 0])
                     if variance[k, 0] < (jump * dt) ** 2:
                         x, y = xy[k, 0], xy[k, 1]

@@ -1,4 +1,7 @@
-"""How wrong measured places are, where no sensor tells: from how far they are off where the last ones and velocities lead."""
+"""Estimate the noise of measured places where the sensor states none.
+
+Each place is compared with the last measured place of the track moved on by the measured velocities.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +12,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 
-COLUMNS = 6  # of a row: name, time, x, y, vx, vy as last measured
-_LEAST, _STEP = 1e-8, 0.1  # m^2; share by which the median moves with each measurement
-_FAR = 0.5  # s; what is older tells nothing
+COLUMNS = 6  # of a row: name, time, x, y, vx and vy of the last measurement
+_LEAST = 1e-8  # m^2; a smaller variance counts as none
+_STEP = 0.1  # 1; each measurement changes the logarithm of the median by this
+_FAR = 0.5  # s; an older measurement is not compared
 
 
 @kernel
@@ -28,16 +32,17 @@ def place_noise(
     Parameters
     ----------
     rows : float64[M, COLUMNS]
-        What was last measured of each track.
+        The last measurement of each track.
     state : float64[2]
-        Rows in use, and the median of the squared innovations, m^2.
+        Number of rows in use, and the median of the squared innovations, m^2.
     t, name, xy, velocity
-        The scan, as in kernels/tracking/kalman.py; tracks without name or velocity tell nothing.
+        The scan, as in kernels/tracking/kalman.py; tracks without name or velocity are ignored.
 
     Notes
     -----
-    The difference of two places with noise of variance R less the motion between them has a squared length of mean 4 R and
-    median 4 R ln 2. The median is followed by small steps up and down, so that what turns or jumps now and then counts little.
+    The innovation is the difference of two measured places less the motion between them. With noise of variance R along each
+    axis, its squared length has the mean 4 R and the median 4 R ln 2. The median is tracked by small steps up and down, so that
+    an occasional turn or jump has little effect.
     """
     count = int(state[0])
     for k in range(len(name)):

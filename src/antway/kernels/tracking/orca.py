@@ -1,7 +1,7 @@
-"""Optimal reciprocal collision avoidance: the velocity nearest to the wished one of which each of two does half the avoiding.
+"""Optimal reciprocal collision avoidance (ORCA): the velocity nearest to the preferred one if each of two avoids by half.
 
-Van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, ISRR 2011. A velocity is allowed by a line (x, y, dx,
-dy), a point in m/s and a direction, if it lies on the line or to its left.
+Van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, ISRR 2011. A line (x, y, dx, dy) is a point in m/s and a
+direction. It allows the velocities on it and to its left.
 """
 
 from __future__ import annotations
@@ -13,30 +13,32 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
 
-_PARALLEL = 1e-5  # of two directions: their cross product at most
+_PARALLEL = 1e-5  # 1; two directions with a smaller cross product count as parallel
 
 
 @bare_kernel
 def half_plane(
     ax: float, ay: float, ux: float, uy: float, contact_radius: float, horizon: float, step: float
 ) -> tuple[float, float, float, float]:
-    """Return the line (x, y, dx, dy), x and y relative to the own velocity, of what avoids one other by doing half.
+    """Return the line (x, y, dx, dy) of the velocities that do half of avoiding one other; x and y are relative to the own one.
 
     Parameters
     ----------
     ax, ay : float
-        The other as seen from the one who avoids, m.
+        Place of the other relative to the own place, m.
     ux, uy : float
-        The own velocity less the other's, m/s.
+        Own velocity minus that of the other, m/s.
     contact_radius : float
         Sum of the radii, m.
-    horizon, step : float
-        For how long there is to be no contact; where there is one already, after how long it is to be over; s.
+    horizon : float
+        There is to be no contact for this time, s.
+    step : float
+        A contact that exists already is to end within this time, s.
     """
     squared = ax * ax + ay * ay
     over = squared <= contact_radius * contact_radius
     span = step if over else horizon
-    wx, wy = ux - ax / span, uy - ay / span  # from the centre of the disc at the obstacle's tip
+    wx, wy = ux - ax / span, uy - ay / span  # relative to the centre of the disc that cuts off the velocity obstacle
     along = wx * ax + wy * ay
     w = math.hypot(wx, wy)
     if over or (along < 0.0 and along * along > contact_radius * contact_radius * w * w):
@@ -54,16 +56,17 @@ def half_plane(
 
 @bare_kernel
 def beyond(lines: NDArray[np.float64], i: int, x: float, y: float) -> float:
-    """Return how far the velocity (x, y) is on the forbidden side of line i, m/s; negative on the allowed one."""
+    """Return how far the velocity (x, y) is on the forbidden side of line i, m/s; it is negative on the allowed side."""
     return float(lines[i, 2] * (lines[i, 1] - y) - lines[i, 3] * (lines[i, 0] - x))
 
 
 @bare_kernel
 def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float, far: bool, out: NDArray[np.float64]) -> int:
-    """Write to `out` the velocity of at most `top` m/s nearest to (wx, wy) that all lines[:n] allow, line by line.
+    """Write to `out` the velocity of at most `top` m/s nearest to (wx, wy) that all lines[:n] allow.
 
-    With `far` it is the one farthest in the direction (wx, wy) instead, of length 1. Returns n, or the first line that leaves
-    none; `out` then is the answer for those before.
+    The lines are added one by one (incremental linear programming). With `far` it is the velocity farthest in the direction
+    (wx, wy), a vector of length 1. Returns n, or the index of the first line that leaves no velocity; `out` then solves the
+    problem of the lines before it.
     """
     scale = top if far else min(1.0, top / max(math.hypot(wx, wy), 1e-12))
     out[0], out[1] = wx * scale, wy * scale
@@ -100,13 +103,16 @@ def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float
 def least_wrong(
     lines: NDArray[np.float64], n: int, first: int, top: float, out: NDArray[np.float64], work: NDArray[np.float64]
 ) -> None:
-    """Make `out`, the answer for lines[:first], the velocity least far beyond any of lines[:n], where none is allowed."""
+    """Write to `out` the velocity whose largest violation of any of lines[:n] is least, where no velocity is allowed.
+
+    On entry `out` is the solution for lines[:first], as `nearest` leaves it.
+    """
     worst = 0.0
     for i in range(first, n):
         if beyond(lines, i, out[0], out[1]) <= worst:
             continue
         m = 0
-        for j in range(i):  # where one is as far beyond line j as beyond line i
+        for j in range(i):  # the line on which lines i and j are violated equally
             cross = lines[i, 2] * lines[j, 3] - lines[i, 3] * lines[j, 2]
             if abs(cross) <= _PARALLEL:
                 if lines[i, 2] * lines[j, 2] + lines[i, 3] * lines[j, 3] > 0.0:

@@ -14,15 +14,15 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 
 X, Y, VX, VY, RADIUS, SIGMA, SIGMA_V, NAME = range(8)  # columns of the track estimates, one row for each track
-MIRRORS = 4  # a track is mirrored at walls at most so often
+MIRRORS = 4  # a track is mirrored at walls at most this many times
 STEP_TIME = 0.25  # s; a predicted trajectory has one velocity for each step of this length
 NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
 _TIERS = (0.5, 1.0)  # s; a tube widens in steps, at these times from now
-LATER = 2.5  # s; from then on a robot spares tracks that turn less than their whole clearance radius
-_SPARED = 0.1  # m; namely so much less
-_FULL = 1.5  # s; so far ahead all of the extra room is kept, and the less the nearer: a plan that had it may lose it by and by
-_FINE = 1e-3  # m; what is known so well has a tube of one width
-_KNOWN = 1.0  # s; tubes widen no further than here: by then there is a newer plan, and a wider tube would close every path
+LATER = 2.5  # s; from this time on, tracks on predicted trajectories have a smaller clearance radius
+_SPARED = 0.1  # m; that clearance radius is smaller by this
+_FULL = 1.5  # s; the extra clearance grows linearly up to this time ahead, so that an approaching robot may lose it gradually
+_FINE = 1e-3  # m; a tube that would widen by less than this has one width
+_KNOWN = 1.0  # s; tubes do not widen after this time, because a new plan exists by then and wider tubes would close every path
 
 
 class TubeMargins(NamedTuple):
@@ -30,26 +30,30 @@ class TubeMargins(NamedTuple):
 
     robot_radius: float  # m
     margin: float  # m; added to the radii
-    quantile: float  # 1; so many standard deviations of the place are added at each time
+    quantile: float  # 1; this many standard deviations of the place are added at each time
     speed_bound: float  # m/s; no obstacle is faster
     acceleration_bound: float  # m/s^2; no obstacle's speed grows faster
-    stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from where it was so long before
-    vector_bound: float = math.inf  # m/s^2; no obstacle's velocity changes faster, as a vector; where finite, a moving robot
-    # keeps clear of what an obstacle could reach in that time of where it is predicted
-    sway: float = 0.0  # s; times how wrong a track's velocity is foretold: added to the margin
-    extra: float = 0.0  # s; times the same: kept beyond, as far as there is room now, from an obstacle that keeps its velocity
+    stopping_time: float  # s; a moving robot keeps clear of all that an obstacle could reach from its place this long before
+    # m/s^2; no obstacle's velocity vector changes faster. If finite, a moving robot keeps clear of all that an obstacle could
+    # reach within the stopping time around its predicted place.
+    vector_bound: float = math.inf
+    sway: float = 0.0  # s; this times the standard deviation of a track's velocity is added to the margin
+    extra: float = 0.0  # s; this times the same is added to the tube of a track that keeps its velocity, if there is space now
     edges: bool = True  # whether obstacles turn back at the edges of the map as they do at walls
 
 
 @kernel
 def time_shift(margins: TubeMargins) -> float:
-    """Return how much earlier than it happens a segment begins, s: clearance is from where an obstacle was so long before."""
+    """Return how much earlier than the estimates the segments begin, s.
+
+    Without a bound on the change of velocities, clearance is measured from where an obstacle was `stopping_time` s before.
+    """
     return margins.stopping_time if margins.vector_bound == math.inf else 0.0
 
 
 @kernel
 def crosses_edge(estimates: NDArray[np.float64], terrain: Terrain) -> bool:
-    """Tell whether the centre of a track seen now is beyond the map: who goes there does not turn back at an edge."""
+    """Tell whether the centre of any track is outside the map, which shows that obstacles do not turn back at the edges."""
     rows, cols = terrain.blocked.shape
     for k in range(len(estimates)):
         x, y = estimates[k, X] - terrain.x0, estimates[k, Y] - terrain.y0
@@ -84,25 +88,30 @@ def predict(
     Parameters
     ----------
     estimates : float64[K, 8]
-        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's id.
+        x, y (m), vx, vy (m/s), radius (m), standard deviations of place (m) and of velocity (m/s), and the track's name.
     now, age, horizon : float
-        Time now; how old the estimates are; how far ahead to predict; s.
+        Time now, age of the estimates, and how far ahead to predict, s.
     robot_x, robot_y : float
-        Where the robot is, m.
+        Place of the robot, m.
     margins : TubeMargins
         Segments begin `time_shift` s before the estimates.
     terrain : Terrain
     prediction : float64[N, S, 2]
-        Velocities of the first N tracks in steps of STEP_TIME s, m/s; NaN for those that keep their velocity, as the rest do.
+        Velocities of the first N tracks in steps of STEP_TIME s, m/s. NaN marks a track that keeps its velocity; all tracks
+        from N on keep theirs.
     out : float64[P, 8]
 
     Returns
     -------
     int
-        Number of segments written. Where the robot is within the margins of a track already, they are cut to what there is, so
-        that it may stand there; the bodies never are. So is the clearance radius for the first `stopping_time` s: the robot may
-        leave at once if it comes no nearer meanwhile and is clear then, which is what a guard asks of the first period. Later
-        on the clearance radius of a track on a predicted trajectory is smaller: by then there is a newer plan.
+        Number of segments written.
+
+    Notes
+    -----
+    If the robot is already within the margins of a track, the margins are reduced to the present distance. The robot may then
+    stand there. The radii of the bodies are never reduced. The clearance radius is reduced likewise for the first
+    `stopping_time` s. The robot may then leave at once if it comes no nearer before it is clear, as the guard requires. From
+    LATER s on, the clearance radius of a track on a predicted trajectory is smaller, because a new plan exists by then.
     """
     n = 0
     size = terrain.resolution

@@ -1,4 +1,4 @@
-"""How far from its predicted place a track may be: the variance of the place as time goes on, and the tube that holds it."""
+"""Uncertainty of predicted places: the variance of a track's place over time, and the radius of the tube around it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ import math
 from antway.kernels.base.jit import kernel
 
 # Fitted to the recordings eth, zara01, students01 (Pellegrini 2009, Lerner 2007) and citr (Yang 2019), see docs/people.md.
-PEOPLE_DENSITY = 0.01  # m^2/s^3; of white acceleration
-PEOPLE_DOF = 3.0  # degrees of freedom of the law of their errors
-_STEP = 0.02  # by which the logarithm of the tubes' width changes with each prediction
-_OWN, _OVER = 0.5, 0.8  # part of the squared error of velocities that is theirs alone; s over which those are observed
+PEOPLE_DENSITY = 0.01  # m^2/s^3; spectral density of the white acceleration of people
+PEOPLE_DOF = 3.0  # 1; degrees of freedom of the distribution of people's prediction errors
+_STEP = 0.02  # 1; step size with which the logarithm of the tubes' width is adapted after each prediction
+_OWN = 0.5  # 1; share of the squared velocity error that comes from the estimate and not from the acceleration
+_OVER = 0.8  # s; velocity errors are observed over this time
 
 
 @kernel
 def place_variance(p11: float, p12: float, p22: float, density: float, t: float) -> float:
-    """Variance in m^2, along one axis, of where a track is `t` s after its estimate.
+    """Return the variance of a track's place along one axis `t` s after its estimate, m^2.
 
     Parameters
     ----------
     p11, p12, p22 : float
         Variances of place (m^2) and velocity (m^2/s^2), and their covariance (m^2/s).
     density : float
-        Of white acceleration, m^2/s^3: what changes the velocity from now on.
+        Spectral density of the white acceleration that changes the velocity, m^2/s^3.
 
     Notes
     -----
@@ -33,17 +34,17 @@ def place_variance(p11: float, p12: float, p22: float, density: float, t: float)
 
 @kernel
 def tube_radius(variance: float, chance: float, dof: float) -> float:
-    """Radius in m of the disc round a predicted place that the track is outside of with probability `chance`.
+    """Return the radius of the disc around a predicted place outside of which the track is with probability `chance`, m.
 
     Parameters
     ----------
     variance : float
-        Along one axis, m^2; the same along the other.
+        Variance along each axis, m^2.
     chance : float
         In (0, 1).
     dof : float
-        Degrees of freedom of Student's t in two dimensions; infinite: normal. People mostly go on, and now and then do not,
-        which has heavier tails than the normal.
+        Degrees of freedom of Student's t distribution in two dimensions; infinite means a normal distribution. People mostly
+        keep their velocity and turn now and then, so their errors have heavier tails than a normal distribution.
 
     Notes
     -----
@@ -56,12 +57,12 @@ def tube_radius(variance: float, chance: float, dof: float) -> float:
 
 @kernel
 def people_variance(sigma_v: float, t: float) -> float:
-    """Variance in m^2, along one axis, of where a person is `t` s from now.
+    """Return the variance of a person's place along one axis `t` s from now, m^2.
 
     Parameters
     ----------
     sigma_v : float
-        Standard deviation along one axis of how wrong velocities have been over 0.8 s, m/s (kernels/tracking/averages.py).
+        Standard deviation along one axis of the velocity error over 0.8 s, m/s (kernels/tracking/averages.py).
     """
     own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * _OVER / 3.0, 0.0)
     return place_variance(1e-4, 0.0, own, PEOPLE_DENSITY, t)
@@ -69,19 +70,19 @@ def people_variance(sigma_v: float, t: float) -> float:
 
 @kernel
 def learnt_factor(factor: float, left: bool, chance: float) -> float:
-    """Factor for the radii of tubes after one more prediction, which `left` its tube or not.
+    """Return the factor for the radii of tubes after one more prediction; `left` tells whether the track left its tube.
 
     Parameters
     ----------
     factor : float
-        Before it, > 0.
+        The factor before this prediction, > 0.
     chance : float
-        Share that is to leave, in (0, 1).
+        Share of predictions that may leave their tubes, in (0, 1).
 
     Notes
     -----
-    Its logarithm goes up by 0.02 (1 - chance) or down by 0.02 chance, so that over N predictions the share that leaves differs
-    from `chance` by no more than ln(highest / lowest factor) / (0.02 N), whatever people do (Gibbs, Candes: Adaptive conformal
-    inference under distribution shift, NeurIPS 2021).
+    Its logarithm rises by 0.02 (1 - chance) or falls by 0.02 chance. Over N predictions, the share that leaves its tube then
+    differs from `chance` by at most ln(highest / lowest factor) / (0.02 N), however people move (Gibbs, Candes: Adaptive
+    conformal inference under distribution shift, NeurIPS 2021).
     """
     return factor * math.exp(_STEP * ((1.0 if left else 0.0) - chance))

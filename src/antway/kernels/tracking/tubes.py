@@ -24,10 +24,10 @@ def first_met(
     wider: float,
     trajectories: Trajectories,
 ) -> tuple[float, int]:
-    """First instant at which a body that goes from (ax, ay) at `start` to (bx, by) at `end` s meets a tube, and which.
+    """Return the first time at which a body meets a tube, s, and the tube's index; infinity and -1 if it meets none.
 
-    Tubes are `wider` m wider than their discs; the other parameters are those of `first_conflict`. Infinite and -1 if it meets
-    none.
+    The body moves from (ax, ay) at `start` to (bx, by) at `end` s. Tubes are `wider` m wider than their discs. The other
+    parameters are those of `first_conflict`.
     """
     knot_t, knot_xy, first, radius = trajectories
     when, obstacle = math.inf, -1
@@ -48,25 +48,25 @@ def first_conflict(
     growth: float,
     trajectories: Trajectories,
 ) -> tuple[float, int]:
-    """First instant up to `until` at which a body on a timed path meets a tube.
+    """Return the first time up to `until` at which a body on a timed path meets a tube.
 
     Parameters
     ----------
     t, xy : float64[N], float64[N, 2]
         The path; the body stands at its end.
     until : float
-        s.
+        Time at which the test ends, s.
     body : float
-        The body's radius with margin, m.
+        Radius of the body with its margin, m.
     growth : float
-        How fast a tube widens after t[0], m/s.
+        How fast the tubes widen after t[0], m/s.
     trajectories : Trajectories
-        As predicted.
+        The predicted discs.
 
     Returns
     -------
     when, obstacle : float, int
-        Infinite and -1 if there is none.
+        The time in s and the index of the tube; infinity and -1 if there is no conflict.
     """
     when, obstacle = math.inf, -1
     n = len(t)
@@ -98,14 +98,14 @@ def stand_free(
     trajectories: Trajectories,
     free: NDArray[np.bool_],
 ) -> None:
-    """Mark the places xy[i] at which a body can stand from t[i] to `until` and meets no tube.
+    """Mark the places xy[i] at which a body can stand from t[i] to `until` without meeting a tube.
 
     Parameters
     ----------
     t, xy, free : float64[N], float64[N, 2], bool[N]
         `free` is filled.
     now, until : float
-        s; tubes widen from `now` on.
+        Times in s; tubes widen from `now` on.
     body, growth, trajectories
         As in `first_conflict`.
     """
@@ -130,15 +130,15 @@ def close_cells(
     corner: tuple[int, int],
     closed: NDArray[np.bool_],
 ) -> None:
-    """Mark the cells in whose centre a body from (x, y) would meet a tube when it gets there.
+    """Mark the cells at whose centre a body from (x, y) would meet a tube on arrival.
 
-    A cell at distance d is reached between `early` d / v_max and `late` d / v_max + 0.5 s from `now`; with `early` 0 and `late`
-    large the whole tube up to `horizon` s from now is closed.
+    A body reaches a cell at distance d between `early` d / v_max and `late` d / v_max + 0.5 s from `now`. With `early` = 0
+    and a large `late`, the whole tube up to `horizon` s from now is closed.
 
     Parameters
     ----------
     corner, closed : (row, col), bool[h, w]
-        `closed` is filled; its first cell is the cell `corner` of the map.
+        `closed` is filled; closed[0, 0] is the cell `corner` of the map.
     """
     size = terrain.resolution
     for i in range(closed.shape[0]):
