@@ -1,1 +1,1 @@
-"""Kernels of search and of ants in space and time."""
+"""Kernels of the search and of the ants in space and time."""

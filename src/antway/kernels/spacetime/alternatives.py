@@ -1,4 +1,4 @@
-"""How a motion passes one obstacle, and what it would be worth if nothing moved."""
+"""How a motion passes an obstacle, and the time to the goal without moving obstacles."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from antway.kernels.base.records import T0, T1, VX, VY, X, Y
 from antway.kernels.spacetime.context import PlanningContext, centre
 from antway.kernels.spacetime.motion import place_at
 
-_SAMPLES = 100  # steps into which the time looked at is divided
+_SAMPLES = 100  # number of steps into which the time span is divided
 
 
 @kernel
 def passing(
     knots: NDArray[np.float64], segments: NDArray[np.float64], now: float, until: float
 ) -> tuple[float, float, float, float]:
-    """Return where the robot on knots (t, x, y) is as seen from an obstacle when it is nearest to it, and that one's velocity.
+    """Return the robot's place relative to an obstacle when the two are nearest, and the obstacle's velocity then.
 
-    Looks from `now` to `until` s, in steps; `segments` predict the one obstacle, in order of time.
+    The robot is on knots (t, x, y). The `segments` predict the obstacle in order of time. Places are sampled from `now` to
+    `until` s.
     """
     best, p = (math.inf, 0.0, 0.0, 0.0, 0.0), 0
     for i in range(_SAMPLES + 1):
@@ -38,7 +39,7 @@ def passing(
 
 @kernel
 def free_time(context: PlanningContext, x: float, y: float, leg_cells: int) -> float:
-    """Return the time to the goal from (x, y) if nothing moved, s: by way of a cell at most `leg_cells` cells around."""
+    """Return the time from (x, y) to the goal without moving obstacles, s; the first leg goes up to `leg_cells` cells."""
     rows, cols = context.blocked.shape
     col0, row0 = (
         math.floor((x - context.x0) / context.resolution + 0.5),

@@ -1,9 +1,10 @@
 """Ants in space and time: a colony on the graph of safe intervals, with exact times and a shared memory.
 
-A state is a cell together with an interval of time in which a robot may stand there. From a state an ant moves to a neighbour
-cell: it waits for the first safe departure and drives. The colony remembers for each state the earliest arrival and the state
-it came from, so every ant continues from the best path known to wherever it is, and which moves have been tried. Ants are
-recruited to where untried moves promise most; when no promise beats the best path it is optimal, so the colony is complete.
+A state is a cell together with an interval of time in which the robot may stand there. From a state, an ant moves to a
+neighbour cell: it waits for the first safe departure and drives. For each state the colony remembers the earliest arrival, the
+parent state and the moves that were tried, so every ant continues from the best known path to its state. Ants are recruited to
+the state whose untried moves promise the lowest cost. When no promise is lower than the cost of the best path, that path is
+optimal, so the colony is complete.
 """
 
 from __future__ import annotations
@@ -39,50 +40,50 @@ from antway.kernels.spacetime.segments import TOUCH
 
 _EXP = np.exp(-np.arange(1024) / 64.0).astype(
     np.float32
-)  # exp(-k / 64): steps of 1/64 are fine enough for weights that are only drawn by
+)  # exp(-k / 64); steps of 1 / 64 are fine enough for weights that only serve to draw a move
 
 
 class ColonySettings(NamedTuple):
     """How the ants of one search behave."""
 
-    leg_cells: int  # the first move may end so many cells around the robot
-    betas: NDArray[np.float64]  # [B] 1/s; greed of ants 0, 1, ... in turn
-    slack: NDArray[np.float64]  # [B] s; an ant gives up when the cost of its path has grown by more
+    leg_cells: int  # the first move ends at most this many cells around the robot
+    betas: NDArray[np.float64]  # [B] 1/s; greediness of ants 0, 1, ... in turn
+    slack: NDArray[np.float64]  # [B] s; an ant gives up when the cost of its path has grown by more than this
     minimum_improvement: float  # s; a path counts as better only by more than this
-    amount: float  # s; Q of the deposit Q / L on a path better than all before, L its cost in s; 0: no pheromone
-    distance_weight: float  # s/m; what a metre costs beside the time that it takes
-    stay: float  # s; a path ends at the goal only where the robot can stay there for so long
+    amount: float  # s; Q of the deposit Q / L on a path of cost L that is better than all before; 0 means no pheromone
+    distance_weight: float  # s/m; cost of a metre in addition to its time
+    stay: float  # s; a path may end at the goal only if the robot can stay there for this time
 
 
 class _Origin(NamedTuple):
-    """Where and when a search starts, and how far it looks."""
+    """Where and when a search starts, and its horizon."""
 
     x: float  # m
     y: float
     t0: float  # s
     horizon: float  # s, absolute
-    here: float  # s; time to the goal if nothing moved
+    here: float  # s; time to the goal without moving obstacles
     legs: np.uint64  # bits of the first moves
     longest_move: float  # m
-    toll: float  # what a second of driving costs beside itself: the weight of a metre times the speed
+    toll: float  # 1; cost of a second of driving in addition to its time: the weight of a metre times the speed
     time: NDArray[np.float64]  # [K] s; duration of each move
 
 
 class _Steps(NamedTuple):
-    """Moves that an ant may choose from: move k goes to the flat cell `base` + offset[k] in time[k] s."""
+    """Moves from which an ant may choose: move k goes to the flat cell `base` + offset[k] in time[k] s."""
 
     base: np.int64
     offset: NDArray[np.int64]  # [K]
     time: NDArray[np.float64]  # [K]
-    spent: float  # s; what the metres so far cost
+    spent: float  # s; cost of the distance so far
     toll: float  # see `_Origin`
 
 
 class _Choices(NamedTuple):
-    """Scratch: the moves that promise something, what they promise, and their weights."""
+    """Scratch for the moves that may improve the best path, their promised costs, and their weights."""
 
     move: NDArray[np.int64]  # [LEGS]
-    cost: NDArray[np.float64]  # [LEGS] s; arrival at the goal at the earliest, and what the metres cost
+    cost: NDArray[np.float64]  # [LEGS] s; earliest arrival at the goal plus the cost of the distance
     weight: NDArray[np.float64]  # [LEGS]
 
 
@@ -98,9 +99,9 @@ def _expand(
     x: float,
     y: float,
 ) -> int:
-    """Drive from state s at (x, y) to every safe interval of `cell` as early as can be; keep what costs less than known.
+    """Drive from state s at (x, y) as early as possible to each safe interval of `cell`; keep the cheaper arrivals.
 
-    Where metres cost nothing that is what is earlier. Returns the first state that is reached so, or -1.
+    Without a cost of distance the cheaper arrival is the earlier one. Returns the first state that was improved, or -1.
     """
     soonest = -1
     gx, gy = centre(context, cell)
@@ -131,14 +132,14 @@ def _expand(
             push(memory, arrival + context.field[cell] + (toll + origin.toll * context.field[cell]), c)
             if soonest < 0:
                 soonest = c
-    if soonest >= 0 and origin.toll == 0.0:  # with a toll, one who comes later may gain something
+    if soonest >= 0 and origin.toll == 0.0:  # with a toll, a later arrival may be cheaper
         memory.latest[cell] = memory.arrival[memory.first[cell] : memory.first[cell] + memory.intervals[cell]].max()
     return soonest
 
 
 @kernel
 def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, amount: float) -> None:
-    """Lay `amount` on each edge (cell, move, bin of arrival) of the path that leads to state `end`, Eq. (2)."""
+    """Deposit `amount` on each edge (cell, move, bin of arrival) of the path to state `end`, Eq. (2)."""
     s = end
     while memory.cell[s] >= 0 and memory.cell[memory.parent[s]] >= 0:
         p = memory.parent[s]
@@ -150,7 +151,7 @@ def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, 
 
 @kernel
 def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> int:
-    """Fill in the first moves: straight legs from (x, y) to the cells at most `leg_cells` cells around; returns how many."""
+    """Write the first moves, straight legs from (x, y) to cells up to `leg_cells` cells away; return how many there are."""
     rows, cols = context.blocked.shape
     col0 = math.floor((x - context.x0) / context.resolution + 0.5)
     row0 = math.floor((y - context.y0) / context.resolution + 0.5)
@@ -180,10 +181,10 @@ def _weigh(
     scented: bool,
     choices: _Choices,
 ) -> tuple[int, float]:
-    """Write those of `moves`, bits, that promise to cost less than `limit`, their promises and weights by Eq. (1).
+    """Write those of `moves` (bits) that promise a cost below `limit`, with their promises and their weights by Eq. (1).
 
-    An ant that comes to a cell no earlier than others came gains nothing there. `promised` is what the present state promises.
-    Returns how many moves there are and the sum of their weights.
+    A move that reaches a cell later than all known arrivals there is left out. `promised` is the promise of the present state.
+    Returns the number of moves written and the sum of their weights.
     """
     base, offset, time = steps.base, steps.offset, steps.time
     move, cost, weight = choices.move, choices.cost, choices.weight
@@ -232,9 +233,9 @@ def _step(
     limit: float,
     state: State,
 ) -> int:
-    """Let an ant in state s choose moves by Eq. (1) until one leads somewhere earlier than known; return that state, or -1.
+    """Let an ant in state s draw moves by Eq. (1) until one improves a state; return that state, or -1.
 
-    What the untried moves still promise becomes the key of s among the open states.
+    The least promise of the untried moves becomes the key of s among the open states.
     """
     cell, now = memory.cell[s], memory.arrival[s]
     memory.counter[ANT_STEPS] += 1
@@ -267,7 +268,7 @@ def _step(
 
 @bare_kernel
 def _promise(memory: Memory) -> float:
-    """Drop stale entries off the heap; return the least key of an open state, infinite if none is open."""
+    """Remove stale entries from the top of the heap; return the least key of an open state, infinite if none is open."""
     while memory.counter[HEAP_SIZE] > 0 and memory.heap_key[0] != memory.key[memory.heap_state[0]]:
         pop(memory)
     return memory.heap_key[0] if memory.counter[HEAP_SIZE] > 0 else math.inf
@@ -288,33 +289,33 @@ def search(
     max_expansions: int,
     state: State,
 ) -> tuple[int, float, float]:
-    """Send ants from (x, y) at t0; returns (best end state or -1, its cost, a lower bound on any), in s.
+    """Send ants from (x, y) at t0; return (best end state or -1, its cost, a lower bound on any cost), in s.
 
-    A path costs its arrival at the goal and, where the settings weigh distance, so much for each metre. With a weight the
-    memory keeps the cheapest path to each state, which need not be the best one to go on from: the bound is then what a path
-    costs if nothing moves.
+    The cost of a path is its arrival at the goal plus `distance_weight` for each metre. With a weight, the memory keeps the
+    cheapest path to each state, which need not be part of the best path. The bound is then the cost of a path without moving
+    obstacles.
 
     Parameters
     ----------
     predictions : Predictions
-        Of the obstacles, margins included.
+        Predictions of the obstacles, margins included.
     settings : ColonySettings
     horizon : float
-        Absolute time after which obstacles are forgotten: a path that ends then is charged the field from there.
+        Absolute time after which obstacles are ignored, s. The rest of a path that ends then costs its time by the field.
     limit : float
-        Cost that has to be bettered (that of the plan in use), s; infinite for none.
+        The path found must cost less than this (the cost of the plan in use), s; infinite for no limit.
     max_expansions : int
-        Moves tested in all.
+        Most moves tested in all.
     state : uint64[1]
-        Of the random generator.
+        State of the random generator.
 
     Notes
     -----
-    Each ant is recruited to the open state whose untried moves promise the least cost, and walks from there. It chooses by
-    Eq. (1) with the heuristic exp(-beta * extra), extra = step + field(next) - field(here) >= 0: a move is drawn first and
-    tested after. The promise of the best open state bounds every path not yet tried, so the gap of the best is certified.
+    Each ant is recruited to the open state whose untried moves promise the least cost, and walks from there. It draws a move by
+    Eq. (1) with the heuristic exp(-beta * extra), where extra = step + field(next) - field(here) >= 0, and then tests the move.
+    The promise of the best open state bounds the cost of all untried paths, which certifies the gap of the best path.
     """
-    # Step 1: an empty memory, the first moves, and a bound that holds if nothing moves.
+    # Step 1: empty the memory, write the first moves, and compute the bound without moving obstacles.
     memory.counter[GENERATION] += 1
     memory.counter[1:] = 0
     legs = _legs(memory, context, x, y, settings.leg_cells)
@@ -325,7 +326,7 @@ def search(
     least = t0 + here + toll * here
     if here == math.inf or least >= limit - settings.minimum_improvement:
         return -1, limit, least
-    # Step 2: the intervals in which the robot can stand where it is.
+    # Step 2: find the intervals in which the robot can stand at its place.
     for p in range(len(predictions.segments)):
         note_box(memory, predictions.segments, p)
     open_cell(memory, -1, x, y, memory.leg_time[:legs].max() * context.speed, t0, horizon, predictions.segments)
@@ -334,10 +335,10 @@ def search(
     choices = _Choices(np.empty(LEGS, np.int64), np.empty(LEGS), np.empty(LEGS))
     time, bits = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
     origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, toll, time)
-    memory.counter[STATE_COUNT] = 1  # the start's later intervals cannot be reached without leaving it
+    memory.counter[STATE_COUNT] = 1  # later intervals of the start cannot be reached by waiting there
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, least, 0)
-    # Steps 4 to 7: ants, one after the other, until no promise betters the best path or the budget is spent.
+    # Steps 4 to 7: send ants one by one until no promise is below the cost of the best path or the budget is spent.
     best, best_cost, bound = -1, limit, least
     ant = 0
     while memory.counter[EXPANSIONS] < max_expansions and memory.counter[STATE_COUNT] < len(memory.cell) - 64:
@@ -351,7 +352,7 @@ def search(
         ant += 1
         while memory.counter[EXPANSIONS] < max_expansions:
             cell, now = memory.cell[s], memory.arrival[s]
-            # A robot that may stand here until obstacles are forgotten can go on along the field then.
+            # A robot that may stand here until the horizon can follow the field from there.
             arrived = cell == context.goal and memory.high[s] >= now + settings.stay
             done = now if arrived else max(now, horizon) if memory.high[s] >= horizon else math.inf
             cost = done + context.field[cell] + (memory.toll[s] + toll * context.field[cell]) if cell >= 0 else math.inf
@@ -376,5 +377,5 @@ def search(
             if then < 0 or memory.key[then] > most:
                 break
             s = then
-    # A path that would gain less than the minimum improvement was passed over, so the bound lies as much lower.
+    # Paths that improve by less than the minimum improvement were left out, so the bound is lower by that much.
     return best, best_cost, max(min(bound, best_cost - settings.minimum_improvement), least) if toll == 0.0 else least

@@ -1,4 +1,4 @@
-"""The static side of a motion: the map, the moves a robot can make on it, and the exact field over them."""
+"""The planning context: the map, the robot's moves on it, and the exact field over these moves."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
 
 
 class PlanningContext(NamedTuple):
-    """The static side: the map, its moves for this robot, and the exact field over them."""
+    """The map, the robot's moves on it, and the exact field over these moves."""
 
     blocked: NDArray[np.bool_]  # [H, W]
-    legal: NDArray[np.uint32]  # [H * W] bit k: move k is free of walls
-    field: NDArray[np.float64]  # [H * W] s to the goal at full speed over the same moves
+    legal: NDArray[np.uint32]  # [H * W] bit k tells whether move k is free of walls
+    field: NDArray[np.float64]  # [H * W] s; time to the goal at full speed over these moves
     offset: NDArray[np.int64]  # [K] flat
-    step: NDArray[np.float64]  # [K, 3] x and y in m, and time in s
+    step: NDArray[np.float64]  # [K, 3] x and y in m and time in s of each move
     resolution: float
     x0: float  # m, centre of cell (0, 0)
     y0: float
@@ -30,14 +30,14 @@ class PlanningContext(NamedTuple):
 
 @bare_kernel
 def centre(context: PlanningContext, cell: int) -> tuple[float, float]:
-    """Return the x, y in m of the centre of a flat cell."""
+    """Return the centre (x, y) of a flat cell, m."""
     cols = context.blocked.shape[1]
     return context.x0 + (cell % cols) * context.resolution, context.y0 + (cell // cols) * context.resolution
 
 
 @bare_kernel
 def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Tell whether the robot can go straight from (ax, ay) to (bx, by) m without contact with walls."""
+    """Tell whether the robot can go straight from (ax, ay) to (bx, by) without contact with a wall."""
     s = context.resolution
     return not segment_hits_cells(
         context.blocked,
@@ -52,7 +52,7 @@ def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) 
 
 @bare_kernel
 def can_stay(x: float, y: float, t0: float, t1: float, segments: NDArray[np.float64]) -> bool:
-    """Tell whether a robot may stand at (x, y) from t0 to t1."""
+    """Tell whether a robot may stand at (x, y) from t0 to t1 s."""
     for p in range(len(segments)):
         low, high = unsafe_stay(x, y, segments, p)
         if low < t1 - TOUCH and high > t0 + TOUCH:

@@ -1,4 +1,4 @@
-"""What a colony in space and time remembers within one search: cells opened, their safe intervals, and the open states."""
+"""Memory of a colony in space and time within one search: opened cells, their safe intervals, and the open states."""
 
 from __future__ import annotations
 
@@ -12,38 +12,40 @@ from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import CLEARANCE_RADIUS, T0, T1, VX, VY, Predictions, X, Y
 from antway.kernels.spacetime.segments import TOUCH, delayed, unsafe_stay, within
 
-KNOTS = 2048  # greatest number of knots of a plan
-SEGMENTS = 2048  # greatest number of motion segments of all predictions together
-NEAR = 1 << 16  # greatest number of pairs of an open cell and a motion segment near it in one search
-STATES = 1 << 14  # greatest number of states; a search that has made so many ends with the best path so far
-HEAP = 1 << 15  # greatest number of entries of the heap of open states, stale ones included
-LEGS = 64  # greatest number of first moves, from the robot's place to the centres of cells around it
-# Entries of `Memory.counter`: searches so far, and of the present one states, moves tested, steps of ants, heap entries, and
-# rows of `near_segment`.
+KNOTS = 2048  # most knots of a plan
+SEGMENTS = 2048  # most motion segments of all predictions together
+NEAR = 1 << 16  # most pairs of an open cell and a motion segment near it in one search
+STATES = 1 << 14  # most states of a search; when they are used up, the search ends with the best path so far
+HEAP = 1 << 15  # most entries of the heap of open states, including stale ones
+LEGS = 64  # most first moves, which go from the robot's place to the centres of cells around it
+# Entries of `Memory.counter`: the number of searches so far; then the numbers of states, tested moves, steps of ants, heap
+# entries and rows of `near_segment` in the present search.
 GENERATION, STATE_COUNT, EXPANSIONS, ANT_STEPS, HEAP_SIZE, NEAR_COUNT = range(6)
 
 
 class Memory(NamedTuple):
-    """What the colony knows within one search; stamps in place of clearing."""
+    """Memory of the colony within one search. Stamps mark the valid cells, so the arrays need not be cleared."""
 
-    stamp: NDArray[np.int32]  # [cells] search in which a cell's intervals were made
-    first: NDArray[np.int32]  # [cells] its first state
-    intervals: NDArray[np.int32]  # [cells] how many
-    latest: NDArray[np.float64]  # [cells] greatest arrival among its states, s: an ant that comes later gains nothing there
-    near: NDArray[np.int32]  # [cells + 1, 2] motion segments near a cell: rows [first, last) below; the last row is the start's
+    stamp: NDArray[np.int32]  # [cells] number of the search in which the cell was opened
+    first: NDArray[np.int32]  # [cells] first state of the cell
+    intervals: NDArray[np.int32]  # [cells] number of states of the cell
+    latest: NDArray[
+        np.float64
+    ]  # [cells] s; latest arrival among the states of the cell, after which an arrival improves nothing
+    near: NDArray[np.int32]  # [cells + 1, 2] rows [first, last) of `near_segment` near a cell; the last is the start's
     near_segment: NDArray[np.int32]  # [NEAR]
-    near_time: NDArray[np.float64]  # [NEAR, 2] from when to when, s
-    box: NDArray[np.float64]  # [SEGMENTS, 4] least and greatest x and y in m that a motion segment reaches
-    cell: NDArray[np.int32]  # [STATES] -1: the start
-    low: NDArray[np.float64]  # [STATES] the safe interval, s
+    near_time: NDArray[np.float64]  # [NEAR, 2] s; start and end of the time for which the segment matters
+    box: NDArray[np.float64]  # [SEGMENTS, 4] m; bounding box of a motion segment
+    cell: NDArray[np.int32]  # [STATES] flat cell, or -1 for the start
+    low: NDArray[np.float64]  # [STATES] s; start of the safe interval
     high: NDArray[np.float64]
-    arrival: NDArray[np.float64]  # [STATES] earliest so far, s
-    depart: NDArray[np.float64]  # [STATES] when the parent was left for it, s
-    toll: NDArray[np.float64]  # [STATES] what the metres of the path cost beside its time, s
+    arrival: NDArray[np.float64]  # [STATES] s; earliest arrival so far
+    depart: NDArray[np.float64]  # [STATES] s; departure from the parent
+    toll: NDArray[np.float64]  # [STATES] s; cost of the distance of the path in addition to its time
     parent: NDArray[np.int32]  # [STATES]
-    tried: NDArray[np.uint64]  # [STATES] moves tried at the present arrival
-    key: NDArray[np.float64]  # [STATES] least cost that its untried moves promise, s; infinite if there are none
-    heap_key: NDArray[np.float64]  # [HEAP] the open states, least key first; entries may be stale
+    tried: NDArray[np.uint64]  # [STATES] bits of the moves tried at the present arrival
+    key: NDArray[np.float64]  # [STATES] s; least promise of its untried moves, infinite if there are none
+    heap_key: NDArray[np.float64]  # [HEAP] s; keys of the open states, least first; entries may be stale
     heap_state: NDArray[np.int32]  # [HEAP]
     leg_cell: NDArray[np.int64]  # [LEGS] cells of the first moves
     leg_time: NDArray[np.float64]  # [LEGS] s
@@ -55,7 +57,7 @@ class Memory(NamedTuple):
 
 @bare_kernel
 def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
-    """Write down the box that motion segment p sweeps."""
+    """Store the bounding box of motion segment p."""
     x, y, span, clearance_radius = (
         segments[p, X],
         segments[p, Y],
@@ -71,14 +73,14 @@ def note_box(memory: Memory, segments: NDArray[np.float64], p: int) -> None:
 def open_cell(
     memory: Memory, cell: int, x: float, y: float, longest_move: float, t0: float, horizon: float, segments: NDArray[np.float64]
 ) -> None:
-    """Make the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
+    """Create the states of a cell: the intervals of [t0, inf) in which it is safe to stand at (x, y).
 
-    Of all motion segments those are kept that come near enough to matter to a move out of the cell; no move is longer than
+    The motion segments that come near enough to matter for a move out of the cell are stored. No move is longer than
     `longest_move` m.
     """
     lows, highs = memory.span[0], memory.span[1]
     n, near = 0, memory.counter[NEAR_COUNT]
-    if near + len(segments) > len(memory.near_segment):  # full: the cell stays closed
+    if near + len(segments) > len(memory.near_segment):  # the memory is full, so the cell stays closed
         memory.stamp[cell], memory.intervals[cell] = memory.counter[GENERATION], 0
         return
     for p in range(len(segments)):
@@ -103,7 +105,7 @@ def open_cell(
             i -= 1
         lows[i], highs[i] = low, high
         n += 1
-    memory.near[cell, 0], memory.near[cell, 1] = memory.counter[NEAR_COUNT], near  # of the start, cell -1, in the last row
+    memory.near[cell, 0], memory.near[cell, 1] = memory.counter[NEAR_COUNT], near  # the start is cell -1, the last row
     memory.counter[NEAR_COUNT] = near
     start = memory.counter[STATE_COUNT]
     if cell >= 0:
@@ -127,9 +129,9 @@ def open_cell(
 
 @bare_kernel
 def keep_earlier(memory: Memory, s: int) -> bool:
-    """Give what is known of state s to a new state, so that s can be reached later and at less cost; False if memory is full.
+    """Copy state s to a new state, so that s can be reached later at a lower cost; return False if the memory is full.
 
-    Paths on from s go on from where they came, the new state: what comes later to s may be too late for them.
+    Paths that continue from s then continue from the copy, because the later arrival at s may be too late for them.
     """
     new = memory.counter[STATE_COUNT]
     if new >= len(memory.cell):
@@ -158,7 +160,7 @@ def leave(
     limit: float,
     predictions: Predictions,
 ) -> float:
-    """Do as `earliest_departure` does, for a cell that is open: among the motion segments near it."""
+    """Do as `earliest_departure`, for an open cell: only the motion segments near the cell are tested."""
     first, last = memory.near[cell, 0], memory.near[cell, 1]
     stopping_time = predictions.stopping_time
     i, clear = first, 0
@@ -173,7 +175,7 @@ def leave(
 
 @bare_kernel
 def push(memory: Memory, key: float, s: int) -> None:
-    """Put state s on the heap of open states under `key`, its least cost over untried moves; older entries become stale."""
+    """Push state s onto the heap of open states with `key`, the least promise of its moves; older entries become stale."""
     memory.key[s] = key
     i = memory.counter[HEAP_SIZE]
     if i == len(memory.heap_key):
@@ -187,7 +189,7 @@ def push(memory: Memory, key: float, s: int) -> None:
 
 @bare_kernel
 def pop(memory: Memory) -> None:
-    """Take the least entry off the heap."""
+    """Remove the least entry from the heap."""
     memory.counter[HEAP_SIZE] -= 1
     n = memory.counter[HEAP_SIZE]
     key, s = memory.heap_key[n], memory.heap_state[n]

@@ -1,4 +1,4 @@
-"""Motions, rows (t, x, y) of knots: read from the colony's memory, tested, and made shorter by any-angle shortcuts."""
+"""Motions as knots (t, x, y): read from the colony's memory, tested for conflicts, and shortened by any-angle shortcuts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, 
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
-LOOK = 10  # a shortcut leads at most so many vertices ahead
+LOOK = 10  # a shortcut leads at most this many vertices ahead
 
 
 @shared_kernel
@@ -28,10 +28,10 @@ def trace_back(
     until: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Write the path to state `end` and on along the field as knots (t, x, y) to out, waits included; returns how many.
+    """Write the path to state `end` and along the field as knots (t, x, y), including waits; return the number of knots.
 
-    Waits are shifted: each departure is made the earliest that is safe, now that arrivals may have become earlier than when the
-    move was tried. Past `end`, where obstacles are forgotten, the path follows the field to the goal or until time `until`.
+    Each departure becomes the earliest safe one, because arrivals may have become earlier since the move was tried. After
+    `end`, where obstacles are ignored, the path follows the field to the goal or until time `until`.
     """
     chain = np.empty(512, np.int32)
     length = 0
@@ -86,7 +86,7 @@ def trace_back(
 
 @kernel
 def first_conflict(knots: NDArray[np.float64], now: float, predictions: Predictions) -> float:
-    """Start in s of the first leg or wait of a motion, rows (t, x, y), after `now` that meets an obstacle; infinite if none."""
+    """Return the start of the first leg or wait after `now` that meets an obstacle, s; infinite if none does."""
     for i in range(len(knots) - 1):
         t0, t1 = max(float(knots[i, 0]), now), float(knots[i + 1, 0])
         if t1 <= t0:
@@ -104,7 +104,7 @@ def first_conflict(knots: NDArray[np.float64], now: float, predictions: Predicti
 
 @kernel
 def place_at(knots: NDArray[np.float64], n: int, t: float) -> tuple[float, float, int]:
-    """Place at time t of the motion knots[:n], and the knot that the robot is on its way to."""
+    """Return the place (x, y) on the motion knots[:n] at time t, and the index of the next knot."""
     if t <= knots[0, 0]:
         return knots[0, 1], knots[0, 2], min(1, n - 1)
     for i in range(1, n):
@@ -126,10 +126,10 @@ def shorten(
     n: int,
     out: NDArray[np.float64],
 ) -> int:
-    """Write a motion to `out` that is nowhere later than knots[:n], rows (t, x, y), and as free; returns its knots.
+    """Write to `out` a motion without new conflicts that is nowhere later than knots[:n]; return its number of knots.
 
-    From each vertex it goes straight to the farthest of the next few that can be reached no later than before, after the first
-    safe departure, if there it may stand until the old departure; so what follows stays possible whatever was gained.
+    From each vertex it goes straight to the farthest of the next LOOK vertices that it reaches no later than before, with the
+    first safe departure. The robot must be able to stand there until the old departure, so the rest of the motion stays valid.
     """
     x, y = np.empty(n), np.empty(n)
     arrive, depart = np.empty(n), np.empty(n)
@@ -155,7 +155,7 @@ def shorten(
             ):
                 break
             if j == i + 1:
-                leave, duration = depart[i], arrive[j] - depart[i]  # as before
+                leave, duration = depart[i], arrive[j] - depart[i]  # keep the old leg
                 break
             j -= 1
         if leave > t + TOUCH:
@@ -165,7 +165,7 @@ def shorten(
         out[rows, 0], out[rows, 1], out[rows, 2] = t, x[j], y[j]
         rows += 1
         i = j
-    if depart[m - 1] > arrive[m - 1] and i == m - 1:  # a wait at the end stays one
+    if depart[m - 1] > arrive[m - 1] and i == m - 1:  # keep a wait at the end
         out[rows, 0], out[rows, 1], out[rows, 2] = depart[m - 1], x[m - 1], y[m - 1]
         rows += 1
     return rows

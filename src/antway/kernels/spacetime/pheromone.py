@@ -1,4 +1,4 @@
-"""Pheromone in space and time: on (cell, move, bin of arrival), in a small hash table of the edges that carry any."""
+"""Pheromone in space and time on edges (cell, move, bin of arrival), in a small hash table of the edges that carry any."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 
-TRAILS = 1 << 12  # slots of the table, a power of two
+TRAILS = 1 << 12  # number of slots of the table, a power of two
 
 
 class Trails(NamedTuple):
     """Pheromone above the floor of 1 that every edge has."""
 
-    key: NDArray[np.int64]  # [TRAILS] (bin of arrival, cell, move), -1: empty
+    key: NDArray[np.int64]  # [TRAILS] code of (bin of arrival, cell, move); -1 is empty
     tau: NDArray[np.float32]  # [TRAILS]
-    mark: NDArray[np.bool_]  # [cells] cells that carry any
-    bin: float  # s, width of a bin of arrival
+    mark: NDArray[np.bool_]  # [cells] whether the cell carries pheromone
+    bin: float  # s; width of a bin of arrival
 
 
 @bare_kernel
@@ -30,7 +30,7 @@ def edge(trails: Trails, cell: int, move: int, t: float) -> int:
 
 @inner_kernel
 def slot(trails: Trails, key: int) -> int:
-    """Return the slot of `key`, or the empty one where it belongs; -1 if the table is full there."""
+    """Return the slot of `key`, or the empty slot where it belongs; -1 if all slots tried are taken."""
     h = (np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(40)
     for i in range(16):
         j: int = np.int64((h + np.uint64(i)) & np.uint64(TRAILS - 1))  # type: ignore[assignment]
@@ -41,7 +41,7 @@ def slot(trails: Trails, key: int) -> int:
 
 @bare_kernel
 def lay(trails: Trails, key: int, amount: float) -> None:
-    """Add `amount` to an edge; an edge that finds no slot among so many goes without."""
+    """Add `amount` to an edge; nothing is added if the edge finds no slot."""
     j = slot(trails, key)
     if j >= 0:
         if trails.key[j] < 0:
@@ -54,8 +54,8 @@ def lay(trails: Trails, key: int, amount: float) -> None:
 def evaporate(trails: Trails, now: float, low: float, high: float, cycle: float) -> None:
     """tau <- rho tau with the paper's persistence, corrected: rho = clip(exp(-tau_min / tau) + exp(-t), low, high).
 
-    tau_min is 1, the floor that every edge has. What lies in the past is dropped: arrival bins are absolute, so the field
-    shifts by itself as time goes on.
+    tau_min is 1, the floor of every edge. Edges whose bin of arrival is in the past are dropped. The bins are absolute, so the
+    pheromone need not be shifted in time.
     """
     bins = len(trails.mark) * 64
     keys, taus = trails.key.copy(), trails.tau.copy()
@@ -71,9 +71,10 @@ def evaporate(trails: Trails, now: float, low: float, high: float, cycle: float)
 
 @kernel
 def window(trails: Trails, cols: int) -> tuple[int, int, NDArray[np.float32]]:
-    """Return the pheromone by cell of a map of `cols` columns, the largest over moves and times, where any lies.
+    """Return the maximum pheromone of each cell over moves and times, in the smallest window that holds all of it.
 
-    Row and column of the window's corner, and the window, float32[h, w]; of no size if there is none.
+    The map has `cols` columns. Returns the row and column of the window's corner, and the window, float32[h, w]; it is empty if
+    there is no pheromone.
     """
     cells = len(trails.mark)
     top, left, bottom, right = cells, cells, -1, -1

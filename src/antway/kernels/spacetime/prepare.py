@@ -1,4 +1,4 @@
-"""What a search in space and time needs: a disc's legal moves, the exact field over them, and motion segments of obstacles."""
+"""Preparation of a search in space and time: legal moves of a disc, the exact field over them, and motion segments."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from antway.kernels.base.jit import kernel
 from antway.kernels.base.records import Trajectories
 from antway.kernels.spacetime.segments import Segments
 
-NEVER = 1e9  # s; stands for the end of all time, where a number must be finite
+NEVER = 1e9  # s; stands for infinity where a time must be finite
 
 
 @kernel
 def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: float) -> NDArray[np.uint32]:
-    """Which moves a disc can make from each cell without contact with a blocked cell or the edge of the map.
+    """Return which moves a disc can make from each cell without contact with a blocked cell or the edge of the map.
 
-    A move's stencil is the set of cells that its swept disc comes into contact with, by exact test; the move is legal where no
-    cell of its stencil is blocked. A disc of radius 0 counts as 1e-6: even a point must not squeeze through a corner.
+    The stencil of a move is the set of cells that its swept disc touches, by an exact test. The move is legal where no cell of
+    its stencil is blocked. A radius of 0 counts as 1e-6, so that a point cannot pass between two diagonal cells.
 
     Parameters
     ----------
@@ -28,17 +28,17 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
     offsets : int32[K, 2]
         (d_row, d_col) of each move, K <= 32.
     radius : float
-        In cells, >= 0.
+        Radius of the disc in cells, >= 0.
 
     Returns
     -------
     uint32[H, W]
-        Bit k is set where move k is legal; no bit where the disc cannot stand.
+        Bit k is set where move k is legal. No bit is set where the disc cannot stand.
     """
     rows, cols = blocked.shape
     contact_radius = longest(offsets) + math.ceil(radius) + 1
     walls = np.full((rows + 2 * contact_radius, cols + 2 * contact_radius), 0xFFFFFFFF, np.uint32)
-    for row in range(rows):  # here and below, loops: expressions of whole arrays take seconds to compile
+    for row in range(rows):  # loops, because expressions of whole arrays take seconds to compile
         for col in range(cols):
             if not blocked[row, col]:
                 walls[row + contact_radius, col + contact_radius] = 0
@@ -46,7 +46,7 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
     body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
     for r in range(-contact_radius, contact_radius + 1):
         for c in range(-contact_radius, contact_radius + 1):
-            hit = np.uint32(0)  # the moves whose stencil holds the cell (r, c) away
+            hit = np.uint32(0)  # bits of the moves whose stencil contains the cell at offset (r, c)
             for k in range(len(offsets)):
                 dr, dc = float(offsets[k, 0]), float(offsets[k, 1])
                 near = min(0.0, dr) - rim < r < max(0.0, dr) + rim and min(0.0, dc) - rim < c < max(0.0, dc) + rim
@@ -62,7 +62,7 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
 
 @kernel
 def longest(offsets: NDArray[np.int32]) -> int:
-    """Return the most rows or columns that a move goes."""
+    """Return the largest number of rows or columns that any move crosses."""
     most = 0
     for k in range(len(offsets)):
         most = max(most, abs(offsets[k, 0]), abs(offsets[k, 1]))
@@ -73,28 +73,29 @@ def longest(offsets: NDArray[np.int32]) -> int:
 def move_field(
     mask: NDArray[np.uint32], offsets: NDArray[np.int32], lengths: NDArray[np.float64], goals: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Exact distance of every cell to the nearest goal over the legal moves: Dijkstra backwards, buckets a cell wide.
+    """Return the exact distance from each cell to the nearest goal over the legal moves: Dijkstra backwards with buckets.
 
-    No move is shorter than a bucket is wide, so the cells of a bucket cannot improve one another and need no order. A cell
-    is in at most one bucket, a doubly linked list; as no move is longer than 4 cells, 8 buckets in a ring do.
+    A bucket is one cell wide and no move is shorter, so the cells of a bucket cannot improve one another and need no order.
+    Each bucket is a doubly linked list, and a cell is in at most one. All moves are shorter than 7 cells, so a ring of 8
+    buckets suffices.
 
     Parameters
     ----------
     mask : uint32[H, W]
-        As `move_mask` returns it, or a window of that; moves that leave the window are not used.
+        The result of `move_mask`, or a window of it; moves that leave the window are not used.
     offsets : int32[K, 2]
     lengths : float64[K]
-        In cells, in [1, 7).
+        Length of each move in cells, in [1, 7).
     goals : int64[G, 2]
         (row, col).
 
     Returns
     -------
     float64[H, W]
-        In cells, infinite where no goal can be reached.
+        Distance in cells, infinite where no goal can be reached.
     """
     rows, cols = mask.shape
-    rim = longest(offsets)  # round the map, of cells that nothing improves
+    rim = longest(offsets)  # width of a border of cells that are never improved
     width = cols + 2 * rim
     field = np.full((rows + 2 * rim, width), -1.0)
     legal = np.zeros((rows + 2 * rim, width), np.uint32)
@@ -159,7 +160,7 @@ def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.i
 
 @kernel
 def timeline_segments(trajectories: Trajectories, robot_radius: float, start: float, horizon: float) -> Segments:
-    """Return the motion segments (see `segments.py`) of K discs between `start` and `horizon` s; then they are forgotten."""
+    """Return the motion segments (see `segments.py`) of K discs between `start` and `horizon` s."""
     knot_t, knot_xy, first, radius = trajectories
     segments = np.empty((len(knot_t) + len(radius), 8))
     n = 0

@@ -1,10 +1,10 @@
-"""When can a disc not stand, or not set off? Exact answers against motion segments.
+"""Exact times at which a disc must not stand, or must not depart, because of motion segments.
 
 A *motion segment* is a row (t0, t1, x, y, vx, vy, contact radius, clearance radius): from t0 to t1 s an obstacle moves
-uniformly from (x, y) m with (vx, vy) m/s. A robot that stands touches it where the centres are nearer than the contact radius.
-A robot that moves keeps the clearance radius away from where the obstacle was `stopping_time` s before: that is what the guard
-asks of a robot that cannot stop sooner. Touching is legal. A piecewise linear prediction is a list of segments, and a tube that
-widens over time is one whose later segments have larger radii.
+uniformly from (x, y) m with (vx, vy) m/s. A standing robot is in contact if the centres are nearer than the contact radius.
+A moving robot keeps the clearance radius away from the obstacle's place `stopping_time` s before, because the guard asks this
+of a robot that cannot stop sooner. Touching is legal. A piecewise linear prediction is a list of segments. A tube that widens
+over time has larger radii in later segments.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def within(x: float, y: float, distance: float, segments: Segments, p: int) -> t
 def _edge(
     bx: float, by: float, dx: float, dy: float, low: float, high: float, contact_radius: float, out: NDArray[np.float64]
 ) -> bool:
-    """Part of [low, high] in which |b + d z| < contact_radius, written to out[0:2]; False if there is none."""
+    """Write the part of [low, high] in which |b + d z| < contact_radius to out[0:2]; return False if there is none."""
     dd = dx * dx + dy * dy
     slack = bx * bx + by * by - contact_radius * contact_radius
     if dd == 0.0:
@@ -70,11 +70,11 @@ def _edge(
 def unsafe_departures(
     x: float, y: float, vx: float, vy: float, duration: float, segments: Segments, p: int, work: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return the departures in s, an interval, with which a uniform move meets segment p; (inf, -inf) if none.
+    """Return the interval of departures in s with which a uniform move meets segment p; (inf, -inf) if there are none.
 
-    The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. In contact are the (z, t) in [0, duration] x
-    [t0, t1], z the time since departure and t the time itself, with |a + v z - u (t - t0)| < r: a convex set, so the
-    departures s = t - z that lead into it are one interval. Its ends lie on an edge of the rectangle or where a line of
+    The robot leaves (x, y) at time s with (vx, vy) and drives for `duration` s. Let z be the time since departure and t the
+    absolute time. The (z, t) in [0, duration] x [t0, t1] with |a + v z - u (t - t0)| < r are in contact. This set is convex, so
+    the departures s = t - z that lead into it form one interval. Its ends lie on an edge of the rectangle, or where a line of
     constant s touches the ellipse. `work` is float64[2].
     """
     t0, t1 = segments[p, T0], segments[p, T1]
@@ -109,12 +109,12 @@ def unsafe_departures(
 
 @bare_kernel
 def delayed(x: float, y: float, vx: float, vy: float, duration: float, s: float, predictions: Predictions, p: int) -> float:
-    """Return s, or where segment p forbids to leave (x, y) then with (vx, vy) for `duration` s, when it no longer does."""
+    """Return the departure s, delayed until segment p allows to leave (x, y) with (vx, vy) for `duration` s."""
     segments, stopping_time = predictions.segments, predictions.stopping_time
     t0, t1 = max(s - stopping_time, segments[p, T0]), min(s - stopping_time + duration, segments[p, T1])
     if t0 > t1:
         return s
-    # The boxes around both sweeps tell most that are apart.
+    # Most pairs that are apart are recognized by the bounding boxes of both sweeps.
     contact_radius = segments[p, CLEARANCE_RADIUS]
     z0, z1 = t0 - segments[p, T0], t1 - segments[p, T0]
     ex, ey = x + vx * duration, y + vy * duration
@@ -133,7 +133,7 @@ def earliest_departure(
     x: float, y: float, vx: float, vy: float, duration: float, s: float, limit: float, predictions: Predictions
 ) -> float:
     """Return the first time in [s, limit] to leave (x, y) with (vx, vy) for `duration` s without contact; infinite if none."""
-    p = clear = 0  # segments in turn, until all in a row allow the same time
+    p = clear = 0  # test the segments in turn until all of them in a row allow the same time
     while clear < len(predictions.segments) and s <= limit:
         later = delayed(x, y, vx, vy, duration, s, predictions, p)
         clear = clear + 1 if later == s else 1

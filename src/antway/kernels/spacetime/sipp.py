@@ -23,16 +23,16 @@ SLACK = 1e-9  # s; costs closer than this are equal
 
 
 class Frame(NamedTuple):
-    """Where the cells of a map are."""
+    """Placement of the cells of a map."""
 
-    x0: float  # m; of the centre of cell (0, 0)
+    x0: float  # m; centre of cell (0, 0)
     y0: float
     resolution: float  # m; edge of a cell
     cols: int
 
 
 class Move(NamedTuple):
-    """From (x, y) m by (dx, dy) m in `duration` s to the flat cell `cell`."""
+    """A move from (x, y) m by (dx, dy) m in `duration` s to the flat cell `cell`."""
 
     x: float
     y: float
@@ -43,7 +43,7 @@ class Move(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Memory of `sipp`, reused from query to query on maps of N cells; `stamp` tells which cells this query has seen.
+    """Memory of `sipp` for maps of N cells, reused by later queries; `stamp` marks the cells opened by the present query.
 
     A state is a safe interval of a cell, or the start (state 0, cell -1).
     """
@@ -51,19 +51,19 @@ class Workspace(NamedTuple):
     query: NDArray[np.int64]  # [1] number of the query
     stamp: NDArray[np.int64]  # [N]
     first: NDArray[np.int32]  # [N] first state of a cell
-    size: NDArray[np.int32]  # [N] its number of states
+    size: NDArray[np.int32]  # [N] number of states of a cell
     cell: NDArray[np.int32]  # [S]
-    parent: NDArray[np.int32]  # [S] state it is reached from
-    since: NDArray[np.float64]  # [S] safe from then, s
-    end: NDArray[np.float64]  # [S] until then, s
-    arrival: NDArray[np.float64]  # [S] earliest known, s
-    depart: NDArray[np.float64]  # [S] when the move into it leaves the parent, s
-    done: NDArray[np.float64]  # [S] moves that cost up to this more than the field says have been made, s
-    todo: NDArray[np.float64]  # [S] the least extra cost of a move not made, s
-    heap_key: NDArray[np.float64]  # [Q] arrival + field, to the nanosecond
-    heap_time: NDArray[np.float64]  # [Q] arrival
+    parent: NDArray[np.int32]  # [S] state from which it is reached
+    since: NDArray[np.float64]  # [S] s; start of the safe interval
+    end: NDArray[np.float64]  # [S] s; end of the safe interval
+    arrival: NDArray[np.float64]  # [S] s; earliest known arrival
+    depart: NDArray[np.float64]  # [S] s; departure from the parent
+    done: NDArray[np.float64]  # [S] s; moves whose extra cost over the field is at most this have been made
+    todo: NDArray[np.float64]  # [S] s; least extra cost of the moves not yet made
+    heap_key: NDArray[np.float64]  # [Q] s; arrival + field, rounded to nanoseconds
+    heap_time: NDArray[np.float64]  # [Q] s; arrival
     heap_state: NDArray[np.int32]  # [Q]
-    spans: NDArray[np.float64]  # [P, 2] unsafe times of a cell
+    spans: NDArray[np.float64]  # [P, 2] s; unsafe times of a cell
     work: NDArray[np.float64]  # [2]
 
 
@@ -89,37 +89,39 @@ def sipp(
     max_expanded: int,
     ws: Workspace,
 ) -> tuple[int, int, int, float]:
-    """Earliest arrival of a disc among moving discs: A* over the safe intervals of cells, with the exact field as heuristic.
+    """Find the earliest arrival of a disc among moving discs: A* over safe intervals with the exact field as heuristic.
 
-    A state costs its arrival; waiting in its interval is free, so of each interval the earliest arrival is best. Moves are made
-    in the order of what they cost more than the field says, and no sooner than the search needs them (partial expansion).
+    The cost of a state is its arrival. A robot may wait within its interval, so the earliest arrival in each interval is best.
+    Moves are made in the order of their extra cost over the field, and only when the search needs them (partial expansion).
 
     Parameters
     ----------
     moving : Moving
     start : (x, y)
-        m. A start off the centres of cells first goes straight to a centre at most 3 rows and columns from its cell.
+        Start in m. If it is not the centre of a cell, the robot first goes straight to a centre up to 3 rows and columns away.
     now : float
         Time at the start, s.
     segments : float64[P, 8]
-        The moving discs, see `segments.py`; their contact radius includes the robot's radius.
+        The moving discs, see `segments.py`. Their contact radii include the robot's radius.
     max_expanded : int
+        Most states that are expanded.
     ws : Workspace
 
     Returns
     -------
     code : int
-        FOUND, NO_PATH, BUDGET, or FULL: the workspace is too small.
+        FOUND, NO_PATH, BUDGET, or FULL if the workspace is too small.
     state : int
-        That of the goal where found; else -1.
+        State of the goal if found, else -1.
     expanded : int
+        Number of expanded states.
     bound : float
-        No path arrives earlier, s.
+        Lower bound on the arrival of any path, s.
     """
     blocked, mask, field, offsets, lengths, frame, radius, speed = moving
     rows, cols = mask.shape
     x0, y0, cell_size, _ = frame
-    predictions = Predictions(segments, 0.0, ws.work)  # the robot stands or drives at full speed at once
+    predictions = Predictions(segments, 0.0, ws.work)  # the stopping time is 0, because this robot reaches any speed at once
     if len(ws.cell) <= len(segments) or len(ws.spans) < len(segments):
         return FULL, -1, 0, now
     ws.query[0] += 1
@@ -128,7 +130,7 @@ def sipp(
         return NO_PATH, -1, 0, np.inf
     ws.arrival[0] = now
     entries = 0
-    # The start: straight legs to the centres around it.
+    # From the start, straight legs lead to the centres around it.
     col_at, row_at = (start[0] - x0) / cell_size, (start[1] - y0) / cell_size
     row, col = round(row_at), round(col_at)
     block = 0 if math.hypot(row_at - row, col_at - col) < 1e-9 else 3
@@ -159,7 +161,7 @@ def sipp(
                 return BUDGET, -1, expanded, bound
             expanded += 1
         at = (x0 + col * cell_size, y0 + row * cell_size)
-        limit, rest = 2 * ws.todo[i] + SLACK, np.inf  # doubled, so that few rounds make all moves
+        limit, rest = 2 * ws.todo[i] + SLACK, np.inf  # doubled, so that all moves are made in few rounds
         for k in range(len(offsets)):
             if mask[row, col] >> np.uint32(k) & np.uint32(1):
                 r, c = row + offsets[k, 0], col + offsets[k, 1]
@@ -191,9 +193,9 @@ def _enter(
     entries: int,
     ws: Workspace,
 ) -> tuple[int, int]:
-    """Make a move of state i into every safe interval of the cell it leads to that it improves.
+    """Make a move of state i into each safe interval of its target cell whose arrival it improves.
 
-    Returns the new numbers of states and heap entries; both are -1 where the workspace is full.
+    Returns the new numbers of states and heap entries; both are -1 if the workspace is full.
     """
     x, y, dx, dy, duration, cell = move
     if ws.stamp[cell] != ws.query[0]:
