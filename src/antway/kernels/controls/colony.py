@@ -1,7 +1,7 @@
-"""Ants in the space of controls: an archive of good sequences is the pheromone, shifted from cycle to cycle.
+"""Ants in the space of controls (ACO_R): the pheromone is an archive of good sequences, shifted from cycle to cycle.
 
-Socha and Dorigo: Ant colony optimization for continuous domains, European Journal of Operational Research 185, 2008 (ACO_R).
-An ant picks a guide from the archive by its rank and draws its own sequence around it, as far off as the archive is spread.
+Socha and Dorigo: Ant colony optimization for continuous domains, European Journal of Operational Research 185, 2008.
+An ant picks a guide from the archive by rank. It draws its own sequence around the guide with the spread of the archive.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from antway.kernels.controls.seeds import along_plan, downhill, turn_and_go
 
 
 class Archive(NamedTuple):
-    """Sequences of controls in fixed places, and their order by cost."""
+    """Sequences of controls in fixed slots, and their order by cost."""
 
     sequence: NDArray[np.float64]  # [K, S, 2]
-    cost: NDArray[np.float64]  # [K]
-    order: NDArray[np.int64]  # [K] places, best first
+    cost: NDArray[np.float64]  # [K] s
+    order: NDArray[np.int64]  # [K] slots, best first
     spread: NDArray[np.float64]  # [K, B, 2] mean distance of a sequence to the others, by block
-    used: NDArray[np.int64]  # [1] places in use
-    ant: NDArray[np.float64]  # [S, 2] room for one ant
-    nothing: NDArray[np.float64]  # [0, 2] no path is wanted
+    used: NDArray[np.int64]  # [1] number of slots in use
+    ant: NDArray[np.float64]  # [S, 2] scratch for the sequence of one ant
+    nothing: NDArray[np.float64]  # [0, 2] passed to a rollout whose path is not needed
 
 
 class ColonySettings(NamedTuple):
@@ -37,19 +37,19 @@ class ColonySettings(NamedTuple):
 
     rounds: int
     ants: int
-    block: int  # steps that share a draw
-    choosiness: float  # q: guides are picked with a weight of exp(-rank^2 / (2 q^2 K^2))
-    breath: float  # times the archive's spread
-    least_a: float  # m/s
-    least_b: float  # rad/s
-    curious: float  # share of ants whose spread is at least
-    wide_a: float
-    wide_b: float
+    block: int  # number of steps that share a draw
+    choosiness: float  # q; a guide is picked with the weight exp(-rank^2 / (2 q^2 K^2))
+    breath: float  # standard deviation of a draw in units of the archive's spread
+    least_a: float  # m/s; least standard deviation of the first control
+    least_b: float  # rad/s or m/s; least standard deviation of the second control
+    curious: float  # share of ants with the larger least standard deviations `wide_a` and `wide_b`
+    wide_a: float  # m/s
+    wide_b: float  # rad/s or m/s
 
 
 @inner_kernel
 def normal(state: State) -> float:
-    """A number that is nearly normal (mean 0, variance 1): the sum of four uniform ones, from one draw of 64 bits."""
+    """Return a nearly normal number (mean 0, variance 1): the scaled sum of four uniform numbers from one draw of 64 bits."""
     bits = next_bits(state)
     total = (
         float(bits & np.uint64(0xFFFF))
@@ -62,7 +62,7 @@ def normal(state: State) -> float:
 
 @inner_kernel
 def _spread(archive: Archive, place: int, block: int) -> None:
-    """Work out how far, on average, a sequence is from the others, block by block."""
+    """Compute the mean distance of a sequence to the others, block by block."""
     n = archive.used[0]
     mine = archive.sequence[place]
     for b in range(archive.spread.shape[1]):
@@ -77,7 +77,7 @@ def _spread(archive: Archive, place: int, block: int) -> None:
 
 @inner_kernel
 def insert(archive: Archive, cost: float, block: int) -> bool:
-    """Take in the ant if it is better than the worst; returns whether it is the best now."""
+    """Insert the ant if the archive has space or the ant is better than the worst; return whether it is now the best."""
     n, most = archive.used[0], len(archive.cost)
     if n == most:
         if cost >= archive.cost[archive.order[n - 1]]:
@@ -101,7 +101,7 @@ def insert(archive: Archive, cost: float, block: int) -> bool:
 
 @inner_kernel
 def worst(archive: Archive) -> float:
-    """What an ant must better to be taken in."""
+    """Return the cost below which an ant is inserted, s."""
     n = archive.used[0]
     most: float = archive.cost[archive.order[n - 1]] if n == len(archive.cost) else math.inf
     return most
@@ -109,7 +109,7 @@ def worst(archive: Archive) -> float:
 
 @kernel
 def shift(archive: Archive) -> None:
-    """Move all sequences on by one step, the last control held."""
+    """Shift all sequences by one step; the last control is repeated."""
     for p in range(archive.used[0]):
         q = archive.sequence[p]
         for k in range(len(q) - 1):
@@ -127,9 +127,9 @@ def vary(
     limits: RobotLimits,
     state: State,
 ) -> None:
-    """Draw a sequence around a guide, one normal number for each block and control, within the robot's limits.
+    """Draw a sequence around a guide within the robot's limits, with one normal number for each block and control.
 
-    Its standard deviation is `breath` times `spread`, float64[B, 2], by block and control, and no less than `least`.
+    The standard deviation is `breath` times `spread`, float64[B, 2], and at least `least`.
     """
     holonomic = limits.drive == HOLONOMIC
     slowest = -limits.v_max if holonomic else -limits.v_reverse
@@ -145,7 +145,7 @@ def vary(
 
 @inner_kernel
 def draw(archive: Archive, colony: ColonySettings, limits: RobotLimits, state: State) -> None:
-    """Draw one ant around a guide."""
+    """Draw one ant around a guide that is picked by rank."""
     n = archive.used[0]
     rank = n
     while rank >= n:
@@ -168,7 +168,7 @@ def take(
     outlook: Outlook,
     weights: CostWeights,
 ) -> None:
-    """Judge the ant, and take it in if it is good enough."""
+    """Compute the cost of the ant, and insert it if it is good enough."""
     insert(archive, judge(archive.ant, start, limits, dt, field, outlook, weights, worst(archive), archive.nothing), block)
 
 
@@ -184,7 +184,7 @@ def take_seeds(
     outlook: Outlook,
     weights: CostWeights,
 ) -> None:
-    """Judge the sequences to begin with: arcs, turn and go, reverse, stop, down the field, aside of it, along the plan."""
+    """Judge and insert the seeds: arcs, turn and go, reverse, stop, down the field, beside that, and along the plan."""
     steps = len(archive.ant)
     if outlook.near.any():
         best_arcs(archive.ant, lattice, start, limits, dt, field, outlook, weights)
@@ -201,7 +201,7 @@ def take_seeds(
             archive.ant[:] = 0.0
         elif i < 30:
             downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max, 0.0, 0)
-        elif i < 36:  # past something, on its left or on its right
+        elif i < 36:  # pass an obstacle on its left or on its right
             aside = 0.25 if i < 34 else 0.7
             until = steps // 2 if 32 <= i < 34 else steps // 4
             downhill(archive.ant, start, limits, dt, field, 0.5, limits.v_max, aside if i % 2 == 0 else -aside, until)
@@ -225,9 +225,9 @@ def forage(
     weights: CostWeights,
     state: State,
 ) -> float:
-    """Improve the archive for a robot in the state `start`, float64[5]; returns the cost of the best sequence, s.
+    """Improve the archive for a robot in the state `start`, float64[5]; return the cost of the best sequence, s.
 
-    The sequences of the archive are judged again, seeds are added, then come the rounds of ants.
+    The sequences of the archive are judged again, seeds are added, and then the ants go their rounds.
     """
     n = archive.used[0]
     archive.used[0] = 0

@@ -1,6 +1,6 @@
-"""The map as fields that a rollout looks up: the distance to walls, and the time to the goal continued into them.
+"""Fields over the map that a rollout looks up: the distance to walls, and the time to the goal, extended into walls.
 
-For cars, whose turning radius decides where they can go at all, the time to the goal is by heading as well.
+For cars, the time to the goal depends on the heading as well, because the turning radius limits where a car can go.
 """
 
 from __future__ import annotations
@@ -12,18 +12,19 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import inner_kernel, kernel
 
-_SETTLED = 0.05  # s; a car's times are found once none changes by more
-_STEP = 1.4  # cells; a car's straight step, whose end is nearest to one of the cells around
-_STUCK = 60.0  # s; a car's times are no greater by more than this than those of a robot that turns at once
-_SIDES = 3.0  # cells; next to one wall cell, times differ by no more than it takes to go round it
+_SETTLED = 0.05  # s; the iteration of a car's times ends when no time changes by more than this
+_STEP = 1.4  # cells; length of a car's straight step, which ends nearest to one of the neighbouring cells
+_STUCK = 60.0  # s; a car's time exceeds that of a robot that turns on the spot by at most this
+_SIDES = 3.0  # cells; times on two sides of one wall cell differ by at most the time for this distance, which leads around it
 
 
 @kernel
 def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) -> NDArray[np.float32]:
-    """Exact distance in m from each node of a lattice to the nearest blocked cell, a closed square, or edge of the map.
+    """Return the exact distance from each node of a lattice to the nearest blocked cell (closed square) or map edge, m.
 
-    The lattice has `factor` nodes to a cell's edge, its first at the map's corner. The nearest point of a square to a node is
-    a node itself, so that the distance transform over nodes is exact (Felzenszwalb and Huttenlocher, Theory of Computing 2012).
+    The lattice has `factor` nodes along the edge of a cell, and its first node is at the corner of the map. The point of a
+    square nearest to a node is itself a node, so the distance transform over nodes is exact (Felzenszwalb and Huttenlocher,
+    Theory of Computing 2012).
     """
     rows, cols = blocked.shape[0] * factor + 1, blocked.shape[1] * factor + 1
     far = float(rows + cols) ** 2
@@ -46,7 +47,7 @@ def wall_distance(blocked: NDArray[np.bool_], resolution: float, factor: int) ->
 
 @kernel
 def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[np.float64], edge: NDArray[np.float64]) -> None:
-    """Replace f(q) by min over p of (p - q)^2 + f(p): the lower envelope of parabolas."""
+    """Replace f(q) by the minimum over p of (p - q)^2 + f(p), the lower envelope of parabolas."""
     n = len(line)
     k = 0
     at[0], edge[0], edge[1] = 0, -np.inf, np.inf
@@ -71,10 +72,10 @@ def _envelope(line: NDArray[np.float64], at: NDArray[np.int64], value: NDArray[n
 
 @kernel
 def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArray[np.float32]:
-    """Continue a field of times, infinite in walls, into them, `step` s a cell, so that it can be interpolated near them.
+    """Extend a field of times into walls, where it is infinite, by `step` s a cell, so that it can be interpolated near them.
 
-    Where a wall is so thin that its two sides meet, and are far apart in time, it goes on from the later side: else the field
-    would lead through the wall, and a robot would stand before it for ever.
+    The extensions from the two sides of a thin wall may meet with very different times. There the later side is extended,
+    because the field would otherwise lead through the wall, and a robot would stand in front of it forever.
     """
     rows, cols = field.shape
     out = field.copy()
@@ -107,12 +108,12 @@ def beyond_walls(field: NDArray[np.float64], step: float, layers: int) -> NDArra
 def turning_times(
     times: NDArray[np.float64], headings: int, size: float, radius: float, v_max: float, v_reverse: float, sweeps: int
 ) -> NDArray[np.float64]:
-    """Time in s from each cell and heading to the goal, of a car that goes straight or turns at its turning radius.
+    """Return the time to the goal from each cell and heading for a car that goes straight or turns at its turning radius, s.
 
     Parameters
     ----------
     times : float64[H, W]
-        That of a robot that turns in no time; infinite where its centre cannot be, 0 at the goal.
+        The time of a robot that turns in no time. It is infinite where the robot's centre cannot be, and 0 at the goal.
     headings : int
         Heading k is 2 pi k / headings, rad.
     size, radius : float
@@ -120,23 +121,24 @@ def turning_times(
     v_max, v_reverse : float
         m/s; the second may be 0.
     sweeps : int
-        At most so often all poses are looked at; few that would take much longer may then be told too short a time.
+        Most iterations over all poses. If more would be needed, the times of some poses are too short.
 
     Returns
     -------
     float64[headings, H, W]
-        At most 60 s more than `times`, as from where no path leads to the goal: in front of a wall a car without reverse stays.
+        At most 60 s more than `times`. Poses without a path to the goal have that value; a car without reverse in front of a
+        wall is an example.
 
     Notes
     -----
-    Value iteration from `times`, which no car betters: t(pose) = min over what it can do of how long that takes and t of where
-    it leads, interpolated between cells. Arcs are as long as a turn from one heading to the next, a straight step is 1.4
-    cells; nearer to the goal no heading matters.
+    Value iteration from `times`, a lower bound for a car: t(pose) is the minimum over the steps of the step's duration plus t
+    at its end, interpolated between cells. An arc turns from one heading to the next, and a straight step is 1.4 cells long.
+    Nearer to the goal than that, the heading does not matter.
     """
     rows, cols = times.shape
     by_heading = np.empty((headings, rows, cols))
     turn = 2.0 * math.pi / headings
-    steps = np.empty((headings, 6, 4))  # of each heading: which it leads to, rows and columns from here, and how long it takes
+    steps = np.empty((headings, 6, 4))  # for each heading: next heading, rows, columns, and duration
     for k in range(headings):
         by_heading[k] = times
         for n in range(6):
@@ -146,7 +148,7 @@ def turning_times(
             speed, length = v_reverse if back else v_max, radius * turn if side else _STEP * size
             took = length / speed if speed > 0.0 else math.inf
             steps[k, n] = float((k + side) % headings), far * math.sin(angle), far * math.cos(angle), took
-    may = np.zeros((headings, 6, rows, cols), np.bool_)  # whether a step leads over free cells alone
+    may = np.zeros((headings, 6, rows, cols), np.bool_)  # whether a step crosses only free cells
     for k in range(headings):
         for n in range(6):
             if steps[k, n, 3] < math.inf:
@@ -177,7 +179,7 @@ def turning_times(
 
 @inner_kernel
 def _leads_over_free(times: NDArray[np.float64], r: int, c: int, rows: float, cols: float) -> bool:
-    """Tell whether all is free on a straight line from a cell over so many rows and columns, looked at in steps of a cell."""
+    """Tell whether the straight line from a cell over (rows, cols) crosses only free cells, tested once in a cell."""
     if not (0.0 <= r + rows <= times.shape[0] - 1.0 and 0.0 <= c + cols <= times.shape[1] - 1.0):
         return False
     looks = math.ceil(math.hypot(rows, cols))
@@ -189,7 +191,7 @@ def _leads_over_free(times: NDArray[np.float64], r: int, c: int, rows: float, co
 
 @inner_kernel
 def _between(times: NDArray[np.float64], y: float, x: float) -> float:
-    """Time at row y and column x, interpolated between those of four cells that are free; the nearest is."""
+    """Return the time at row y and column x, interpolated between those of four cells that are free; the nearest is."""
     i, j = min(int(y), times.shape[0] - 2), min(int(x), times.shape[1] - 2)
     u, w, total, weight = y - i, x - j, 0.0, 0.0
     for a in range(2):

@@ -1,7 +1,8 @@
-"""A sequence of controls by best-first search over arcs in space and time, through gaps that ants seldom find by chance.
+"""Best-first search for a sequence of controls over arcs in space and time; it finds gaps that ants seldom find by chance.
 
 A* on a state lattice (Pivtoraiko, Knepper and Kelly: Differentially constrained mobile robot motion planning in state lattices,
-Journal of Field Robotics 26, 2009), but arcs end where they end: of poses that are alike at one time the cheapest is kept.
+Journal of Field Robotics 26, 2009). Arcs need not end on lattice points here. Of similar poses at one time, the cheapest is
+kept.
 """
 
 from __future__ import annotations
@@ -33,29 +34,30 @@ from antway.kernels.controls.rollout import (
 )
 from antway.kernels.controls.seeds import downhill
 
-DOWNHILL = 2  # arcs beside the commands that are held: down the field, at full and at half speed
-_LOOK = 0.5  # m; they steer to a place so far down the field
-_HEADINGS = 16  # poses are alike if their headings fall into one of so many parts of a turn,
-_SPEEDS = 3  # their speeds into one of so many parts of full speed,
-_CELL = 0.4  # and their places into one cell of an edge of this times the longest arc
-X, Y, COS, SIN, SPEED, SPIN, COST = range(7)  # of a node; speed and turn rate, or the velocity's x and y; s
-PARENT, ARCS, DONE = range(3)  # the node before, arcs since the start, and whether the goal is reached
+DOWNHILL = 2  # number of arcs that follow the field down, at full and at half speed, besides those of a constant command
+_LOOK = 0.5  # m; these arcs steer to the point this far down the field
+_HEADINGS = 16  # poses are similar only if their headings are in the same one of this many sectors
+_SPEEDS = 3  # poses are similar only if their speeds are in the same one of this many parts of full speed
+_CELL = 0.4  # 1; poses are similar only if they are in the same square, whose edge is this times the longest arc
+# Columns of a node: place in m, cosine and sine of the heading, speed and turn rate (or vx and vy), and cost in s.
+X, Y, COS, SIN, SPEED, SPIN, COST = range(7)
+PARENT, ARCS, DONE = range(3)  # columns of a link: the node before, the number of arcs since the start, 1 at the goal
 
 
 class Lattice(NamedTuple):
-    """Commands to choose from, and room for a search over them."""
+    """Commands to choose from, and memory for a search over them."""
 
-    held: NDArray[np.float64]  # [M, 2] speed and turn rate, or the velocity's x and y, for a whole arc
-    node: NDArray[np.float64]  # [N, 7] at the end of an arc
+    held: NDArray[np.float64]  # [M, 2] speed and turn rate, or vx and vy, held for a whole arc
+    node: NDArray[np.float64]  # [N, 7] state at the end of an arc
     link: NDArray[np.int64]  # [N, 3]
-    command: NDArray[np.float64]  # [N, B, 2] in each period of the arc
-    heap: NDArray[np.float64]  # [N, 2] time until the goal if nothing moves beyond the node, s, and the node
-    key: NDArray[np.int64]  # [H, 2] poses that were met, in a hash table, and in which search
-    least: NDArray[np.float64]  # [H] and the least such time there, s
+    command: NDArray[np.float64]  # [N, B, 2] command in each period of the arc
+    heap: NDArray[np.float64]  # [N, 2] lower bound on the time to the goal through the node, s, and the node
+    key: NDArray[np.int64]  # [H, 2] hash table of the poses: the pose's key, and the number of the search
+    least: NDArray[np.float64]  # [H] least lower bound of the pose, s
     search: NDArray[np.int64]  # [1] number of the last search
-    expansions: int  # nodes from which arcs are driven, at most
-    state: NDArray[np.float64]  # [5] room for the pose from which an arc begins
-    harm: NDArray[np.float64]  # [0] all steps near an obstacle are added up
+    expansions: int  # most nodes that are expanded
+    state: NDArray[np.float64]  # [5] scratch for the pose from which an arc begins
+    harm: NDArray[np.float64]  # [0] empty, so that contact costs are summed over all steps near an obstacle
 
 
 @inner_kernel
@@ -69,7 +71,7 @@ def _drive(
     outlook: Outlook,
     w: CostWeights,
 ) -> bool:
-    """Drive the arc of node `new` from node `at`, and fill its row; tell whether it touches neither wall nor obstacle."""
+    """Drive the arc from node `at` to node `new`, and fill the new row; tell whether it touches no wall and no obstacle."""
     one, other, commands = lattice.node[at], lattice.node[new], lattice.command[new]
     x, y, c, s, a, b, cost = one[X], one[Y], one[COS], one[SIN], one[SPEED], one[SPIN], one[COST]
     block = len(commands)
@@ -95,7 +97,7 @@ def _drive(
 
 @inner_kernel
 def _bound(lattice: Lattice, node: int, field: StaticField, limits: RobotLimits) -> float:
-    """Time in s from the start to the goal through a node, if nothing moves from there on."""
+    """Return the time from the start to the goal through a node, without moving obstacles beyond the node, s."""
     row = lattice.node[node]
     x, y, c, s = row[X], row[Y], row[COS], row[SIN]
     if lattice.link[node, DONE] == 1:
@@ -109,7 +111,7 @@ def _bound(lattice: Lattice, node: int, field: StaticField, limits: RobotLimits)
 
 @inner_kernel
 def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, longest: float) -> bool:
-    """Tell whether no pose like that of the node was met after as many arcs with so low a bound; if so, note it."""
+    """Tell whether the node has the lowest bound of all similar poses after as many arcs; if so, store it."""
     row, wheels = lattice.node[node], limits.drive != HOLONOMIC
     col, line = math.floor(row[X] / (_CELL * longest)), math.floor(row[Y] / (_CELL * longest))
     turn = math.floor(math.atan2(row[SIN], row[COS]) * (_HEADINGS / (2.0 * math.pi)) + 0.5) % _HEADINGS
@@ -145,16 +147,17 @@ def best_arcs(
     outlook: Outlook,
     w: CostWeights,
 ) -> float:
-    """Write the best sequence of arcs, or the best of the longest if expansions end first; the rest of `ant` is a stop.
+    """Write the best sequence of arcs to `ant`; the rest of `ant` is a stop.
 
-    Returns the time to the goal on it if nothing moves beyond its end, s; infinite if expansions ended first or all arcs touch.
+    If the expansions are used up first, it is the best of the longest sequences found. Returns the time to the goal, without
+    moving obstacles beyond the end of the sequence, s. It is infinite if the search did not finish or all arcs touch something.
 
     Parameters
     ----------
     ant : float64[S, 2]
-        Speed and turn rate, or the velocity's x and y, commanded in each period of `dt` s.
+        Speed and turn rate, or vx and vy, commanded in each period of `dt` s.
     start : float64[5]
-        The robot's state.
+        State of the robot.
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
     alone = Outlook(outlook.near, outlook.disc, lattice.harm, outlook.plan)

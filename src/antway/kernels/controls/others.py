@@ -1,4 +1,4 @@
-"""What ants in the space of controls are compared with: the same rollouts and the same number of them, spent otherwise."""
+"""Optimizers that the ants in the space of controls are compared with; they use the same rollouts, and as many of them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, j
 
 
 class Averaging(NamedTuple):
-    """How the mean of a round's sequences is formed, and room for it."""
+    """How the mean of a round's sequences is computed, and memory for it."""
 
-    elite: int  # so many of the best count alike (the cross-entropy method); 0: all by exp(-cost / temperature) (MPPI)
+    elite: int  # this many best sequences have equal weight (cross-entropy method); 0: weights exp(-cost / temperature) (MPPI)
     temperature: float  # s
-    drawn: NDArray[np.float64]  # [N, S, 2]
+    drawn: NDArray[np.float64]  # [N, S, 2] the sequences of a round
     cost: NDArray[np.float64]  # [N] s
     mean: NDArray[np.float64]  # [S, 2]
     spread: NDArray[np.float64]  # [B, 2] standard deviation of a draw, by block
@@ -39,7 +39,7 @@ def _seed(
     outlook: Outlook,
     weights: CostWeights,
 ) -> None:
-    """Empty the archive, then take in the best sequence that it had and the seeds."""
+    """Empty the archive, then insert its former best sequence and the seeds."""
     last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
     archive.used[0] = 0
     if n > 0:
@@ -62,10 +62,10 @@ def average(
     weights: CostWeights,
     state: State,
 ) -> float:
-    """Do as `forage`, but keep one mean: each round draws around it and averages what was drawn; the mean alone is kept.
+    """Do as `forage`, but keep only a mean: each round draws sequences around it and averages them.
 
-    It begins with the best of the seeds and the last mean. MPPI (Williams and others 2018) where `averaging.elite` is 0, else
-    the cross-entropy method (Rubinstein and Kroese 2004), whose spread is that of its elite.
+    The first mean is the best of the seeds and the last mean. With `averaging.elite` = 0 this is MPPI (Williams and others
+    2018). Otherwise it is the cross-entropy method (Rubinstein and Kroese 2004), which draws with the spread of the elite.
     """
     mean, spread, block = averaging.mean, averaging.spread, colony.block
     _seed(archive, lattice, block, start, limits, dt, field, outlook, weights)
@@ -120,7 +120,7 @@ def restart(
     weights: CostWeights,
     state: State,
 ) -> float:
-    """Do as `forage`, but without an archive: each sequence is drawn anew around some seed, and the best of all is kept."""
+    """Do as `forage`, but without an archive: each sequence is drawn around a random seed, and the best of all is kept."""
     spread, block = averaging.spread, colony.block
     _seed(archive, lattice, block, start, limits, dt, field, outlook, weights)
     spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b

@@ -1,4 +1,4 @@
-"""Sequences of controls to begin with: turn and go, down the field, along a plan, and how they are seeded into a colony."""
+"""Seeds for the colony in the space of controls: sequences that turn and go, follow the field down, or follow a plan."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from antway.kernels.controls.rollout import HEADING, SX, SY, A, B, Outlook, Stat
 
 @inner_kernel
 def _off(angle: float) -> float:
-    """Return an angle in rad as the same direction in [-pi, pi)."""
+    """Return the angle wrapped to [-pi, pi), rad."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @inner_kernel
 def _turning(off: float, b: float, limits: RobotLimits, dt: float, soft: float) -> float:
-    """Turn rate of the next period that turns by `off` rad, as fast as it can still end there, in no less than `soft` s."""
+    """Return the next turn rate of the fastest turn by `off` rad that does not overshoot and takes at least `soft` s, rad/s."""
     target = min(limits.turn_rate, math.sqrt(1.6 * limits.alpha_max * abs(off)), abs(off) / max(soft, dt))
     gain = limits.alpha_max * dt
     return min(max(math.copysign(target, off), b - gain), b + gain)
@@ -30,7 +30,7 @@ def _turning(off: float, b: float, limits: RobotLimits, dt: float, soft: float) 
 def _follow(
     x: float, y: float, heading: float, a: float, b: float, tx: float, ty: float, speed: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float, float, float]:
-    """State after a period in which the robot steers to (tx, ty) at `speed` m/s; its speeds are what is to be commanded."""
+    """Return the state after a period of steering to (tx, ty) at `speed` m/s; its last two entries are also the command."""
     dx, dy = tx - x, ty - y
     span = math.hypot(dx, dy)
     if limits.drive == HOLONOMIC:
@@ -53,7 +53,7 @@ def _follow(
 def turn_and_go(
     ant: NDArray[np.float64], state: NDArray[np.float64], limits: RobotLimits, dt: float, bearing: float, speed: float
 ) -> None:
-    """Write the sequence that turns to a bearing (rad) and then goes straight at `speed` m/s, backwards if that is below 0."""
+    """Write the sequence that turns to a bearing in rad and then goes straight at `speed` m/s; below 0 it goes backwards."""
     if limits.drive == HOLONOMIC:
         for k in range(len(ant)):
             ant[k, 0], ant[k, 1] = speed * math.cos(bearing), speed * math.sin(bearing)
@@ -79,9 +79,9 @@ def downhill(
     aside: float,
     until: int,
 ) -> None:
-    """Write the sequence that follows the time to the goal down, steering to where that leads `distance` m on.
+    """Write the sequence that follows the time-to-goal field down, steering to the point `distance` m down the field.
 
-    In the first `until` steps it steers `aside` m to the left of that, or to the right if that is below 0.
+    In the first `until` steps it steers to a point `aside` m to the left of that; a negative value is to the right.
     """
     x, y, heading, a, b = state[SX], state[SY], state[HEADING], state[A], state[B]
     e = 0.1
@@ -109,7 +109,7 @@ def along_plan(
     lead: int,
     late: int,
 ) -> None:
-    """Write the sequence that steers to where the plan is `lead` steps on, to be there in time, `late` steps behind it."""
+    """Write the sequence that follows the plan `late` steps behind it, steering to the place `lead` steps ahead."""
     x, y, heading, a, b = state[SX], state[SY], state[HEADING], state[A], state[B]
     last = len(outlook.plan) - 1
     for k in range(len(ant)):
