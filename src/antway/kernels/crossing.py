@@ -22,19 +22,19 @@ from antway.kernels.tracking.crowd import foresee
 from antway.kernels.tracking.foretold import compared, foretell
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 
-KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what became of the plan
-# Entries of `Plan.state`: number of knots, arrival at the goal in s, cycles in which a plan was made, when to look for a better
-# one though all goes as foreseen, lower bound on any arrival as last found, number of motion segments predicted, time in s that
-# was given of late for room to spare.
+KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what a cycle did with the plan
+# Entries of `Plan.state`: the number of knots, the arrival at the goal in s, the number of cycles in which a plan was made, the
+# time in s before which no better plan is looked for while the obstacles move as predicted, the last lower bound on any arrival
+# in s, the number of predicted motion segments, and the time in s that was recently given up for additional clearance.
 COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN, SPENT = range(7)
-_LITTLE = 0.01  # s; room worth less than this is not looked for
-_FORGETS = 0.1  # of the time spent on room, in s a second: who dodges to and fro pays once
-_PAUSE = 0.25  # s; while all goes as foreseen the ants look for a better plan only so often
-_SAME = 1e-3  # m and m/s; an obstacle goes as foreseen if it is no farther from where it was to be, with that velocity
-_GRAZE = 0.05  # m; a plan in conflict stays in use for now if it lacks no more than this of its clearance radius,
-_SOON = 0.5  # s; if it does so no sooner than this from now,
-_LAST = 4  # part of the expansions of a search that the last one, for a plan without margins, may take
-_GRACE = 0.3  # s; and if no other plan arrives before this much later
+_LITTLE = 0.01  # s; additional clearance worth less than this is not looked for
+_FORGETS = 0.1  # 1; the time given up for clearance is forgotten at this rate, in s a second
+_PAUSE = 0.25  # s; the colony looks for a better plan at this interval while the obstacles move as predicted
+_SAME = 1e-3  # m and m/s; an obstacle moves as predicted if its place and its velocity differ by less than this
+_GRAZE = 0.05  # m; a plan grazes an obstacle if it lacks at most this much of its clearance radius
+_SOON = 0.5  # s; a plan that grazes an obstacle sooner than this is given up
+_LAST = 4  # the search for a plan without margins may take the expansions divided by this
+_GRACE = 0.3  # s; a grazing plan is replaced by one that arrives up to this much later
 
 
 class Settings(NamedTuple):
@@ -42,37 +42,37 @@ class Settings(NamedTuple):
 
     dt: float  # s
     horizon: float  # s
-    judged: bool  # whether it is noted what is foretold, to be compared with what comes
+    judged: bool  # whether predictions are stored and later compared with what happened
     preferred_speed: float  # m/s
     hysteresis: float  # s
     tracking_tolerance: float  # m
-    expansions: int  # moves tested where there is no plan
-    improvement_expansions: int  # moves tested where there is a plan
-    low: float  # least and greatest persistence of the pheromone
-    high: float
+    expansions: int  # most moves tested where there is no plan
+    improvement_expansions: int  # most moves tested where there is a plan
+    low: float  # least persistence of the pheromone
+    high: float  # greatest persistence of the pheromone
     goal_x: float  # m
-    goal_y: float
+    goal_y: float  # m
     tubes: TubeMargins
-    bare: TubeMargins  # where no path keeps those, one is taken that keeps these; of no robot radius: none is
-    roomy: TubeMargins  # a plan that keeps these is better than one that does not; of no robot radius: it is not
-    spare_worth: float  # s^2/m; if it arrives no more than this, times how wrong velocities are, later, less what was spent
+    bare: TubeMargins  # margins of the last search, if no path keeps `tubes`; a robot radius of 0 means that there is none
+    roomy: TubeMargins  # margins of the search for additional clearance; a robot radius of 0 means that there is none
+    spare_worth: float  # s^2/m; a plan with additional clearance may arrive later by this times the mean velocity error
     colony: ColonySettings
 
 
 class Crowd(NamedTuple):
-    """What is known of obstacles that avoid one another, and where they will go; see kernels/tracking/crowd.py."""
+    """The estimates and predictions of obstacles; those of people who avoid one another are of kernels/tracking/crowd.py."""
 
     rows: NDArray[np.float64]  # [M, COLUMNS]
-    known: NDArray[np.int64]  # [2] rows in use, and those of `foretold`
-    prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s
+    known: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `foretold` in use
+    prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
-    foretold: NDArray[np.float64]  # [M, foretold.COLUMNS] and how well predictions have held: kernels/tracking/foretold.py
-    pool: NDArray[np.float64]  # [2]
-    wrong: NDArray[np.float64]  # [M] m/s
+    foretold: NDArray[np.float64]  # [M, foretold.COLUMNS] stored predictions and their errors, see kernels/tracking/foretold.py
+    pool: NDArray[np.float64]  # [2] errors of all tracks together
+    wrong: NDArray[np.float64]  # [M] m/s; standard deviation of the velocity of each track
 
 
 class Plan(NamedTuple):
-    """The plan in use, and what was predicted when it was last tested."""
+    """The plan in use, and the prediction against which it was last tested."""
 
     knots: NDArray[np.float64]  # [N, 3] rows (t, x, y)
     segments: NDArray[np.float64]  # [P, 8]
@@ -81,9 +81,9 @@ class Plan(NamedTuple):
 
 @kernel
 def _as_foreseen(estimates: NDArray[np.float64], now: float, age: float, segments: NDArray[np.float64]) -> bool:
-    """Tell whether all obstacles of an earlier prediction are where they were to be now, and move as they were to.
+    """Tell whether all obstacles of an earlier prediction are now at their predicted places with their predicted velocities.
 
-    Others may have come: they make no path faster.
+    New obstacles do not count, because they make no path faster.
     """
     for p in range(len(segments)):
         since = segments[p, records.T0]
@@ -102,7 +102,10 @@ def _as_foreseen(estimates: NDArray[np.float64], now: float, age: float, segment
 
 @kernel
 def _grazes(knots: NDArray[np.float64], now: float, predictions: Predictions) -> bool:
-    """Tell whether a plan in conflict lacks but a few centimetres of room, and not soon: they may well come right by then."""
+    """Tell whether a plan in conflict only lacks up to _GRAZE m of clearance, and not within _SOON s.
+
+    The prediction may well have changed by then, so such a plan can be kept for now.
+    """
     spared = predictions.segments.copy()
     for p in range(len(spared)):
         if spared[p, records.T0] > now + _SOON - 1e-9:
@@ -113,11 +116,11 @@ def _grazes(knots: NDArray[np.float64], now: float, predictions: Predictions) ->
 
 @kernel
 def _still_good(settings: Settings, plan: Plan, predictions: Predictions, now: float, x: float, y: float) -> tuple[bool, bool]:
-    """Tell whether the plan in use is free of conflicts, and else whether it only grazes what is foreseen."""
+    """Tell whether the plan in use is free of conflicts, and if not, whether it only grazes an obstacle."""
     n = int(plan.state[COUNT])
     far = plan.knots[n - 1, 0] if n > 0 else now
     if far <= now + settings.dt or (far <= now + settings.horizon - 1e-6 and far <= plan.state[ARRIVAL] - 1e-6):
-        return False, False  # it has ended, or does not see as far as it could
+        return False, False  # the plan has ended, or ends before the horizon without reaching the goal
     px, py, _ = place_at(plan.knots, n, now)
     if math.hypot(px - x, py - y) > settings.tracking_tolerance:
         return False, False
@@ -128,16 +131,16 @@ def _still_good(settings: Settings, plan: Plan, predictions: Predictions, now: f
 
 @kernel
 def _follow(context: PlanningContext, settings: Settings, plan: Plan, now: float, x: float, y: float) -> tuple[float, float]:
-    """Return the velocity (vx, vy) that is on the plan in one control period."""
+    """Return the velocity (vx, vy) that brings the robot onto the plan within one control period."""
     n, dt = int(plan.state[COUNT]), settings.dt
     tx, ty, knot = place_at(plan.knots, n, now + dt)
     end, ex, ey = plan.knots[n - 1, 0] - settings.colony.stay, plan.knots[n - 1, 1], plan.knots[n - 1, 2]
-    # It leads to the centre of the goal's cell: from there, or if that were a way back, go to the goal.
+    # The plan ends at the centre of the goal's cell. Go straight to the goal from there, or earlier if the centre is a detour.
     beyond = math.hypot(ex - settings.goal_x, ey - settings.goal_y)
     back = math.hypot(x - settings.goal_x, y - settings.goal_y) < beyond < 3.0 * context.resolution
     if end <= now + dt or (back and end <= now + dt + math.hypot(ex - x, ey - y) / context.speed):
         tx, ty = settings.goal_x, settings.goal_y
-    if not clear(context, x, y, tx, ty):  # the chord cuts a corner of a plan along a wall: go to the corner
+    if not clear(context, x, y, tx, ty):  # the chord would cut a corner at a wall, so go to the corner first
         _, _, knot = place_at(plan.knots, n, now)
         tx, ty = plan.knots[knot, 1], plan.knots[knot, 2]
     vx, vy = (tx - x) / dt, (ty - y) / dt
@@ -161,7 +164,7 @@ def _look(
     budget: int,
     state: State,
 ) -> bool:
-    """Send ants for a plan that costs less than `limit` s; one that is found becomes the plan in use."""
+    """Let the ants look for a plan that costs less than `limit` s; if they find one, it becomes the plan in use."""
     (x, y), horizon = xy, now + settings.horizon
     end, cost, plan.state[BOUND] = search(
         memory, trails, context, predictions, settings.colony, x, y, now, horizon, limit, budget, state
@@ -187,7 +190,7 @@ def _look(
 
 @kernel
 def _owed(context: PlanningContext, settings: Settings, plan: Plan, now: float) -> float:
-    """Return what the metres of the plan in use cost from now on to the goal beside their time, s."""
+    """Return the cost of the remaining distance of the plan in use to the goal, in addition to its time, s."""
     n = int(plan.state[COUNT])
     if settings.colony.distance_weight == 0.0 or n == 0:
         return 0.0
@@ -214,12 +217,12 @@ def cycle(
     xy: tuple[float, float],
     state: State,
 ) -> tuple[float, float, int, float, float]:
-    """Return (vx, vy, what became of the plan, its arrival, a lower bound on any arrival).
+    """Return (vx, vy, what the cycle did with the plan, the plan's arrival, a lower bound on any arrival).
 
-    Arrivals are absolute, s; `estimates` are as kernels/tracking/kalman.py leaves them, `age` s old.
+    Arrivals are absolute times in s. The `estimates` are those of kernels/tracking/kalman.py, `age` s old.
     """
     s, (x, y), averaged = settings, xy, crowd.averaged[: len(estimates)]
-    # See how predictions have held, and predict where everything will be.
+    # Compare earlier predictions with what happened, and predict all obstacles.
     wrong, seen = crowd.wrong[: len(estimates)], now - age
     crowd.known[1] = compared(crowd.foretold, crowd.known[1], crowd.pool, averaged, seen, wrong)
     worth = 0.0
@@ -234,7 +237,7 @@ def cycle(
         foretell(crowd.foretold, crowd.known[1], estimates, seen, plan.segments[:count])
     plan.state[FORESEEN] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
-    # Test the plan in use, and look for a better one: with room to spare first, then with the margins, else without.
+    # Test the plan in use. Look for a better one: first with additional clearance, then with the margins, last without them.
     valid, grazes = _still_good(s, plan, predictions, now, x, y)
     found, memory.counter[EXPANSIONS] = False, 0
     plan.state[SPENT] = max(plan.state[SPENT] - _FORGETS * s.dt, 0.0)

@@ -1,4 +1,4 @@
-"""A step aside from the plan: more clearance from people who may sway, where the plan passes them closely and soon."""
+"""A step aside from the plan: more clearance from people that the plan passes closely and soon, because they may sway."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from antway.kernels.spacetime.context import PlanningContext, clear
 from antway.kernels.spacetime.motion import place_at
 from antway.kernels.tracking.predict import RADIUS, SIGMA_V, VX, VY, X, Y
 
-AHEAD = 0.6  # s; contacts count that come so soon, or within three control periods
-HOLD = 0.2  # s; the robot leaves the plan for so long, or for one control period, and goes on beside it
-STEPS = 8  # in which the plan is looked at
-_SIDES = 16  # directions tried, at full and at half speed
-_COST = 0.05  # chance of contact that a turn from full speed to a stand has to save
-_LEAD = 0.1  # s; in which a track's place has become uncertain before now
-_NEVER = 0.01  # a chance of contact below this changes nothing
-_LOGISTIC = 1.7  # 1 / (1 + exp(1.7 z)) is nearly the chance that a normal number is above z
+AHEAD = 0.6  # s; contacts within this time, or within three control periods, count
+HOLD = 0.2  # s; the robot leaves the plan for this time, or for one control period, and continues beside it
+STEPS = 8  # number of steps into which the plan is divided
+_SIDES = 16  # number of directions tried, each at full and at half speed
+_COST = 0.05  # 1; a change of the velocity by the full speed must reduce the chance of contact by this
+_LEAD = 0.1  # s; the place of a track has become uncertain for this time before now
+_NEVER = 0.01  # 1; the command is not changed for a smaller chance of contact
+_LOGISTIC = 1.7  # 1; 1 / (1 + exp(1.7 z)) approximates the chance that a standard normal number exceeds z
 
 
 @kernel
@@ -33,22 +33,22 @@ def chance_of_contact(
     ahead: float,
     hold: float,
 ) -> float:
-    """Return the expected number of tracks that touch a robot within `ahead` s.
+    """Return the expected number of tracks that touch the robot within `ahead` s.
 
     Parameters
     ----------
     places : float64[STEPS + 1, 2]
-        Where its plan takes it, at equal times from now to `ahead` s, m.
+        Places of the robot on the plan at equal time steps from now to `ahead` s, m.
     aside : (float, float)
-        Velocity against the plan for `hold` s, m/s.
+        Velocity relative to the plan during the first `hold` s, m/s.
     estimates : float64[K, 8]
-        As in kernels/tracking/predict.py; each track keeps its velocity, of which SIGMA_V says how wrong it may be.
+        As in kernels/tracking/predict.py. Each track keeps its velocity, whose standard deviation is SIGMA_V.
     age, radius : float
-        How old the estimates are, s; of the robot, m.
+        Age of the estimates, s; radius of the robot, m.
     enough : float
-        A number from which on the answer need not be exact.
+        The sum is broken off when it reaches this value.
     ahead, hold : float
-        s.
+        Times as above, s.
     """
     (ox, oy), h, total = aside, ahead / STEPS, 0.0
     for k in range(len(estimates)):
@@ -83,16 +83,16 @@ def sidestep(
     context: PlanningContext,
     dt: float,
 ) -> tuple[float, float]:
-    """Return the command (vx, vy) whose chance of contact soon, and how far it is from the one given, cost least.
+    """Return the command (vx, vy) that minimizes the chance of contact plus a cost for the change from the given command.
 
     Parameters
     ----------
     knots : float64[N, 3]
-        The plan, rows (t, x, y); empty where there is none.
+        The plan, rows (t, x, y); empty if there is none.
     now, age : float
-        Time now, and how old the estimates are, s.
+        Time now, and age of the estimates, s.
     xy, command : (float, float)
-        Where the robot is, m; the velocity that keeps it on the plan, m/s.
+        Place of the robot, m, and the velocity that keeps it on the plan, m/s.
     estimates : float64[K, 8]
         As in `chance_of_contact`.
     context : PlanningContext

@@ -1,4 +1,4 @@
-"""What else a robot could do about an obstacle, and what it would cost: to pass on its other side, or to wait."""
+"""Alternatives to the plan, and what they cost: pass an obstacle on its other side, or wait."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ from antway.world.policy import XY
 
 CROSSING = ("pass in front", "pass behind")
 ELSE = ("go round left", "go round right")
-_WAITS, _LEG = 0.25, 0.5  # s between the waits that are tried, and of a leg of the path on which they are
-_PAST = 1.0  # s; that long after the time at which a conflict was to begin it is over
-_WALL = 3.0  # m; so far to one side of an obstacle the path is closed, to see what it would cost to pass on the other
-_APART = 1.5  # times their radius: so close together discs leave no gap
+_WAITS = 0.25  # s; step between the waits that are tried
+_LEG = 0.5  # s; longest leg of the direct path
+_PAST = 1.0  # s; a conflict is over this long after its predicted start
+_WALL = 3.0  # m; one side of an obstacle is closed up to this distance, so that the path passes on the other side
+_APART = 1.5  # 1; discs this many radii apart leave no gap between them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Situation:
-    """What a cycle knew; enough to weigh later on what else could have been done."""
+    """The data of a control cycle, from which alternatives can be computed later."""
 
     context: PlanningContext
     settings: Settings
@@ -49,7 +50,7 @@ class Situation:
         return Predictions(segments, time_shift(self.settings.tubes), np.empty(2))
 
     def free(self) -> float:
-        """Return the time to the goal if nothing moved, s."""
+        """Return the time to the goal without moving obstacles, s."""
         return float(free_time(self.context, *self.xy, self.settings.colony.leg_cells))
 
     def segments_of(self, k: int) -> NDArray[np.float64]:
@@ -61,7 +62,7 @@ class Situation:
         return out[:count]
 
     def path(self, segments: NDArray[np.float64], memory: Memory | None = None) -> TimedPath | None:
-        """Return the path among `segments` that the colony finds, or None; without a `memory` to work in it makes one."""
+        """Return the path that the colony finds among `segments`, or None; without a `memory` it makes one."""
         context, s, (x, y) = self.context, self.settings, self.xy
         memory = make_memory(context.field.size) if memory is None else memory
         trails, state = make_trails(context.field.size), np.zeros(1, np.uint64)
@@ -76,7 +77,7 @@ class Situation:
         return TimedPath(knots[:n, 0].copy(), knots[:n, 1:].copy())
 
     def straight(self, memory: Memory | None = None) -> TimedPath | None:
-        """Return the path as if nothing moved, in legs so short that they tell when there would be a conflict."""
+        """Return the direct path, without moving obstacles, in legs short enough to tell when a conflict begins."""
         path = self.path(self.segments[:0], memory)
         if path is None:
             return None
@@ -84,12 +85,12 @@ class Situation:
         return TimedPath(t, np.column_stack([np.interp(t, path.t, path.xy[:, k]) for k in (0, 1)]))
 
     def conflict(self, path: TimedPath, segments: NDArray[np.float64]) -> float:
-        """Return when a robot on `path` first meets one of `segments`, s; infinite if never."""
+        """Return the first time at which a robot on `path` meets one of `segments`, s; infinite if never."""
         knots = np.column_stack((path.t, path.xy))
         return float(first_conflict(knots, self.now, self._predictions(segments)))
 
     def cost(self, path: TimedPath) -> float:
-        """Return how much later than if nothing moved a robot on `path` is at the goal, s."""
+        """Return how much later a robot on `path` reaches the goal than it would without moving obstacles, s."""
         x, y = path.xy[-1].tolist()
         context = self.context
         row, col = (
@@ -101,7 +102,7 @@ class Situation:
 
 
 def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.float64], now: float) -> str:
-    """Name how `path` passes the obstacle that `segments` predict: by where the robot is when it is nearest."""
+    """Name the side on which `path` passes the obstacle predicted by `segments`, where the two are nearest."""
     until = min(float(path.t[-1]), float(segments[-1, T1]))
     ax, ay, vx, vy = passing(np.column_stack((path.t, path.xy)), segments, now, until)
     if encounter.startswith("crossing"):
@@ -110,21 +111,23 @@ def manner(encounter: str, velocity: XY, path: TimedPath, segments: NDArray[np.f
 
 
 class Weighed(Sequence[tuple[str, float]]):
-    """What is done and what else could be, with what it costs beyond the path if nothing moved, s; found when first asked for.
+    """The robot's action and its alternatives, each with its cost in s; computed when first used.
+
+    The cost is the additional time compared with the path without moving obstacles.
 
     Parameters
     ----------
     situation : Situation
     k : int
-        The track that matters.
+        Row of the track that the robot avoids.
     encounter : str
-        With it.
+        Kind of the encounter with this track.
     velocity : (vx, vy)
-        On which the robot would meet it.
+        Velocity at which the robot would meet the track, m/s.
     done : (name, cost in s)
-        What is done.
+        The robot's action.
     how : str
-        The side on which that passes.
+        Side on which this action passes the track.
     """
 
     def __init__(self, situation: Situation, k: int, encounter: str, velocity: XY, done: tuple[str, float], how: str) -> None:
@@ -132,7 +135,7 @@ class Weighed(Sequence[tuple[str, float]]):
         self._done = done
 
     def __deepcopy__(self, memo: object) -> Weighed:
-        return self  # nothing in it ever changes
+        return self  # the object is immutable
 
     @cached_property
     def _all(self) -> tuple[tuple[str, float], ...]:
@@ -159,7 +162,7 @@ class Weighed(Sequence[tuple[str, float]]):
 
 
 def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: float) -> NDArray[np.float64]:
-    """Return discs that move along with an obstacle, side by side, and leave one side of it open; none where the robot is."""
+    """Return discs that move with an obstacle and close one of its sides; no disc is placed on the robot."""
     left = np.array((-velocity[1], velocity[0])) / max(math.hypot(*velocity), 1e-9)
     rows = []
     for d in np.arange(1.0, _WALL / (_APART * float(own[0, CONTACT_RADIUS])) + 1.0):
@@ -179,7 +182,7 @@ def _wall(own: NDArray[np.float64], leaving: str, velocity: XY, robot: XY, now: 
 
 
 def _wait(now: Situation) -> tuple[str, float]:
-    """Of the waits after which the direct path is free the shortest; as far as can be foreseen."""
+    """Return the shortest wait after which the direct path is free within the horizon, and its cost."""
     path, farthest = now.straight(), -math.inf
     if path is None:
         return "wait, then the direct path", math.inf

@@ -1,4 +1,4 @@
-"""A cycle of the antway policy in words and numbers."""
+"""Explain a control cycle of the antway policy in words and numbers."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
 _STEPS = {"braked": "brake", "stepped-aside": "step-aside"}
-_SHOWN = 6.0  # s; so far ahead a decision tells what was predicted
-_LATE = 0.05  # s; who loses less is not held up
+_SHOWN = 6.0  # s; a decision contains the prediction up to this time ahead
+_LATE = 0.05  # s; a robot that loses less time than this is not held up
 
 
 def explain(
@@ -31,27 +31,27 @@ def explain(
     pheromone: tuple[int, int, NDArray[np.float32]] | None,
     memory: Memory,
 ) -> Decision:
-    """Say what a cycle decided.
+    """Return the decision of a control cycle.
 
     Parameters
     ----------
     now : Situation
-        What it knew.
+        The data of the cycle.
     path : TimedPath or None
-        The plan in use, from before or at `now.now` on.
+        The plan in use; it starts at or before `now.now`.
     cost, bound : float
-        Time that the plan needs from here to the goal, and what no plan can better, s.
+        Time that the plan needs from here to the goal, and a lower bound on that of any plan, s.
     guard : str
         What the guard did.
     pheromone
         As in `Decision`.
     memory : Memory
-        To work in.
+        Memory in which the ants search.
     """
     if path is None:
         return Decision("wait", "no motion is safe at the moment: stand", guard=guard, pheromone=pheromone)
     velocity = _velocity(path, now.now)
-    bound = min(cost, bound)  # which holds over the grid's moves: a path at any angle may be faster
+    bound = min(cost, bound)  # the bound holds for the moves of the grid, and an any-angle path may be faster
     late = max(cost - now.free(), 0.0)
     waiting = wait_of(path, now.now)
     action = _STEPS.get(guard, "wait" if waiting > 0.0 else "follow")
@@ -96,7 +96,7 @@ def explain(
 
 
 def _predicted(now: Situation) -> NDArray[np.float32] | None:
-    """Return the prediction as a `Decision` holds it; obstacles are as wide as their tubes."""
+    """Return the prediction in the form of `Decision`, with the radii of the tubes."""
     rows = now.segments[now.segments[:, T0] < now.now + _SHOWN]
     if not len(rows):
         return None
@@ -105,7 +105,7 @@ def _predicted(now: Situation) -> NDArray[np.float32] | None:
 
 
 def _velocity(path: TimedPath, now: float) -> XY:
-    """Velocity at which the plan next moves, m/s."""
+    """Return the velocity of the plan when it next moves, m/s."""
     i = max(int(np.searchsorted(path.t, now, side="right")), 1)
     while i < len(path.t) - 1 and (path.xy[i] == path.xy[i - 1]).all():
         i += 1
@@ -116,7 +116,7 @@ def _velocity(path: TimedPath, now: float) -> XY:
 
 
 def wait_of(path: TimedPath, now: float) -> float:
-    """For how long from now on the plan stands, s."""
+    """Return how long from now the plan stands still, s."""
     i = int(np.searchsorted(path.t, now, side="right"))
     if 0 < i < len(path.t) and (path.xy[i] == path.xy[i - 1]).all():
         return float(path.t[i]) - now
@@ -124,14 +124,14 @@ def wait_of(path: TimedPath, now: float) -> float:
 
 
 def _approach(now: Situation, row: Sequence[float], velocity: XY) -> tuple[float, float]:
-    """When a track, a row of estimates, comes closest at a velocity of the robot, in s; how near, in m between the edges."""
+    """Return when a track comes closest to a robot with this velocity, s, and the gap between their edges then, m."""
     at = (row[X] + row[VX] * now.age, row[Y] + row[VY] * now.age)
     when, distance = closest_approach(now.xy, velocity, at, (row[VX], row[VY]))
     return when, distance - row[RADIUS] - now.settings.tubes.robot_radius
 
 
 def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, float, float]:
-    """Of the tracks that would come within half a metre on the present course, the first: row, time, gap."""
+    """Return the row, time and gap of the first track that would come within 0.5 m at the present velocity."""
     best: tuple[int | None, float, float] = (None, math.nan, math.nan)
     for k, row in enumerate(now.estimates.tolist()):
         when, gap = _approach(now, row, velocity)
@@ -141,7 +141,7 @@ def _nearest(now: Situation, velocity: XY, ahead: float) -> tuple[int | None, fl
 
 
 def _hindrance(now: Situation, memory: Memory) -> tuple[int | None, float, XY]:
-    """Of the tracks that would be met on the direct path the first: row, when in s, the robot's velocity then."""
+    """Return the row of the first track met on the direct path, the time in s, and the robot's velocity then."""
     path, best, first = now.straight(memory), None, math.inf
     if path is None or now.conflict(path, now.segments) == math.inf:
         return None, math.nan, (0.0, 0.0)

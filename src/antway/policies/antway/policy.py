@@ -1,4 +1,4 @@
-"""The policy `antway`: ants in space and time around what moves, the exact field over the map for the rest."""
+"""The policy `antway`: ants plan around moving obstacles in space and time; the exact field over the map does the rest."""
 
 from __future__ import annotations
 
@@ -52,58 +52,58 @@ from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
-_BRAKES = 0.5  # s; with tracks in sight the robot drives no faster than it can brake from in so long
-_OUTSET = 0.5  # s; in so long after the start no track's velocity is known well yet, and
-_NEARBY = 3.0  # s; a robot then plans around predictions only so far ahead
-_STANDS = 1.0  # s; an explanation stands no longer, even while the plan does
-_NEAR = 0.8  # m; a track without a name is found if it is no farther from where it was predicted
-_DISCOUNT = 0.3  # of a tube's width is kept by a plan: with all of it every passage closes, and there is a newer plan soon
-_MARGIN = 0.005  # m; least distance kept to predicted obstacles,
-_SWAY = 0.2  # s; and times how wrong a track's velocity is foretold
-_SPARE = 1.0  # s; times the same a plan keeps more of what is 1.5 s ahead and later,
-_SPARE_WORTH = 2.0  # s^2/m; if it arrives no more than this, times the mean of the same, later
-_WALKS = 0.3  # m/s; once a track was so fast, the fastest seen is what all who avoid others are taken to prefer
-_NOISY = 1e-4  # m^2; median of the squared innovations from which on the guard is given estimates in place of measurements
-_EXPANSIONS_SHOWN = 5  # moves that the ants test in what is shown as one cycle of theirs
+_BRAKES = 0.5  # s; with tracks in sight, the robot drives no faster than it can brake from in this time
+_OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
+_NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
+_STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
+_NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
+_DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tubes would close every passage
+_MARGIN = 0.005  # m; least distance kept to predicted obstacles
+_SWAY = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
+_SPARE = 1.0  # s; a plan with additional clearance keeps this times that standard deviation more from 1.5 s ahead on
+_SPARE_WORTH = 2.0  # s^2/m; such a plan may arrive later by this times the mean of that standard deviation
+_WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
+_NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
+_EXPANSIONS_SHOWN = 5  # number of moves that the ants test in one displayed cycle
 
 
 class AntwayPolicy:
     """Drive to a goal among moving obstacles by ants in space and time.
 
-    Each cycle predicts the tracks, tests the plan in use against them, and lets the colony look for a better plan until the gap
-    is certified to be nil or the budget of expansions is spent. The plan in use is kept unless it is in conflict or another is
-    better by `hysteresis`. The guard then checks the command. docs/crossing.md explains each step.
+    Each cycle predicts the tracks and tests the plan in use against them. The colony then looks for a better plan until the
+    best one is certified optimal or the expansions are used up. The plan in use is kept unless it is in conflict or another
+    one is better by `hysteresis`. The guard then checks the command. docs/crossing.md explains each step.
 
     Parameters
     ----------
     horizon : float
         How far ahead obstacles are predicted, s, > 0.
     margin : float or None
-        Least distance to predicted obstacles, m, >= 0. None: 0.005 m, and in mode "least-harm" 0.2 s times how wrong a track's
-        velocity has been predicted, for robots that follow the plan itself.
+        Least distance to predicted obstacles, m, >= 0. None means 0.005 m. In mode "least-harm", a robot that follows the plan
+        itself adds 0.2 s times the standard deviation of a track's velocity.
     chance : float
         Probability in (0, 1) with which an uncertain track may leave its tube at any one time.
     hysteresis : float
-        s, >= 0; the plan in use is replaced only by one that arrives so much sooner.
+        s, >= 0; the plan in use is replaced only by one that arrives sooner by this much.
     minimum_improvement : float
         s, > 0; the colony does not search for smaller gains.
     expansions, improvement_expansions : int
-        Most moves that the colony tests in a cycle that needs a new plan, >= 1, and in a cycle that has a plan, >= 0.
+        Most moves that the colony tests in a cycle without a valid plan, >= 1, and in a cycle with one, >= 0.
     moves : Moves
         EIGHT, SIXTEEN or THIRTY_TWO.
     deposit : float
-        Q of the deposit Q / L on a path that is better than all earlier ones, s; 0 switches pheromone off.
+        Q of the deposit Q / L on a path that is better than all earlier ones, s; 0 switches the pheromone off.
     distance_weight : float
-        s/m, >= 0; cost of a metre in addition to its time (least distance against least time). 0 for a robot that `controls`
-        drives.
+        s/m, >= 0; cost of a metre in addition to its time, which trades distance against time. It must be 0 for a robot that is
+        driven by `controls`.
     guard : bool
         Whether commands pass the guard.
     controls : ControlOptions or None
-        Numbers of the colony in the space of controls, which drives all robots except a disc that can have any velocity at
-        once; None: the defaults.
+        Numbers of the colony in the space of controls; None means the defaults. That colony drives all robots except a disc
+        that can take any velocity at once.
     mode : str
-        Mode of the guard, "strict" or "least-harm". With "least-harm", a plan that keeps room to spare is preferred to one that
-        arrives a little sooner, and where no path keeps all margins, one that keeps none is taken.
+        Mode of the guard, "strict" or "least-harm". With "least-harm", a plan with additional clearance is preferred to one
+        that arrives a little sooner. If no path keeps the margins, a path without margins is taken.
 
     Raises
     ------
@@ -178,7 +178,9 @@ class AntwayPolicy:
             context = away_from_walls(task, *side, self.moves)
             paces = (context, 0.0), (context, 0.0)
             strict = self.guard is not None and self.mode == "strict"
-            swerve = float(task.obstacle_swerve) if strict else None  # else no stop is better than the best ant
+            swerve = (
+                float(task.obstacle_swerve) if strict else None
+            )  # without a strict guard, a stop is not better than the best ant
             field, fine = context.field, with_fine_cells(task)
             if fine is not task:
                 field = away_from_walls(fine, *static_side(fine, self.moves), self.moves).field
@@ -209,9 +211,9 @@ class AntwayPolicy:
         )
 
     def _paces(self, context: PlanningContext, settings: Settings, robot: RobotSpec) -> Paces:
-        """Return the paces of a robot that drives the plan itself.
+        """Return the planning context and stopping time without and with tracks in sight, for a robot that follows the plan.
 
-        The room that a braking path needs grows with the square of the speed: slower, it gets through where it waited.
+        A braking path grows with the square of the speed, so a slower robot passes gaps at which a faster one would wait.
         """
         slow = min(robot.v_max, _BRAKES * robot.a_max)
         share = robot.v_max / slow
@@ -221,7 +223,7 @@ class AntwayPolicy:
 
     def _settings(self, task: Task) -> Settings:
         robot = task.robot
-        controlled = not robot.stepwise  # the colony in the space of controls keeps the margins then
+        controlled = not robot.stepwise  # then the colony in the space of controls keeps the margins
         guarded = self.guard is not None and not controlled
         stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
         strict = self.mode == "strict"
@@ -296,7 +298,7 @@ class AntwayPolicy:
         return command
 
     def _aside(self, s: State, o: Observation, known: int, age: float, command: tuple[float, float]) -> tuple[float, float]:
-        """Return the velocity on the plan, or beside it where people who may sway are near it."""
+        """Return the velocity on the plan, or one beside the plan where people are near who may sway."""
         if s.settings.roomy.robot_radius == 0.0 or known == 0:
             return command
         knots, at = s.plan.knots[: int(s.plan.state[COUNT])], (float(o.xy[0]), float(o.xy[1]))
@@ -304,14 +306,14 @@ class AntwayPolicy:
         return entry(sidestep, *arguments)(*arguments)
 
     def _planned(self, s: State) -> TimedPath | None:
-        """Return a copy of the plan in use, or where the best ant in the space of controls goes."""
+        """Return a copy of the plan in use, or the path of the best ant in the space of controls."""
         if s.controls is not None:
             return s.controls.path
         n = int(s.plan.state[COUNT])
         return TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
 
     def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
-        """Take in a scan; return how many tracks are known, and the age of their estimates in s."""
+        """Update the tracks with a scan; return the number of known tracks, and the age of their estimates in s."""
         t = o.tracks
         stamp = o.sensed_at
         fit_tables(s, len(t))
@@ -320,7 +322,7 @@ class AntwayPolicy:
         if known:
             s.fastest = max(s.fastest, float(np.hypot(s.estimates[:known, VX], s.estimates[:known, VY]).max()))
             if s.settings.tubes.edges and crosses_edge(s.estimates[:known], s.terrain):
-                seen = s.table[:known, track.T] == stamp  # one that is not seen now may have turned back already
+                seen = s.table[:known, track.T] == stamp  # a track that is not seen now may have turned back already
                 if crosses_edge(s.estimates[:known][seen], s.terrain):
                     s.settings = without_edges(s.settings)
         if self.mode == "strict":
@@ -331,7 +333,7 @@ class AntwayPolicy:
         return known, o.t - stamp
 
     def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
-        """Return what kernels/crossing.py makes of the track estimates: the velocity on the plan, and what became of that."""
+        """Run one cycle of kernels/crossing.py on the track estimates; return what `cycle` returns."""
         s.context, stopping_time = s.paces[known > 0]
         if math.isnan(s.started):
             s.started = o.t
@@ -364,21 +366,21 @@ class AntwayPolicy:
         return entry(cycle, *arguments)(*arguments)
 
     def _guarded(self, s: State, o: Observation, known: int, command: Command) -> tuple[Command, str]:
-        """Return the command that may pass, and what the guard did."""
+        """Return the command that passes the guard, and what the guard did."""
         if self.guard is None:
             return command, ""
         noisy = s.noise[1] > _NOISY
         if self.mode == "strict" and o.tracks.covariance is None:
-            o = with_noise(s, o) if noisy else o  # velocities that lie lead estimates away from where places are measured
+            o = with_noise(s, o) if noisy else o  # estimates from wrong velocities would drift away from the measured places
         elif o.tracks.covariance is not None or noisy or bool(np.isnan(o.tracks.velocity).any()):
             o = as_estimated(s, o, known)
         others = None if s.controls is None else s.controls.others()
         return self.guard.passed(o, command, others), self.guard.did
 
     def explain(self) -> Decision:
-        """Return why the last command was what it was.
+        """Return the reasons for the last command.
 
-        The same object while the plan, what it waits for and the guard's part stay, for 1 s at most.
+        It is the same object for up to 1 s while the plan, the wait and the guard's action stay the same.
         """
         s = self._state
         if s.decision is None:
@@ -402,11 +404,11 @@ class AntwayPolicy:
         return s.decision
 
     def planned(self) -> TimedPath | None:
-        """Return the motion in use, as the explanation has it."""
+        """Return the motion in use, as shown by the explanation."""
         return self._state.path
 
     def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:
-        """Return the pheromone by cell, the largest over moves and times, in the window that holds any."""
+        """Return the pheromone by cell, its maximum over moves and times, in the smallest window that holds all of it."""
         top, left, pheromone = window(self._state.trails, self.task.grid.shape[1])
         return (top, left, pheromone) if pheromone.size else None
 
@@ -415,13 +417,13 @@ class AntwayPolicy:
         return self._state.memory or shared_memory(self.task.grid.blocked.size)
 
     def use_common_memory(self) -> None:
-        """Search in memory that all policies in one thread share, from now on: each search begins with an empty one."""
+        """Search from now on in the memory that all policies of a thread share; this is safe, as each search starts empty."""
         self._in_common = True
         if self.state is not None:
             self.state.memory = None
 
     def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
-        """Tell what comes of the control cycle that `act` plays, if the ants do at most so many cycles of their own."""
+        """Run the control cycle of `act` with at most this many displayed cycles of the ants, and return its result."""
         s, budget = self._state, _EXPANSIONS_SHOWN * cycles
         expansions, improvement, due = s.settings.expansions, s.settings.improvement_expansions, s.plan.state[LOOK]
         least = min(expansions, budget), min(improvement, budget)
@@ -435,7 +437,7 @@ class AntwayPolicy:
         return AntStep(idle, tested < budget or budget >= expansions, self.explain())
 
     def trails(self) -> LaidTrails:
-        """Return the pheromone on moves between cells, by the time of arrival the most over all times."""
+        """Return the pheromone on moves between cells, its maximum over all times of arrival."""
         trails, (rows, cols) = self._state.trails, self.task.grid.shape
         used = np.flatnonzero(trails.key >= 0)
         cell, move = trails.key[used] // 64 % (rows * cols), trails.key[used] % 64
