@@ -60,7 +60,7 @@ class Settings(NamedTuple):
 
 
 class Crowd(NamedTuple):
-    """The estimates and predictions of obstacles; those of people who avoid one another are of kernels/tracking/crowd.py."""
+    """Estimates and predictions of obstacles; kernels/tracking/crowd.py predicts people who avoid one another."""
 
     rows: NDArray[np.float64]  # [M, COLUMNS]
     known: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `foretold` in use

@@ -38,9 +38,8 @@ from antway.kernels.spacetime.memory import (
 from antway.kernels.spacetime.pheromone import Trails, edge, lay, slot
 from antway.kernels.spacetime.segments import TOUCH
 
-_EXP = np.exp(-np.arange(1024) / 64.0).astype(
-    np.float32
-)  # exp(-k / 64); steps of 1 / 64 are fine enough for weights that only serve to draw a move
+# exp(-k / 64); steps of 1 / 64 are fine enough for weights that only serve to draw a move
+_EXP = np.exp(-np.arange(1024) / 64.0).astype(np.float32)
 
 
 class ColonySettings(NamedTuple):

@@ -29,9 +29,7 @@ class Memory(NamedTuple):
     stamp: NDArray[np.int32]  # [cells] number of the search in which the cell was opened
     first: NDArray[np.int32]  # [cells] first state of the cell
     intervals: NDArray[np.int32]  # [cells] number of states of the cell
-    latest: NDArray[
-        np.float64
-    ]  # [cells] s; latest arrival among the states of the cell, after which an arrival improves nothing
+    latest: NDArray[np.float64]  # [cells] s; latest arrival among the cell's states; a later one improves nothing
     near: NDArray[np.int32]  # [cells + 1, 2] rows [first, last) of `near_segment` near a cell; the last is the start's
     near_segment: NDArray[np.int32]  # [NEAR]
     near_time: NDArray[np.float64]  # [NEAR, 2] s; start and end of the time for which the segment matters
