@@ -11,8 +11,11 @@ import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.records import Trajectories
+from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
 from antway.kernels.robot.cycle import Body, Record, play
+from antway.kernels.robot.motion import delayed
+from antway.kernels.robot.passing import when_it_acts
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
 from antway.world.terrain import walls_of
@@ -246,3 +249,23 @@ def test_a_strict_guard_goes_by_what_is_measured_where_velocities_lie(drive: str
     """C24: discs that press on a robot that stands tell a velocity all the same: no estimate leads them through it."""
     n = total(range(60_000, 60_000 + cases(12, 300)), drive, False, math.inf, mode="strict")
     assert n["moving"] > 10 and n["contacts"] == 0, n
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential", "ackermann"])
+def test_the_guard_starts_from_the_state_after_the_pending_commands(drive: str) -> None:
+    """It is that of `delayed`, from the velocity along the heading for wheels; without wheels the heading stays."""
+    rng = np.random.default_rng(7)
+    for _ in range(cases(100, 5000)):
+        spec = some_robot(rng, drive, False)
+        body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
+        robot = Robot(spec.limits, body, walls_of(MAPS[0]), DT, 0.0, True)
+        theta, speed, turn = rng.uniform(-3.0, 3.0), rng.uniform(0.0, spec.v_max), rng.uniform(-0.5, 0.5)
+        vx, vy = speed * math.cos(theta), speed * math.sin(theta)
+        pending = rng.uniform(-1.0, 1.0, (math.ceil(spec.latency / DT - 1e-9), 2))
+        state = np.array(when_it_acts(5.0, 5.0, theta, vx, vy, turn, pending, robot))
+        own = (vx, vy) if drive == "holonomic" else (speed, turn)
+        expected = np.array(delayed(5.0, 5.0, theta, *own, pending, robot.limits, DT))
+        if drive == "holonomic":
+            assert state[2] == theta
+            expected[2] = theta
+        assert np.abs(state - expected).max() < 1e-12
