@@ -100,7 +100,7 @@ def test_what_is_seen_raises_the_bounds() -> None:
 
 
 def _averaged(scans) -> np.ndarray:
-    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), np.zeros(averages.MODELS), 0, np.empty(0)
+    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), averages.new_pool(), 0, np.empty(0)
     for t, estimates in scans:
         out = np.empty_like(estimates)
         count = averages.averaged(rows, count, pool, estimates, t, out)
@@ -142,6 +142,24 @@ def test_averages_are_those_of_their_slow_twin() -> None:
         out, told = _averaged(scans), naive.averaged(slow)
         for row in out:
             assert tuple(row[[VX, VY, SIGMA_V]]) == pytest.approx(told[int(row[NAME])], abs=1e-9)
+
+
+def test_companions_tell_where_a_newcomer_goes() -> None:
+    """Who has just come in sight in a group that sways is predicted better than alone; discs that pass by chance are not mixed."""
+    rng, off = np.random.default_rng(4), {True: [], False: []}
+    for together in off:
+        for _ in range(cases(20, 500)):
+            mean, scans = rng.uniform(0.6, 1.2, 2), []
+            xy = np.column_stack((np.zeros(4), (0.8 if together else 6.0) * np.arange(4)))
+            for i in range(12):
+                there = np.arange(4) < (4 if i > 9 else 3)  # the fourth comes two scans before the end
+                estimates = np.zeros((int(there.sum()), 8))
+                estimates[:, (X, Y)], estimates[:, NAME] = xy[there], np.flatnonzero(there)
+                estimates[:, (VX, VY)] = (mean + rng.normal(0, 0.2, (4, 2)))[there]
+                scans.append((0.1 * i, estimates))
+                xy = xy + 0.1 * mean
+            off[together].append(math.hypot(*(_averaged(scans)[3, VX : VY + 1] - mean)))
+    assert np.mean(off[True]) < 0.8 * np.mean(off[False])
 
 
 @pytest.mark.parametrize("velocity", ["exact", "none"])

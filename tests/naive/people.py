@@ -49,37 +49,49 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     return total
 
 
-def averaged(scans, times=(0.4, 1.2), later=0.8):
+def averaged(scans, times=(0.4, 1.2), later=0.8, first=(0.2, 0.17, 0.18, 0.15), together=2.5, alike=0.7):
     """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
 
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: (vx, vy, sigma)}.
     """
-    past = {}  # of each track: all its (t, v), and the pending forecast (t, place, velocities)
-    errors, compared, pending, pool = {}, {}, {}, [0.0] * (len(times) + 1)
+    past = {}  # of each track: all its (t, v)
+    errors, compared, pending = {}, {}, {}  # pending: the forecast (t, place, velocities)
+    pool, comparisons = np.array(first), 0
     out = {}
     for t, tracks in scans:
-        for name, (x, y, vx, vy) in tracks.items():
+        means = {}
+        for name, (_, _, vx, vy) in tracks.items():
             history = past.setdefault(name, [])
             history.append((t, np.array([vx, vy])))
-            means = [np.array([vx, vy])]
+            means[name] = [np.array([vx, vy])]
             for tau in times:
-                first = history[0][0]
-                weights = [math.exp(-(t - first) / tau)]
+                begin = history[0][0]
+                weights = [math.exp(-(t - begin) / tau)]
                 weights += [(1 - math.exp(-(b - a) / tau)) * math.exp(-(t - b) / tau) for (a, _), (b, _) in pairwise(history)]
-                means.append(sum(w * v for w, (_, v) in zip(weights, history)) / sum(weights))
-            own, seen = errors.setdefault(name, [0.0] * len(pool)), compared.setdefault(name, 0.0)
+                means[name].append(sum(w * v for w, (_, v) in zip(weights, history)) / sum(weights))
+        averages = {name: mean[1] for name, mean in means.items()}
+        for name, (x, y, _, _) in tracks.items():
+            companions = [
+                averages[other]
+                for other, (u, v, _, _) in tracks.items()
+                if math.dist((x, y), (u, v)) <= together and math.dist(averages[other], averages[name]) <= alike
+            ]
+            means[name].append(0.5 * (averages[name] + np.mean(companions, axis=0)))
+        for name, (x, y, _, _) in tracks.items():
+            own, seen = errors.setdefault(name, np.zeros(len(pool))), compared.setdefault(name, 0.0)
             if name not in pending or t - pending[name][0] >= later - 1e-6:
                 if name in pending and t - pending[name][0] < 2 * later:
                     since, place, velocities = t - pending[name][0], pending[name][1], pending[name][2]
-                    for m, v in enumerate(velocities):
-                        off = float(((place + v * since - (x, y)) ** 2).sum()) / since**2
-                        own[m], pool[m] = 0.8 * own[m] + off, 0.95 * pool[m] + 0.05 * off
+                    off = np.array([math.dist(place + v * since, (x, y)) / since for v in velocities])
+                    comparisons += 1
+                    pool = pool + max(0.05, 1.0 / comparisons) * (off - pool)
+                    errors[name] = own = 0.8 * own + off
                     compared[name] = seen = 0.8 * seen + 1.0
-                pending[name] = t, np.array([x, y]), means
-            scores = [e + 2.0 * p for e, p in zip(own, pool)]
+                pending[name] = t, np.array([x, y]), means[name]
+            scores = own + 2.0 * pool
             best = 0 if 0.9 * scores[0] <= min(scores[1:]) else 1 + int(np.argmin(scores[1:]))
-            sigma = math.sqrt(0.5 * scores[best] / (seen + 2.0))
-            out[name] = *means[best].tolist(), sigma
+            sigma = math.sqrt(2.0 / math.pi) * scores[best] / (seen + 2.0)
+            out[name] = *means[name][best].tolist(), sigma
     return out
 
 

@@ -1,7 +1,9 @@
-"""Which average of a track's velocity foretells it best: the last one alone, or what it was over some time.
+"""Which average of a track's velocity foretells it best: the last one, what it was over some time, or that of its companions.
 
 Places that are measured a little wrongly make velocities that are quite wrong, and people sway; whatever turns at once is
-foretold best by what it does now. So each average is weighed by how well it has foretold where tracks were a little later.
+predicted best by its last velocity. People who walk together keep one velocity, so that each tells something about the others.
+Each model is weighed by the mean distance between where it predicted tracks and where they were a little later; a mean of
+distances, not of squares, for whatever turns at once and else goes straight is predicted exactly most of the time.
 """
 
 from __future__ import annotations
@@ -11,27 +13,39 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 
-TIMES = (0.4, 1.2)  # s; over which velocities are averaged, weights falling with age; 0.4 to 1.2 s fit eth and citr best
-MODELS = len(TIMES) + 1  # the last velocity, and those averages
-# columns of a row: name, when seen, for each average its sums (x, y, weight); since when and from where each model foretells,
-# its velocity then, and its errors
+TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall with age; 0.4 to 1.2 s fit eth and citr best
+MODELS = len(TIMES) + 2  # the last velocity, those averages, and the first average mixed with that of companions
+TOGETHER, ALIKE = 2.5, 0.7  # m, m/s; companions are no farther apart, and their averages differ by no more
+# columns of a row: name, when seen, for each average its sums (x, y, weight), the average of companions; since when and from
+# where each model predicts, its velocity then, and its errors
 _NAME, _SEEN, _SUMS = 0, 1, 2
-_SINCE = _SUMS + 3 * len(TIMES)
+_SHARED = _SUMS + 3 * len(TIMES)
+_SINCE = _SHARED + 2
 _FROM = _SINCE + 1
 _VELOCITIES = _FROM + 2
 _ERROR = _VELOCITIES + 2 * MODELS
 _COMPARED = _ERROR + MODELS
 COLUMNS = _COMPARED + 1
-_LATER = 0.8  # s after which a foretold place is compared with the true one
-_KEPT, _POOL_KEPT = 0.8, 0.95  # what is left of old errors, of one track and of all, at each comparison
-_POOL_WEIGHT = 2.0  # comparisons of its own that the errors of all tracks count as
-_BETTER = 0.9  # an average is taken if its error is smaller by that than that of the last velocity
-_LOST = 1.0  # s
+_LATER = 0.8  # s; a predicted place is compared with the true one so much later
+_KEPT, _POOL_KEPT = 0.8, 0.95  # share of old errors that is kept at each comparison: of one track, and of all
+_POOL_WEIGHT = 2.0  # the errors of all tracks count as so many comparisons of its own
+_BETTER = 0.9  # a model is taken in place of the last velocity if its error is smaller by this factor
+_LOST = 1.0  # s; a track that is not seen for longer is forgotten
+_AXIS = math.sqrt(2.0 / math.pi)  # standard deviation along an axis of a normal error whose mean distance is 1
+POOL = MODELS + 1  # entries of `pool`: mean errors of the models over all tracks, m/s, and how many comparisons there were
+
+# m/s; those errors before any was compared, as of people: eth, zara01, citr and students01 on the average.
+FIRST = (0.200, 0.170, 0.180, 0.150)
+
+
+def new_pool() -> NDArray[np.float64]:
+    """Return what is known of the models before any was compared, float64[POOL]."""
+    return np.array((*FIRST, 0.0))
 
 
 @kernel
@@ -43,14 +57,14 @@ def averaged(
     t: float,
     out: NDArray[np.float64],
 ) -> int:
-    """Copy `estimates` to `out` with the velocities that foretell best; returns how many rows are in use.
+    """Copy `estimates` to `out` with the velocities that predict best; returns how many rows are in use.
 
     Parameters
     ----------
     rows : float64[M, COLUMNS]
         What is known of each track, rows below `count`.
-    pool : float64[MODELS]
-        Errors of each model over all tracks.
+    pool : float64[POOL]
+        Of `new_pool` at first.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     """
@@ -61,6 +75,7 @@ def averaged(
                 copy_row(rows[i], rows[kept])
             kept += 1
     count = kept
+    at = np.full(len(estimates), -1)
     for k in range(len(estimates)):
         copy_row(estimates[k], out[k])
         if estimates[k, NAME] < 0.0 or estimates[k, SIGMA_V] >= UNKNOWN:
@@ -70,50 +85,91 @@ def averaged(
             i += 1
         if i == len(rows):
             continue
-        row, vx, vy = rows[i], estimates[k, VX], estimates[k, VY]
+        at[k] = i
         fresh = i == count
         if fresh:
             count += 1
-            row[:] = 0.0
-            row[_NAME], row[_SEEN], row[_SINCE] = estimates[k, NAME], t, -math.inf
-        dt = t - row[_SEEN]
-        if dt > 0.0 or fresh:
-            for m in range(len(TIMES)):
-                c = _SUMS + 3 * m
-                old, weight = math.exp(-dt / TIMES[m]), 1.0 if fresh else 1.0 - math.exp(-dt / TIMES[m])
-                row[c], row[c + 1], row[c + 2] = (
-                    row[c] * old + vx * weight,
-                    row[c + 1] * old + vy * weight,
-                    row[c + 2] * old + weight,
-                )
-            since = t - row[_SINCE]
-            if since >= _LATER - 1e-6:
-                if since < 2.0 * _LATER:
-                    for m in range(MODELS):
-                        x, y = (
-                            row[_FROM] + row[_VELOCITIES + 2 * m] * since,
-                            row[_FROM + 1] + row[_VELOCITIES + 2 * m + 1] * since,
-                        )
-                        off = ((estimates[k, X] - x) ** 2 + (estimates[k, Y] - y) ** 2) / (since * since)
-                        row[_ERROR + m] = _KEPT * row[_ERROR + m] + off
-                        pool[m] = _POOL_KEPT * pool[m] + (1.0 - _POOL_KEPT) * off
-                    row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
-                row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimates[k, X], estimates[k, Y]
-                for m in range(MODELS):
-                    row[_VELOCITIES + 2 * m], row[_VELOCITIES + 2 * m + 1] = _velocity(row, m, vx, vy)
+            rows[i] = 0.0
+            rows[i, _NAME], rows[i, _SEEN], rows[i, _SINCE] = estimates[k, NAME], t, -math.inf
+        _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, _SEEN], fresh)
+    _share(rows, at, estimates)
+    for k in range(len(estimates)):
+        if at[k] < 0:
+            continue
+        row = rows[at[k]]
+        if t > row[_SEEN] or row[_SINCE] == -math.inf:
+            _compare(row, pool, estimates[k], t)
         row[_SEEN] = t
         best, least = 0, _BETTER * (row[_ERROR] + _POOL_WEIGHT * pool[0])
         for m in range(1, MODELS):
             if row[_ERROR + m] + _POOL_WEIGHT * pool[m] < least:
                 best, least = m, row[_ERROR + m] + _POOL_WEIGHT * pool[m]
-        out[k, VX], out[k, VY] = _velocity(row, best, vx, vy)
-        squared = 0.5 * (row[_ERROR + best] + _POOL_WEIGHT * pool[best]) / (row[_COMPARED] + _POOL_WEIGHT)
-        out[k, SIGMA_V] = math.sqrt(estimates[k, SIGMA_V] ** 2 + squared)
+        out[k, VX], out[k, VY] = _velocity(row, best, estimates[k, VX], estimates[k, VY])
+        off = _AXIS * (row[_ERROR + best] + _POOL_WEIGHT * pool[best]) / (row[_COMPARED] + _POOL_WEIGHT)
+        out[k, SIGMA_V] = math.hypot(estimates[k, SIGMA_V], off)
     return count
 
 
-@kernel
+@bare_kernel
+def _average(row: NDArray[np.float64], vx: float, vy: float, dt: float, fresh: bool) -> None:
+    """Take a velocity, `dt` s after the one before, into the averages of a track."""
+    if dt <= 0.0 and not fresh:
+        return
+    for m in range(len(TIMES)):
+        c = _SUMS + 3 * m
+        old, weight = math.exp(-dt / TIMES[m]), 1.0 if fresh else 1.0 - math.exp(-dt / TIMES[m])
+        row[c], row[c + 1], row[c + 2] = row[c] * old + vx * weight, row[c + 1] * old + vy * weight, row[c + 2] * old + weight
+
+
+@bare_kernel
+def _share(rows: NDArray[np.float64], at: NDArray[np.int64], estimates: NDArray[np.float64]) -> None:
+    """Note for each track the mean of its companions' first averages, its own among them; `at` is each one's row, or -1."""
+    for k in range(len(at)):
+        if at[k] < 0:
+            continue
+        x, y, n = 0.0, 0.0, 0
+        own_x, own_y = _velocity(rows[at[k]], 1, 0.0, 0.0)
+        for j in range(len(at)):
+            if at[j] >= 0 and math.hypot(estimates[j, X] - estimates[k, X], estimates[j, Y] - estimates[k, Y]) <= TOGETHER:
+                vx, vy = _velocity(rows[at[j]], 1, 0.0, 0.0)
+                if math.hypot(vx - own_x, vy - own_y) <= ALIKE:
+                    x, y, n = x + vx, y + vy, n + 1
+        rows[at[k], _SHARED], rows[at[k], _SHARED + 1] = x / n, y / n
+
+
+@bare_kernel
+def _compare(row: NDArray[np.float64], pool: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
+    """Compare where each model predicted a track with where it is, if that is due, and predict anew."""
+    since = t - row[_SINCE]
+    if since < _LATER - 1e-6:
+        return
+    if since < 2.0 * _LATER:
+        pool[MODELS] += 1.0
+        step = max(1.0 - _POOL_KEPT, 1.0 / pool[MODELS])
+        for m in range(MODELS):
+            x, y = row[_FROM] + row[_VELOCITIES + 2 * m] * since, row[_FROM + 1] + row[_VELOCITIES + 2 * m + 1] * since
+            off = math.hypot(estimate[X] - x, estimate[Y] - y) / since
+            row[_ERROR + m] = _KEPT * row[_ERROR + m] + off
+            pool[m] += step * (off - pool[m])
+        row[_COMPARED] = _KEPT * row[_COMPARED] + 1.0
+    row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimate[X], estimate[Y]
+    for m in range(MODELS):
+        row[_VELOCITIES + 2 * m], row[_VELOCITIES + 2 * m + 1] = _velocity(row, m, estimate[VX], estimate[VY])
+
+
+@bare_kernel
 def _velocity(row: NDArray[np.float64], model: int, vx: float, vy: float) -> tuple[float, float]:
-    """Velocity of a model."""
-    c = _SUMS + 3 * (model - 1)
-    return (vx, vy) if model == 0 else (row[c] / row[c + 2], row[c + 1] / row[c + 2])
+    """Velocity of a model, for a track whose last velocity is (vx, vy)."""
+    if model == 0:
+        return vx, vy
+    if model == MODELS - 1:
+        x, y = _velocity_over(row, 0)
+        return 0.5 * (x + row[_SHARED]), 0.5 * (y + row[_SHARED + 1])
+    return _velocity_over(row, model - 1)
+
+
+@bare_kernel
+def _velocity_over(row: NDArray[np.float64], m: int) -> tuple[float, float]:
+    """Average velocity over TIMES[m]."""
+    c = _SUMS + 3 * m
+    return row[c] / row[c + 2], row[c + 1] / row[c + 2]
