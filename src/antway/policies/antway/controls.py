@@ -83,13 +83,13 @@ class ControlOptions:
     margin: float = 0.01
     wished: float = 0.05
     near: float = 0.2
-    risk: float = 5.0
+    risk: float = 6.0
     spread: float = 2.0
-    spread_time: float = 0.8
-    late: float = 0.6
+    spread_time: float = 1.2
+    late: float = 0.3
     wall_margin: float = 0.03
     contact: float = 600.0
-    decay: float = 0.3
+    decay: float = 0.1
     stop: float = 10.0
     search: str = "ants"
     temperature: float = 0.1
