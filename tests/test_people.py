@@ -100,7 +100,7 @@ def test_what_is_seen_raises_the_bounds() -> None:
 
 
 def _averaged(scans) -> np.ndarray:
-    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), averages.new_pool(), 0, np.empty(0)
+    rows, pool, count, out = np.zeros((64, averages.COLUMNS)), np.zeros(averages.POOL), 0, np.empty(0)
     for t, estimates in scans:
         out = np.empty_like(estimates)
         count = averages.averaged(rows, count, pool, estimates, t, out)

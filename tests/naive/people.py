@@ -49,14 +49,14 @@ def chance_of_contact(places, aside, estimates, age, radius, ahead, hold, parts=
     return total
 
 
-def averaged(scans, times=(0.4, 1.2), later=0.8, first=(0.2, 0.17, 0.18, 0.15), together=2.5, alike=0.7):
+def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7):
     """Velocities, and how wrong they may be, of the last scan: whole histories, sums written out.
 
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: (vx, vy, sigma)}.
     """
     past = {}  # of each track: all its (t, v)
     errors, compared, pending = {}, {}, {}  # pending: the forecast (t, place, velocities)
-    pool, comparisons = np.array(first), 0
+    pool, comparisons = np.zeros(len(times) + 2), 0
     out = {}
     for t, tracks in scans:
         means = {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.arena.environments import read_tracks
 from antway.errors import BadScenario
-from antway.kernels.tracking.averages import COLUMNS, averaged, new_pool
+from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.spread import PEOPLE_DOF, learnt_factor, people_variance, tube_radius
 
@@ -169,7 +169,7 @@ def _estimates(file: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDA
         ]
     )
     table = table[np.argsort(table[:, 0], kind="stable")]
-    memory, count, pool = np.zeros((4096, COLUMNS)), 0, new_pool()
+    memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(POOL)
     times, rows, last = [], [], []
     for t in np.unique(table[:, 0]):
         scan = table[table[:, 0] == t]

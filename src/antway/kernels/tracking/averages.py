@@ -39,14 +39,6 @@ _LOST = 1.0  # s; a track that is not seen for longer is forgotten
 _AXIS = math.sqrt(2.0 / math.pi)  # standard deviation along an axis of a normal error whose mean distance is 1
 POOL = MODELS + 1  # entries of `pool`: mean errors of the models over all tracks, m/s, and how many comparisons there were
 
-# m/s; those errors before any was compared, as of people: eth, zara01, citr and students01 on the average.
-FIRST = (0.200, 0.170, 0.180, 0.150)
-
-
-def new_pool() -> NDArray[np.float64]:
-    """Return what is known of the models before any was compared, float64[POOL]."""
-    return np.array((*FIRST, 0.0))
-
 
 @kernel
 def averaged(
@@ -64,7 +56,7 @@ def averaged(
     rows : float64[M, COLUMNS]
         What is known of each track, rows below `count`.
     pool : float64[POOL]
-        Of `new_pool` at first.
+        Mean error of each model over all tracks, m/s, and the number of comparisons; zeros at first.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     """
