@@ -24,8 +24,8 @@ TOGETHER, ALIKE = 2.5, 0.7  # m, m/s; companions are no farther apart, and their
 # columns of a row: name, when seen, for each average its sums (x, y, weight), the average of companions; since when and from
 # where each model predicts, its velocity then, and its errors
 _NAME, _SEEN, _SUMS = 0, 1, 2
-_SHARED = _SUMS + 3 * len(TIMES)
-_SINCE = _SHARED + 2
+_TOGETHER = _SUMS + 3 * len(TIMES)
+_SINCE = _TOGETHER + 2
 _FROM = _SINCE + 1
 _VELOCITIES = _FROM + 2
 _ERROR = _VELOCITIES + 2 * MODELS
@@ -84,7 +84,7 @@ def averaged(
             rows[i] = 0.0
             rows[i, _NAME], rows[i, _SEEN], rows[i, _SINCE] = estimates[k, NAME], t, -math.inf
         _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, _SEEN], fresh)
-    _share(rows, at, estimates)
+    _companions(rows, at, estimates)
     for k in range(len(estimates)):
         if at[k] < 0:
             continue
@@ -114,7 +114,7 @@ def _average(row: NDArray[np.float64], vx: float, vy: float, dt: float, fresh: b
 
 
 @bare_kernel
-def _share(rows: NDArray[np.float64], at: NDArray[np.int64], estimates: NDArray[np.float64]) -> None:
+def _companions(rows: NDArray[np.float64], at: NDArray[np.int64], estimates: NDArray[np.float64]) -> None:
     """Note for each track the mean of its companions' first averages, its own among them; `at` is each one's row, or -1."""
     for k in range(len(at)):
         if at[k] < 0:
@@ -126,7 +126,7 @@ def _share(rows: NDArray[np.float64], at: NDArray[np.int64], estimates: NDArray[
                 vx, vy = _velocity(rows[at[j]], 1, 0.0, 0.0)
                 if math.hypot(vx - own_x, vy - own_y) <= ALIKE:
                     x, y, n = x + vx, y + vy, n + 1
-        rows[at[k], _SHARED], rows[at[k], _SHARED + 1] = x / n, y / n
+        rows[at[k], _TOGETHER], rows[at[k], _TOGETHER + 1] = x / n, y / n
 
 
 @bare_kernel
@@ -156,7 +156,7 @@ def _velocity(row: NDArray[np.float64], model: int, vx: float, vy: float) -> tup
         return vx, vy
     if model == MODELS - 1:
         x, y = _velocity_over(row, 0)
-        return 0.5 * (x + row[_SHARED]), 0.5 * (y + row[_SHARED + 1])
+        return 0.5 * (x + row[_TOGETHER]), 0.5 * (y + row[_TOGETHER + 1])
     return _velocity_over(row, model - 1)
 
 
