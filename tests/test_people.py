@@ -145,7 +145,7 @@ def test_averages_are_those_of_their_slow_twin() -> None:
 
 
 def test_companions_tell_where_a_newcomer_goes() -> None:
-    """Who has just come in sight in a group that sways is predicted better than alone; discs that pass by chance are not mixed."""
+    """A person who has just come in sight is predicted better in a group that sways than alone."""
     rng, off = np.random.default_rng(4), {True: [], False: []}
     for together in off:
         for _ in range(cases(20, 500)):

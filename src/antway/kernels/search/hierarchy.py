@@ -31,9 +31,7 @@ class Memory(NamedTuple):
     """A graph of N nodes, from which nodes are being removed."""
 
     first: Ints  # [N]; first edge of each node, or -1
-    edges: (
-        Ints  # [M, 5]; next edge, node it leads to; of a shortcut the bypassed node and the edges from it to both ends, else -1
-    )
+    edges: Ints  # [M, 5]; next edge, node it leads to; of a shortcut the bypassed node and its edges to both ends, else -1
     weight: Longs  # [M]; cost of each edge
     order: Longs  # [N, 2]; heap of the remaining nodes: priority (least first, 0 at first) and node
     level: Ints  # [N]; depth of nested shortcuts below a node, 0 at first
