@@ -86,7 +86,7 @@ class ControlOptions:
     risk: float = 6.0
     spread: float = 2.0
     spread_time: float = 1.2
-    late: float = 0.3
+    late: float = 0.4
     wall_margin: float = 0.03
     contact: float = 600.0
     decay: float = 0.1
