@@ -18,7 +18,6 @@ from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, S
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import averages, noise
-from antway.kernels.tracking.averages import POOL
 from antway.kernels.tracking.kalman import COLUMNS, UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 from antway.planning import TimedPath, standing_cell
@@ -99,7 +98,7 @@ class State:
     noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
     averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, averages.COLUMNS)))
     averaging: int = 0
-    pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(POOL))
+    pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(averages.POOL))
     fastest: float = 0.0
     started: float = math.nan
     path: TimedPath | None = None
