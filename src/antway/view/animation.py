@@ -25,8 +25,6 @@ LEGEND = 24  # px; height of a line of the legend
 GAP = 4  # px; gap between episodes side by side
 ROBOT, HALO = 5.0, 5.0  # px; least radius of the robot, and width of the ring around it that makes it easy to find
 
-VIOLET = "#5E3C99"  # colour of pheromone
-
 XY = Sequence[float] | NDArray[np.float64]
 
 
@@ -165,7 +163,7 @@ def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
         "obstacle": ("disc", style.RED, moving),
         "not sensed": ("ring", style.RED, moving and not all(trace.sensed.all() for trace in traces)),
         "predicted": ("area", style.ORANGE, moving),
-        "pheromone": ("area", VIOLET, any(decision.pheromone is not None for decision in decisions)),
+        "pheromone": ("area", style.VIOLET, any(decision.pheromone is not None for decision in decisions)),
     }
     font, wide = ImageFont.load_default(12 * SUPER), width * SUPER
     places: list[tuple[float, int, str]] = []
@@ -277,7 +275,7 @@ def _paste_pheromone(
     left, top = painter.at((painter.x + col * cell, painter.y + (row if grid.top_first else row + height) * cell))
     size = (max(1, round(width * cell * painter.scale)), max(1, round(height * cell * painter.scale)))
     alpha = Image.fromarray(painter.upright((share * 200).astype(np.uint8))).resize(size, Image.Resampling.NEAREST)
-    picture.paste(VIOLET, (round(left), round(top)), alpha)
+    picture.paste(style.VIOLET, (round(left), round(top)), alpha)
 
 
 def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _Painter) -> None:
@@ -300,7 +298,7 @@ def _star(draw: ImageDraw.ImageDraw, x: float, y: float, size: float) -> None:
         (x + size * (0.42 if k % 2 else 1) * math.cos(a), y + size * (0.42 if k % 2 else 1) * math.sin(a))
         for k, a in enumerate(angles)
     ]
-    draw.polygon(corners, fill="#FFD23F", outline=style.INK, width=SUPER)
+    draw.polygon(corners, fill=style.GOLD, outline=style.INK, width=SUPER)
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:

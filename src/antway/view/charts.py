@@ -80,7 +80,7 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
             axes.imshow(taken.T, origin="lower", extent=extent, aspect="auto", cmap=look, vmin=0, vmax=1, zorder=1)
             numbers += [(when, where, str(trace.obstacle_id[k])) for when, where in _middles(taken)]
     axes.plot([], [], "s", color=style.RED, alpha=0.42, markersize=9, label="taken by an obstacle (its number)")
-    axes.plot(t, progress, color=style.BLUE, linewidth=2.0, path_effects=style.casing(2.0), label="robot", zorder=3)
+    style.draw_path(axes, np.column_stack((t, progress)), style.BLUE, 2.0, label="robot")
     if beside.any():
         off = np.where(beside, progress, np.nan)
         axes.plot(t, off, color="white", linewidth=1.2, linestyle=(0, (1, 1.5)), zorder=3.5)
@@ -90,7 +90,7 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
     axes.set(xlim=(t[0], t[-1] + 1e-9), ylim=(low, high))
     for when, where, words in _apart(numbers, 0.03 * len(t), 0.06 * (high - low) / _STEP):
         axes.text(t[when], along[where], words, ha="center", va="center", color=style.RED, weight="bold", clip_on=True)
-    _plain(axes)
+    style.graph(axes, below=True)
     style.legend_below(axes)
     return fig
 
@@ -123,9 +123,7 @@ def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> No
     axes.plot([], [], color=style.PHEROMONE(1.0), linewidth=4.0, label="most pheromone")
     axes.plot([], [], color=style.PHEROMONE(0.45), linewidth=1.4, label="little")
     if len(found.plan.cells):
-        axes.plot(
-            *found.plan.xy(grid).T, color=style.TEAL, linewidth=1.5, path_effects=style.casing(1.5), label=words, zorder=3
-        )
+        style.draw_path(axes, found.plan.xy(grid), style.TEAL, 1.5, label=words)
 
 
 @style.styled
@@ -155,7 +153,7 @@ def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which 
         axes.plot([], [], label=policy, **look)
     axes.set_xticks(range(len(levels)), [level or "all" for level in levels])
     axes.set(xlabel="difficulty", ylabel="reached (%)", title=title, ylim=(-3, 103), xlim=(-0.5, len(levels) - 0.5))
-    _plain(axes)
+    style.graph(axes, below=True)
     style.legend_below(axes)
     return fig
 
@@ -184,7 +182,7 @@ def time_ratio_figure(rows: Sequence[Row], *, title: str = "Time over the clairv
         x, y = np.concatenate(([0.0], ratio, [1e9])), np.concatenate(([0.0], share, share[-1:] if len(share) else [0.0]))
         axes.step(x, y, where="post", color=colour, linestyle=dash, linewidth=1.8, label=policy)
     axes.set(xlabel="time / optimum", ylabel="episodes (%)", title=title, xlim=(0.95, 1.05 * most + 0.05), ylim=(-3, 103))
-    _plain(axes)
+    style.graph(axes, below=True)
     style.legend_below(axes)
     return fig
 
@@ -209,9 +207,3 @@ def _apart(numbers: list[tuple[int, int, str]], wide: float, high: float) -> lis
         if all(abs(one[0] - other[0]) > wide or abs(one[1] - other[1]) > high for other in kept):
             kept.append(one)
     return kept
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(color=style.RULE, linewidth=0.6, zorder=0)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)

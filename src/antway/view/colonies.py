@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
@@ -88,7 +87,7 @@ def seeds_figure(
     axes.set(
         xscale="log", xlabel="tours made", ylabel="best length" if optimum is None else "over the optimum (%)", title=title
     )
-    _plain(axes)
+    style.graph(axes)
     style.legend_below(axes, columns=3)
     return fig
 
@@ -118,11 +117,6 @@ def sensitivity_figure(
     axes.plot(at, shown.mean(axis=1), color=style.BLUE, linewidth=1.8, marker="D", markersize=5, label="mean")
     axes.set(xlabel=parameter, ylabel="best length" if optimum is None else "over the optimum (%)")
     axes.set_title(title or f"Sensitivity to {parameter}")
-    _plain(axes)
+    style.graph(axes)
     style.legend_below(axes)
     return fig
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(color=style.RULE, linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)

@@ -65,8 +65,7 @@ def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec, 
     if robot.wheels:
         below.plot(motion.t, motion.turn_rate, color=style.ORANGE, linewidth=1.2, label="turn rate (rad/s)")
     below.set_xlabel("time (s)")
-    below.grid(color=style.RULE, linewidth=0.6)
-    below.spines[["top", "right"]].set_visible(False)
+    style.graph(below)
     below.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
     style.legend_below(axes, columns=2)
     return fig

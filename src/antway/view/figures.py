@@ -56,7 +56,7 @@ def plan_figure(
     xy = path.xy(grid) if len(path.cells) else np.empty((0, 2))
     if len(xy):
         label = f"{'shortest ' if path.optimal else ''}path, {path.length:.2f} m"
-        axes.plot(*xy.T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label=label, zorder=4)
+        style.draw_path(axes, xy, style.BLUE, 2.2, label=label, zorder=4)
         ends = ends or (xy[0], xy[-1])
     if ends is not None:
         _draw_ends(axes, *ends)
@@ -119,7 +119,7 @@ def final_figure(trace: Trace, *, path: Plan | None = None, title: str = "Final 
         _disc(axes, trace.obstacle_xy[-1, k], trace.obstacle_radius[k], style.RED, zorder=5)
     _draw_numbers(axes, trace, len(trace))
     label = f"driven, {trace.length:.2f} m in {trace.t[-1]:.1f} s"
-    axes.plot(*trace.xy.T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label=label, zorder=4)
+    style.draw_path(axes, trace.xy, style.BLUE, 2.2, label=label, zorder=4)
     every = max(1, round(5.0 / trace.task.robot.dt))
     marks = trace.xy[every::every]
     axes.plot(*marks.T, "o", color="white", markeredgecolor=style.BLUE, markersize=4, label="every 5 s", zorder=4.5)
@@ -185,8 +185,7 @@ def convergence_figure(
     lengths.set(ylabel="path length (m)", title=title)
     arrived.set(ylabel="ants that arrive (%)", xlabel="cycle", ylim=(-3, 103))
     for axes in (lengths, arrived):
-        axes.grid(color=style.RULE, linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        style.graph(axes)
         axes.margins(x=0.01)
     style.legend_below(lengths, columns=2)
     return fig
@@ -222,9 +221,9 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
         right.axhline(tour.optimum, color=style.INK, linewidth=0.8, label=f"optimum, {tour.optimum:,.6g}")
     right.set(title="Best length so far", xlabel="tours made", ylabel="length", xscale="log")
     right.xaxis.set_minor_formatter(NullFormatter())
-    right.grid(color=style.RULE, linewidth=0.6)
+    style.graph(right)
     right.legend()
-    for axes in (*left, right):
+    for axes in left:
         axes.spines[["top", "right"]].set_visible(False)
     return fig
 
@@ -249,9 +248,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
         )
     _draw_obstacle_labels(axes, trace, step)
     _draw_numbers(axes, trace, step)
-    axes.plot(
-        *trace.xy[: step + 1].T, color=style.BLUE, linewidth=2.2, path_effects=style.casing(2.2), label="driven", zorder=4
-    )
+    style.draw_path(axes, trace.xy[: step + 1], style.BLUE, 2.2, label="driven", zorder=4)
     _draw_ends(axes, task.start, task.goal)
     _disc(axes, trace.xy[step], task.robot.radius, style.BLUE, zorder=6, label="robot")
     nose = trace.xy[step] + task.robot.radius * np.array([np.cos(trace.heading[step]), np.sin(trace.heading[step])])
@@ -266,15 +263,14 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
         extent = (x + col * d, x + (col + w) * d, y + row * d, y + (row + h) * d)
         image = axes.imshow(_scaled(amount), origin="lower", extent=extent, cmap=style.PHEROMONE, vmin=0, vmax=1, zorder=1.5)
         image.set_interpolation("nearest")
-        look: dict[str, Any] = {"edgecolor": "#5E3C99", "linewidth": 0.9}
+        look: dict[str, Any] = {"edgecolor": style.VIOLET, "linewidth": 0.9}
         axes.add_patch(Rectangle(extent[::2], w * d, h * d, fill=False, zorder=1.6, **look))
         axes.add_patch(Rectangle((0, 0), 0, 0, facecolor=style.PHEROMONE(0.7), label="pheromone", **look))
         bar = axes.figure.colorbar(image, ax=axes, shrink=0.5, pad=0.02, ticks=[0, 1])
         bar.ax.set_yticklabels(["least", "most"])
         bar.set_label("pheromone", labelpad=-8)
     if decision.path is not None and len(decision.path.xy):
-        xy = decision.path.xy
-        axes.plot(*xy.T, color=style.TEAL, linewidth=2.0, path_effects=style.casing(2.0), label="chosen path", zorder=3.5)
+        style.draw_path(axes, decision.path.xy, style.TEAL, 2.0, label="chosen path", zorder=3.5)
     if decision.local_target is not None:
         axes.plot(
             *decision.local_target,
@@ -351,7 +347,7 @@ def _draw_global(axes: Axes, grid: Grid, path: Plan) -> None:
 def _draw_ends(axes: Axes, start: Sequence[float], goal: Sequence[float]) -> None:
     look: dict[str, Any] = {"linestyle": "", "markeredgecolor": style.INK, "clip_on": False, "zorder": 5.8}
     axes.plot(*start, marker="o", color="white", markersize=7, markeredgewidth=1.6, label="start", **look)
-    axes.plot(*goal, marker="*", color="#FFD23F", markersize=13, markeredgewidth=0.9, label="goal", **look)
+    axes.plot(*goal, marker="*", color=style.GOLD, markersize=13, markeredgewidth=0.9, label="goal", **look)
 
 
 def _disc(

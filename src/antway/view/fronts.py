@@ -13,7 +13,7 @@ from antway.view import style
 from antway.world.timeline import Timeline
 
 _SHOWN = 6  # limit of paths, spread over the front
-_COLOURS = (style.BLUE, style.TEAL, style.ORANGE, style.CYAN, style.INK, "#AA3377")
+_COLOURS = (style.BLUE, style.TEAL, style.ORANGE, style.CYAN, style.INK, style.PURPLE)
 _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
 
@@ -63,8 +63,7 @@ def front_figure(
         right.plot(time, distance, "o", color=colour, markersize=8, zorder=3)
     left.set_title(title)
     right.set(title=f"The front: {len(front.paths)} paths", xlabel="time (s)", ylabel="distance (m)")
-    right.grid(color=style.RULE, linewidth=0.6)
-    right.spines[["top", "right"]].set_visible(False)
+    style.graph(right)
     right.margins(0.1)
     style.legend_below(left, columns=3)
     return fig

@@ -11,6 +11,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.transforms import Affine2D
+from numpy.typing import ArrayLike
 
 from antway.errors import BadParameter
 from antway.grid import Grid
@@ -28,6 +30,8 @@ R = TypeVar("R")
 # Tol's "vibrant" scheme, which is safe for common kinds of colour blindness; red is reserved for moving obstacles.
 BLUE, CYAN, TEAL, ORANGE, RED = "#0077BB", "#33BBEE", "#009988", "#EE7733", "#CC3311"
 INK, WALL, UNKNOWN, RULE = "#1B1F24", "#454B54", "#D3D7DC", "#E3E6EA"
+GOLD, VIOLET = "#FFD23F", "#5E3C99"  # goals, and the outline of pheromone
+PURPLE, OCHRE, GREY = "#AA3377", "#997700", "#9AA3AD"  # further paths, and waiting in schedules
 _VIOLET = [(0.45, 0.25, 0.65, 0.0), (0.45, 0.25, 0.65, 0.55), (0.25, 0.05, 0.45, 0.95)]
 PHEROMONE = LinearSegmentedColormap.from_list("pheromone", _VIOLET)
 FORMATS = ("png", "svg", "pdf")
@@ -177,9 +181,23 @@ def casing(width: float) -> list[Any]:
     return [Stroke(linewidth=width + 1.6, foreground="white"), Normal()]
 
 
-def legend_below(axes: Axes, columns: int = 4) -> Legend:
-    """Put the legend under the axes, where it covers nothing."""
+def draw_path(axes: Axes, xy: ArrayLike, colour: str, width: float, *, label: str | None = None, zorder: float = 3) -> None:
+    """Draw a polyline, float[N, 2], as a line of `width` points with a white edge."""
+    axes.plot(*np.asarray(xy).T, color=colour, linewidth=width, path_effects=casing(width), label=label, zorder=zorder)
+
+
+def graph(axes: Axes, *, below: bool = False) -> None:
+    """Give the axes of a graph grid lines, `below` everything else or not, and no frame at the top and on the right."""
+    axes.grid(color=RULE, linewidth=0.6)
+    if below:
+        axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def legend_below(axes: Axes, columns: int = 4, more: Sequence[tuple[Artist, str]] = ()) -> Legend:
+    """Put the legend under the axes, where it covers nothing, with entries `more` at its end."""
     fig = axes.get_figure()
     assert isinstance(fig, Figure)
     handles, labels = axes.get_legend_handles_labels()
+    handles, labels = [*handles, *(handle for handle, _ in more)], [*labels, *(label for _, label in more)]
     return fig.legend(handles, labels, loc="outside lower center", ncols=min(columns, max(1, len(labels))))
