@@ -19,6 +19,7 @@ from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
 from antway.scenes import ROUNDS, SCENES
 from antway.verify import check_episode
+from antway.view.pages import rounded
 from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario
@@ -59,7 +60,7 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
             "visited": len(rounds.visits),
             "lateness": round(math.fsum(rounds.lateness(visit) for visit in rounds.visits), 6),
             "orders": len(rounds.turns),
-            "order_ms_max": _finite(float(result.order_ms.max(initial=0.0))),
+            "order_ms_max": rounded(float(result.order_ms.max(initial=0.0))),
             "visits": [
                 {
                     "stop": rounds.name(visit.stop),
@@ -78,13 +79,13 @@ def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
         "reached": result.reached,
         "time": round(result.time, 6),
         "length": round(result.length, 6),
-        "shortest": _finite(shortest),
-        "length_ratio": _finite(ratio),
+        "shortest": rounded(shortest),
+        "length_ratio": rounded(ratio),
         "waits": result.waits,
         "replans": result.replans,
-        "min_clearance": _finite(result.min_clearance),
-        "cycle_ms_p50": _finite(result.cycle(50)),
-        "cycle_ms_p99": _finite(result.cycle(99)),
+        "min_clearance": rounded(result.min_clearance),
+        "cycle_ms_p50": rounded(result.cycle(50)),
+        "cycle_ms_p99": rounded(result.cycle(99)),
         "seed": result.seed,
         **visited,
     }
@@ -102,11 +103,11 @@ def explained(trace: Trace) -> list[dict[str, Any]]:
             "action": one.action,
             "obstacle": one.obstacle,
             "encounter": one.encounter or None,
-            "time_to_closest": _finite(one.time_to_closest),
-            "distance_at_closest": _finite(one.distance_at_closest),
-            "alternatives": {name: _finite(cost) for name, cost in one.alternatives},
+            "time_to_closest": rounded(one.time_to_closest),
+            "distance_at_closest": rounded(one.distance_at_closest),
+            "alternatives": {name: rounded(cost) for name, cost in one.alternatives},
             "weighed": one.weighed(),
-            "gap": _finite(one.gap),
+            "gap": rounded(one.gap),
             "guard": one.guard or None,
             "reason": one.reason,
         }
@@ -309,7 +310,3 @@ def write_convergence(scenario: Scenario, path: Path) -> dict[str, float]:
     best = figures.shortest(task).length
     figures.save(figures.convergence_figure(histories, optimum=best), path)
     return {name: exploration.plan.length for name, exploration in found.items()}
-
-
-def _finite(value: float) -> float | None:
-    return round(float(value), 6) if math.isfinite(value) else None

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import html
-import io
 import json
-import math
 import re
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +16,7 @@ from PIL import Image
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.version import __version__
+from antway.view.pages import asset, bits_to_base64, digest, embedded, filled, png_url, rounded, to_base64
 from antway.world.policy import Decision
 from antway.world.stops import Rounds
 from antway.world.trace import Trace
@@ -42,10 +38,10 @@ def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | 
     Names and reasons from the trace are only JSON data, which the script shows as text. The page's security policy allows only
     its own script and style, by their hashes.
     """
-    style = _asset("replay.css")
-    script = "".join(_EXPORT.sub("", _IMPORT.sub("", _asset(name))) for name in ("layers.js", "canvas.js", "replay.js"))
+    style = asset("replay.css")
+    script = "".join(_EXPORT.sub("", _IMPORT.sub("", asset(name))) for name in ("layers.js", "canvas.js", "replay.js"))
     policy = (
-        f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; img-src data:; "
+        f"default-src 'none'; script-src '{digest(script)}'; style-src '{digest(style)}'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
     record = _record(trace, shortest)
@@ -56,10 +52,10 @@ def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | 
         "policy": policy,
         "title": html.escape(f"{trace.scenario} - {trace.policy} - antway"),
         "style": style,
-        "data": data.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"),
+        "data": embedded(data),
         "script": script,
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("replay.html"))
+    return filled(asset("replay.html"), parts)
 
 
 def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
@@ -85,7 +81,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
             "xy": box.pack(trace.xy),
             "heading": to_base64(trace.heading, "<f4"),
             "radius": task.robot.radius,
-            "range": _number(task.robot.sensor_range),
+            "range": rounded(task.robot.sensor_range),
             "occlusion": bool(trace.config.get("sensor", {}).get("occlusion", True)),
         },
         "start": list(task.start),
@@ -96,7 +92,7 @@ def _record(trace: Trace, shortest: Plan | None) -> dict[str, Any]:
             "id": [int(i) for i in trace.obstacle_id],
             "radius": [round(float(r), 6) for r in trace.obstacle_radius],
             "xy": box.pack(trace.obstacle_xy.reshape(-1, 2)),
-            "sensed": base64.b64encode(np.packbits(trace.sensed.ravel(), bitorder="little").tobytes()).decode(),
+            "sensed": bits_to_base64(trace.sensed),
         },
         "global": box.pack(path) if len(path) else None,
         "decisions": decisions,
@@ -146,7 +142,7 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
             height, width = amount.shape
             heaps.append({"row": row, "col": col, "height": height, "width": width, "mask": _mask(_shades(amount), levels=15)})
         heap = masks[key]
-    closest = (_number(decision.time_to_closest), _number(decision.distance_at_closest))
+    closest = (rounded(decision.time_to_closest), rounded(decision.distance_at_closest))
     record = {
         "step": step,
         "action": decision.action,
@@ -157,7 +153,7 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
         "target": None if decision.local_target is None else [float(v) for v in decision.local_target],
         "path": None if decision.path is None else box.pack(decision.path.xy),
         "alternatives": decision.weighed(),
-        "gap": _number(decision.gap),
+        "gap": rounded(decision.gap),
         "guard": decision.guard,
         "pheromone": heap,
         "predicted": None
@@ -180,11 +176,6 @@ class _Box:
         return to_base64(np.round((points - self.low) / self.size * 65535), "<u2")
 
 
-def to_base64(values: NDArray[Any], dtype: str) -> str:
-    """Return numbers as base64 of their bytes as `dtype`, such as "<f4"."""
-    return base64.b64encode(np.ascontiguousarray(values).astype(dtype).tobytes()).decode()
-
-
 def _shades(amount: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Return pheromone in 16 shades by its square root, so that faint trails are visible."""
     low, high = float(amount.min()), float(amount.max())
@@ -196,19 +187,5 @@ def _mask(amount: NDArray[Any], *, levels: int) -> str:
     """Return integers in [0, levels] as a PNG with them as alpha; its first row is the last of `amount`."""
     picture = Image.fromarray(np.flipud(amount).astype(np.uint8))
     picture.putpalette([0, 0, 0] * (levels + 1))
-    buffer = io.BytesIO()
     alpha = bytes(round(215 * k / levels) if levels > 1 else 255 * k for k in range(levels + 1))
-    picture.save(buffer, "PNG", bits=1 if levels == 1 else 4, transparency=alpha, optimize=True)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 6) if math.isfinite(value) else None
-
-
-def _hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-
-
-def _asset(name: str) -> str:
-    return (files("antway.view") / "static" / name).read_text(encoding="utf-8")
+    return png_url(picture, bits=1 if levels == 1 else 4, transparency=alpha)

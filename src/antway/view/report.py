@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import html
-import io
 import json
 import math
 import re
 import tempfile
 from collections.abc import Iterable, Sequence
-from importlib.resources import files
 from pathlib import Path
 
 from antway.arena import metrics
@@ -20,6 +16,7 @@ from antway.arena.summary import Summary, paired, remarks, span, summarise
 from antway.view import style
 from antway.view.animation import last_moment
 from antway.view.charts import success_figure, time_ratio_figure
+from antway.view.pages import asset, digest, embedded, filled, png_url
 from antway.view.replay import replay_page
 from antway.world.trace import Trace
 
@@ -41,8 +38,8 @@ def report_page(results: Results) -> str:
     replays = _Replays(results)
     suites = list(dict.fromkeys(row.suite for row in rows))
     body = "".join(_suite(suite, [row for row in rows if row.suite == suite], replays) for suite in suites)
-    style, script = _asset("report.css"), _asset("report.js")
-    hashes = {"script": [_hash(script)], "style": [_hash(style)]}
+    style, script = asset("report.css"), asset("report.js")
+    hashes = {"script": [digest(script)], "style": [digest(style)]}
     for kind, found in re.findall(r"(script|style)-src '(sha256-[^']+)'", replays.shell):
         hashes[kind].append(found)  # a replay opened from this page must satisfy the policy of this page as well
     allowed = "; ".join(f"{kind}-src {' '.join(map(repr, values))}" for kind, values in hashes.items())
@@ -53,10 +50,10 @@ def report_page(results: Results) -> str:
         "script": script,
         "about": _text(f"{len(rows)} episodes, antway {versions}"),
         "body": body,
-        "shell": _json(replays.shell),
-        "replays": _json(replays.data),
+        "shell": embedded(json.dumps(replays.shell)),
+        "replays": embedded(json.dumps(replays.data)),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html"))
+    return filled(asset("report.html"), parts)
 
 
 class _Replays:
@@ -158,9 +155,7 @@ def _thumbnail(row: Row, replays: _Replays) -> str:
     if found is None:
         return f"<figure><figcaption>{caption}</figcaption></figure>"
     number, trace = found
-    file = io.BytesIO()
-    last_moment(trace, WIDE).quantize(32).save(file, "PNG", optimize=True)
-    source = f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+    source = png_url(last_moment(trace, WIDE).quantize(32))
     picture = f'<img alt="The last moment of {_text(row.episode)}" src="{source}">'
     button = f'<button type="button" data-replay="{number}" title="Play it">{picture}</button>'
     return f"<figure>{button}<figcaption>{caption}</figcaption></figure>"
@@ -176,15 +171,3 @@ def _number(value: float, digits: int) -> str:
 
 def _text(text: str) -> str:
     return html.escape(text)
-
-
-def _json(value: object) -> str:
-    return json.dumps(value).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-
-
-def _asset(name: str) -> str:
-    return (files("antway.view") / "static" / name).read_text(encoding="utf-8")

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadInput, BadMap, BadParameter, TooLarge
@@ -88,6 +87,7 @@ def _read(folder: Path, names: list[str], given: dict[str, Any]) -> Scenario:
 
 
 def decoded(files: object) -> dict[str, bytes]:
+    """Return the content of each file by name, from a list of {name, data in base64}."""
     if not isinstance(files, list) or not 1 <= len(files) <= MAX_FILES:
         raise BadParameter("files", files, f"1 to {MAX_FILES} files")
     contents: dict[str, bytes] = {}
@@ -103,6 +103,7 @@ def decoded(files: object) -> dict[str, bytes]:
 
 
 def _unpacked(contents: dict[str, bytes]) -> dict[str, bytes]:
+    """Return the files with those inside a .zip in its place."""
     out: dict[str, bytes] = {}
     for name, data in contents.items():
         if not name.lower().endswith(".zip"):
@@ -153,26 +154,30 @@ def task_on(grid: Grid, name: str) -> Scenario:
     return Scenario(World(grid), start=start, goal=goal, robot=robot, horizon=600.0, name=name)
 
 
-def packed(mask: NDArray[np.bool_]) -> str:
-    """Return a mask as base64 of its bits, row by row, the lowest bit of a byte first."""
-    return base64.b64encode(np.packbits(mask.ravel(), bitorder="little").tobytes()).decode()
+def as_file(name: str, type: str, data: str | bytes) -> dict[str, Any]:
+    """Return the message by which the page saves a file."""
+    content = {"text": data} if isinstance(data, str) else {"base64": base64.b64encode(data).decode()}
+    return {"kind": "file", "name": name, "type": type, **content}
 
 
-def scenario_file(scenario: Scenario) -> dict[str, Any]:
+def _zipped(scenario: Scenario) -> bytes:
     """Return a zip of the scenario's TOML and its map, which `read_upload` reads back."""
     buffer = io.BytesIO()
     with tempfile.TemporaryDirectory(prefix="antway-") as name, zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         save_scenario(scenario, Path(name) / "scenario.toml")
         for file in sorted(Path(name).iterdir()):
             archive.write(file, file.name)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    return {"kind": "file", "name": f"{stem(scenario.name)}.zip", "type": "application/zip", "base64": data}
+    return buffer.getvalue()
+
+
+def scenario_file(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario as a .zip file, which `read_upload` reads back."""
+    return as_file(f"{stem(scenario.name)}.zip", "application/zip", _zipped(scenario))
 
 
 def trace_file(trace: Trace) -> dict[str, Any]:
     """Return the trace as a file."""
-    name = f"{stem(trace.scenario)}-{trace.policy}.json"
-    return {"kind": "file", "name": name, "type": "application/json", "text": to_json(trace)}
+    return as_file(_run_name(trace, ".json"), "application/json", to_json(trace))
 
 
 def replay_file(trace: Trace) -> dict[str, Any]:
@@ -180,8 +185,7 @@ def replay_file(trace: Trace) -> dict[str, Any]:
     from antway.view.figures import shortest
     from antway.view.replay import replay_page
 
-    name = f"{stem(trace.scenario)}-{trace.policy}.html"
-    return {"kind": "file", "name": name, "type": "text/html", "text": replay_page(trace, shortest=shortest(trace.task))}
+    return as_file(_run_name(trace, ".html"), "text/html", replay_page(trace, shortest=shortest(trace.task)))
 
 
 def gif_file(trace: Trace) -> dict[str, Any]:
@@ -191,8 +195,11 @@ def gif_file(trace: Trace) -> dict[str, Any]:
 
     with tempfile.TemporaryDirectory(prefix="antway-") as folder:
         data = write_animation(trace, Path(folder) / "run.gif", shortest=shortest(trace.task)).read_bytes()
-    name = f"{stem(trace.scenario)}-{trace.policy}.gif"
-    return {"kind": "file", "name": name, "type": "image/gif", "base64": base64.b64encode(data).decode()}
+    return as_file(_run_name(trace, ".gif"), "image/gif", data)
+
+
+def _run_name(trace: Trace, suffix: str) -> str:
+    return f"{stem(trace.scenario)}-{trace.policy}{suffix}"
 
 
 EXPORTS = {"trace": trace_file, "replay": replay_file, "gif": gif_file}
@@ -200,7 +207,7 @@ EXPORTS = {"trace": trace_file, "replay": replay_file, "gif": gif_file}
 
 def kept(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
     """Return the scenario's file, which the page keeps in the browser."""
-    return {"kind": "kept", "name": scenario.name, "policies": policies, "data": scenario_file(scenario)["base64"]}
+    return {"kind": "kept", "name": scenario.name, "policies": policies, "data": base64.b64encode(_zipped(scenario)).decode()}
 
 
 def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
@@ -211,11 +218,12 @@ def link(scenario: Scenario, policies: Sequence[str]) -> dict[str, Any]:
     TooLarge
         For a scenario that is too long for browsers.
     """
-    data = scenario_file(scenario)["base64"].replace("+", "-").replace("/", "_").rstrip("=")
+    data = base64.urlsafe_b64encode(_zipped(scenario)).decode().rstrip("=")
     if len(data) > MAX_LINK:
         raise TooLarge("link", f"{len(data)} characters", f"at most {MAX_LINK}; save the scenario as a file instead")
     return {"kind": "link", "hash": f"policies={','.join(policies)}&open={data}"}
 
 
 def stem(name: str) -> str:
+    """Return a file's name, without suffix, for something of this name."""
     return re.sub(r"[^A-Za-z0-9_-]+", "-", name)[:60].strip("-") or "scenario"

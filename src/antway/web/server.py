@@ -16,7 +16,6 @@ import secrets
 import socket
 import zlib
 from collections.abc import Awaitable, Callable, Iterable, Mapping
-from importlib.resources import files
 from typing import Any
 
 import uvicorn
@@ -35,6 +34,7 @@ from antway.ants.rules import RULES
 from antway.errors import BadParameter
 from antway.scenes import ROUNDS, SCENES
 from antway.tables import ABOUT
+from antway.view.pages import asset, embedded, filled
 from antway.web import tours
 from antway.web.apart import Apart
 from antway.web.player import TIMEOUT, Player, Turns
@@ -49,20 +49,9 @@ CLOSING = 2.0  # s; time for a page to confirm that its websocket is closed
 EXPORTS = 8  # number of threads that wait for files and exports from other processes
 MAX_FILES = 8192  # number of sockets and files open at once, if the system allows it
 
-_FILES = {  # path: package, file, type
-    "/": ("antway.web", "page.html", "text/html"),
-    "/tsp": ("antway.web", "tsp.html", "text/html"),
-    "/tsp.js": ("antway.web", "tsp.js", "text/javascript"),
-    "/page.css": ("antway.web", "page.css", "text/css"),
-    "/page.js": ("antway.web", "page.js", "text/javascript"),
-    "/view.js": ("antway.web", "view.js", "text/javascript"),
-    "/edit.js": ("antway.web", "edit.js", "text/javascript"),
-    "/keep.js": ("antway.web", "keep.js", "text/javascript"),
-    "/terms.js": ("antway.web", "terms.js", "text/javascript"),
-    "/parts.js": ("antway.web", "parts.js", "text/javascript"),
-    "/canvas.js": ("antway.view", "canvas.js", "text/javascript"),
-    "/layers.js": ("antway.view", "layers.js", "text/javascript"),
-    "/replay.css": ("antway.view", "replay.css", "text/css"),
+_FILES = {  # the scripts and styles that are served, by package
+    "antway.web": ("tsp.js", "page.css", "page.js", "view.js", "edit.js", "keep.js", "terms.js", "parts.js"),
+    "antway.view": ("canvas.js", "layers.js", "replay.css"),
 }
 _HEADERS = {
     "Content-Security-Policy": (
@@ -184,23 +173,20 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
         "speeds": tours.Tours.SPEEDS,
         "token": token,
     }
-    pages = {"/": _embedded(crossing), "/tsp": _embedded(touring)}
+    pages = {
+        "/": _page("antway", "page.html", "/page.js", crossing),
+        "/tsp": _page("Tours – antway", "tsp.html", "/tsp.js", touring),
+    }
+    fixed = {f"/{name}": _answer(asset(name, package), name) for package, names in _FILES.items() for name in names}
 
-    def file(path: str) -> Response:
-        package, name, kind = _FILES[path]
-        text = (files(package) / "static" / name).read_text(encoding="utf-8").replace("{{choices}}", pages.get(path, ""))
-        return Response(text, 200, _HEADERS, kind)
-
-    whole = {path: file(path) for path in _FILES}  # made once, because they are constant
-
-    def with_token(path: str) -> Callable[[Request], Awaitable[Response]]:
+    def with_token(page: Response) -> Callable[[Request], Awaitable[Response]]:
         async def answer(request: Request) -> Response:
             if _same(request.query_params.get("token", ""), token):
-                granted = Response(whole[path].body, 200, _HEADERS, whole[path].media_type)
+                granted = Response(page.body, 200, _HEADERS, page.media_type)
                 granted.set_cookie(cookie, token, httponly=True, samesite="strict")
                 return granted
             if _same(request.cookies.get(cookie, ""), token):
-                return whole[path]
+                return page
             return PlainTextResponse("open the address that antway serve printed, with its token\n", 403, _HEADERS)
 
         return answer
@@ -225,10 +211,23 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
 
         return play
 
-    routes = [Route(path, with_token(path) if path in pages else whole[path], methods=["GET"]) for path in _FILES]
+    answers: dict[str, Callable[..., Any]] = {**{path: with_token(page) for path, page in pages.items()}, **fixed}
+    routes = [Route(path, answer, methods=["GET"]) for path, answer in answers.items()]
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
-    return Gate(app, names, turns, {path: _written(answer) for path, answer in whole.items() if path not in pages})
+    return Gate(app, names, turns, {path: _written(answer) for path, answer in fixed.items()})
+
+
+def _answer(text: str, name: str) -> Response:
+    """Return the answer to a request for a file of this name."""
+    kind = {"html": "html", "js": "javascript", "css": "css"}[name.rpartition(".")[2]]
+    return Response(text, 200, _HEADERS, f"text/{kind}")
+
+
+def _page(title: str, body: str, script: str, choices: Mapping[str, object]) -> Response:
+    """Return a page, made of what all have in common, the file `body`, and the `choices` for its script."""
+    parts = {"title": title, "body": asset(body, "antway.web"), "script": script, "choices": embedded(json.dumps(choices))}
+    return _answer(filled(asset("shell.html", "antway.web"), parts), body)
 
 
 def _written(answer: Response) -> bytes:
@@ -238,11 +237,6 @@ def _written(answer: Response) -> bytes:
 
 def _lines(headers: Iterable[tuple[bytes, bytes]]) -> bytes:
     return b"".join(name + b": " + value + b"\r\n" for name, value in headers)
-
-
-def _embedded(choices: Mapping[str, object]) -> str:
-    """Return JSON that is safe inside a page."""
-    return json.dumps(choices).replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def _same(one: str, other: str) -> bool:

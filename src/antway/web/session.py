@@ -17,9 +17,10 @@ from antway.grid import Grid
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
+from antway.view.pages import bits_to_base64
 from antway.view.replay import map_record
 from antway.web.apart import EXPORT_SECONDS
-from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, packed, scenario_file
+from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
 from antway.web.tab import Tab
 from antway.web.view import Message, View, shades, short
 from antway.world import policy
@@ -154,7 +155,7 @@ class Session(Tab):
         return {
             "kind": "scene",
             "name": scenario.name,
-            "map": map_record(grid, packed),
+            "map": map_record(grid, bits_to_base64),
             "start": scenario.start,
             "goal": scenario.goal,
             "tolerance": scenario.goal_tolerance,

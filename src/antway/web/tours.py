@@ -16,8 +16,8 @@ from antway.ants.rules import RULES
 from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
-from antway.view.replay import to_base64
-from antway.web.files import decoded, stem
+from antway.view.pages import to_base64
+from antway.web.files import as_file, decoded, stem
 from antway.web.tab import Tab
 from antway.web.view import Message, short
 
@@ -221,15 +221,9 @@ class Tours(Tab):
         """Return the best tour as a file of TSPLIB's TOUR type."""
         checks.choice("what", message.get("what"), ("tour",))
         name, best = stem(self.instance.name), self.colony.best
-        lines = [
-            f"NAME : {name}",
-            "TYPE : TOUR",
-            f"DIMENSION : {len(best)}",
-            "TOUR_SECTION",
-            *map(str, (best + 1).tolist()),
-            "-1",
-        ]
-        return [{"kind": "file", "name": f"{name}.tour", "type": "text/plain", "text": "\n".join((*lines, "EOF", ""))}]
+        heads = (f"NAME : {name}", "TYPE : TOUR", f"DIMENSION : {len(best)}", "TOUR_SECTION")
+        lines = (*heads, *map(str, (best + 1).tolist()), "-1", "EOF", "")
+        return [as_file(f"{name}.tour", "text/plain", "\n".join(lines))]
 
 
 def _around(instance: Tsp) -> Frame | None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.policies.paper.tubes import Tubes
+from antway.view.pages import rounded
 from antway.web.inside import Look, edges, look_inside
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
@@ -241,4 +242,4 @@ def shades(amount: NDArray[Any], most: int) -> Message:
 
 def short(value: float) -> float | None:
     """Return a number to three digits for JSON; None if it is not finite."""
-    return round(float(value), 3) if math.isfinite(value) else None
+    return rounded(value, 3)
