@@ -111,8 +111,8 @@ _OWN = ("t", "xy", "velocity", "heading", "stamp", "turn_rate")
 def message(case: dict[str, Any]) -> None:
     """Let the pilot of the ROS node drive by messages."""
     pilot = Pilot(Settings.of(defaults(**{"robot.drive": case["drive"]})))
-    pilot.chart(ROOM)
-    pilot.go(Goal((8.0, 8.0), hurried=False))
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((8.0, 8.0), gives_up=False))
     tracker = Tracker()
     for k in range(5):
         one = case["messages"][k % len(case["messages"])]
@@ -133,11 +133,8 @@ def message(case: dict[str, Any]) -> None:
         odometry = SimpleNamespace(
             header=convert.header_message(t, "map"), pose=SimpleNamespace(pose=pose), twist=SimpleNamespace(twist=twist)
         )
-        try:
-            at, xy, velocity, heading = convert.read_odometry(odometry)
-            pilot.hear(at, xy, velocity, heading, t, convert.read_turn_rate(odometry))
-        except BadInput:
-            pass
+        with contextlib.suppress(BadInput):
+            pilot.receive_odometry(convert.read_odometry(odometry), t)
         pilot.predictions(3.0)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from antway import BadParameter, BadScenario, check_episode, run
-from antway.demo import FLOW_CHARTS, figure_names, run_demo, scene, static_shortest, summary, write_episode
+from antway import BadParameter, BadScenario, check_episode, load_scenario, run
+from antway.demo import FLOW_CHARTS, figure_names, run_demo, static_shortest, summary, write_episode
 from antway.scenes import SCENES
 from antway.world.trace import Trace
 from common import cases
@@ -61,7 +61,7 @@ def test_a_summary_of_an_episode_without_obstacles_has_no_clearance() -> None:
     """What there is not is None, never infinity or NaN, so that it is JSON."""
     from dataclasses import replace
 
-    empty = scene("paper")
+    empty = load_scenario("paper")
     result = run(replace(empty, world=replace(empty.world, obstacles=())), "paper")
     numbers = summary(result, empty.task)
     assert numbers["min_clearance"] is None and numbers["reached"]
@@ -71,9 +71,9 @@ def test_a_summary_of_an_episode_without_obstacles_has_no_clearance() -> None:
 
 def test_a_scene_is_a_shipped_name_or_a_file() -> None:
     """Shipped names load; anything else is the path of a file."""
-    assert [scene(name).name for name in SCENES] == list(SCENES)
+    assert [load_scenario(name).name for name in SCENES] == list(SCENES)
     with pytest.raises(BadScenario, match=r"nowhere\.toml"):
-        scene("nowhere.toml")
+        load_scenario("nowhere.toml")
 
 
 def test_two_runs_of_a_seed_write_the_same_bytes(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_two_runs_of_a_seed_write_the_same_bytes(tmp_path: Path) -> None:
         if cases(1, 2) > 1:
             list(run_demo(folder))
         else:
-            write_episode(run(scene("warehouse"), "paper", seed=3), folder)
+            write_episode(run(load_scenario("warehouse"), "paper", seed=3), folder)
     files, others = ({path.relative_to(folder) for path in folder.rglob("*") if path.is_file()} for folder in (one, two))
     assert len(files) >= 9 and files == others
     differ = {name.name for name in files if (one / name).read_bytes() != (two / name).read_bytes()}

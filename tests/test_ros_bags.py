@@ -30,7 +30,7 @@ def check_against(trace, messages, counts, start):
     assert (chart.info.width, chart.info.height) == grid.shape[::-1]
     assert (np.asarray(chart.data).reshape(grid.shape) == 100 * grid.blocked).all()
     for i, message in enumerate(messages["/odom"]):
-        t, xy, velocity, heading = read_odometry(message)
+        t, xy, velocity, heading, _ = read_odometry(message)
         assert abs(t - start - trace.t[i]) < 2e-9 and xy == tuple(trace.xy[i])
         np.testing.assert_allclose(velocity, trace.velocity[i], rtol=0, atol=1e-14)
         assert math.isclose(heading, trace.heading[i], rel_tol=1e-14, abs_tol=1e-15)

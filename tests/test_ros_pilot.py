@@ -17,6 +17,7 @@ from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
 from antway.policies.guard_process import GuardProcess
 from antway.ros2 import nav2
+from antway.ros2.frames import Odometry
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_within, tracking
 from antway.ros2.pilot import OK, STAND, End, Goal, Pilot
@@ -219,13 +220,13 @@ class Drive:
         self.t, self.now = self.t + dt, self.now + passed
         if seen is not None:
             self.pilot.scan = self.t, seen
-        return self.pilot.hear(self.t, self.xy, (0.0, 0.0), 0.0, self.now)
+        return self.pilot.receive_odometry(Odometry(self.t, self.xy, (0.0, 0.0), 0.0), self.now)
 
 
 def ready(goal: Goal | None = None, **changes) -> Drive:
     """A drive that is under way."""
     drive = Drive(**changes)
-    drive.pilot.chart(ROOM)
+    drive.pilot.receive_map(ROOM)
     drive.pilot.go(goal or Goal((10.0, 2.0)))
     assert drive.step().drives
     return drive
@@ -238,7 +239,7 @@ def test_the_pilot_waits_for_what_is_missing():
     drive.pilot.go(Goal((10.0, 2.0)))
     drive.pilot.scan = None
     assert drive.step(None).reason == "waiting for a map"
-    drive.pilot.chart(ROOM)
+    drive.pilot.receive_map(ROOM)
     assert drive.step(None).reason == "waiting for obstacles"
     assert drive.step().drives
     drive.xy = (9.95, 2.0)
@@ -289,21 +290,21 @@ def test_maps_may_change_on_the_way():
     """A map that is the same changes nothing; a new one stops the robot once, and is driven on if it can be."""
     drive = ready()
     policy = drive.pilot.policy
-    assert drive.pilot.chart(Grid(ROOM.blocked, 0.2)) is None and drive.pilot.policy is policy
+    assert drive.pilot.receive_map(Grid(ROOM.blocked, 0.2)) is None and drive.pilot.policy is policy
     wall = ROOM.blocked.copy()
     wall[:30, 30] = True
-    assert drive.pilot.chart(Grid(wall, 0.2)).reason == "the map has changed"
+    assert drive.pilot.receive_map(Grid(wall, 0.2)).reason == "the map has changed"
     assert drive.step().drives and drive.pilot.policy is not policy
     wall[5:15, 45:55] = True
-    drive.pilot.chart(Grid(wall, 0.2))
+    drive.pilot.receive_map(Grid(wall, 0.2))
     answer = drive.step()
     assert answer.end is End.REFUSED and "refused" in answer.reason
     drive = ready()
     wall = ROOM.blocked.copy()
     wall[9:12, 9:12] = True  # on the robot itself: it waits there for a better map
-    drive.pilot.chart(Grid(wall, 0.2))
+    drive.pilot.receive_map(Grid(wall, 0.2))
     assert "cannot set out" in drive.step().reason
-    drive.pilot.chart(ROOM)
+    drive.pilot.receive_map(ROOM)
     assert drive.step().drives
 
 
@@ -314,12 +315,12 @@ def test_goals_are_replaced_and_dropped():
     assert answer.end is End.REPLACED and answer.command is STAND and "pre-empted" in answer.reason
     assert drive.step().drives
     path = np.array([[2.0, 2.0], [6.0, 3.0], [10.0, 2.0]])
-    drive.pilot.go(Goal((10.0, 2.0), path, hurried=True))
+    drive.pilot.go(Goal((10.0, 2.0), path, gives_up=True))
     drive.step()
     policy = drive.pilot.policy
-    answer = drive.pilot.go(Goal((10.0, 2.0), path + np.array([0.0, 0.3]), hurried=True))
+    answer = drive.pilot.go(Goal((10.0, 2.0), path + np.array([0.0, 0.3]), gives_up=True))
     assert answer.end is End.REPLACED and answer.drives and drive.pilot.policy is policy
-    answer = drive.pilot.go(Goal((10.0, 2.0), np.array([[2.0, 2.0], [6.0, 7.0], [10.0, 2.0]]), hurried=True))
+    answer = drive.pilot.go(Goal((10.0, 2.0), np.array([[2.0, 2.0], [6.0, 7.0], [10.0, 2.0]]), gives_up=True))
     assert answer.command is STAND and drive.pilot.policy is None
     assert drive.pilot.drop("on request").end is End.DROPPED and drive.pilot.drop("again").end is None
 
@@ -328,7 +329,7 @@ def test_replanning_does_not_hide_that_it_waits():
     """Paths that are refreshed each 0.5 s neither move a robot whose sensor is silent, nor put off the end of its patience."""
     path = np.array([[2.0, 2.0], [10.0, 2.0]])
     for refreshed in (path, np.array([[2.0, 2.0], [6.0, 6.0], [10.0, 2.0]])):
-        drive = ready(Goal((10.0, 2.0), path, hurried=True), wait_timeout=2.0)
+        drive = ready(Goal((10.0, 2.0), path, gives_up=True), wait_timeout=2.0)
         ends = []
         for i in range(40):
             answer = drive.step(None)
@@ -337,7 +338,7 @@ def test_replanning_does_not_hide_that_it_waits():
             if drive.t > 0.75:
                 assert answer.command is STAND
                 if i % 5 == 0:
-                    answer = drive.pilot.go(Goal((10.0, 2.0), refreshed, hurried=True))
+                    answer = drive.pilot.go(Goal((10.0, 2.0), refreshed, gives_up=True))
                     assert answer.command is STAND and answer.end is End.REPLACED
                     ends.append(answer.end)
         assert answer.end is End.WAITED and len(ends) >= 3
@@ -346,7 +347,7 @@ def test_replanning_does_not_hide_that_it_waits():
 def test_a_path_is_kept_to():
     """On a path that leads round, the robot keeps within the corridor, where without it the straight way would be driven."""
     path = np.array([[2.0, 2.0], [2.0, 6.5], [10.0, 6.5], [10.0, 2.0]])
-    for goal, most in ((Goal((10.0, 2.0)), math.inf), (Goal((10.0, 2.0), path, hurried=True), 1.0 + 0.3)):
+    for goal, most in ((Goal((10.0, 2.0)), math.inf), (Goal((10.0, 2.0), path, gives_up=True), 1.0 + 0.3)):
         drive, worst = ready(goal, corridor=1.0), 0.0
         for _ in range(400):
             answer = drive.step()
@@ -358,16 +359,16 @@ def test_a_path_is_kept_to():
         assert answer.end is End.ARRIVED and worst <= most and (most < 9 or worst > 2.0), worst
 
 
-def test_patience_and_progress_end_hurried_goals_alone():
+def test_only_goals_that_give_up_end_by_waiting_or_without_progress():
     """follow_path's goals end when sensors are silent for longer than patience, or no progress is made; others wait on."""
-    for hurried in (True, False):
+    for gives_up in (True, False):
         ends = []
         for silent in (True, False):
-            drive = ready(Goal((10.0, 2.0), hurried=hurried), wait_timeout=1.0, progress_time=3.0)
+            drive = ready(Goal((10.0, 2.0), gives_up=gives_up), wait_timeout=1.0, progress_time=3.0)
             answers = [drive.step(None if silent else NOBODY) for _ in range(60)]
             ends += [one.end for one in answers if one is not None and one.end]
-        assert ends == ([End.WAITED, End.HELD] if hurried else [])
-    drive = ready(Goal((10.0, 2.0), hurried=True), wait_timeout=1.0)
+        assert ends == ([End.WAITED, End.STUCK] if gives_up else [])
+    drive = ready(Goal((10.0, 2.0), gives_up=True), wait_timeout=1.0)
     assert drive.pilot.silent(0.8).end is None and drive.pilot.silent(1.2).end is End.WAITED
 
 
@@ -402,7 +403,7 @@ def test_pheromone_is_shown_where_it_is():
     grid = replace(ROOM, origin=(1.0, 2.0, 0.6))
     drive = Drive()
     drive.xy = tuple(grid.to_xy([[10.0, 10.0]])[0].tolist())
-    drive.pilot.chart(grid)
+    drive.pilot.receive_map(grid)
     drive.pilot.go(Goal(tuple(grid.to_xy([[10.0, 45.0]])[0].tolist())))
     ahead = grid.to_xy([[10.0, 20.0], [10.0, 28.0]])
     tracks = Tracks(np.arange(2), ahead, np.array([[-0.4, -0.3], [-0.3, -0.3]]), np.array([0.5, 0.6]))
@@ -446,12 +447,12 @@ def test_a_footprint_is_as_nav2_writes_it() -> None:
 def test_wheels_turn_to_the_goals_yaw() -> None:
     """At the goal wheels turn in place until they point as the goal does, and have arrived then."""
     pilot = Pilot(settings(**{"robot.drive": "differential", "robot.alpha_max": 3.0, "yaw_tolerance": 0.1}))
-    pilot.chart(Grid(np.zeros((20, 20), bool), 0.5))
+    pilot.receive_map(Grid(np.zeros((20, 20), bool), 0.5))
     pilot.go(Goal((5.0, 5.0), yaw=2.0))
     heading = rate = t = 0.0
     for _ in range(100):
         pilot.scan = (t, Tracks.none())
-        answer = pilot.hear(t, (5.0, 5.05), (0.0, 0.0), heading, t, rate)
+        answer = pilot.receive_odometry(Odometry(t, (5.0, 5.05), (0.0, 0.0), heading, rate), t)
         if answer.end is not None:
             break
         rate = answer.command.twist[1]
@@ -466,33 +467,33 @@ def test_wheels_turn_to_the_goals_yaw() -> None:
 def test_the_guards_process_sends_what_the_pilot_says():
     """With the guard's process the pilot drives as without it; when that is killed, it stands, says so, and never raises."""
     task = Task(ROOM, settings().robot, (2.0, 2.0), (9.0, 6.0))
-    with GuardProcess(task, slack=0.05, mode=settings().policy["mode"]) as keeper:
-        guarded, plain = Pilot(settings(), keeper), Pilot(settings())
+    with GuardProcess(task, slack=0.05, mode=settings().policy["mode"]) as guard:
+        guarded, plain = Pilot(settings(), guard), Pilot(settings())
         xy = (2.0, 2.0)
         for pilot in (guarded, plain):
-            pilot.chart(ROOM)
-            pilot.go(Goal((9.0, 6.0), hurried=False))
+            pilot.receive_map(ROOM)
+            pilot.go(Goal((9.0, 6.0), gives_up=False))
         for k in range(20):
             t = 50.0 + 0.1 * k
             tracks = Tracks(np.array([1]), np.array([[5.0, 6.0 - 0.05 * k]]), np.array([[0.0, -0.5]]), np.array([0.3]))
             for pilot in (guarded, plain):
                 pilot.scan = (t, tracks)
-            answers = [pilot.hear(t, xy, plain.command.velocity, 0.0, t) for pilot in (guarded, plain)]
+            answers = [pilot.receive_odometry(Odometry(t, xy, plain.command.velocity, 0.0), t) for pilot in (guarded, plain)]
             if answers[0].level == OK:  # this machine may be too slow for it
                 assert answers[0].reason == answers[1].reason
                 assert answers[0].command.velocity == pytest.approx(answers[1].command.velocity, abs=1e-12)
                 number = guarded.number
-                assert number > 0 and keeper.link.replied(number).command == answers[0].command
+                assert number > 0 and guard.link.replied(number).command == answers[0].command
             xy = tuple(a + 0.1 * v for a, v in zip(xy, answers[1].command.velocity, strict=True))
         guarded.rest()
         assert guarded.number == 0
         time.sleep(0.3)
-        assert keeper.link.replied(number).did == "free", "it rests, and brakes no more"
-        keeper.process.kill()
-        keeper.process.wait()
+        assert guard.link.replied(number).did == "free", "it rests, and brakes no more"
+        guard.process.kill()
+        guard.process.wait()
         for _ in range(2):
             t += 0.1
             guarded.scan = (t, NOBODY)
-            answer = guarded.hear(t, xy, (0.0, 0.0), 0.0, t)
+            answer = guarded.receive_odometry(Odometry(t, xy, (0.0, 0.0), 0.0), t)
             assert not answer.drives and "guard's process" in answer.reason
             guarded.policy = None  # and it cannot set out either

@@ -180,7 +180,7 @@ class Seeing:
 
     def reset(self, task, seed) -> None:
         self.grid = replace(task.grid, origin=frames.chain(self.world, task.grid.origin))
-        self.pilot.chart(self.grid)
+        self.pilot.receive_map(self.grid)
         self.pilot.go(Goal(frames.move_point(self.world, task.goal)))
 
     def act(self, o: Observation) -> Command:
@@ -189,7 +189,9 @@ class Seeing:
         points = read_points(scan_of(measured(self.grid, truth.xy, truth.radius, pose, 240, 5.5)))
         seen = discs(off_the_map(points, pose, self.grid, 0.15), gap=0.3, largest=0.8)
         self.pilot.scan = o.t, self.tracker.update(o.t, nameless(seen))
-        answer = self.pilot.hear(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2], o.t)
+        answer = self.pilot.receive_odometry(
+            frames.Odometry(o.t, pose[:2], frames.turn(self.world[2], o.velocity), pose[2]), o.t
+        )
         assert answer is not None, "one command each control period"
         announced = self.pilot.decision()
         if announced is not None:

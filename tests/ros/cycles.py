@@ -40,7 +40,7 @@ def asked_while_closing(node: AntwayNode, executor: SingleThreadedExecutor) -> i
     executor.add_node(client)
     node.trigger_configure()
     node.trigger_activate()
-    node.pilot.chart(room())
+    node.pilot.receive_map(room())
     get_plan = client.create_client(load("nav_msgs/srv/GetPlan"), "get_plan")
     while not get_plan.service_is_ready():
         executor.spin_once(timeout_sec=0.1)

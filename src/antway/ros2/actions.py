@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
 from antway.errors import BadInput
+from antway.grid import Grid
 from antway.planning import PLANNERS
 from antway.ros2 import convert
 from antway.ros2.frames import Pose
@@ -31,6 +31,7 @@ from antway.ros2.nav2 import (
     Failure,
     Kind,
     find_path,
+    in_thread,
 )
 from antway.ros2.path import tracking
 from antway.ros2.pilot import End, Goal, Pilot
@@ -81,12 +82,10 @@ class Served:
         self, stops: list[Any], planner: str, done: Callable[[Any, Failure | None], None], tolerance: float = 0.0
     ) -> None:
         """Plan through the PoseStampeds `stops` (None: the robot's place); `done` gets a Path, empty on failure."""
-        node, executor, settings = self.node, self.node.executor, self.node.settings
-        path = make("nav_msgs/msg/Path", header=convert.header_message(0.0, settings.frame, make))
+        node, settings, path = self.node, self.node.settings, self._no_path()
         try:
-            grid, places = node.pilot.map, [self._place(stop) for stop in stops]
-            if grid is None:
-                raise Failure(PLAN_UNKNOWN, "no map yet")
+            places = [self._place(stop) for stop in stops]
+            grid = self._map()
         except Failure as failure:
             return done(path, failure)
 
@@ -96,26 +95,31 @@ class Served:
                 path.poses[-1].pose.orientation = convert.pose_message(*places[-1], make).orientation
             done(path, failure)
 
-        def work() -> None:
-            xy, failure, radius = None, None, settings.robot.radius
-            try:
-                inflated = node.pilot.inflated_grid(grid)
-                xy = find_path(grid, inflated, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
-            except Failure as found:
-                failure = found
-            executor.create_task(answer, xy, failure)
+        def work() -> NDArray[np.float64]:
+            inflated, radius = node.pilot.inflated_grid(grid), settings.robot.radius
+            return find_path(grid, inflated, [p[:2] for p in places], radius, planner, settings.plan_time, tolerance)
 
-        return threading.Thread(target=work, daemon=True).start()
+        return in_thread(node.executor, work, answer)
+
+    def _no_path(self) -> Any:
+        """Return a nav_msgs/msg/Path without poses."""
+        return make("nav_msgs/msg/Path", header=convert.header_message(0.0, self.node.settings.frame, make))
+
+    def _map(self) -> Grid:
+        """Return the map, or raise `Failure` if there is none yet."""
+        if self.node.pilot.map is None:
+            raise Failure(PLAN_UNKNOWN, "no map yet")
+        return self.node.pilot.map
 
     def _place(self, stop: Any) -> Pose:
-        node = self.node
+        """Return a PoseStamped (None: the robot's place) in the map's frame, or raise `Failure`."""
         if stop is None:
-            if node.pilot.odometry is None:
+            odometry = self.node.pilot.odometry
+            if odometry is None:
                 raise Failure(PLAN_TF_ERROR, "where the robot is, is not known: no odometry yet")
-            _, (x, y), _, heading = node.pilot.odometry
-            return x, y, heading
+            return (*odometry.xy, odometry.heading)
         try:
-            return node.place(stop.header, stop.pose)
+            return self.node.place(stop.header, stop.pose)
         except BadInput as wrong:
             raise Failure(PLAN_TF_ERROR, str(wrong)) from None
 
@@ -165,11 +169,9 @@ class Served:
     def _compute_tour(self, handle: Any) -> None:
         """Serve compute_tour: the path through all goals in the best order, with the goals' yaws."""
         node, kind, started = self.node, self.kinds["compute_tour"], time.monotonic()
-        goal, grid, frame = kind.read(handle.request), node.pilot.map, node.settings.frame
-        path = make("nav_msgs/msg/Path", header=convert.header_message(0.0, frame, make))
+        goal, path = kind.read(handle.request), self._no_path()
         try:
-            if grid is None:
-                raise Failure(PLAN_UNKNOWN, "no map yet")
+            grid = self._map()
             goals = getattr(goal.goals, "goals", goal.goals)  # nav_msgs/msg/Goals in newer releases, a list in older ones
             places = [self._place(goal.start if goal.use_start else None), *(self._place(one) for one in goals)]
         except Failure as failure:
@@ -177,21 +179,13 @@ class Served:
 
         def answer(xy: Any, failure: Failure | None) -> None:
             if failure is None:
-                path.poses = convert.path_message(xy, make, frame=frame).poses
+                path.poses = convert.path_message(xy, make, frame=node.settings.frame).poses
                 for place in places[1:]:
                     nearest = int(np.hypot(*(xy - place[:2]).T).argmin())
                     path.poses[nearest].pose.orientation = convert.pose_message(*place, make).orientation
             self._planned(handle, kind, started, path, failure)
 
-        def work() -> None:
-            xy, failure = None, None
-            try:
-                _, xy = find_tour(grid, places, node.settings.robot.radius)
-            except Failure as found:
-                failure = found
-            node.executor.create_task(answer, xy, failure)
-
-        return threading.Thread(target=work, daemon=True).start()
+        return in_thread(node.executor, lambda: find_tour(grid, places, node.settings.robot.radius)[1], answer)
 
     # Driving
 
@@ -211,8 +205,7 @@ class Served:
                 handle.publish_feedback(kind.feedback(current_waypoint=index))
 
         try:
-            if self.node.pilot.map is None:
-                raise Failure(PLAN_UNKNOWN, "no map yet")
+            self._map()
             start, *poses = [self._place(None), *(self._place(one) for one in goal.poses)]
         except Failure as failure:
             return ended(NO_VALID_WAYPOINTS, failure.reason, [])
@@ -243,9 +236,8 @@ class Served:
                 self.following = None
             self._finish(handle, kind, ENDS[end], end is End.REPLACED, error_code=ENDS[end], error_msg=reason)
 
-        node.go(
-            Goal((float(path[-1, 0]), float(path[-1, 1])), path, hurried=True), done, lambda: self._feed(handle, kind, path)
-        )
+        end = float(path[-1, 0]), float(path[-1, 1])
+        node.go(Goal(end, path, gives_up=True), done, lambda: self._feed(handle, kind, path))
         self.following = handle
         return None
 
@@ -254,7 +246,7 @@ class Served:
         pilot: Pilot = self.node.pilot
         if not handle.is_active or pilot.odometry is None:
             return
-        t, xy, velocity, heading = pilot.odometry
+        t, xy, velocity, heading, _ = pilot.odometry
         found = tracking(path, xy, heading)
         speed = math.hypot(*velocity)
         fields = {"distance_to_goal": found.left, "speed": speed}

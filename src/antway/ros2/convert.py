@@ -7,7 +7,7 @@ maps are those of Nav2's map_server: row 0 has the lowest y, 0 is free, 100 bloc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,10 +21,14 @@ from antway.kernels.base.geometry import wrap
 from antway.kernels.robot.dynamics import drive
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 from antway.maps.limits import DEFAULT, Limits
+from antway.ros2.frames import Odometry
 from antway.world.policy import XY, Command, RobotSpec, Tracks, towards
 
 Make = Callable[..., Any]
-SPHERE, CYLINDER, ARROW, ADD, DELETE_ALL = 2, 3, 0, 0, 3  # constants of visualization_msgs/msg/Marker
+# constants of visualization_msgs/msg/Marker: types, then actions
+ARROW, SPHERE, CYLINDER, LINE_STRIP, TEXT = 0, 2, 3, 4, 9
+ADD, DELETE_ALL = 0, 3
+OBSTACLE = (0.8, 0.3, 0.1)  # red, green, blue; colour of obstacles and of their predictions
 _TILT = 1e-3  # tolerance of a quaternion, which must be a unit rotation about z
 
 
@@ -212,17 +216,14 @@ def read_twist(message: Any, heading: float) -> Command:
     return Command((cos * x - sin * y, sin * x + cos * y))
 
 
-def read_odometry(message: Any) -> tuple[float, XY, XY, float]:
-    """Return (t, xy, velocity, heading) of a nav_msgs/msg/Odometry: s, m and rad in its frame, m/s turned into it."""
+def read_odometry(message: Any) -> Odometry:
+    """Return what a nav_msgs/msg/Odometry says, in its frame; the message has the velocity in the robot's."""
     _place(message.pose.pose.position, "Odometry.pose")
     x, y, heading = read_pose(message.pose.pose, where="Odometry.pose")
-    return seconds(message.header.stamp), (x, y), read_twist(message.twist.twist, heading).velocity, heading
-
-
-def read_turn_rate(message: Any) -> float:
-    """Return the turn rate of a nav_msgs/msg/Odometry, rad/s."""
-    rate = message.twist.twist.angular.z
-    return checks.number("angular.z", rate, low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad/s", where="Odometry.twist")
+    t, twist = seconds(message.header.stamp), message.twist.twist
+    velocity, rate = read_twist(twist, heading).velocity, twist.angular.z
+    rate = checks.number("angular.z", rate, low=-MAX_ANGLE, high=MAX_ANGLE, unit="rad/s", where="Odometry.twist")
+    return Odometry(t, (x, y), velocity, heading, rate)
 
 
 def read_poses(message: Any, radius: float) -> tuple[float, Tracks]:
@@ -278,35 +279,53 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
     return t, Tracks(np.array(list(discs), np.int64), rows[:, :2].copy(), velocity, rows[:, 2].copy())
 
 
+def marker_message(
+    name: int,
+    kind: int,
+    header: Any,
+    make: Make,
+    *,
+    space: str,
+    action: int = ADD,
+    xy: XY = (0.0, 0.0),
+    z: float = 0.0,
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    colour: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    alpha: float = 1.0,
+    points: Sequence[Sequence[float]] = (),
+    text: str = "",
+) -> Any:
+    """Return a visualization_msgs/msg/Marker of type `kind` with the id `name` in the namespace `space`."""
+    r, g, b = colour
+    pose = pose_message(*xy, 0.0, make)
+    pose.position.z = z
+    return make(
+        "visualization_msgs/msg/Marker",
+        header=header,
+        ns=space,
+        id=name,
+        type=kind,
+        action=action,
+        pose=pose,
+        scale=make("geometry_msgs/msg/Vector3", **dict(zip("xyz", size))),
+        color=make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha),
+        points=[make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0) for x, y in points],
+        text=text,
+    )
+
+
 def markers_message(tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
     """Return `tracks` as a visualization_msgs/msg/MarkerArray for `read_markers`, which RViz can show, too."""
-    kind, header = "visualization_msgs/msg/Marker", header_message(t, frame, make)
+    header = header_message(t, frame, make)
 
-    def vector(x: float, y: float, z: float) -> Any:
-        return make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    def marker(name: int, kind: int, space: str, **about: Any) -> Any:
+        return marker_message(name, kind, header, make, space=space, colour=OBSTACLE, alpha=0.8, **about)
 
-    def point(x: float, y: float) -> Any:
-        return make("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
-
-    def marker(name: int, type: int, xy: XY, size: Any, points: list[Any], action: int = ADD) -> Any:
-        colour = make("std_msgs/msg/ColorRGBA", r=0.8, g=0.3, b=0.1, a=0.8)
-        return make(
-            kind,
-            header=header,
-            ns="velocities" if type == ARROW and action == ADD else "obstacles",
-            id=name,
-            type=type,
-            action=action,
-            pose=pose_message(*xy, 0.0, make),
-            scale=size,
-            color=colour,
-            points=points,
-        )
-
-    markers = [marker(0, ARROW, (0.0, 0.0), vector(0.0, 0.0, 0.0), [], DELETE_ALL)]
+    markers = [marker(0, ARROW, "obstacles", action=DELETE_ALL)]
     rows = zip(tracks.id.tolist(), tracks.xy.tolist(), tracks.velocity.tolist(), tracks.radius.tolist())
     for name, (x, y), (vx, vy), radius in rows:
-        markers.append(marker(name, CYLINDER, (x, y), vector(2 * radius, 2 * radius, 1.0), []))
+        markers.append(marker(name, CYLINDER, "obstacles", xy=(x, y), size=(2 * radius, 2 * radius, 1.0)))
         if not math.isnan(vx):
-            markers.append(marker(name, ARROW, (0.0, 0.0), vector(0.05, 0.1, 0.1), [point(x, y), point(x + vx, y + vy)]))
+            ends = [(x, y), (x + vx, y + vy)]
+            markers.append(marker(name, ARROW, "velocities", size=(0.05, 0.1, 0.1), points=ends))
     return make("visualization_msgs/msg/MarkerArray", markers=markers)

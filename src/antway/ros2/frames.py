@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,16 @@ from antway.world.policy import XY, Decision, Tracks
 
 Pose = tuple[float, float, float]  # m, m, rad
 HERE: Pose = (0.0, 0.0, 0.0)
+
+
+class Odometry(NamedTuple):
+    """Where the robot is at a time, and how it moves."""
+
+    t: float  # s
+    xy: XY  # m
+    velocity: XY  # m/s
+    heading: float  # rad
+    turn_rate: float = 0.0  # rad/s
 
 
 def chain(a: Pose, b: Pose) -> Pose:
@@ -78,6 +89,12 @@ def _turned(yaw: float, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y = vectors.T
     return np.column_stack((cos * x - sin * y, sin * x + cos * y))
+
+
+def move_odometry(a: Pose, odometry: Odometry) -> Odometry:
+    """Return the odometry of a frame with the pose `a` in the world."""
+    x, y, heading = chain(a, (*odometry.xy, odometry.heading))
+    return odometry._replace(xy=(x, y), velocity=turn(a[2], odometry.velocity), heading=heading)
 
 
 def move_tracks(a: Pose, tracks: Tracks) -> Tracks:

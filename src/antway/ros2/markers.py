@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,21 @@ from numpy.typing import NDArray
 from antway.grid import Grid
 from antway.kernels.spacetime.memory import SEGMENTS
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
-from antway.ros2.convert import Make, header_message, plain, pose_message
+from antway.ros2.convert import (
+    ARROW,
+    CYLINDER,
+    DELETE_ALL,
+    LINE_STRIP,
+    OBSTACLE,
+    TEXT,
+    Make,
+    header_message,
+    marker_message,
+    plain,
+)
 from antway.world.policy import XY, Decision, Tracks
 from antway.world.terrain import terrain_of
 
-LINE_STRIP, CYLINDER, TEXT, ADD, DELETE_ALL = 4, 3, 9, 0, 3  # constants of visualization_msgs/msg/Marker
 _COLOURS = {"follow": (0.1, 0.6, 0.2), "arrived": (0.1, 0.6, 0.2), "avoid": (0.1, 0.4, 0.9)}
 _HALTED = (0.9, 0.2, 0.1)  # colour of all other actions: wait, brake, step-back, step-aside, stuck
 
@@ -27,41 +36,11 @@ class _Writer:
     def __init__(self, t: float, make: Make, frame: str) -> None:
         self.make, self.header = make, header_message(t, frame, make)
         self.markers: list[Any] = []
-        self.add("", 0, (0.0, 0.0), (0.0, 0.0, 0.0), action=DELETE_ALL)
+        self.add("", ARROW, action=DELETE_ALL)
 
-    def add(
-        self,
-        space: str,
-        kind: int,
-        xy: XY,
-        scale: tuple[float, float, float],
-        *,
-        colour: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        alpha: float = 1.0,
-        points: Sequence[Sequence[float]] = (),
-        text: str = "",
-        action: int = ADD,
-        z: float = 0.0,
-    ) -> None:
-        """Add a marker; its id is its index in the message."""
-        make, (r, g, b) = self.make, colour
-        pose = pose_message(*xy, 0.0, make)
-        pose.position.z = z
-        self.markers.append(
-            make(
-                "visualization_msgs/msg/Marker",
-                header=self.header,
-                ns=space,
-                id=len(self.markers),
-                type=kind,
-                action=action,
-                pose=pose,
-                scale=make("geometry_msgs/msg/Vector3", x=scale[0], y=scale[1], z=scale[2]),
-                color=make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha),
-                points=[make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0) for x, y in points],
-                text=text,
-            )
-        )
+    def add(self, space: str, kind: int, **about: Any) -> None:
+        """Add a marker with its index in the message as its id; `about` is as in `marker_message`."""
+        self.markers.append(marker_message(len(self.markers), kind, self.header, self.make, space=space, **about))
 
     def message(self) -> Any:
         return self.make("visualization_msgs/msg/MarkerArray", markers=self.markers)
@@ -74,13 +53,14 @@ def decision_message(decision: Decision, xy: XY, tracks: Tracks, t: float, make:
     obstacle: a line from the robot to the obstacle that matters.
     """
     writer, colour = _Writer(t, make, frame), _COLOURS.get(decision.action, _HALTED)
-    writer.add("action", TEXT, xy, (0.0, 0.0, 0.25), colour=colour, text=f"{decision.action}: {decision.reason}", z=1.0)
+    words = f"{decision.action}: {decision.reason}"
+    writer.add("action", TEXT, xy=xy, z=1.0, size=(0.0, 0.0, 0.25), colour=colour, text=words)
     if decision.path is not None and len(decision.path.xy) > 1:
-        writer.add("motion", LINE_STRIP, (0.0, 0.0), (0.05, 0.0, 0.0), colour=colour, points=decision.path.xy.tolist())
+        writer.add("motion", LINE_STRIP, size=(0.05, 0.0, 0.0), colour=colour, points=decision.path.xy.tolist())
     if decision.local_target is not None:
-        writer.add("target", CYLINDER, decision.local_target, (0.2, 0.2, 0.05), colour=colour)
+        writer.add("target", CYLINDER, xy=decision.local_target, size=(0.2, 0.2, 0.05), colour=colour)
     for place in tracks.xy[tracks.id == decision.obstacle].tolist():
-        writer.add("obstacle", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=_HALTED, points=[xy, place])
+        writer.add("obstacle", LINE_STRIP, size=(0.03, 0.0, 0.0), colour=_HALTED, points=[xy, place])
     return writer.message()
 
 
@@ -113,11 +93,9 @@ def predictions_message(
     for line, radius in zip(lines, tracks.radius.tolist()):
         if len(line) < 2:
             continue
-        writer.add("paths", LINE_STRIP, (0.0, 0.0), (0.03, 0.0, 0.0), colour=(0.8, 0.3, 0.1), points=line[:, 1:].tolist())
+        writer.add("paths", LINE_STRIP, size=(0.03, 0.0, 0.0), colour=OBSTACLE, points=line[:, 1:].tolist())
         for when in np.arange(step, line[-1, 0] + 1e-9, step):
             x, y = (float(np.interp(when, line[:, 0], line[:, i])) for i in (1, 2))
-            faintness = 0.5 * (1.0 - when / (line[-1, 0] + step))
-            writer.add(
-                "places", CYLINDER, (x, y), (2 * radius, 2 * radius, 0.02), colour=(0.8, 0.3, 0.1), alpha=float(faintness)
-            )
+            size, alpha = (2 * radius, 2 * radius, 0.02), float(0.5 * (1.0 - when / (line[-1, 0] + step)))
+            writer.add("places", CYLINDER, xy=(x, y), size=size, colour=OBSTACLE, alpha=alpha)
     return writer.message()

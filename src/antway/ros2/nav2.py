@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ from antway.planning import Problem, Status, solve, standing_cell
 from antway.ros2.messages import load, make
 from antway.ros2.pilot import End
 from antway.world.policy import XY
+
+T = TypeVar("T")
 
 NONE = 0
 # error codes of nav2_msgs/action/ComputePathToPose and FollowPath, the same from Jazzy on; FollowWaypoints has its own
@@ -32,7 +35,7 @@ ENDS = {
     End.DROPPED: FOLLOW_UNKNOWN,
     End.REFUSED: INVALID_PATH,
     End.WAITED: PATIENCE_EXCEEDED,
-    End.HELD: FAILED_TO_MAKE_PROGRESS,
+    End.STUCK: FAILED_TO_MAKE_PROGRESS,
 }
 
 
@@ -88,6 +91,20 @@ class Failure(Exception):
     def __init__(self, code: int, reason: str) -> None:
         self.code, self.reason = code, reason
         super().__init__(reason)
+
+
+def in_thread(executor: Any, work: Callable[[], T], answer: Callable[[T | None, Failure | None], Any]) -> None:
+    """Do `work` in a thread while the executor drives the robot; the executor then calls `answer(result, failure)`."""
+
+    def run() -> None:
+        result, failure = None, None
+        try:
+            result = work()
+        except Failure as found:
+            failure = found
+        executor.create_task(answer, result, failure)
+
+    threading.Thread(target=run, daemon=True).start()
 
 
 def find_path(

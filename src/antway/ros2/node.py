@@ -30,7 +30,7 @@ from antway.policies.guard_process import GuardProcess
 from antway.ros2 import convert, frames
 from antway.ros2.actions import Served
 from antway.ros2.driver import open_driver, stamp_twist, twist_type
-from antway.ros2.frames import Pose
+from antway.ros2.frames import Odometry, Pose
 from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
@@ -115,42 +115,18 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.get_logger().error(f"obstacles_type = {self.values['obstacles_type']!r}: {error}")
             return TransitionCallbackReturn.FAILURE
         place = World(Grid(np.zeros((8, 8), bool)))
-        run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
-        solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
+        self._compile(place)
         self.tracker = Tracker()
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; the first scan resets the state
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
-        self.charted = 0.0  # s; stamp of the map
+        self.map_stamp = 0.0  # s
         self.laser: Any = None  # a scan that waits for odometry
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
         self.heard, self.reported = time.monotonic(), (OK, "")
-
-        def publisher(kind: str, topic: str, qos: Any = 10) -> Any:
-            made = self.create_lifecycle_publisher(load(kind), topic, qos)
-            self.parts.append((self.destroy_lifecycle_publisher, made))
-            return made
-
-        self.cmd_vel = publisher(twist_type(settings.stamped), "cmd_vel")
-        self.pilot = Pilot(
-            settings, self._guard_process(Task(place.grid, settings.robot, (2.0, 2.0), (6.0, 6.0), **settings.task))
-        )
-        self.plan = publisher("nav_msgs/msg/Path", "plan", LATCHED)
-        self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", LATCHED)
-        self.decisions = publisher("visualization_msgs/msg/MarkerArray", "decisions", LATCHED)
-        self.predictions = publisher("visualization_msgs/msg/MarkerArray", "predictions")
-        self.diagnostics = None
-        if find_spec("diagnostic_msgs"):
-            self.diagnostics = publisher("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics")
-        scans = settings.obstacles_type == LASER and settings.reader is None
-        for message, topic, qos, callback in (
-            (kind, "scan" if scans else "obstacles", SENSOR, self._on_scan if scans else self._on_obstacles),
-            (load("nav_msgs/msg/OccupancyGrid"), "map", LATCHED, self._on_map),
-            (load("nav_msgs/msg/Odometry"), "odom", SENSOR, self._on_odometry),
-            (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
-        ):
-            self.parts.append((self.destroy_subscription, self.create_subscription(message, topic, callback, qos)))
+        self._open_publishers(place)
+        self._open_subscriptions(kind)
         stop = self.create_service(load("std_srvs/srv/Trigger"), "~/stop", self._serve_stop)
         self.parts.append((self.destroy_service, stop))
         self.transforms = Transforms(self)
@@ -160,6 +136,44 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         for period, tick in ((settings.robot.dt, self._watch), (1.0, self._diagnose)):
             self.parts.append((self.destroy_timer, self.create_timer(period, tick, clock=steady)))
         return TransitionCallbackReturn.SUCCESS
+
+    def _compile(self, place: World) -> None:
+        """Compile the kernels of the policy and the planner by an episode and a plan in an empty `place`."""
+        settings = self.settings
+        run(Scenario(place, (2.0, 2.0), (6.0, 6.0), horizon=1.0), AntwayPolicy(**settings.policy), record=False)
+        solve(Problem(place.grid, (0, 0), (7, 7)), settings.planner, time_limit=1.0)
+
+    def _open_publishers(self, place: World) -> None:
+        """Open the topics that the node sends to, and make the pilot, whose guard process sends commands to one of them."""
+        settings = self.settings
+
+        def publisher(kind: str, topic: str, qos: Any = 10) -> Any:
+            made = self.create_lifecycle_publisher(load(kind), topic, qos)
+            self.parts.append((self.destroy_lifecycle_publisher, made))
+            return made
+
+        self.cmd_vel = publisher(twist_type(settings.stamped), "cmd_vel")
+        task = Task(place.grid, settings.robot, (2.0, 2.0), (6.0, 6.0), **settings.task)
+        self.pilot = Pilot(settings, self._guard_process(task))
+        self.plan = publisher("nav_msgs/msg/Path", "plan", LATCHED)
+        self.pheromone = publisher("nav_msgs/msg/OccupancyGrid", "pheromone", LATCHED)
+        self.decisions = publisher("visualization_msgs/msg/MarkerArray", "decisions", LATCHED)
+        self.predictions = publisher("visualization_msgs/msg/MarkerArray", "predictions")
+        self.diagnostics = None
+        if find_spec("diagnostic_msgs"):
+            self.diagnostics = publisher("diagnostic_msgs/msg/DiagnosticArray", "/diagnostics")
+
+    def _open_subscriptions(self, kind: Any) -> None:
+        """Open the topics that the node receives; `kind` is the class of messages on obstacles."""
+        settings = self.settings
+        scans = settings.obstacles_type == LASER and settings.reader is None
+        for message, topic, qos, callback in (
+            (kind, "scan" if scans else "obstacles", SENSOR, self._on_scan if scans else self._on_obstacles),
+            (load("nav_msgs/msg/OccupancyGrid"), "map", LATCHED, self._on_map),
+            (load("nav_msgs/msg/Odometry"), "odom", SENSOR, self._on_odometry),
+            (load("geometry_msgs/msg/PoseStamped"), "goal_pose", 10, self._on_goal),
+        ):
+            self.parts.append((self.destroy_subscription, self.create_subscription(message, topic, callback, qos)))
 
     def _guard_process(self, task: Task) -> GuardProcess | None:
         """Start the guard process, if requested, which sends commands to the topic of this node."""
@@ -211,7 +225,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _frame(self, name: str) -> Pose:
         """Return the pose of the frame `name` in the map's."""
-        t = self.pilot.odometry[0] if self.pilot.odometry else 0.0
+        t = self.pilot.odometry.t if self.pilot.odometry else 0.0
         return self.transforms.pose(name, self.settings.frame, t, self.settings.timeout)
 
     def _read(self, what: str, read: Callable[[Any], T], message: Any) -> T | None:
@@ -226,14 +240,14 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         def read(message: Any) -> tuple[float, Grid]:
             checks.choice("header.frame_id", message.header.frame_id, [self.settings.frame])
             stamp = convert.seconds(message.header.stamp)
-            if stamp < self.charted:
-                raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.charted} s")
+            if stamp < self.map_stamp:
+                raise BadMap("header.stamp", stamp, f"no older than that of the map in use, {self.map_stamp} s")
             return stamp, convert.read_grid(message, occupied=self.settings.map_occupied)
 
         found = self._read("map", read, message)
         if found is not None:
-            self.charted, grid = found
-            self._do(self.pilot.chart(grid))
+            self.map_stamp, grid = found
+            self._do(self.pilot.receive_map(grid))
 
     def _on_goal(self, message: Any) -> None:
         pose = self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message)
@@ -278,24 +292,22 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.pilot.scan, self.laser = found, None
 
     def _on_odometry(self, message: Any) -> None:
-        def read(message: Any) -> tuple[float, Pose, tuple[float, float], float]:
-            t, xy, velocity, heading = convert.read_odometry(message)
-            turning = convert.read_turn_rate(message)
-            frame = self.transforms.pose(message.header.frame_id, self.settings.frame, t, self.settings.timeout)
-            return t, frames.chain(frame, (*xy, heading)), frames.turn(frame[2], velocity), turning
+        def read(message: Any) -> Odometry:
+            odometry = convert.read_odometry(message)
+            frame = self.transforms.pose(message.header.frame_id, self.settings.frame, odometry.t, self.settings.timeout)
+            return frames.move_odometry(frame, odometry)
 
-        found = self._read("odom", read, message)
-        if found is None:
+        odometry = self._read("odom", read, message)
+        if odometry is None:
             return
-        t, (x, y, heading), velocity, turning = found
-        now = time.monotonic()
+        t, now = odometry.t, time.monotonic()
         if self.trail and t < self.trail[-1][0]:  # time went back, so older data may be newer
             self.trail.clear()
-            self.charted = 0.0
-        self.trail.append((t, (x, y, heading)))
+            self.map_stamp = 0.0
+        self.trail.append((t, (*odometry.xy, odometry.heading)))
         if self.laser is not None:
             self._see(t)
-        if self._do(self.pilot.hear(t, (x, y), velocity, heading, now, turning)):
+        if self._do(self.pilot.receive_odometry(odometry, now)):
             self._show(t)
         self.heard = time.monotonic()  # the time for the start does not count as silence
 
@@ -324,8 +336,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         """Send the pilot's answer, if there is one; True where the robot drives."""
         if answer is None or not self.active:
             return False
-        odometry, settings = self.pilot.odometry, self.settings
-        t, _, velocity, heading = odometry if odometry is not None else (0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
+        settings = self.settings
+        t, _, velocity, heading, _ = self.pilot.odometry or Odometry(0.0, (0.0, 0.0), (0.0, 0.0), 0.0)
         if not answer.drives:
             self.pilot.rest()
         if not (answer.drives and settings.guard_process):  # else the guard process has sent it
@@ -350,7 +362,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         tracks = pilot.scan[1]
         if decision is not self.shown:
             self.shown = decision
-            self.decisions.publish(decision_message(decision, pilot.odometry[1], tracks, t, make, frame=frame))
+            self.decisions.publish(decision_message(decision, pilot.odometry.xy, tracks, t, make, frame=frame))
             if decision.path is not None:
                 self.plan.publish(convert.path_message(decision.path.xy, make, t=t, frame=frame))
             costs = pilot.pheromone()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -16,7 +17,19 @@ from antway.planning import standing_cell
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
 from antway.policies.guard_process import SILENT, GuardProcess
-from antway.ros2.frames import HERE, chain, inverse, level, move, move_decision, move_point, move_tracks, turn
+from antway.ros2.frames import (
+    HERE,
+    Odometry,
+    chain,
+    inverse,
+    level,
+    move,
+    move_decision,
+    move_odometry,
+    move_point,
+    move_tracks,
+    turn,
+)
 from antway.ros2.markers import predictions
 from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
@@ -34,7 +47,7 @@ class End(Enum):
     DROPPED = "dropped"  # on request
     REFUSED = "refused"  # the robot cannot stand there
     WAITED = "waited"  # longer than its `wait_timeout`, without map, odometry, obstacles or a place to set out from
-    HELD = "held"  # made no progress
+    STUCK = "stuck"  # made no progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,48 +77,49 @@ class Goal:
         The path to it; the robot stays within `corridor` m of it.
     yaw : float
         Final heading of wheels, rad; NaN: any.
-    hurried : bool
-        Whether it fails after `wait_timeout`, or without progress.
+    gives_up : bool
+        Whether the robot gives the goal up after `wait_timeout`, or without progress.
     """
 
     xy: XY
     path: NDArray[np.float64] | None = None
-    hurried: bool = False
+    gives_up: bool = False
     yaw: float = math.nan
 
 
 class Pilot:
     """Receives the robot's data in the map's frame, and answers odometry with a command in each control period.
 
-    Internally the policy uses a frame in which the map's yaw is 0. With a `keeper`, the guard process, commands go through it:
-    it sends what passes to the robot itself, and brakes if none comes.
+    Internally the policy uses a frame in which the map's yaw is 0. With a guard process, commands go through it: it sends what
+    passes to the robot itself, and brakes if none comes.
     """
 
-    def __init__(self, settings: Settings, keeper: GuardProcess | None = None) -> None:
-        self.settings, self.keeper = settings, keeper
-        self.number = 0  # number of the keeper's observation; 0 while it rests
+    def __init__(self, settings: Settings, guard_process: GuardProcess | None = None) -> None:
+        self.settings, self.guard_process = settings, guard_process
+        self.number = 0  # number of the guard process's observation; 0 while it rests
         self.map: Grid | None = None
-        self.inflated: tuple[Grid, Grid] | None = None
+        self.inflated: tuple[Grid, Grid] | None = None  # a map, and that map inflated by the robot's radius
         self.goal: Goal | None = None
         self.scan: tuple[float, Tracks] | None = None
-        self.odometry: tuple[float, XY, XY, float] | None = None
-        self.turn_rate = 0.0  # rad/s; from odometry
+        self.odometry: Odometry | None = None
         robot = settings.robot
         self.sent = np.zeros((math.ceil(robot.latency / robot.dt - 1e-9), 2))  # commands that do not act yet
         self.policy: AntwayPolicy | None = None
         self.guard: Guard | None = None  # while it turns in place at a goal
         self.command = STAND
-        self.last_decision: tuple[Decision, Decision] | None = None
-        self.due = self.started = self.now = -math.inf
+        self.last_decision: tuple[Decision, Decision] | None = None  # of the policy, and the same in the map's frame
+        self.due = -math.inf  # s; when odometry is to be answered next
+        self.started = -math.inf  # s; when the policy started
+        self.now = -math.inf  # s of a steady clock; when the last odometry arrived
         self._restart()
 
     def _restart(self) -> None:
-        """Reset the time of waiting and the place of the last progress."""
-        self.waiting, self.mark = math.nan, (math.nan, (0.0, 0.0))
+        """Forget since when the robot waits, and when and where it last made progress."""
+        self.waiting_since, self.progress = math.nan, (math.nan, (0.0, 0.0))
 
     # What comes in
 
-    def chart(self, grid: Grid) -> Answer | None:
+    def receive_map(self, grid: Grid) -> Answer | None:
         """Receive a map; if it is new, the robot stands and plans again."""
         if self.map is not None and grid == self.map:
             return None
@@ -149,38 +163,40 @@ class Pilot:
             return None
         self.command = STAND
         reason = f"no odometry for {self.settings.timeout:g} s"
-        if self.goal.hurried and seconds > self.settings.wait_timeout:
+        if self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
         return Answer(STAND, ERROR, reason)
 
-    def hear(self, t: float, xy: XY, velocity: XY, heading: float, now: float, turn_rate: float = 0.0) -> Answer | None:
-        """Receive the robot's state at `t` s, arrived at `now` s of a steady clock; answer once in each control period.
+    def receive_odometry(self, odometry: Odometry, now: float) -> Answer | None:
+        """Receive odometry that arrived at `now` s of a steady clock; answer once in each control period.
 
-        A jump of the clock is answered at once: it went back, or forward by `timeout` more than the steady one.
+        A jump of odometry's clock is answered at once: it went back, or forward by `timeout` more than the steady one.
         """
-        before, self.odometry = self.odometry, (t, xy, velocity, heading)
-        self.turn_rate = turn_rate
+        before, self.odometry = self.odometry, odometry
         passed, self.now = now - self.now, now
-        if before is not None and not 0.0 <= t - before[0] <= self.settings.timeout + passed:
+        if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
             self.scan = self.policy = None  # earlier observations and plans are invalid now
             self.due = -math.inf
             self._restart()
-            return Answer(STAND, WARN, f"odometry's clock jumped by {t - before[0]:.3f} s")
+            return Answer(STAND, WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
         dt = self.settings.robot.dt
-        if self.goal is None or t < self.due - dt / 4:
+        if self.goal is None or odometry.t < self.due - dt / 4:
             return None
-        self.due = (self.due if t - self.due < dt else t) + dt
-        return self._decide(self.goal, t, xy, velocity, heading)
+        self.due = (self.due if odometry.t - self.due < dt else odometry.t) + dt
+        return self._decide(self.goal, odometry)
 
     # Driving
 
-    def _decide(self, goal: Goal, t: float, xy: XY, velocity: XY, heading: float) -> Answer:
-        settings = self.settings
+    def _decide(self, goal: Goal, odometry: Odometry) -> Answer:
+        """Return the command of a control period, or why the robot stands."""
+        settings, t, xy = self.settings, odometry.t, odometry.xy
         if math.dist(goal.xy, xy) <= settings.task["goal_tolerance"]:
-            off = wrap(goal.yaw - heading) if settings.robot.wheels and settings.robot.turning_radius == 0.0 else math.nan
+            off = math.nan
+            if settings.robot.wheels and settings.robot.turning_radius == 0.0:
+                off = wrap(goal.yaw - odometry.heading)
             if not abs(off) > settings.yaw_tolerance:
                 return self.drop(f"arrived at {goal.xy}", End.ARRIVED)
-            return self._turn(goal, t, xy, velocity, heading)
+            return self._turn(goal, odometry)
         if self.map is None:
             return self._wait(t, WARN, "waiting for a map")
         if self.scan is None:
@@ -188,8 +204,10 @@ class Pilot:
         stamp = self.scan[0]
         if abs(t - stamp) > settings.timeout:
             return self._wait(t, ERROR, f"obstacles are {t - stamp:.2f} s older than odometry: the sensor is silent")
-        if stamp > t:  # seen after the robot's place was measured
-            xy, t = (xy[0] + velocity[0] * (stamp - t), xy[1] + velocity[1] * (stamp - t)), stamp
+        if stamp > t:  # obstacles were seen after the robot's place was measured
+            (x, y), (vx, vy) = xy, odometry.velocity
+            t, xy = stamp, (x + vx * (stamp - t), y + vy * (stamp - t))
+            odometry = odometry._replace(t=t, xy=xy)
         if self.policy is None:
             try:
                 standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
@@ -200,52 +218,53 @@ class Pilot:
             except BadInput as wrong:
                 return self._wait(t, ERROR, f"the robot cannot set out from {xy}: {wrong}")
             self.started = t
-        self.waiting = math.nan
-        if math.isnan(self.mark[0]) or math.dist(xy, self.mark[1]) >= settings.progress_radius:
-            self.mark = (t, xy)
-        elif goal.hurried and t - self.mark[0] > settings.progress_time:
-            return self.drop(f"no progress in {settings.progress_time:g} s", End.HELD, ERROR)
-        seen = self._seen(t, self.started, xy, velocity, heading, self.scan)
-        try:
-            self._observe(seen, t)
-            command = self.policy.act(seen)
-        except BadInput as wrong:
-            return self._wait(t, ERROR, str(wrong))
-        decision = self.policy.explain()
-        passed, did = self._passed(command)
-        if did == SILENT:
-            return self._wait(t, ERROR, "the guard's process is silent")
-        self._send(passed.acts(seen, settings.robot))
+        self.waiting_since = math.nan
+        if math.isnan(self.progress[0]) or math.dist(xy, self.progress[1]) >= settings.progress_radius:
+            self.progress = (t, xy)
+        elif goal.gives_up and t - self.progress[0] > settings.progress_time:
+            return self.drop(f"no progress in {settings.progress_time:g} s", End.STUCK, ERROR)
+        found = self._passed(self.policy.act, self._seen(odometry, self.started, self.scan), t)
+        if isinstance(found, Answer):
+            return found
+        passed, did = found
         self.command = Command(turn(self.frame[2], passed.velocity), passed.twist)
+        decision = self.policy.explain()
         if did == "braked" and decision.guard != did:
             return Answer(self.command, WARN, "brake: the guard's process had no command in time, or let none pass")
         return Answer(self.command, OK, f"{decision.action}: {decision.reason}")
 
-    def _seen(self, t: float, start: float, xy: XY, velocity: XY, heading: float, scan: tuple[float, Tracks]) -> Observation:
-        """Return what is observed at `t` s in the policy's frame; its time counts from `start` s."""
+    def _seen(self, odometry: Odometry, start: float, scan: tuple[float, Tracks]) -> Observation:
+        """Return what is observed, in the policy's frame; its time counts from `start` s."""
         into, sent = inverse(self.frame), self.sent if len(self.sent) else None
-        here, velocity, heading = move_point(into, xy), turn(into[2], velocity), wrap(heading + into[2])
+        t, xy, velocity, heading, turn_rate = move_odometry(into, odometry)
         tracks, stamp = move_tracks(into, scan[1]), scan[0] - start
-        return Observation(t - start, here, velocity, heading, tracks, stamp, self.turn_rate, sent)
+        return Observation(t - start, xy, velocity, heading, tracks, stamp, turn_rate, sent)
 
-    # The guard's process
+    def _passed(self, decide: Callable[[Observation], Command], seen: Observation, t: float) -> tuple[Command, str] | Answer:
+        """Return the command that `decide` answers to an observation, and what became of it, or why the robot stands.
 
-    def _observe(self, seen: Observation, t: float) -> None:
-        """Send the observation with the time `t` s of odometry's clock to the keeper, before planning."""
-        if self.keeper is not None:
-            self.number = self.keeper.observe(replace(seen, t=t, stamp=t + seen.stamp - seen.t))
-
-    def _passed(self, command: Command) -> tuple[Command, str]:
-        """Return a command as the keeper passes it, and what it did; unchanged without a keeper."""
-        if self.keeper is None:
-            return command, ""
-        answer = self.keeper.limit(self.number, command)
-        return answer.command, answer.did
+        The guard process gets the observation, with the time `t` s of odometry's clock, before `decide` starts, and the command
+        afterwards; what passes it, and what it did, is returned. Without a guard process a command passes unchanged.
+        """
+        guard, did = self.guard_process, ""
+        try:
+            if guard is not None:
+                self.number = guard.observe(replace(seen, t=t, stamp=t + seen.stamp - seen.t))
+            command = decide(seen)
+        except BadInput as wrong:
+            return self._wait(t, ERROR, str(wrong))
+        if guard is not None:
+            answer = guard.limit(self.number, command)
+            command, did = answer.command, answer.did
+        if did == SILENT:
+            return self._wait(t, ERROR, "the guard's process is silent")
+        self._send(command.acts(seen, self.settings.robot))
+        return command, did
 
     def rest(self) -> None:
-        """Let the keeper rest, because the robot is commanded to stand."""
-        if self.keeper is not None and self.number:
-            self.keeper.rest(self.number)
+        """Let the guard process rest, because the robot is commanded to stand."""
+        if self.guard_process is not None and self.number:
+            self.guard_process.rest(self.number)
             self.number = 0
 
     def _send(self, pair: XY) -> None:
@@ -253,38 +272,34 @@ class Pilot:
         if len(self.sent):
             self.sent = np.vstack((self.sent[1:], [pair]))
 
-    def _turn(self, goal: Goal, t: float, xy: XY, velocity: XY, heading: float) -> Answer:
+    def _turn(self, goal: Goal, odometry: Odometry) -> Answer:
         """Turn in place towards the goal's yaw, as far as the guard lets a footprint turn."""
-        settings = self.settings
+        settings, t = self.settings, odometry.t
         if self.map is None or self.scan is None or abs(t - self.scan[0]) > settings.timeout:
             return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
-        seen = self._seen(t, 0.0, xy, velocity, heading, (min(self.scan[0], t), self.scan[1]))
-        _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), heading, settings.robot)
+        seen = self._seen(odometry, 0.0, (min(self.scan[0], t), self.scan[1]))
+        _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
         if self.guard is None:
             there = move_point(inverse(self.frame), goal.xy)
             task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
             self.guard = Guard()
             self.guard.reset(task)
-            if self.keeper is not None:
-                self.keeper.reset(task)
-        try:
-            self._observe(seen, t)
-            command, did = self._passed(self.guard.limit(seen, Command(twist=(0.0, rate))))
-        except BadInput as wrong:
-            return self._wait(t, ERROR, str(wrong))
-        if did == SILENT:
-            return self._wait(t, ERROR, "the guard's process is silent")
-        self._send(command.acts(seen, settings.robot))
-        self.command = Command((0.0, 0.0), command.twist)
+            if self.guard_process is not None:
+                self.guard_process.reset(task)
+        guard = self.guard
+        found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, t)
+        if isinstance(found, Answer):
+            return found
+        self.command = Command((0.0, 0.0), found[0].twist)
         return Answer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
 
     def _wait(self, t: float, level: int, reason: str) -> Answer:
         """Stand and keep the goal, until `wait_timeout` has passed."""
         self.command = STAND
         self._send(STAND.velocity)
-        if math.isnan(self.waiting):
-            self.waiting = t
-        if self.goal is not None and self.goal.hurried and t - self.waiting > self.settings.wait_timeout:
+        if math.isnan(self.waiting_since):
+            self.waiting_since = t
+        if self.goal is not None and self.goal.gives_up and t - self.waiting_since > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, level)
         return Answer(STAND, level, reason)
 
@@ -297,8 +312,8 @@ class Pilot:
         policy = AntwayPolicy(**settings.policy)
         task = Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
         policy.reset(task, 0)
-        if self.keeper is not None:
-            self.keeper.reset(task)
+        if self.guard_process is not None:
+            self.guard_process.reset(task)
         return policy
 
     def _same_path(self, before: Goal, goal: Goal) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -23,6 +22,7 @@ from antway.ros2.nav2 import (
     START_OUTSIDE_MAP,
     TASK_EXECUTOR_FAILED,
     Failure,
+    in_thread,
 )
 from antway.ros2.pilot import End, Goal
 from antway.tours.plan import plan_tour
@@ -85,21 +85,13 @@ class Visit:
         self.missed: list[tuple[int, int]] = []
         grid, radius = node.pilot.map, node.settings.robot.radius
         assert grid is not None, "a map comes first"
+        in_thread(node.executor, lambda: find_tour(grid, [start, *poses], radius)[0], self._set_out)
 
-        def work() -> None:
-            order: list[int] = []
-            failure = None
-            try:
-                order, _ = find_tour(grid, [start, *poses], radius)
-            except Failure as found:
-                failure = found
-            node.executor.create_task(self._set_out, order, failure)
-
-        threading.Thread(target=work, daemon=True).start()
-
-    def _set_out(self, order: list[int], failure: Failure | None) -> None:
+    def _set_out(self, order: list[int] | None, failure: Failure | None) -> None:
+        """Drive to the first pose, or end if no order was found or the node was deactivated meanwhile."""
         if failure is not None:
             return self.ended(NO_VALID_WAYPOINTS, failure.reason, [])
+        assert order is not None, "a failure says why there is none"
         if not self.node.active:
             return self.ended(TASK_EXECUTOR_FAILED, "deactivated", [(i, TASK_EXECUTOR_FAILED) for i in order])
         self.left = order * (1 + self.loops)
@@ -112,7 +104,7 @@ class Visit:
             return self.ended(NONE, reason, self.missed)
         index = self.left[0]
         x, y, yaw = self.poses[index]
-        return self.node.go(Goal((x, y), hurried=True, yaw=yaw), self._arrived, lambda: self.feed(index))
+        return self.node.go(Goal((x, y), gives_up=True, yaw=yaw), self._arrived, lambda: self.feed(index))
 
     def _arrived(self, end: End, reason: str) -> None:
         """Continue after a pose, unless the robot was sent elsewhere or stopped."""
