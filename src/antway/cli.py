@@ -10,15 +10,13 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from antway import commands
 from antway.console import (
     MOVES,
-    NO_PATH,
-    OUT_OF_BUDGET,
     Json,
     MapFile,
     MovesName,
@@ -36,10 +34,15 @@ from antway.console import (
     say,
     scene_argument,
     status_of,
+    status_of_search,
     working,
 )
 from antway.errors import BadParameter
 from antway.tables import PLANNERS, POLICIES, ROBOTS, SHIPPED_SCENES, SUITES, WARM, names
+
+if TYPE_CHECKING:
+    from antway.grid import Grid
+    from antway.planning import Plan
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -50,8 +53,8 @@ app = typer.Typer(
 
 RunSeed = Annotated[int | None, number_option("seed", int, "N", "Seed of every random choice; the scenario's by default.")]
 RobotName = Annotated[str | None, name_option(ROBOTS, f"Robot: {names(ROBOTS)}, or a .toml file.")]
-SMALL = 2**19  # cells of a map that interpreted kernels search faster than kernels are compiled
-TINY = 2**16  # cells of a map that interpreted kernels search faster than Numba is loaded
+SMALL = 2**19  # cells; up to this size, a search by interpreted kernels takes less time than compiling kernels
+TINY = 2**16  # cells; up to this size, it takes less time than loading Numba and compiled kernels
 
 ScenarioName = Annotated[str, scene_argument("SCENARIO", "A .toml file")]
 PlannerName = Annotated[str, name_option(PLANNERS, f"Planner: {names(PLANNERS)}, or MODULE:NAME.")]
@@ -136,20 +139,8 @@ def plan_command(
         with working("drawing"):
             drawn = figures.plan_figure(grid, path, title=title, ends=(grid.centre(source), grid.centre(target)))
             figures.save(drawn, out)
-    xy = path.xy(grid)
     if json:
-        record = {
-            "status": path.status.value,
-            "planner": planner,
-            "length": path.length,
-            "optimal": path.optimal,
-            "lower_bound": path.lower_bound,
-            "expanded": path.expanded,
-            "elapsed": path.elapsed,
-            "cells": path.cells.tolist(),
-            "xy": xy.tolist(),
-        }
-        print_json(record)
+        print_json(_plan_record(path, grid, planner))
     elif len(path.cells):
         kind = "at any angle" if path.points is not None else MOVES[moves]
         proof = f"the shortest {kind}" if path.optimal else f"at most {100 * path.gap:.1f} % over the shortest {kind}"
@@ -158,7 +149,22 @@ def plan_command(
         print("no path" if path.status is Status.NO_PATH else "no path found within the time limit")
     if out is not None and not json:
         print(f"drawn in {out}")
-    return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[path.status]
+    return status_of_search(path.status)
+
+
+def _plan_record(path: Plan, grid: Grid, planner: str) -> dict[str, Any]:
+    """Return a plan as JSON values: lengths in m, cells as (row, column), and the same path as (x, y) in m."""
+    return {
+        "status": path.status.value,
+        "planner": planner,
+        "length": path.length,
+        "optimal": path.optimal,
+        "lower_bound": path.lower_bound,
+        "expanded": path.expanded,
+        "elapsed": path.elapsed,
+        "cells": path.cells.tolist(),
+        "xy": path.xy(grid).tolist(),
+    }
 
 
 def _interpret_if_small(cells: int, planner: str) -> None:
@@ -191,12 +197,12 @@ def run_command(
 
     Exit status: 5 on a contact, 4 if time ran out, 1 if the policy raised an error.
     """
-    from antway import check_episode, run
-    from antway.demo import explained, scene, summary, write_episode
+    from antway import check_episode, load_scenario, run
+    from antway.demo import explained, summary, write_episode
     from antway.warmup import compiling_beside
 
     with working("running"), compiling_beside(policy):
-        place = scene(scenario)
+        place = load_scenario(scenario)
         if robot is not None:
             from antway.world.robots import load_robot
 

@@ -20,6 +20,7 @@ from antway.console import (
     print_json,
     print_tour,
     say,
+    status_of_search,
     working,
 )
 from antway.errors import BadParameter
@@ -179,12 +180,11 @@ def tsp_command(
     import threading
     from functools import partial
 
-    import numpy as np
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from antway import checks, load_tsp, solve_tsp
-    from antway.ants.tsp import Tsp
+    from antway.warmup import twelve_cities
 
     seconds = checks.number("seconds", seconds, low=0.0, unit="s")
     instance = load_tsp(file)
@@ -205,7 +205,7 @@ def tsp_command(
     try:
         with working("searching"):
             # Kernels are loaded, and compiled once on a machine, before the clock starts: `seconds` are seconds of search.
-            search_with(Tsp(np.array([(k % 4, k * k % 7) for k in range(12)], float)), cycles=1)
+            search_with(twelve_cities(), cycles=1)
             tour = search_with(instance, seconds=seconds, seed=seed, progress=show)
     finally:
         if bar.live.is_started:
@@ -262,7 +262,7 @@ def plan_front(
             print(f"{time:8.2f} s  {distance:8.2f} m  clearance {clearance:.2f} m")
         whole = {Status.FOUND: "the front is whole", Status.NO_PATH: "no path", Status.BUDGET: "the front may lack paths"}
         print(f"{len(front.paths)} paths, {whole[front.status]}; {front.labels} labels extended")
-    return {Status.FOUND: 0, Status.NO_PATH: NO_PATH, Status.BUDGET: OUT_OF_BUDGET}[front.status]
+    return status_of_search(front.status)
 
 
 def robot_of(name: str, radius: float) -> RobotSpec:

@@ -18,11 +18,11 @@ from antway.tables import SHIPPED_SCENES, names
 
 if TYPE_CHECKING:
     from antway.arena.summary import Summary
+    from antway.planning import Status
     from antway.tours.plan import TourPlan
 
 
-NO_PATH, OUT_OF_BUDGET, CONTACT = 3, 4, 5  # exit statuses
-FAULT = 1
+FAULT, WRONG_INPUT, NO_PATH, OUT_OF_BUDGET, CONTACT, INTERRUPTED = 1, 2, 3, 4, 5, 130  # exit statuses
 
 
 def status_of(outcomes: Iterable[str]) -> int:
@@ -33,6 +33,11 @@ def status_of(outcomes: Iterable[str]) -> int:
     if any(end.startswith("hit-") for end in ends):
         return CONTACT
     return OUT_OF_BUDGET if "timeout" in ends else 0
+
+
+def status_of_search(status: Status) -> int:
+    """Return the exit status for a search that ended with this status."""
+    return {"found": 0, "no-path": NO_PATH, "budget": OUT_OF_BUDGET}[status.value]
 
 
 class Refused(Exception):
@@ -130,6 +135,7 @@ def print_json(record: dict[str, Any]) -> None:
 
 
 def say(line: str) -> None:
+    """Print a line on stderr."""
     print(line, file=sys.stderr, flush=True)
 
 
@@ -283,26 +289,22 @@ def exit_with(app: Callable[..., Any]) -> None:
     """Run the command line `app` and exit with its status; wrong input gives one line on stderr and status 2."""
     warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
     usage_error: Any = typer.BadParameter.__base__
-    for stream in (sys.stdout, sys.stderr):  # a locale without some letter shows a substitute
+    for stream in (sys.stdout, sys.stderr):  # letters that the locale lacks are printed as escapes
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
         status = app(standalone_mode=False)
         sys.stdout.flush()
-    except (BadInput, Refused) as error:
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what is still to be written
+        status = FAULT
+    except (BadInput, Refused, OSError) as error:
         say(f"error: {error}")
-        status = 2
+        status = WRONG_INPUT
     except usage_error as error:
         say(f"error: {' '.join(error.format_message().split())}")
-        status = 2
-    except OSError as error:
-        if isinstance(error, BrokenPipeError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            status = 1
-        else:
-            say(f"error: {error}")
-            status = 2
+        status = WRONG_INPUT
     except (KeyboardInterrupt, typer.Abort):
         say("interrupted")
-        status = 130
+        status = INTERRUPTED
     sys.exit(status or 0)

@@ -29,17 +29,6 @@ TIMINGS = ("cycle_ms_p50", "cycle_ms_p99", "order_ms_max")  # entries of a summa
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
 
 
-def scene(name: str) -> Scenario:
-    """Return the shipped scene of that name, or the scenario in that file.
-
-    Raises
-    ------
-    BadScenario
-        If there is neither.
-    """
-    return load_scenario(name)
-
-
 def summary(result: EpisodeResult, task: Task) -> dict[str, Any]:
     """Return the numbers of an episode as JSON values: times in s and ms, lengths in m; None for missing ones.
 
@@ -184,7 +173,7 @@ def write_rounds(name: str, policy: str, seed: int | None, folder: Path) -> dict
     from antway.view.replay import write_replay
     from antway.view.rounds import rounds_figure
 
-    result = run(scene(name), policy, seed=seed)
+    result = run(load_scenario(name), policy, seed=seed)
     numbers = write_record(result, folder)
     trace = _trace(result)
     figures.save(rounds_figure(trace), folder / "rounds.png")
@@ -247,16 +236,16 @@ def run_demo(
         rounds: dict[str, Future[dict[str, Any]]] = {}
         for name in SCENES:
             on_progress(name, "episodes")
-            played = run(scene(name), shown, seed=seed)
-            if not rounds:  # if started earlier, they would compile the same kernels
-                rounds = {stops: pool.submit(write_rounds, stops, shown, seed, out / stops) for stops in ROUNDS}
+            played = run(load_scenario(name), shown, seed=seed)
+            if not rounds:  # not earlier, because the first episode and the rounds would compile the same kernels
+                rounds = {other: pool.submit(write_rounds, other, shown, seed, out / other) for other in ROUNDS}
             beside = [aside.result()[name, other] for other in others]
             drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)
             for other, result in zip(others, beside):
                 yield name, write_record(result, out / name / other)
         charts = pool.submit(write_flow_charts, out)
         on_progress(SCENES[0], "convergence")
-        write_convergence(scene(SCENES[0]), out / "convergence.png")
+        write_convergence(load_scenario(SCENES[0]), out / "convergence.png")
         for name in SCENES:
             on_progress(name, "figures, animation, replay page")
             yield name, drawn[name].result()
@@ -270,7 +259,7 @@ def run_demo(
 
 def _play(policies: Sequence[str], seed: int | None) -> dict[tuple[str, str], EpisodeResult]:
     """Play every scene with each policy."""
-    return {(name, policy): run(scene(name), policy, seed=seed) for policy in policies for name in SCENES}
+    return {(name, policy): run(load_scenario(name), policy, seed=seed) for policy in policies for name in SCENES}
 
 
 def _trace(result: EpisodeResult) -> Trace:

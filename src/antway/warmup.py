@@ -11,10 +11,14 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context
+from typing import TYPE_CHECKING
 
 from antway import checks
 from antway.kernels.base.cache import is_compiled
 from antway.tables import PLANNERS, POLICIES, WARM
+
+if TYPE_CHECKING:
+    from antway.ants.tsp import Tsp
 
 KINDS = WARM
 
@@ -113,6 +117,15 @@ def late() -> None:
     guard.limit(seen, Command((0.0, 0.0)))
 
 
+def twelve_cities() -> Tsp:
+    """Return a small travelling salesman problem, which is solved only so that its kernels are compiled."""
+    import numpy as np
+
+    from antway.ants.tsp import Tsp
+
+    return Tsp(np.array([(k % 4, k * k % 7) for k in range(12)], float))
+
+
 def _timed(name: str, argument: str) -> tuple[str, float]:
     started = time.perf_counter()
     _DO[name](argument)
@@ -144,15 +157,14 @@ def _tour(kind: str) -> None:
     import numpy as np
 
     from antway import load_map, plan_tour, solve_tsp, solve_tsptw
-    from antway.ants.tsp import Tsp
     from antway.tours.time_windows import Tsptw
 
-    xy = np.array([(k % 4, k * k % 7) for k in range(12)], float)
     if kind == "of cities":
         for rule in ("as", "mmas", "acs"):
-            solve_tsp(Tsp(xy), rule=rule, cycles=1)
-        solve_tsp(Tsp(xy), local_search="3opt", cycles=1)
+            solve_tsp(twelve_cities(), rule=rule, cycles=1)
+        solve_tsp(twelve_cities(), local_search="3opt", cycles=1)
     elif kind == "with time windows":
+        xy = np.asarray(twelve_cities().xy)
         times = np.hypot(*(xy[:, None] - xy[None]).T)
         solve_tsptw(Tsptw(times, np.array([(0.0, 1000.0)] * 12)), cycles=1)
     else:

@@ -45,14 +45,28 @@ class Arrow:
     into: str = ""
 
 
+_OPENING = {
+    "start": Box("Start", 0, kind="end"),
+    "init": Box("Set parameters and the same pheromone\n$\\tau_{ij}(0) = C$ on every edge; t = 0", 1),
+}
+
+
+def _closing(row: float) -> dict[str, Box]:
+    """Return the last boxes of a colony's chart, from `row` on."""
+    return {
+        "last": Box("Last cycle?", row, kind="question"),
+        "out": Box("Shortest tour", row + 1.1),
+        "end": Box("End", row + 2.0, kind="end"),
+    }
+
+
 @style.styled
 def ant_system_chart() -> Figure:
     """Fig. 1: the Ant System on the travelling salesman problem (III.C), Eqs. (1) and (2)."""
     return _chart(
         "Ant System on the travelling salesman problem",
         {
-            "start": Box("Start", 0, kind="end"),
-            "init": Box("Set parameters and the same pheromone\n$\\tau_{ij}(0) = C$ on every edge; t = 0", 1),
+            **_OPENING,
             "place": Box("Next cycle: place m ants on the n cities", 2),
             "choose": Box("Each ant draws its next city, not yet\nvisited, by roulette: Eq. (1)", 3),
             "done": Box("All n cities\nvisited?", 4.15, kind="question"),
@@ -61,9 +75,7 @@ def ant_system_chart() -> Figure:
                 "Eq. (2): $\\tau_{ij} \\leftarrow \\rho\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non each tour's edges; t += n",
                 6.3,
             ),
-            "last": Box("Last cycle?", 7.4, kind="question"),
-            "out": Box("Shortest tour", 8.5),
-            "end": Box("End", 9.4, kind="end"),
+            **_closing(7.4),
         },
         [
             *_down("start init place choose done best update last out end", done="yes", last="yes"),
@@ -79,8 +91,7 @@ def improved_chart() -> Figure:
     return _chart(
         "Ant System with adaptive persistence",
         {
-            "start": Box("Start", 0, kind="end"),
-            "init": Box("Set parameters and the same pheromone\n$\\tau_{ij}(0) = C$ on every edge; t = 0", 1),
+            **_OPENING,
             "walk": Box("Next cycle: m ants build tours of all n cities,\neach step by roulette: Eq. (1)", 2),
             "best": Box("Measure the length $L_k$ of each tour;\nkeep the shortest so far", 3),
             "weakest": Box("$\\tau_{\\min}$ = weakest pheromone of all edges", 4),
@@ -92,9 +103,7 @@ def improved_chart() -> Figure:
                 "$\\tau_{ij} \\leftarrow \\rho_{ij}\\,\\tau_{ij} + \\Sigma_k\\, Q / L_k$\non each tour's edges; t += n",
                 6.1,
             ),
-            "last": Box("Last cycle?", 7.2, kind="question"),
-            "out": Box("Shortest tour", 8.3),
-            "end": Box("End", 9.2, kind="end"),
+            **_closing(7.2),
         },
         [*_down("start init walk best weakest adapt update last out end", last="yes"), Arrow("last", "walk", "no", "left")],
     )
@@ -133,8 +142,8 @@ def avoidance_chart() -> Figure:
 
 
 def _down(names: str, **labels: str) -> list[Arrow]:
-    chain = names.split()
-    return [Arrow(a, b, labels.get(a, "")) for a, b in pairwise(chain)]
+    """Return the arrows from each of the named boxes to the next, with the label that `labels` has for a box."""
+    return [Arrow(a, b, labels.get(a, "")) for a, b in pairwise(names.split())]
 
 
 def _chart(title: str, boxes: dict[str, Box], arrows: list[Arrow]) -> Figure:
