@@ -11,10 +11,10 @@ from functools import cache
 import uvicorn
 from starlette.types import ASGIApp
 
-from antway.web.apart import Apart
 from antway.web.server import config_of, make_app, names_of
 from antway.web.session import Session
 from antway.web.tours import Tours
+from antway.web.workers import Workers
 
 TOKEN = "a-token"
 
@@ -30,10 +30,10 @@ def compile_all() -> None:
 
 
 @contextmanager
-def served(host: str = "127.0.0.1", port: int | None = None, *, apart: Apart | None = None) -> Iterator[int]:
+def served(host: str = "127.0.0.1", port: int | None = None, *, workers: Workers | None = None) -> Iterator[int]:
     """Serve on 127.0.0.1 under the names of `host` and `port` (None: the port that is taken); the port taken is given."""
     compile_all()
-    with serving(lambda taken: make_app(names_of(host, port or taken), TOKEN, apart=apart)) as taken:
+    with serving(lambda taken: make_app(names_of(host, port or taken), TOKEN, workers=workers)) as taken:
         yield taken
 
 

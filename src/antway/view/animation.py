@@ -17,6 +17,8 @@ from antway.errors import BadParameter
 from antway.planning import Plan
 from antway.view import style
 from antway.view.figures import HORIZON, predicted
+from antway.view.moments import decision_at
+from antway.view.packing import faint_scale
 from antway.world.trace import Trace
 
 SUPER = 2  # factor by which frames are drawn larger and then reduced, to smooth edges
@@ -226,7 +228,7 @@ def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.I
 
 def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, named: bool) -> Image.Image:
     picture = backdrop.copy()
-    decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
+    decision = decision_at(trace, step)
     if decision is not None and decision.pheromone is not None:
         _paste_pheromone(picture, trace, painter, *decision.pheromone)
     _paste_predictions(picture, trace, step, painter)
@@ -267,14 +269,14 @@ def _mark_robot(picture: Image.Image, painter: _Painter, trace: Trace, step: int
 def _paste_pheromone(
     picture: Image.Image, trace: Trace, painter: _Painter, row: int, col: int, amount: NDArray[np.float32]
 ) -> None:
-    low, high = float(amount.min()), float(amount.max())
-    share = np.sqrt((amount - low) / (high - low)) if high > low else np.zeros_like(amount)
     grid = trace.task.grid
     height, width = amount.shape
     cell = grid.resolution
     left, top = painter.at((painter.x + col * cell, painter.y + (row if grid.top_first else row + height) * cell))
     size = (max(1, round(width * cell * painter.scale)), max(1, round(height * cell * painter.scale)))
-    alpha = Image.fromarray(painter.upright((share * 200).astype(np.uint8))).resize(size, Image.Resampling.NEAREST)
+    alpha = Image.fromarray(painter.upright((faint_scale(amount) * 200).astype(np.uint8))).resize(
+        size, Image.Resampling.NEAREST
+    )
     picture.paste(style.VIOLET, (round(left), round(top)), alpha)
 
 

@@ -19,7 +19,8 @@ from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.view import style
-from antway.view.moments import meeting, moments, shortest, title_of
+from antway.view.moments import decision_at, meeting, moments, shortest, title_of
+from antway.view.packing import faint_scale
 from antway.view.style import save
 from antway.world.policy import Decision
 from antway.world.trace import Trace
@@ -97,7 +98,7 @@ def moment_figure(
     fig = style.figure(*style.map_size(trace.task.grid, extra=1.6))
     axes = fig.subplots()
     _draw_moment(axes, trace, step, path, prediction, pheromone)
-    decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
+    decision = decision_at(trace, step)
     axes.set_title(f"{title}  (t = {trace.t[step]:.1f} s)")
     if caption is not None or decision is not None:
         axes.set_xlabel(f"x (m)\n{_wrapped(in_words(decision) if caption is None else caption)}")
@@ -231,7 +232,7 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
 def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
     task = trace.task
     style.draw_map(axes, task.grid)
-    decision = trace.decision_at(min(step, max(len(trace) - 1, 0)))
+    decision = decision_at(trace, step)
     if path is not None:
         _draw_global(axes, task.grid, path)
     if pheromone and decision is not None:
@@ -261,7 +262,15 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
         x, y, _ = grid.origin
         d, (h, w) = grid.resolution, amount.shape
         extent = (x + col * d, x + (col + w) * d, y + row * d, y + (row + h) * d)
-        image = axes.imshow(_scaled(amount), origin="lower", extent=extent, cmap=style.PHEROMONE, vmin=0, vmax=1, zorder=1.5)
+        image = axes.imshow(
+            faint_scale(amount.astype(np.float64)),
+            origin="lower",
+            extent=extent,
+            cmap=style.PHEROMONE,
+            vmin=0,
+            vmax=1,
+            zorder=1.5,
+        )
         image.set_interpolation("nearest")
         look: dict[str, Any] = {"edgecolor": style.VIOLET, "linewidth": 0.9}
         axes.add_patch(Rectangle(extent[::2], w * d, h * d, fill=False, zorder=1.6, **look))
@@ -299,7 +308,7 @@ def predicted(trace: Trace, step: int, ahead: float) -> list[tuple[NDArray[np.fl
 
     Each part is the straight motion of a disc: start and end, (x, y) in m, and its radius in m.
     """
-    decision, now = trace.decision_at(min(step, max(len(trace) - 1, 0))), float(trace.t[step])
+    decision, now = decision_at(trace, step), float(trace.t[step])
     found = []
     for t0, t1, x, y, vx, vy, radius in [] if decision is None or decision.predicted is None else decision.predicted.tolist():
         start, end = max(t0, now), min(t1, now + ahead)
@@ -364,14 +373,6 @@ def _disc(
     axes.add_patch(Circle((centre[0], centre[1]), radius, facecolor=face, edgecolor=colour, linewidth=1.2, zorder=zorder))
     if label is not None:
         axes.plot([], [], "o", color=colour, markersize=8, linestyle="", label=label)
-
-
-def _scaled(amount: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Scale pheromone from 0 (least) to 1 (most), by its square root so that faint trails are visible."""
-    low, high = float(amount.min()), float(amount.max())
-    if not high > low:
-        return np.zeros(amount.shape)
-    return np.sqrt((np.asarray(amount, dtype=np.float64) - low) / (high - low))
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:

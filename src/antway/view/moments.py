@@ -35,8 +35,8 @@ def moments(trace: Trace) -> tuple[int, int]:
     busy = [(n, step, decision) for n, (step, decision) in enumerate(trace.decisions) if decision.obstacle is not None]
     detours = [one for one in busy if one[2].action == "avoid" and one[2].path is not None]
     if busy:
-        onward = shortest(trace.task).xy(trace.task.grid)
-        n, meet, one = max(detours, key=lambda one: _strays(one[2], onward)) if detours else busy[0]
+        nodes = shortest(trace.task).xy(trace.task.grid)
+        n, meet, one = max(detours, key=lambda one: _largest_deviation(one[2], nodes)) if detours else busy[0]
         same = (one.action, one.obstacle)
         later = (step for step, other in trace.decisions[n + 1 :] if (other.action, other.obstacle) != same)
         meet, end = min(meet, len(trace)), next(later, len(trace) + 1) - 1
@@ -50,11 +50,16 @@ def moments(trace: Trace) -> tuple[int, int]:
     return before if trace.sensed[before].any() else midst, midst
 
 
-def _strays(decision: Decision, onward: NDArray[np.float64]) -> float:
-    """Return the largest distance of the path of a decision from the nodes `onward`, m."""
-    if decision.path is None or not len(onward):
+def decision_at(trace: Trace, step: int) -> Decision | None:
+    """Return the decision that is valid at `step`, if any; at the end, that of the last control cycle."""
+    return trace.decision_at(min(step, max(len(trace) - 1, 0)))
+
+
+def _largest_deviation(decision: Decision, nodes: NDArray[np.float64]) -> float:
+    """Return the largest distance of the path of a decision from the nearest of these nodes, m."""
+    if decision.path is None or not len(nodes):
         return 0.0
-    away = np.hypot(*(decision.path.xy[:, None] - onward[None]).transpose(2, 0, 1))
+    away = np.hypot(*(decision.path.xy[:, None] - nodes[None]).transpose(2, 0, 1))
     return float(away.min(axis=1).max())
 
 

@@ -16,7 +16,8 @@ from PIL import Image
 from antway.grid import Grid
 from antway.planning import Plan
 from antway.version import __version__
-from antway.view.pages import asset, bits_to_base64, digest, embedded, filled, png_url, rounded, to_base64
+from antway.view.packing import bits_to_base64, faint_scale, rounded, to_base64
+from antway.view.pages import asset, digest, embedded, filled, png_url
 from antway.world.policy import Decision
 from antway.world.stops import Rounds
 from antway.world.trace import Trace
@@ -139,8 +140,8 @@ def _decision(step: int, decision: Decision, box: _Box, masks: dict[bytes, int],
         key = bytes(f"{row},{col},", "ascii") + np.ascontiguousarray(amount).tobytes()
         if key not in masks:
             masks[key] = len(heaps)
-            height, width = amount.shape
-            heaps.append({"row": row, "col": col, "height": height, "width": width, "mask": _mask(_shades(amount), levels=15)})
+            (height, width), shades = amount.shape, np.round(15 * faint_scale(amount))
+            heaps.append({"row": row, "col": col, "height": height, "width": width, "mask": _mask(shades, levels=15)})
         heap = masks[key]
     closest = (rounded(decision.time_to_closest), rounded(decision.distance_at_closest))
     record = {
@@ -174,13 +175,6 @@ class _Box:
 
     def pack(self, points: NDArray[np.float64]) -> str:
         return to_base64(np.round((points - self.low) / self.size * 65535), "<u2")
-
-
-def _shades(amount: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return pheromone in 16 shades by its square root, so that faint trails are visible."""
-    low, high = float(amount.min()), float(amount.max())
-    share = (amount - low) / (high - low) if high > low else np.zeros_like(amount)
-    return np.round(15 * np.sqrt(share)).astype(np.uint8)
 
 
 def _mask(amount: NDArray[Any], *, levels: int) -> str:

@@ -109,9 +109,8 @@ class Player:
             self.answering = True
             await self.answer(text)
             self.answering, after = False, self.clock()
-            self.heard = max(
-                self.heard, after - TIMEOUT + min(after - now, 1.0)
-            )  # a confirmation may have come meanwhile and not been read yet
+            # A confirmation may have come while the request was answered, and has then not been read yet.
+            self.heard = max(self.heard, after - TIMEOUT + min(after - now, 1.0))
 
     async def watch(self) -> None:
         """Return once the page has left a frame unconfirmed for too long."""
@@ -129,8 +128,8 @@ class Player:
                     self.in_flight, self.heard = max(0, self.in_flight - 1), self.clock()
                     replies: list[Message] = []
                 else:
-                    apart = isinstance(request, dict) and request.get("op") in ("export", "open")
-                    turns = self.exports if apart else self.turns
+                    slow = isinstance(request, dict) and request.get("op") in ("export", "open")
+                    turns = self.exports if slow else self.turns
                     replies = await turns.take(self.session.apply, request)
                     self.owed = True
             except BadInput as error:

@@ -36,10 +36,10 @@ from antway.scenes import ROUNDS, SCENES
 from antway.tables import ABOUT
 from antway.view.pages import asset, embedded, filled
 from antway.web import tours
-from antway.web.apart import Apart
 from antway.web.player import TIMEOUT, Player, Turns
 from antway.web.session import PARAMETERS, POLICIES, Session
 from antway.web.tab import Tab
+from antway.web.workers import Workers
 
 PORT = 8765
 MAX_MESSAGE = 6 * 2**20  # limit of bytes of a message; the largest is an upload in base64
@@ -143,7 +143,7 @@ def _with_headers(send: Send) -> Send:
     return sending
 
 
-def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -> ASGIApp:
+def make_app(names: frozenset[str], token: str, *, workers: Workers | None = None) -> ASGIApp:
     """Return the server as an ASGI application.
 
     Parameters
@@ -153,7 +153,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
     token : str
         The token that a websocket needs as its second subprotocol, and a request for a page as ?token=... or, later, in a
         cookie. Even on this machine there may be other users.
-    apart : Apart or None
+    workers : Workers or None
         Processes that read files and make exports for the tabs; None: the server does it.
     """
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
@@ -202,7 +202,7 @@ def make_app(names: frozenset[str], token: str, *, apart: Apart | None = None) -
             try:
                 await websocket.accept("antway")
                 tab = await turns.take(make)
-                tab.apart = apart
+                tab.workers = workers
                 await Player(websocket, tab, turns, exports).run()
             except (asyncio.CancelledError, WebSocketDisconnect):
                 pass  # the server ends, or the page was left at once
@@ -392,8 +392,8 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         raise BadParameter("host:port", f"{host}:{port}", f"free, and of this machine ({error.strerror or error})") from None
     with listener:
         port = listener.getsockname()[1]
-        token, apart = secrets.token_urlsafe(24), Apart() if os.name == "posix" else None
-        app = make_app(names_of(host, port), token, apart=apart)
+        token, workers = secrets.token_urlsafe(24), Workers() if os.name == "posix" else None
+        app = make_app(names_of(host, port), token, workers=workers)
         _allow_files()
         url = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
         server = uvicorn.Server(config_of(app))
@@ -401,5 +401,5 @@ def serve(host: str = "127.0.0.1", port: int = PORT, *, ready: Callable[[str], N
         try:
             server.run(sockets=[listener])
         finally:
-            if apart is not None:
-                apart.close()
+            if workers is not None:
+                workers.close()

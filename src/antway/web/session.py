@@ -17,12 +17,12 @@ from antway.grid import Grid
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
-from antway.view.pages import bits_to_base64
+from antway.view.packing import bits_to_base64
 from antway.view.replay import map_record
-from antway.web.apart import EXPORT_SECONDS
 from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
 from antway.web.tab import Tab
 from antway.web.view import Message, View, shades, short
+from antway.web.workers import EXPORT_SECONDS
 from antway.world import policy
 from antway.world.motions import Bounce, Line, Waypoints
 from antway.world.scenario import Scenario, load_scenario

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 from antway import checks
 from antway.errors import BadParameter
-from antway.web.apart import SECONDS, WORK, Apart
 from antway.web.view import Message
+from antway.web.workers import SECONDS, WORK, Workers
 
 
 class Tab(ABC):
@@ -25,7 +25,7 @@ class Tab(ABC):
         Speed of play.
     closed : threading.Event
         Set when the tab is closed, so that long work ends.
-    apart : Apart or None
+    workers : Workers or None
         Processes that read files and make exports; None: this process does it.
     operations : dict of str to callable
         The requests of the page: each takes a message and returns the messages to send back.
@@ -35,7 +35,7 @@ class Tab(ABC):
 
     def __init__(self, speed: float) -> None:
         self.closed = threading.Event()
-        self.apart: Apart | None = None  # processes from the server for work that must not affect others
+        self.workers: Workers | None = None  # processes from the server for work that must not affect others
         self.playing, self.speed = False, speed
         self.operations: dict[str, Callable[[Message], list[Message]]] = {
             "play": self._play,
@@ -67,9 +67,9 @@ class Tab(ABC):
 
     def work(self, name: str, *given: object, seconds: float = SECONDS) -> Any:
         """Return the result of a task, done in a separate process if there are any."""
-        if self.apart is None:
+        if self.workers is None:
             return WORK[name](*given)
-        return self.apart.run(name, *given, seconds=seconds, closed=self.closed)
+        return self.workers.run(name, *given, seconds=seconds, closed=self.closed)
 
     def apply(self, message: object) -> list[Message]:
         """Carry out the request in `message` and return the messages to send; a frame follows in any case.

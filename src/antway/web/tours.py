@@ -16,7 +16,7 @@ from antway.ants.rules import RULES
 from antway.ants.tsp import local_search_options
 from antway.ants.tsplib import Tsp
 from antway.errors import BadParameter, TooLarge
-from antway.view.pages import to_base64
+from antway.view.packing import to_base64
 from antway.web.files import as_file, decoded, stem
 from antway.web.tab import Tab
 from antway.web.view import Message, short

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from bisect import bisect_left
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.policies.paper.tubes import Tubes
-from antway.view.pages import rounded
+from antway.view.packing import faint_scale, rounded, to_base64
 from antway.web.inside import Look, edges, look_inside
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
@@ -231,12 +230,10 @@ def shades(amount: NDArray[Any], most: int) -> Message:
     padded = np.full((rows * block, cols * block), float(amount.min()), np.float32)
     padded[:height, :width] = amount
     coarse = padded.reshape(rows, block, cols, block).max(axis=(1, 3))
-    low, high = float(coarse.min()), float(coarse.max())
-    share = (coarse - low) / (high - low) if high > low else np.zeros_like(coarse)
-    levels = np.round(15 * np.sqrt(share)).astype(np.uint8).ravel()
+    levels = np.round(15 * faint_scale(coarse)).astype(np.uint8).ravel()
     if len(levels) % 2:
         levels = np.append(levels, np.uint8(0))
-    data = base64.b64encode((levels[::2] | (levels[1::2] << 4)).tobytes()).decode()
+    data = to_base64(levels[::2] | (levels[1::2] << 4), "u1")
     return {"height": rows * block, "width": cols * block, "rows": rows, "cols": cols, "shades": data}
 
 

@@ -1,6 +1,7 @@
 // The tools that edit the scenario: each gesture on a stage becomes one request to the server.
 // `page` gives: scene, tool, brush, size and pace of a new obstacle, request(message), obstacleAt(view, [x, y], within) -> index or
 // -1, setDone(shown), redraw(). A gesture lasts from press to release; one of waypoints lasts from the first to the last of them.
+import { pointOn } from "/parts.js";
 
 const GRAB = 16; // pixels of the page; a press this near to start or goal takes hold of it
 const mm = (xy) => xy.map((v) => Math.round(1000 * v) / 1000); // places to the millimetre, as people read them
@@ -16,10 +17,7 @@ class Editor {
   // Handle the gestures on a view's stage that belong to the present tool; all others pan and zoom.
   listen(view) {
     const { canvas } = view.stage;
-    const at = (event) => {
-      const box = canvas.getBoundingClientRect();
-      return [event.clientX - box.left, event.clientY - box.top];
-    };
+    const at = (event) => pointOn(canvas, event);
     canvas.addEventListener("pointerdown", (event) => {
       this.cursor = null;
       if (this.page.tool === "waypoints" && event.button === 0) return event.stopImmediatePropagation(), this.waypoint(view, at(event));

@@ -172,6 +172,12 @@ function listenToKeys(actionOf) {
   });
 }
 
+// Where an event happened on an element, in pixels of the page from its upper left corner.
+function pointOn(element, event) {
+  const box = element.getBoundingClientRect();
+  return [event.clientX - box.left, event.clientY - box.top];
+}
+
 const stemOf = (name) => name.replace(/[^\w-]+/g, "-").slice(0, 60);
 
 // Connect to `path`; `take(message)` is called with each message. Returns request(message), which sends one.
@@ -241,6 +247,6 @@ function takeFiles(open) {
 }
 
 export {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, refuse, save,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, shadeMask, listenToKeys, make, mask, menus, notice, numberOf, pointOn, refuse, save,
   setting, showPlaying, showSettings, stemOf, takeFiles, themes, working,
 };

@@ -40,7 +40,7 @@ function explained(element, meaning) {
   return element;
 }
 
-// A mark beside what cannot be a term itself, as it is a switch.
+// A question mark that explains a label, for labels that a press switches, so that they cannot be asked themselves.
 function mark(label) {
   const meaning = meaningOf(label);
   if (!meaning) return "";

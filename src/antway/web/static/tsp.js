@@ -1,7 +1,7 @@
 // The page of tours: a colony at work on a travelling salesman problem.
 import { mark, tips } from "/terms.js";
 import {
-  bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, numberOf, refuse, save, setting,
+  bits, boxes, busy, byId, choices, choose, connect, fixed, listenToKeys, make, menus, notice, numberOf, pointOn, refuse, save, setting,
   showPlaying, showSettings, stemOf, takeFiles, themes, working,
 } from "/parts.js";
 
@@ -254,9 +254,9 @@ function listen() {
   on("speed", "change", (event) => request({ op: "speed", speed: Number(event.target.value) }));
   on("settings", "submit", (event) => event.preventDefault());
   on("map", "click", (event) => {
-    const box = event.target.getBoundingClientRect();
+    const { width, height } = event.target.getBoundingClientRect();
     state.cursor = null;
-    press(laid(box.width, box.height, MARGIN).from([event.clientX - box.left, event.clientY - box.top]));
+    press(laid(width, height, MARGIN).from(pointOn(event.target, event)));
   });
   on("map", "keydown", pressKey);
   on("map", "blur", () => ((state.cursor = null), redraw()));

@@ -1,7 +1,7 @@
 // One policy's part of the page: its stage, its card of decisions, and the record of its run.
 import { Stage, navigate } from "/canvas.js";
 import { CYCLE, named } from "/terms.js";
-import { byId, choices, fixed, shadeMask, make } from "/parts.js";
+import { byId, choices, fixed, make, pointOn, shadeMask } from "/parts.js";
 
 const CALM = ["follow", "arrived"];
 const ASIDE = ["avoid", "step-aside", "step-back"];
@@ -23,8 +23,7 @@ class View {
     this.stage.unit = window.devicePixelRatio || 1;
     const [canvas, place] = [this.stage.canvas, this.figure.querySelector(".place")];
     canvas.addEventListener("pointermove", (event) => {
-      const box = canvas.getBoundingClientRect();
-      const [x, y] = this.stage.toWorld(event.clientX - box.left, event.clientY - box.top);
+      const [x, y] = this.stage.toWorld(...pointOn(canvas, event));
       place.textContent = `${fixed(x, 2, "m")}, ${fixed(y, 2, "m")}`;
     });
     canvas.addEventListener("pointerleave", () => (place.textContent = ""));

@@ -61,7 +61,7 @@ def _instance(data: bytes, name: str) -> object:
 WORK: dict[str, Callable[..., object]] = {"upload": _upload, "export": _export, "instance": _instance}
 
 
-class Apart:
+class Workers:
     """A few processes that work for all tabs."""
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class Apart:
 
 
 def _started() -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", "from antway.web.apart import serve; serve()"]
+    command = [sys.executable, "-c", "from antway.web.workers import serve; serve()"]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True)
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from antway.errors import BadInput
-from antway.web import apart
-from antway.web.apart import Apart
+from antway.web import workers
 from antway.web.session import Session
+from antway.web.workers import Workers
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="limits memory by what /proc says")
 
@@ -28,16 +28,16 @@ WRONG = {  # what a flaw in a reader could do
 
 
 @pytest.fixture
-def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[Apart]:
+def processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[Workers]:
     """Processes that also do what is wrong."""
-    program = f"from antway.web import apart; apart.WORK['wrong'] = lambda what: exec({WRONG!r}[what]); apart.serve()"
-    started = apart.subprocess.Popen
+    program = f"from antway.web import workers; workers.WORK['wrong'] = lambda what: exec({WRONG!r}[what]); workers.serve()"
+    started = workers.subprocess.Popen
 
     def start(command: list[str], **options: object) -> object:
-        return started([*command[:2], program], stderr=apart.subprocess.DEVNULL, **options)
+        return started([*command[:2], program], stderr=workers.subprocess.DEVNULL, **options)
 
-    monkeypatch.setattr(apart.subprocess, "Popen", start)
-    made = Apart()
+    monkeypatch.setattr(workers.subprocess, "Popen", start)
+    made = Workers()
     yield made
     made.close()
 
@@ -46,7 +46,7 @@ def files(text: str, name: str = "m.txt") -> list[dict[str, str]]:
     return [{"name": name, "data": base64.b64encode(text.encode()).decode()}]
 
 
-def test_work_that_goes_wrong_costs_one_request(processes: Apart) -> None:
+def test_work_that_goes_wrong_costs_one_request(processes: Workers) -> None:
     """A segmentation fault, an endless loop, gigabytes: each is a typed error, and the next request is answered."""
     room = "\n".join(["." * 10] * 10) + "\n"
     for wrong in WRONG:
@@ -55,7 +55,7 @@ def test_work_that_goes_wrong_costs_one_request(processes: Apart) -> None:
             processes.run("wrong", wrong, seconds=3.0)
         assert time.monotonic() - started < 60.0, "with the time to start a process on a busy machine"
     session = Session()
-    session.apart = processes
+    session.workers = processes
     (scene,) = session.apply({"op": "open", "files": files(room)})
     assert scene["name"] == "m" and len(processes.idle) == 1
     with pytest.raises(BadInput, match="name"):
@@ -64,7 +64,7 @@ def test_work_that_goes_wrong_costs_one_request(processes: Apart) -> None:
     assert name == "m-antway.json"
 
 
-def test_a_tab_that_is_closed_ends_its_export(processes: Apart) -> None:
+def test_a_tab_that_is_closed_ends_its_export(processes: Workers) -> None:
     """Nobody waits for what nobody will see."""
     closed = threading.Event()
     threading.Timer(0.5, closed.set).start()
@@ -74,7 +74,7 @@ def test_a_tab_that_is_closed_ends_its_export(processes: Apart) -> None:
     assert time.monotonic() - started < 60.0 and not processes.idle
 
 
-def test_two_do_not_wait_for_each_other(processes: Apart) -> None:
+def test_two_do_not_wait_for_each_other(processes: Workers) -> None:
     """D11: while one export takes long, another one is done."""
     closed = threading.Event()
 
@@ -91,7 +91,7 @@ def test_two_do_not_wait_for_each_other(processes: Apart) -> None:
     long.join()
 
 
-def test_no_process_is_left(processes: Apart) -> None:
+def test_no_process_is_left(processes: Workers) -> None:
     """What waits for work ends with the server."""
     with pytest.raises(BadInput):
         processes.run("upload", None)
