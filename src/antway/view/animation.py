@@ -274,9 +274,8 @@ def _paste_pheromone(
     cell = grid.resolution
     left, top = painter.at((painter.x + col * cell, painter.y + (row if grid.top_first else row + height) * cell))
     size = (max(1, round(width * cell * painter.scale)), max(1, round(height * cell * painter.scale)))
-    alpha = Image.fromarray(painter.upright((faint_scale(amount) * 200).astype(np.uint8))).resize(
-        size, Image.Resampling.NEAREST
-    )
+    opacity = painter.upright((faint_scale(amount) * 200).astype(np.uint8))
+    alpha = Image.fromarray(opacity).resize(size, Image.Resampling.NEAREST)
     picture.paste(style.VIOLET, (round(left), round(top)), alpha)
 
 

@@ -262,15 +262,8 @@ def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
         x, y, _ = grid.origin
         d, (h, w) = grid.resolution, amount.shape
         extent = (x + col * d, x + (col + w) * d, y + row * d, y + (row + h) * d)
-        image = axes.imshow(
-            faint_scale(amount.astype(np.float64)),
-            origin="lower",
-            extent=extent,
-            cmap=style.PHEROMONE,
-            vmin=0,
-            vmax=1,
-            zorder=1.5,
-        )
+        shades = faint_scale(amount.astype(np.float64))
+        image = axes.imshow(shades, origin="lower", extent=extent, cmap=style.PHEROMONE, vmin=0, vmax=1, zorder=1.5)
         image.set_interpolation("nearest")
         look: dict[str, Any] = {"edgecolor": style.VIOLET, "linewidth": 0.9}
         axes.add_patch(Rectangle(extent[::2], w * d, h * d, fill=False, zorder=1.6, **look))
