@@ -334,7 +334,7 @@ def predict(suite: str, file: Path | None, json: bool) -> int:
     from antway.arena.predict import forecast, markdown
 
     if file is None or suite != "predict":
-        raise BadParameter("file", None if file is None else str(file), "a recording, with predict alone")
+        raise BadParameter("file", None if file is None else str(file), "a recording, and only with predict")
     found = forecast(str(file))
     if json:
         print_json({"file": str(file), **asdict(found)})

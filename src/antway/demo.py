@@ -211,7 +211,7 @@ def run_demo(
 ) -> Iterator[tuple[str, dict[str, Any]]]:
     """Play every scene with each policy and write the results under `out`; yield the scene and summary of each episode.
 
-    The scene with stops, `rounds`, is played with the last policy alone.
+    The scene with stops, `rounds`, is played only with the last policy.
 
     The folder of a scene contains the figures of all policies, trace and summary of the last policy, an animation and a page
     with all policies side by side, and a folder with trace and summary for each other policy. Figures 4 to 7 are of policy

@@ -259,7 +259,7 @@ def read_markers(message: Any) -> tuple[float, Tracks]:
         name = checks.integer("id", marker.id, low=0, where=where)
         if marker.type in (SPHERE, CYLINDER):
             if name in discs:
-                raise BadParameter("id", name, "of one disc alone", where=where)
+                raise BadParameter("id", name, "the id of only one disc", where=where)
             place = marker.pose.position
             scales = ((f"scale.{n}", getattr(marker.scale, n)) for n in "xy")
             wide = [checks.number(field, value, low=0.0, high=MAX_PLACE, where=where) for field, value in scales]

@@ -85,9 +85,10 @@ def _write_mp4(pictures: Iterator[Image.Image], path: Path, rate: float) -> None
 
 
 class _Painter:
-    """Draws in metres on the enlarged picture."""
+    """Draws an episode in metres on enlarged pictures, over the same backdrop: map, start, and the path `shortest`."""
 
-    def __init__(self, trace: Trace, width: int) -> None:
+    def __init__(self, trace: Trace, width: int, shortest: Plan | None) -> None:
+        self.trace = trace
         rows, cols = trace.task.grid.shape
         self.height = max(1, round(width * rows / cols))
         if self.height > 640:
@@ -97,6 +98,7 @@ class _Painter:
         self.x, self.y, _ = trace.task.grid.origin
         self.top_first = trace.task.grid.top_first
         self.font = ImageFont.load_default(15 * SUPER)
+        self.backdrop = _backdrop(self, shortest)
 
     def at(self, point: XY) -> tuple[float, float]:
         y = (float(point[1]) - self.y) * self.scale
@@ -130,13 +132,11 @@ class _Painter:
 
 
 def _frames(traces: Sequence[Trace], times: NDArray[np.float64], shortest: Plan | None, width: int) -> Iterator[Image.Image]:
-    views = [(trace, painter := _Painter(trace, width), _backdrop(trace, painter, shortest)) for trace in traces]
-    legend = _legend(traces, shortest is not None, sum(painter.width + GAP for _, painter, _ in views) - GAP)
+    painters = [_Painter(trace, width, shortest) for trace in traces]
+    legend = _legend(traces, shortest is not None, sum(painter.width + GAP for painter in painters) - GAP)
     for time in times:
-        parts = [
-            _frame(trace, int(np.searchsorted(trace.t, time + 1e-9, side="right")) - 1, painter, backdrop, len(views) > 1)
-            for trace, painter, backdrop in views
-        ]
+        steps = (int(np.searchsorted(trace.t, time + 1e-9, side="right")) - 1 for trace in traces)
+        parts = [_frame(painter, step, len(painters) > 1) for painter, step in zip(painters, steps)]
         whole = Image.new("RGB", (legend.width, parts[0].height + legend.height), style.WALL)
         for k, part in enumerate(parts):
             whole.paste(part, (k * (part.width + GAP), 0))
@@ -146,10 +146,8 @@ def _frames(traces: Sequence[Trace], times: NDArray[np.float64], shortest: Plan 
 
 def last_moment(trace: Trace, width: int) -> Image.Image:
     """Return the end of an episode as a picture of its map, at most `width` pixels wide."""
-    painter = _Painter(trace, width)
-    return _frame(trace, len(trace), painter, _backdrop(trace, painter, None), False).crop(
-        (0, 0, painter.width, painter.height)
-    )
+    painter = _Painter(trace, width, None)
+    return _frame(painter, len(trace), False).crop((0, 0, painter.width, painter.height))
 
 
 def _legend(traces: Sequence[Trace], shortest: bool, width: int) -> Image.Image:
@@ -208,9 +206,10 @@ def _faded(colour: str) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.Image:
-    """Return the constant part: the map, the global path, the goal."""
-    grid = trace.task.grid
+def _backdrop(painter: _Painter, shortest: Plan | None) -> Image.Image:
+    """Return the constant part of an episode's pictures: the map, the global path, the start."""
+    task = painter.trace.task
+    grid = task.grid
     shade = np.full(grid.shape, 255, np.uint8)[..., None] * np.ones(3, np.uint8)
     shade[grid.blocked] = _rgb(style.WALL)
     if grid.unknown is not None:
@@ -222,16 +221,17 @@ def _backdrop(trace: Trace, painter: _Painter, shortest: Plan | None) -> Image.I
     draw = ImageDraw.Draw(picture)
     if shortest is not None and len(shortest.cells) > 1:
         painter.dashes(draw, shortest.xy(grid), style.INK, 6)
-    painter.disc(draw, trace.task.start, 0.0, "white", style.INK)
+    painter.disc(draw, task.start, 0.0, "white", style.INK)
     return picture
 
 
-def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, named: bool) -> Image.Image:
-    picture = backdrop.copy()
+def _frame(painter: _Painter, step: int, named: bool) -> Image.Image:
+    """Return the picture of an episode at a step, with a caption, which has the name of the policy if it is `named`."""
+    trace, picture = painter.trace, painter.backdrop.copy()
     decision = decision_at(trace, step)
     if decision is not None and decision.pheromone is not None:
-        _paste_pheromone(picture, trace, painter, *decision.pheromone)
-    _paste_predictions(picture, trace, step, painter)
+        _paste_pheromone(picture, painter, *decision.pheromone)
+    _paste_predictions(picture, painter, step)
     draw = ImageDraw.Draw(picture)
     if decision is not None and decision.path is not None:
         painter.line(draw, decision.path.xy, style.TEAL, 2)
@@ -241,7 +241,7 @@ def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, na
             draw, trace.obstacle_xy[step, k], float(radius), style.RED if trace.sensed[step, k] else "white", style.RED
         )
     _star(draw, *painter.at(trace.task.goal), 10 * SUPER)
-    _mark_robot(picture, painter, trace, step)
+    _mark_robot(picture, painter, step)
     top = painter.height * SUPER
     draw.rectangle((0, top, picture.width, picture.height), fill="white")
     draw.line((0, top, picture.width, top), fill=style.WALL, width=SUPER)
@@ -253,8 +253,9 @@ def _frame(trace: Trace, step: int, painter: _Painter, backdrop: Image.Image, na
     return picture.reduce(SUPER)
 
 
-def _mark_robot(picture: Image.Image, painter: _Painter, trace: Trace, step: int) -> None:
+def _mark_robot(picture: Image.Image, painter: _Painter, step: int) -> None:
     """Draw the robot with a line to its front, and a ring around it that makes it easy to find."""
+    trace = painter.trace
     (x, y), r = painter.at(trace.xy[step]), max(trace.task.robot.radius * painter.scale, ROBOT * SUPER)
     ring, veil = r + HALO * SUPER, Image.new("L", picture.size, 0)
     ImageDraw.Draw(veil).ellipse((x - ring, y - ring, x + ring, y + ring), fill=110)
@@ -266,10 +267,9 @@ def _mark_robot(picture: Image.Image, painter: _Painter, trace: Trace, step: int
     draw.line((x, y, x + r * math.cos(heading), y + up * r * math.sin(heading)), fill="white", width=2 * SUPER)
 
 
-def _paste_pheromone(
-    picture: Image.Image, trace: Trace, painter: _Painter, row: int, col: int, amount: NDArray[np.float32]
-) -> None:
-    grid = trace.task.grid
+def _paste_pheromone(picture: Image.Image, painter: _Painter, row: int, col: int, amount: NDArray[np.float32]) -> None:
+    """Paste pheromone by cell, [H, W], whose first cell is (row, col); the more, the more opaque."""
+    grid = painter.trace.task.grid
     height, width = amount.shape
     cell = grid.resolution
     left, top = painter.at((painter.x + col * cell, painter.y + (row if grid.top_first else row + height) * cell))
@@ -279,8 +279,9 @@ def _paste_pheromone(
     picture.paste(style.VIOLET, (round(left), round(top)), alpha)
 
 
-def _paste_predictions(picture: Image.Image, trace: Trace, step: int, painter: _Painter) -> None:
+def _paste_predictions(picture: Image.Image, painter: _Painter, step: int) -> None:
     """Paste the bands that obstacles sweep according to the policy's prediction."""
+    trace = painter.trace
     if not predicted(trace, step, HORIZON):
         return
     veil = Image.new("L", picture.size, 0)

@@ -127,7 +127,7 @@ class Gate:
             return await self.app(scope, receive, send if scope["type"] == "websocket" else _with_headers(send))
         if scope["type"] == "websocket":
             return await send({"type": "websocket.close", "code": 1008})
-        return await PlainTextResponse("this server answers its own page alone\n", 403, _HEADERS)(scope, receive, send)
+        return await PlainTextResponse("this server answers only its own page\n", 403, _HEADERS)(scope, receive, send)
 
 
 def _with_headers(send: Send) -> Send:

@@ -21,7 +21,7 @@ from antway.view.packing import bits_to_base64
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
 from antway.web.tab import Tab
-from antway.web.view import Message, View, shades, short
+from antway.web.view import Message, View, shades, short, short_rows
 from antway.web.workers import EXPORT_SECONDS
 from antway.world import policy
 from antway.world.motions import Bounce, Line, Waypoints
@@ -167,7 +167,7 @@ class Session(Tab):
             "acceleration": short(scenario.obstacle_surge),
             "field": {"row": 0, "col": 0, "farthest": short(most), **shades(near, FIELD)} if found else None,
             "radii": [obstacle.radius for obstacle in scenario.world.obstacles],
-            "shortest": [[short(v) for v in point] for point in path],
+            "shortest": short_rows(path),
             "stops": [stop.at for stop in scenario.stops],
             "policies": self.policies,
             "parameters": {p.field: short(_get(scenario, p.field)) for p in PARAMETERS},

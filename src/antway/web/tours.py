@@ -19,7 +19,7 @@ from antway.errors import BadParameter, TooLarge
 from antway.view.packing import to_base64
 from antway.web.files import as_file, decoded, stem
 from antway.web.tab import Tab
-from antway.web.view import Message, short
+from antway.web.view import Message, short, short_rows
 
 MAX_CITIES = 5000
 MIN_CITIES = 4  # least number of cities of a colony
@@ -120,7 +120,7 @@ class Tours(Tab):
             "best": short(best),
             "gap": None if not optimum or not np.isfinite(best) else short(100.0 * (best / optimum - 1.0)),
             "ended": self.ended,
-            "curve": [[short(value) for value in row] for row in curve],
+            "curve": short_rows(curve),
             "tour": to_base64(self.colony.best, "<u2") if self.colony.cycle else None,
             "ends": to_base64(ends, "<u2"),
             "amounts": to_base64(amounts, "u1"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -145,7 +146,7 @@ class View:
             ],
             "tubes": self._tubes(moment.seen, float(stage.t[n])),
             "from": start,
-            "trail": [[short(v) for v in row] for row in stage.xy[start:end]],
+            "trail": short_rows(stage.xy[start:end]),
             "ms": [short(v) for v in stage.cycle_ms[max(start - 1, 0) : end - 1]],
             "clearance": short(moment.clearance),
             "outcome": episode.outcome.value if latest and episode.outcome is not None else None,
@@ -162,9 +163,7 @@ class View:
             policy = self.watched.policy if look is None else look.policy
             record["decision"] = None if decision is None else _decision(decision, views)
             laid = latest and decision is not None and decision.pheromone is not None  # earlier trails are not kept
-            record["trails"] = (
-                [[short(v) for v in edge] for edge in edges(policy, stage.task.grid, _EDGES // views)] if laid else []
-            )
+            record["trails"] = short_rows(edges(policy, stage.task.grid, _EDGES // views)) if laid else []
         return record
 
     def _braking(self, n: int) -> tuple[float, float]:
@@ -190,7 +189,7 @@ class View:
             times = np.unique(np.concatenate(([now], t[(t > now) & (t < now + HORIZON)], [now + HORIZON])))
             path = np.column_stack((times - now, *(np.interp(times, t, xy[:, i]) for i in (0, 1))))
             wide, faster = (_QUANTILE * math.sqrt(max(variance, 0.0)) for variance in variances)
-            result.append([short(body + wide), short(_GROWTH + faster), [[short(v) for v in knot] for knot in path]])
+            result.append([short(body + wide), short(_GROWTH + faster), short_rows(path)])
         return result
 
 
@@ -213,7 +212,7 @@ def _decision(decision: Decision, views: int) -> Message:
         "encounter": decision.encounter,
         "closest": [short(decision.time_to_closest), short(decision.distance_at_closest)],
         "target": None if decision.local_target is None else [short(v) for v in decision.local_target],
-        "path": None if path is None else [[short(v) for v in point] for point in path],
+        "path": None if path is None else short_rows(path),
         "alternatives": [[name[:80], cost] for name, cost in decision.weighed()[:8]],
         "gap": short(decision.gap),
         "guard": decision.guard,
@@ -235,6 +234,11 @@ def shades(amount: NDArray[Any], most: int) -> Message:
         levels = np.append(levels, np.uint8(0))
     data = to_base64(levels[::2] | (levels[1::2] << 4), "u1")
     return {"height": rows * block, "width": cols * block, "rows": rows, "cols": cols, "shades": data}
+
+
+def short_rows(rows: Iterable[Iterable[float]]) -> list[list[float | None]]:
+    """Return rows of numbers to three digits for JSON."""
+    return [[short(value) for value in row] for row in rows]
 
 
 def short(value: float) -> float | None:

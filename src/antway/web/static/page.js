@@ -181,7 +181,7 @@ function scrub() {
   }, 60);
 }
 
-// Open files; a description alone lacks its picture, and of a picture alone the size of a pixel is asked.
+// Open files. A map's description without its picture is refused; for a picture without a description, the size of a pixel is asked for.
 function openFiles(files) {
   const ends = (...kinds) => files.find(({ name }) => kinds.some((kind) => name.toLowerCase().endsWith(kind)));
   const open = () => request({ op: "open", files });
@@ -194,7 +194,7 @@ function openFiles(files) {
   byId("pixel-box").showModal();
 }
 
-// Open the picture whose pixels are as large as was said.
+// Open the picture with the size of a pixel that the user gave.
 function openPicture() {
   if (!sized()) return;
   byId("pixel-box").close();

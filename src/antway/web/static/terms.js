@@ -4,7 +4,7 @@ import { byId, make } from "/parts.js";
 const TERMS = {
   "Above the optimum": "How much longer the best tour is than the shortest there is.",
   "Ants, after": "The colony of policy paper: the best path of its ants, and how many of them reached their goal.",
-  "Ants' trails": "The moves on which ants left the most pheromone. Kept for the latest moment alone.",
+  "Ants' trails": "The moves on which ants left the most pheromone. Kept only for the latest moment.",
   "Certified gap": "How much worse than the best plan this one is at most, proved by a lower bound.",
   "Closest approach": "How near the robot and this obstacle come, and when, if both go on as they do now.",
   Cycle: "In a cycle each ant makes a tour, and pheromone fades and is laid anew.",

@@ -17,7 +17,7 @@ const SETTINGS = [
   { field: "ants", label: "Ants", meaning: "In a cycle. 1 to 200; from 2,000 cities on with local search, 4 that change tours." },
   { field: "seed", label: "Seed", meaning: "Same seed, same run. 0 to 4294967295." },
 ];
-const MARGIN = 20; // pixels of the page round the map
+const MARGIN = 20; // pixels of the page around the map
 const NEAR = 10; // pixels of the page; a press this near to a city removes it
 const state = {
   scene: null, frame: null, cities: [], curve: [], cursor: null, show: Object.fromEntries(LAYERS.map(({ key }) => [key, true])),
