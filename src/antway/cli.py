@@ -22,6 +22,7 @@ from antway.console import (
     MovesName,
     Resolution,
     Seed,
+    episode_bar,
     exit_with,
     name_option,
     number_option,
@@ -298,10 +299,6 @@ def bench_command(
         return commands.predict(suite, file, json)
     if suite == "ants":
         return commands.compare_ants(10 if episodes is None else episodes, out, json)
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
     from antway import checks
     from antway.arena import engines
     from antway.arena.store import EXPORTS, Results, export
@@ -315,18 +312,10 @@ def bench_command(
     with working("preparing"):
         jobs = engines.table_jobs(episodes_of(suite, episodes, robot or ""), names)
     out.mkdir(parents=True, exist_ok=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Results(out / "results.db") as results:
-        with Progress(*columns, console=Console(stderr=True)) as bar:
-            task = bar.add_task(escape(jobs[0].episode.suite), total=len(jobs))
-            engines.bench(
-                jobs,
-                results,
-                engine=engine,
-                workers=workers or os.cpu_count() or 1,
-                timeout=timeout,
-                done=lambda row: bar.advance(task),
-            )
+        with episode_bar(jobs[0].episode.suite, len(jobs)) as advance:
+            cores = workers or os.cpu_count() or 1
+            engines.bench(jobs, results, engine=engine, workers=cores, timeout=timeout, done=lambda row: advance())
         wanted = {job.key for job in jobs}
         rows = [row for row in results.rows() if row.key in wanted]
         with working("writing the report"):

@@ -15,11 +15,13 @@ from antway.console import (
     MovesName,
     Resolution,
     Seed,
+    ended_by_interrupt,
     number_option,
     pair,
     print_json,
     print_tour,
     say,
+    search_bar,
     status_of_search,
     working,
 )
@@ -176,41 +178,23 @@ def tsp_command(
 
     Ctrl-C ends the search and keeps the best tour.
     """
-    import signal
-    import threading
     from functools import partial
-
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     from antway import checks, load_tsp, solve_tsp
     from antway.warmup import twelve_cities
 
     seconds = checks.number("seconds", seconds, low=0.0, unit="s")
     instance = load_tsp(file)
-    stop = threading.Event()
-    before = signal.signal(signal.SIGINT, lambda *_: stop.set())
-    bar = Progress(
-        TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), console=Console(stderr=True), transient=True
-    )
-    search = bar.add_task("searching", total=seconds)
+    with ended_by_interrupt() as stop, search_bar(seconds) as show, working("searching"):
 
-    def show(tours: int, best: float, elapsed: float) -> None:
-        if elapsed > 1.0:
-            bar.start()
+        def progress(tours: int, best: float, elapsed: float) -> None:
             gap = f", {100 * (best / instance.optimum - 1):.2f} % over the optimum" if instance.optimum else ""
-            bar.update(search, completed=elapsed, description=f"best {best:,.6g}{gap}, {tours:,} tours")
+            show(elapsed, f"best {best:,.6g}{gap}, {tours:,} tours")
 
-    search_with = partial(solve_tsp, rule=rule, local_search=local_search, threads=threads, cancel=stop)
-    try:
-        with working("searching"):
-            # Kernels are loaded, and compiled once on a machine, before the clock starts: `seconds` are seconds of search.
-            search_with(twelve_cities(), cycles=1)
-            tour = search_with(instance, seconds=seconds, seed=seed, progress=show)
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-        signal.signal(signal.SIGINT, before)
+        search = partial(solve_tsp, rule=rule, local_search=local_search, threads=threads, cancel=stop)
+        # Kernels are loaded, and compiled once on a machine, before the clock starts: `seconds` are seconds of search.
+        search(twelve_cities(), cycles=1)
+        tour = search(instance, seconds=seconds, seed=seed, progress=progress)
     if out is not None:
         from antway.view import figures
 

@@ -17,6 +17,8 @@ from antway.errors import BadInput, BadParameter
 from antway.tables import SHIPPED_SCENES, names
 
 if TYPE_CHECKING:
+    import threading
+
     from antway.arena.summary import Summary
     from antway.planning import Status
     from antway.tours.plan import TourPlan
@@ -117,6 +119,55 @@ def working(what: str) -> Iterator[None]:
         yield
     finally:
         late.cancel()
+
+
+@contextmanager
+def search_bar(seconds: float) -> Iterator[Callable[[float, str], None]]:
+    """Show on stderr how far a search of `seconds` s is, once it takes a second; yield what is called with (s, description)."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task("searching", total=seconds)
+
+    def show(elapsed: float, description: str) -> None:
+        if elapsed > 1.0:
+            bar.start()
+            bar.update(task, completed=elapsed, description=description)
+
+    try:
+        yield show
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+
+
+@contextmanager
+def episode_bar(suite: str, episodes: int) -> Iterator[Callable[[], None]]:
+    """Show on stderr how many of the episodes of a suite are done; yield what is called after each."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(escape(suite), total=episodes)
+        yield lambda: bar.advance(task)
+
+
+@contextmanager
+def ended_by_interrupt() -> Iterator[threading.Event]:
+    """Yield an event that Ctrl-C sets, so that a search ends with what it has found."""
+    import signal
+    import threading
+
+    stop = threading.Event()
+    before = signal.signal(signal.SIGINT, lambda *_: stop.set())
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def print_json(record: dict[str, Any]) -> None:

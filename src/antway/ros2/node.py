@@ -237,6 +237,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             return None
 
     def _on_map(self, message: Any) -> None:
+        """Receive a map, unless it is older than the one in use."""
+
         def read(message: Any) -> tuple[float, Grid]:
             checks.choice("header.frame_id", message.header.frame_id, [self.settings.frame])
             stamp = convert.seconds(message.header.stamp)
@@ -255,6 +257,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.go(Goal(pose[:2], yaw=pose[2]))
 
     def _on_obstacles(self, message: Any) -> None:
+        """Receive obstacles, whose missing names and velocities the tracker adds."""
+
         def read(message: Any) -> tuple[float, Tracks]:
             assert self.settings.reader is not None
             t, tracks = self.settings.reader(message)
@@ -292,6 +296,8 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.pilot.scan, self.laser = found, None
 
     def _on_odometry(self, message: Any) -> None:
+        """Receive odometry, which starts a control cycle when one is due."""
+
         def read(message: Any) -> Odometry:
             odometry = convert.read_odometry(message)
             frame = self.transforms.pose(message.header.frame_id, self.settings.frame, odometry.t, self.settings.timeout)
@@ -374,6 +380,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
             self.predictions.publish(predictions_message(tracks, lines, t, make, frame=frame))
 
     def _say(self, level: int, reason: str) -> None:
+        """Log what the node does or why it stands, and publish it on diagnostics, if that is new."""
         if (level, reason) != self.reported:
             self.reported = level, reason
             log = self.get_logger()

@@ -147,6 +147,7 @@ def _down(names: str, **labels: str) -> list[Arrow]:
 
 
 def _chart(title: str, boxes: dict[str, Box], arrows: list[Arrow]) -> Figure:
+    """Draw a chart, as large as its boxes need."""
     columns = [box.centre[0] for box in boxes.values()]
     left, right = min(columns) - WIDE / 2 - 1.1, max(columns) + WIDE / 2 + 0.8
     bottom = min(box.centre[1] - box.height / 2 for box in boxes.values()) - 0.5

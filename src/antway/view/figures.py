@@ -198,38 +198,49 @@ def tour_figure(instance: Tsp, tour: Tour, *, title: str = "") -> Figure:
     mapped = instance.xy is not None
     fig = style.figure(10.4 if mapped else 5.6, 5.2)
     *left, right = fig.subplots(1, 2 if mapped else 1, squeeze=False, width_ratios=(1.35, 1) if mapped else None)[0]
-    if instance.xy is not None:
-        geographic = instance.metric == "GEO"
-        axes, xy = left[0], np.asarray(instance.xy, dtype=np.float64)
-        if geographic:
-            xy = xy[:, ::-1]
-        x, y = xy[np.append(tour.order, tour.order[:1])].T
-        if geographic:  # a leg across the date line leaves the map on one side and returns on the other
-            x = np.unwrap(x, period=360.0)
-            margin = 0.03 * float(np.ptp(xy[:, 0])) or 1.0
-            axes.set_xlim(xy[:, 0].min() - margin, xy[:, 0].max() + margin)
-        for shift in (-360.0, 0.0, 360.0) if geographic else (0.0,):
-            axes.plot(x + shift, y, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
-        axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 5.0 - np.log2(max(len(xy), 1)) / 2.5), markeredgewidth=0)
-        names = ("longitude (degrees.minutes)", "latitude (degrees.minutes)") if geographic else ("x", "y")
-        axes.set(title=title or instance.name, xlabel=names[0], ylabel=names[1], aspect="equal")
-        axes.locator_params(nbins=7, steps=[1, 2, 5, 10])
-    made, best, _ = np.vstack((tour.history, [tour.tours, tour.length, tour.elapsed])).T
-    dot = {"marker": "o"} if len(set(made)) == 1 else {}  # a line with one point would be invisible
-    label = f"best tour, {tour.length:,.6g}"
-    right.step(np.maximum(made, 1), best, where="post", color=style.BLUE, linewidth=1.8, label=label, **dot)
-    if tour.optimum is not None:
-        right.axhline(tour.optimum, color=style.INK, linewidth=0.8, label=f"optimum, {tour.optimum:,.6g}")
-    right.set(title="Best length so far", xlabel="tours made", ylabel="length", xscale="log")
-    right.xaxis.set_minor_formatter(NullFormatter())
-    style.graph(right)
-    right.legend()
     for axes in left:
+        _draw_cities(axes, instance, tour)
+        axes.set_title(title or instance.name)
         axes.spines[["top", "right"]].set_visible(False)
+    _draw_lengths(right, tour)
     return fig
 
 
+def _draw_cities(axes: Axes, instance: Tsp, tour: Tour) -> None:
+    """Draw the cities of an instance with places, and a tour through them."""
+    geographic = instance.metric == "GEO"
+    xy = np.asarray(instance.xy, dtype=np.float64)
+    if geographic:
+        xy = xy[:, ::-1]
+    x, y = xy[np.append(tour.order, tour.order[:1])].T
+    if geographic:  # a leg across the date line leaves the map on one side and returns on the other
+        x = np.unwrap(x, period=360.0)
+        margin = 0.03 * float(np.ptp(xy[:, 0])) or 1.0
+        axes.set_xlim(xy[:, 0].min() - margin, xy[:, 0].max() + margin)
+    for shift in (-360.0, 0.0, 360.0) if geographic else (0.0,):
+        axes.plot(x + shift, y, color=style.BLUE, linewidth=1.2 if len(xy) < 1000 else 0.5)
+    axes.plot(*xy.T, "o", color=style.INK, markersize=max(0.6, 5.0 - np.log2(max(len(xy), 1)) / 2.5), markeredgewidth=0)
+    names = ("longitude (degrees.minutes)", "latitude (degrees.minutes)") if geographic else ("x", "y")
+    axes.set(xlabel=names[0], ylabel=names[1], aspect="equal")
+    axes.locator_params(nbins=7, steps=[1, 2, 5, 10])
+
+
+def _draw_lengths(axes: Axes, tour: Tour) -> None:
+    """Draw the best length so far against the number of tours, and the optimum if it is known."""
+    made, best, _ = np.vstack((tour.history, [tour.tours, tour.length, tour.elapsed])).T
+    dot: dict[str, Any] = {"marker": "o"} if len(set(made)) == 1 else {}  # a line with one point would be invisible
+    label = f"best tour, {tour.length:,.6g}"
+    axes.step(np.maximum(made, 1), best, where="post", color=style.BLUE, linewidth=1.8, label=label, **dot)
+    if tour.optimum is not None:
+        axes.axhline(tour.optimum, color=style.INK, linewidth=0.8, label=f"optimum, {tour.optimum:,.6g}")
+    axes.set(title="Best length so far", xlabel="tours made", ylabel="length", xscale="log")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    style.graph(axes)
+    axes.legend()
+
+
 def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, prediction: bool, pheromone: bool) -> None:
+    """Draw an episode at a step; what to draw is as in `moment_figure`."""
     task = trace.task
     style.draw_map(axes, task.grid)
     decision = decision_at(trace, step)
@@ -257,6 +268,7 @@ def _draw_moment(axes: Axes, trace: Trace, step: int, path: Plan | None, predict
 
 
 def _draw_choice(axes: Axes, grid: Grid, decision: Decision) -> None:
+    """Draw the pheromone of a decision with its scale, the path that was chosen, and the local target."""
     if decision.pheromone is not None and (decision.pheromone[2] > 0).any():
         row, col, amount = decision.pheromone
         x, y, _ = grid.origin

@@ -80,6 +80,7 @@ class _Replays:
 
 
 def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
+    """Return the section of a suite: its table, plots, ranks and failures."""
     policies = sorted({row.policy for row in rows})
     table = summarise(rows, policies)
     plots = {"Reached by level": success_figure(table)}
@@ -94,6 +95,7 @@ def _suite(suite: str, rows: list[Row], replays: _Replays) -> str:
 
 
 def _table(table: Sequence[Summary]) -> str:
+    """Return the table with a row for each policy on each level."""
     heads = (
         "level", "policy", "episodes", "success", "95 %", "hit moving", "hit standing", "hit wall", "timeout", "error",
         "time / optimum", "95 %", "time s", "length / shortest", "clearance m", "under 0.2 m s", "side changes", "jerk m/s³",
@@ -137,6 +139,7 @@ def _rank_table(rows: Sequence[Row], policies: Sequence[str]) -> str:
 
 
 def _gallery(rows: Sequence[Row], policies: Sequence[str], replays: _Replays) -> str:
+    """Return pictures of the first failures of each policy, which open their replays."""
     parts = []
     for policy in policies:
         failed = [row for row in rows if row.policy == policy and not row.reached]

@@ -16,6 +16,7 @@ import secrets
 import socket
 import zlib
 from collections.abc import Awaitable, Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import uvicorn
@@ -157,25 +158,9 @@ def make_app(names: frozenset[str], token: str, *, workers: Workers | None = Non
         Processes that read files and make exports for the tabs; None: the server does it.
     """
     cookie = f"antway-{zlib.crc32(token.encode()):08x}"  # a different name for each server, because cookies ignore ports
-    crossing = {
-        "policies": POLICIES,
-        "about": {name: ABOUT["policies"][name] for name in POLICIES},
-        "scenes": (*SCENES, *ROUNDS),
-        "speeds": Session.SPEEDS,
-        "parameters": [{name: getattr(p, name) for name in p.__slots__} for p in PARAMETERS],
-        "token": token,
-    }
-    touring = {
-        "instances": list(tours.INSTANCES),
-        "rules": list(RULES),
-        "searches": tours.SEARCHES,
-        "persistences": tours.PERSISTENCES,
-        "speeds": tours.Tours.SPEEDS,
-        "token": token,
-    }
     pages = {
-        "/": _page("antway", "page.html", "/page.js", crossing),
-        "/tsp": _page("Tours – antway", "tsp.html", "/tsp.js", touring),
+        "/": _page("antway", "page.html", "/page.js", {**_crossing_choices(), "token": token}),
+        "/tsp": _page("Tours – antway", "tsp.html", "/tsp.js", {**_tour_choices(), "token": token}),
     }
     fixed = {f"/{name}": _answer(asset(name, package), name) for package, names in _FILES.items() for name in names}
 
@@ -216,6 +201,28 @@ def make_app(names: frozenset[str], token: str, *, workers: Workers | None = Non
     app = Starlette(routes=[*routes, WebSocketRoute("/live", live(Session)), WebSocketRoute("/tours", live(tours.Tours))])
     app.router.redirect_slashes = False
     return Gate(app, names, turns, {path: _written(answer) for path, answer in fixed.items()})
+
+
+def _crossing_choices() -> dict[str, object]:
+    """Return what users can choose on the page of crossings."""
+    return {
+        "policies": POLICIES,
+        "about": {name: ABOUT["policies"][name] for name in POLICIES},
+        "scenes": (*SCENES, *ROUNDS),
+        "speeds": Session.SPEEDS,
+        "parameters": [asdict(parameter) for parameter in PARAMETERS],
+    }
+
+
+def _tour_choices() -> dict[str, object]:
+    """Return what users can choose on the page of tours."""
+    return {
+        "instances": list(tours.INSTANCES),
+        "rules": list(RULES),
+        "searches": tours.SEARCHES,
+        "persistences": tours.PERSISTENCES,
+        "speeds": tours.Tours.SPEEDS,
+    }
 
 
 def _answer(text: str, name: str) -> Response:
