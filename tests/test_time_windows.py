@@ -20,7 +20,7 @@ from antway.cli import main
 from antway.kernels.base import rng as random_kernel
 from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import lateness, repair
-from antway.kernels.colony.window_search import Moves, refresh, settle, shake, trail, value
+from antway.kernels.colony.window_search import MoveOptions, refresh, settle, shake, timed_order, value
 from antway.tours.time_windows import Tsptw, parse
 from antway.tours.windowed import Path
 from common import SHARED, cases, needs_data
@@ -165,7 +165,7 @@ def test_local_search_against_driving(makespan: bool) -> None:
         order = next(naive.feasible_orders(instance.matrix.tolist(), instance.windows.tolist()), None)
         if order is None or not path.feasible:
             continue
-        t, moves = trail(n + 1), Moves(makespan, n, 1e-9 * path.step)
+        t, moves = timed_order(n + 1), MoveOptions(makespan, n, 1e-9 * path.step)
         state = np.array([random_kernel.stream(np.uint64(case), np.uint64(0))], dtype=np.uint64)
         t.order[:] = [*order[:-1], n]
         refresh(path.windows, t)

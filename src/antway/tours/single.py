@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from antway.kernels.colony.window_colony import TAU_0
 from antway.planning import Clock
 from antway.tours.fleet import layout
 from antway.tours.stops import Floats, Order, Stops
@@ -30,7 +31,7 @@ def best_order(
     found = search(path, clock, makespan=stops.objective == "makespan", cycles=cycles, seed=seed, initial=first, pheromone=tau)
     learned = None
     if found.pheromone.size:
-        learned = np.full((n, n), 0.5)
+        learned = np.full((n, n), TAU_0)
         learned[np.ix_(ids[:-1], ids[1:-1])] = found.pheromone[:-1, 1:-1]
         if rows[-1] >= 0:
             learned[ids[1:-1], rows[-1]] = found.pheromone[1:-1, -1]

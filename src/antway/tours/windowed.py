@@ -14,7 +14,7 @@ from antway.kernels.colony import time_windows as beams
 from antway.kernels.colony import window_colony as colonies
 from antway.kernels.colony import windows as kernel
 from antway.kernels.colony.window_repair import QUICK_WORK, WORK, lateness, repair
-from antway.kernels.colony.window_search import Moves, trail
+from antway.kernels.colony.window_search import MoveOptions, timed_order
 from antway.planning import Clock
 
 Floats = NDArray[np.float64]
@@ -208,9 +208,11 @@ def search(
         late = float(repair(path.finite, path.opens, path.closes, start, 0 if n <= 3 else 20, np.uint64(seed)))
         conflict = () if path.feasible else path.conflict()
         return Found(start, late / path.scale, True, conflict, 0, [], np.zeros((0, 0)))
-    run = _Run(path, clock, makespan, seed, target, start, initial is not None, pheromone)
-    run.habits = run.habits._replace(evaporation=evaporation, width=min(width, run.habits.width))
-    return run.go(cycles)
+    step = path.step
+    moves = MoveOptions(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
+    width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (min(width, _WIDTH), _ATTEMPTS)
+    options = colonies.ColonyOptions(width, attempts, evaporation, _TEMPERATURE * step, step, _HURRY, moves)
+    return _Run(path, clock, options, seed, target, start, initial is not None, pheromone).go(cycles)
 
 
 class _Run:
@@ -220,7 +222,7 @@ class _Run:
         self,
         path: Path,
         clock: Clock,
-        makespan: bool,
+        options: colonies.ColonyOptions,
         seed: int,
         target: float,
         start: Order,
@@ -228,18 +230,15 @@ class _Run:
         pheromone: Floats | None,
     ) -> None:
         n = len(path.time)
-        self.path, self.clock, self.seed, self.makespan = path, clock, np.uint64(seed), makespan
+        self.path, self.clock, self.options, self.seed = path, clock, options, np.uint64(seed)
+        makespan = options.moves.makespan
         # Among orders with equal ends, a millionth of the travel time decides.
         self.target = target * path.scale * (1.0 + (3e-6 if makespan else 1e-9)) if math.isfinite(target) else target
-        tau = np.full((n, n), 0.5) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
+        tau = np.full((n, n), colonies.TAU_0) if pheromone is None or pheromone.shape != (n, n) else pheromone.copy()
         self.colony = colonies.Colony(
             tau, np.zeros((n, n)), np.zeros((3, n), dtype=np.int32), np.array([math.inf, math.inf, 0.0, 0.0])
         )
-        step = path.step
-        width, attempts = (0, _FEW_ATTEMPTS) if path.quick else (_WIDTH, _ATTEMPTS)
-        self.habits = colonies.Habits(width, attempts, _EVAPORATION, _TEMPERATURE * step, step, _HURRY)
-        self.moves = Moves(makespan, _LONGEST, 0.5 if path.exact and not makespan else 1e-9 * step)
-        self.beam, self.trail = beams.workspace(n, _WIDTH), trail(n)
+        self.beam, self.timed = beams.workspace(n, _WIDTH), timed_order(n)
         self.start, self.warm, self.proven = start, warm, False
         self.history: list[tuple[int, float, float]] = []
 
@@ -254,12 +253,13 @@ class _Run:
         n = len(path.time)
         width = min(width, _STATES // n)
         order = np.zeros(n, dtype=np.int32)
-        draw = beams.Draw(1.0, 0.0, 0.0, self.makespan, record[colonies.BEST] - self.moves.least)
+        moves = self.options.moves
+        choice = beams.Choice(1.0, 0.0, 0.0, moves.makespan, record[colonies.BEST] - moves.least)
         task, none = path.mirror if backward else path.windows, np.zeros((n, n))
-        cost, whole = beams.search(task, task.before, none, draw, width, np.uint64(1), beams.workspace(n, width), order)
+        cost, whole = beams.search(task, none, choice, width, np.uint64(1), beams.workspace(n, width), order)
         if cost < math.inf:
             order = n - 1 - order[::-1] if backward else order
-            colonies.adopt(path.windows, self.colony, self.moves, self.trail, order)
+            colonies.adopt(path.windows, self.colony, moves, self.timed, order)
         self.proven = bool(whole)
 
     def _repair(self, attempts: int, draw: int) -> float:
@@ -268,7 +268,7 @@ class _Run:
         drawn, work = np.uint64(stream(self.seed, np.uint64(draw))), QUICK_WORK if path.quick else WORK
         late = float(repair(path.finite, path.opens, path.closes, self.start, attempts, drawn, work))
         if late == 0.0:
-            colonies.adopt(path.windows, self.colony, self.moves, self.trail, self.start)
+            colonies.adopt(path.windows, self.colony, self.options.moves, self.timed, self.start)
         return late
 
     def go(self, cycles: int | None) -> Found:
@@ -281,9 +281,7 @@ class _Run:
         while done < limit and not (done and self.clock.spent()) and not self.proven and record[colonies.BEST] > self.target:
             batch = min(batch, limit - done, widened - done)
             started = time.perf_counter()
-            ran = colonies.cycles(
-                path.windows, path.mirror, self.colony, self.habits, self.moves, self.seed, batch, self.beam, self.trail
-            )
+            ran = colonies.cycles(path.windows, path.mirror, self.colony, self.options, self.seed, batch, self.beam, self.timed)
             done += ran
             each = max(time.perf_counter() - started, 1e-9) / ran
             batch = max(1, min(2 * batch, 4096, int(_SLICE / each)))
@@ -297,7 +295,7 @@ class _Run:
                     self._widen(_WIDER * done, backward)
                     beam_time = time.perf_counter() - before
                 widened *= 2
-                backward = not backward and not self.makespan
+                backward = not backward and not self.options.moves.makespan
             self._note()
         if record[colonies.BEST] < math.inf:
             return Found(self.colony.orders[0].copy(), 0.0, self.proven, (), done, self.history, self.colony.tau)

@@ -14,19 +14,22 @@ from typing import NamedTuple
 import numpy as np
 
 from antway.kernels.base import rng
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.colony.windows import Floats, Ids, Sets, Windows
 
 
 class Beam(NamedTuple):
-    """Scratch for beams of up to w partial orders of n stops, with c candidates at a time."""
+    """Scratch for beams of up to w partial orders of n stops, with c candidates at a time.
 
-    sets: Sets  # [2, w, words] stops visited
+    Partial orders of p stops make up layer p. The first axis is for the two layers in memory, the even and the odd one.
+    """
+
+    visited: Sets  # [2, w, words] stops visited
     last: Ids  # [2, w] stop reached
     ready: Floats  # [2, w] start of service there
     cost: Floats  # [2, w] travel time until there
     rest: Floats  # [2, w] lower bound of the remaining travel time
-    scent: Floats  # [2, w] sum of `score` over its arcs
+    penalty: Floats  # [2, w] sum of the penalties of its arcs
     mark: Sets  # [2, w] exclusive or of the random words of its stops
     first: Ids  # [2, w] index in `by_closing` before which all stops are visited
     parent: Ids  # [n, w] the partial order of the previous layer that it extends
@@ -41,8 +44,8 @@ class Beam(NamedTuple):
     table: Ids  # [power of 2] hash table: first candidate of an entry, or -1
 
 
-class Draw(NamedTuple):
-    """How a beam chooses: key = bound * lower bound + time * start of service + scent + noise * Gumbel."""
+class Choice(NamedTuple):
+    """How a beam chooses: key = bound * lower bound + time * start of service + penalty + noise * Gumbel."""
 
     bound: float
     time: float
@@ -80,26 +83,37 @@ def workspace(n: int, width: int) -> Beam:
     )
 
 
+@inner_kernel
+def has_visited(beam: Beam, layer: int, p: int, stop: int) -> bool:
+    """Tell whether partial order p of a layer in memory has visited `stop`."""
+    return bool((beam.visited[layer, p, stop >> 6] >> np.uint64(stop & 63)) & np.uint64(1))
+
+
+@inner_kernel
+def has_predecessors(problem: Windows, beam: Beam, layer: int, p: int, stop: int) -> bool:
+    """Tell whether partial order p of a layer in memory has visited all stops that must come before `stop`."""
+    missing = np.uint64(0)
+    for w in range(problem.before.shape[1]):
+        missing |= problem.before[stop, w] & ~beam.visited[layer, p, w]
+    return bool(missing == np.uint64(0))
+
+
 @bare_kernel
-def misses(problem: Windows, beam: Beam, now: int, p: int, j: int, ready: float) -> bool:
+def misses(problem: Windows, beam: Beam, layer: int, p: int, j: int, ready: float) -> bool:
     """Tell whether some unvisited stop can no longer be reached in time once partial order p continues to j."""
     horizon = ready + problem.farthest[j]
-    for q in range(beam.first[now, p], len(problem.by_closing)):
+    for q in range(beam.first[layer, p], len(problem.by_closing)):
         u = problem.by_closing[q]
         if problem.closes[u] >= horizon:
             return False
-        if (
-            u != j
-            and not (beam.sets[now, p, u >> 6] >> np.uint64(u & 63)) & np.uint64(1)
-            and ready + problem.far[j, u] > problem.closes[u]
-        ):
+        if u != j and not has_visited(beam, layer, p, u) and ready + problem.far[j, u] > problem.closes[u]:
             return True
     return False
 
 
 @bare_kernel
-def enter(beam: Beam, c: int, count: int) -> int:
-    """Add candidate c, which is the one at `count`, unless another is as early and as short; return the new count."""
+def enter(beam: Beam, c: int) -> bool:
+    """Add candidate c to the table, unless another is as early and as short; tell whether it was added."""
     spot = np.int64(
         (beam.c_mark[c] * np.uint64(0x9E3779B97F4A7C15) + np.uint64(beam.c_stop[c]) * np.uint64(0xBF58476D1CE4E5B9))
         >> np.uint64(20)
@@ -109,13 +123,13 @@ def enter(beam: Beam, c: int, count: int) -> int:
         # Sets with equal marks count as equal: a collision of 64 random bits is not to be expected.
         if beam.c_mark[other] == beam.c_mark[c] and beam.c_stop[other] == beam.c_stop[c] and beam.c_key[other] < np.inf:
             if beam.c_ready[other] <= beam.c_ready[c] and beam.c_cost[other] <= beam.c_cost[c]:
-                return count
+                return False
             if beam.c_ready[c] <= beam.c_ready[other] and beam.c_cost[c] <= beam.c_cost[other]:
                 beam.c_key[other] = np.inf
         other = beam.c_next[other]
     beam.c_next[c] = beam.table[spot]
     beam.table[spot] = c
-    return count + 1
+    return True
 
 
 @kernel
@@ -152,94 +166,106 @@ def keep(beam: Beam, count: int, width: int) -> tuple[int, bool]:
     return at, alive > width
 
 
+@bare_kernel
+def start(problem: Windows, beam: Beam) -> None:
+    """Make the partial order that is only stop 0 the first of layer 0."""
+    beam.visited[0, 0, :] = 0
+    beam.visited[0, 0, 0] = 1
+    beam.last[0, 0], beam.ready[0, 0], beam.cost[0, 0], beam.rest[0, 0] = 0, problem.opens[0], 0.0, problem.bound
+    beam.penalty[0, 0], beam.mark[0, 0], beam.first[0, 0] = 0.0, problem.mark[0], 0
+
+
+@kernel
+def extend(
+    problem: Windows, penalty: Floats, choice: Choice, width: int, beam: Beam, layer: int, size: int, state: rng.State
+) -> tuple[int, bool]:
+    """Extend the `size` partial orders of a layer by one stop each; return the number of kept candidates, and whether all are.
+
+    A candidate is left out without loss if it has a late stop, leads to one, or costs `choice.limit` or more.
+    """
+    count, whole = 0, True
+    for p in range(size):
+        i = beam.last[layer, p]
+        for at in range(problem.afters[i]):
+            j = problem.after[i, at]
+            if has_visited(beam, layer, p, j):
+                continue
+            step = problem.time[i, j]
+            ready = max(beam.ready[layer, p] + step, problem.opens[j])
+            if ready > problem.closes[j] or not has_predecessors(problem, beam, layer, p, j):
+                continue
+            cost = beam.cost[layer, p] + step
+            least = beam.rest[layer, p] - problem.leave[i] - problem.enter[j] + (ready if choice.makespan else cost)
+            if least >= choice.limit or misses(problem, beam, layer, p, j, ready):
+                continue
+            if count == len(beam.c_parent):
+                count, dropped = keep(beam, count, width)
+                whole = whole and not dropped
+                for c in range(count):
+                    enter(beam, c)
+            key = choice.bound * least + choice.time * ready + beam.penalty[layer, p] + penalty[i, j]
+            if choice.noise > 0.0:
+                share = (float(rng.next_bits(state) >> np.uint64(11)) + 0.5) * 2.0**-53
+                key += choice.noise * math.log(-math.log(share))
+            beam.c_parent[count], beam.c_stop[count], beam.c_ready[count] = p, j, ready
+            beam.c_cost[count], beam.c_key[count] = (0.0 if choice.makespan else cost), key
+            beam.c_mark[count] = beam.mark[layer, p] ^ problem.mark[j]
+            if enter(beam, count):
+                count += 1
+    count, dropped = keep(beam, count, width)
+    return count, whole and not dropped
+
+
+@bare_kernel
+def advance(problem: Windows, penalty: Floats, beam: Beam, layer: int, size: int) -> None:
+    """Make the `size` kept candidates the partial orders of the other layer in memory."""
+    then = 1 - layer
+    for c in range(size):
+        p, j = beam.c_parent[c], beam.c_stop[c]
+        i = beam.last[layer, p]
+        for w in range(beam.visited.shape[2]):
+            beam.visited[then, c, w] = beam.visited[layer, p, w]
+        beam.visited[then, c, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
+        beam.last[then, c], beam.ready[then, c] = j, beam.c_ready[c]
+        beam.cost[then, c] = beam.cost[layer, p] + problem.time[i, j]
+        beam.rest[then, c] = beam.rest[layer, p] - problem.leave[i] - problem.enter[j]
+        beam.penalty[then, c], beam.mark[then, c] = beam.penalty[layer, p] + penalty[i, j], beam.c_mark[c]
+        q = beam.first[layer, p]
+        while q < len(problem.by_closing) and has_visited(beam, then, c, problem.by_closing[q]):
+            q += 1
+        beam.first[then, c] = q
+
+
 @kernel
 def search(
-    problem: Windows, before: Sets, score: Floats, draw: Draw, width: int, seed: np.uint64, beam: Beam, order: Ids
+    problem: Windows, penalty: Floats, choice: Choice, width: int, seed: np.uint64, beam: Beam, order: Ids
 ) -> tuple[float, bool]:
     """Extend the beam from stop 0 through all others; write the best order and return its cost, infinite if there is none.
 
-    before : [n, w] the stops that must come earlier, at least those of `problem`.
-    score : [n, n] penalty of each arc by its pheromone.
+    penalty : [n, n] penalty of each arc by its pheromone.
     The second result is True if no partial order was dropped that could have been better.
     """
     n = len(problem.opens)
-    words, capacity = before.shape[1], len(beam.c_parent)
-    state = seed
-    now, size, whole = 0, 1, True
-    beam.sets[0, 0, :] = 0
-    beam.sets[0, 0, 0] = 1
-    beam.last[0, 0], beam.ready[0, 0], beam.cost[0, 0], beam.rest[0, 0] = 0, problem.opens[0], 0.0, problem.bound
-    beam.scent[0, 0], beam.mark[0, 0], beam.first[0, 0] = 0.0, problem.mark[0], 0
-    for layer in range(1, n):
-        count = 0
-        for p in range(size):
-            i = beam.last[now, p]
-            for at in range(problem.afters[i]):
-                j = problem.after[i, at]
-                if (beam.sets[now, p, j >> 6] >> np.uint64(j & 63)) & np.uint64(1):
-                    continue
-                step = problem.time[i, j]
-                ready = max(beam.ready[now, p] + step, problem.opens[j])
-                if ready > problem.closes[j]:
-                    continue
-                blocked = False
-                for w in range(words):
-                    if before[j, w] & ~beam.sets[now, p, w]:
-                        blocked = True
-                        break
-                if blocked:
-                    continue
-                cost = beam.cost[now, p] + step
-                least = beam.rest[now, p] - problem.leave[i] - problem.enter[j] + (ready if draw.makespan else cost)
-                if least >= draw.limit or misses(problem, beam, now, p, j, ready):
-                    continue
-                if count == capacity:
-                    count, dropped = keep(beam, count, width)
-                    whole = whole and not dropped
-                    for c in range(count):
-                        enter(beam, c, c)
-                key = draw.bound * least + draw.time * ready + beam.scent[now, p] + score[i, j]
-                if draw.noise > 0.0:
-                    state += rng.GAMMA
-                    share = (float(rng.mix(state) >> np.uint64(11)) + 0.5) * (1.0 / 9007199254740992.0)
-                    key += draw.noise * math.log(-math.log(share))
-                beam.c_parent[count], beam.c_stop[count], beam.c_ready[count] = p, j, ready
-                beam.c_cost[count], beam.c_key[count] = (0.0 if draw.makespan else cost), key
-                beam.c_mark[count] = beam.mark[now, p] ^ problem.mark[j]
-                count = enter(beam, count, count)
-        size, dropped = keep(beam, count, width)
-        whole = whole and not dropped
+    state = np.array([seed], dtype=np.uint64)
+    size, whole = 1, True
+    start(problem, beam)
+    for p in range(1, n):
+        layer = (p - 1) % 2
+        size, all_kept = extend(problem, penalty, choice, width, beam, layer, size, state)
+        whole = whole and all_kept
         if size == 0:
             return np.inf, whole
-        then = 1 - now
+        advance(problem, penalty, beam, layer, size)
         for c in range(size):
-            p, j = beam.c_parent[c], beam.c_stop[c]
-            i = beam.last[now, p]
-            beam.sets[then, c] = beam.sets[now, p]
-            beam.sets[then, c, j >> 6] |= np.uint64(1) << np.uint64(j & 63)
-            beam.last[then, c], beam.ready[then, c], beam.cost[then, c] = (
-                j,
-                beam.c_ready[c],
-                beam.cost[now, p] + problem.time[i, j],
-            )
-            beam.rest[then, c] = beam.rest[now, p] - problem.leave[i] - problem.enter[j]
-            beam.scent[then, c], beam.mark[then, c] = beam.scent[now, p] + score[i, j], beam.c_mark[c]
-            q = beam.first[now, p]
-            while q < n and (
-                beam.sets[then, c, problem.by_closing[q] >> 6] >> np.uint64(problem.by_closing[q] & 63)
-            ) & np.uint64(1):
-                q += 1
-            beam.first[then, c] = q
-            beam.parent[layer, c], beam.stop[layer, c] = p, j
-        now = then
+            beam.parent[p, c], beam.stop[p, c] = beam.c_parent[c], beam.c_stop[c]
+    costs = beam.ready[(n - 1) % 2] if choice.makespan else beam.cost[(n - 1) % 2]
     best = 0
     for c in range(1, size):
-        better = beam.ready[now, c] < beam.ready[now, best] if draw.makespan else beam.cost[now, c] < beam.cost[now, best]
-        if better:
+        if costs[c] < costs[best]:
             best = c
-    result = beam.ready[now, best] if draw.makespan else beam.cost[now, best]
-    for layer in range(n - 1, 0, -1):
-        order[layer] = beam.stop[layer, best]
-        best = beam.parent[layer, best]
+    result = costs[best]
+    for p in range(n - 1, 0, -1):
+        order[p] = beam.stop[p, best]
+        best = beam.parent[p, best]
     order[0] = 0
     return result, whole

@@ -14,23 +14,31 @@ import numpy as np
 from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
-from antway.kernels.colony.time_windows import Beam, Draw, search
-from antway.kernels.colony.window_search import Moves, Trail, refresh, settle, shake, value
+from antway.kernels.colony.time_windows import Beam, Choice, search
+from antway.kernels.colony.window_search import MoveOptions, TimedOrder, refresh, settle, shake, value
 from antway.kernels.colony.windows import Floats, Ids, Windows
 
-BEST, SINCE, CYCLE, CONVERGED = range(4)
+# Elements of `Colony.record`.
+BEST = 0  # cost of the best order so far, infinite while none is known
+RESTART_BEST = 1  # cost of the best order since the last restart, infinite while none is known
+CYCLE = 2  # number of cycles done
+CONVERGENCE = 3  # mean pheromone on the arcs of the best order since the restart: 1 if the colony builds only this order
+# Rows of `Colony.orders`.
+SO_FAR, SINCE_RESTART, OF_CYCLE = range(3)
+TAU_0, TAU_MIN, TAU_MAX = 0.5, 0.001, 0.999  # initial pheromone after a restart, and its limits
+CONVERGED = 0.97  # convergence above which the colony restarts
 
 
 class Colony(NamedTuple):
     """The state of the colony, which kernels change in place."""
 
     tau: Floats  # [n, n] pheromone
-    score: Floats  # [n, n] scratch: penalty of each arc by its pheromone
-    orders: Ids  # [3, n] best so far, best since the last restart, best of the cycle
-    record: Floats  # [4] see BEST ... CONVERGED; costs are infinite while no order is known
+    penalty: Floats  # [n, n] scratch: penalty of each arc by its pheromone
+    orders: Ids  # [3, n] the best order so far (SO_FAR), since the last restart (SINCE_RESTART), and of the cycle (OF_CYCLE)
+    record: Floats  # [4] see BEST ... CONVERGENCE
 
 
-class Habits(NamedTuple):
+class ColonyOptions(NamedTuple):
     """Settings that are the same in all cycles."""
 
     width: int  # width of the ants' beam; 0: no ants, only random moves
@@ -39,43 +47,49 @@ class Habits(NamedTuple):
     temperature: float  # s; by about how much worse an order may become at first
     scale: float  # s; a typical step
     hurry: float  # largest weight of a second of arrival time for ants, relative to a second of lower bound
+    moves: MoveOptions  # which moves the local search tries
 
 
 @bare_kernel
-def toward(tau: Floats, order: Ids, share: float) -> None:
-    """Move the pheromone on the arcs of `order` towards 1 by `share`."""
+def deposit(tau: Floats, order: Ids, amount: float) -> None:
+    """Add `amount` to the pheromone on the arcs of `order`."""
     for p in range(1, len(order)):
-        tau[order[p - 1], order[p]] += share
+        tau[order[p - 1], order[p]] += amount
 
 
 @bare_kernel
-def learn(colony: Colony, habits: Habits) -> None:
+def deposit_shares(convergence: float) -> tuple[float, float, float]:
+    """Return the shares of the deposit for the best orders of the cycle, since the restart, and so far."""
+    if convergence >= 0.8:
+        return 0.0, 0.5, 0.5
+    if convergence >= 0.6:
+        return 1.0 / 3.0, 2.0 / 3.0, 0.0
+    if convergence >= 0.4:
+        return 2.0 / 3.0, 1.0 / 3.0, 0.0
+    return 1.0, 0.0, 0.0
+
+
+@bare_kernel
+def learn(colony: Colony, evaporation: float) -> None:
     """Evaporate and deposit; restart once all orders are alike."""
-    tau, record, n = colony.tau, colony.record, colony.tau.shape[0]
-    near = record[CONVERGED]
-    share = 1.0, 0.0, 0.0
-    if near >= 0.4:
-        share = 2.0 / 3.0, 1.0 / 3.0, 0.0
-    if near >= 0.6:
-        share = 1.0 / 3.0, 2.0 / 3.0, 0.0
-    if near >= 0.8:
-        share = 0.0, 0.5, 0.5
+    tau, orders, record, n = colony.tau, colony.orders, colony.record, colony.tau.shape[0]
+    of_cycle, since_restart, so_far = deposit_shares(record[CONVERGENCE])
     for i in range(n):
         for j in range(n):
-            tau[i, j] *= 1.0 - habits.evaporation
-    toward(tau, colony.orders[2], habits.evaporation * share[0])
-    toward(tau, colony.orders[1], habits.evaporation * share[1])
-    toward(tau, colony.orders[0], habits.evaporation * share[2])
-    total, low, high = 0.0, 0.001, 0.999
+            tau[i, j] *= 1.0 - evaporation
+    deposit(tau, orders[OF_CYCLE], evaporation * of_cycle)
+    deposit(tau, orders[SINCE_RESTART], evaporation * since_restart)
+    deposit(tau, orders[SO_FAR], evaporation * so_far)
     for i in range(n):
         for j in range(n):
-            tau[i, j] = min(max(tau[i, j], low), high)
+            tau[i, j] = min(max(tau[i, j], TAU_MIN), TAU_MAX)
+    total = 0.0
     for p in range(1, n):
-        total += tau[colony.orders[1, p - 1], colony.orders[1, p]]
-    record[CONVERGED] = total / (n - 1)
-    if record[CONVERGED] > 0.97:
-        tau[:] = 0.5
-        record[SINCE], record[CONVERGED] = np.inf, 0.0
+        total += tau[orders[SINCE_RESTART, p - 1], orders[SINCE_RESTART, p]]
+    record[CONVERGENCE] = total / (n - 1)
+    if record[CONVERGENCE] > CONVERGED:
+        tau[:] = TAU_0
+        record[RESTART_BEST], record[CONVERGENCE] = np.inf, 0.0
 
 
 @kernel
@@ -83,14 +97,14 @@ def note(colony: Colony, order: Ids, cost: float) -> None:
     """Keep `order` as the best so far and since the restart, if it is."""
     if cost < colony.record[BEST]:
         colony.record[BEST] = cost
-        copy_row(order, colony.orders[0])
-    if cost < colony.record[SINCE]:
-        colony.record[SINCE] = cost
-        copy_row(order, colony.orders[1])
+        copy_row(order, colony.orders[SO_FAR])
+    if cost < colony.record[RESTART_BEST]:
+        colony.record[RESTART_BEST] = cost
+        copy_row(order, colony.orders[SINCE_RESTART])
 
 
 @kernel
-def adopt(problem: Windows, colony: Colony, moves: Moves, t: Trail, order: Ids) -> None:
+def adopt(problem: Windows, colony: Colony, moves: MoveOptions, t: TimedOrder, order: Ids) -> None:
     """Improve and keep `order`, which comes from elsewhere and has no late stop."""
     copy_row(order, t.order)
     t.look[:] = True
@@ -100,54 +114,53 @@ def adopt(problem: Windows, colony: Colony, moves: Moves, t: Trail, order: Ids) 
 
 
 @kernel
-def wander(problem: Windows, colony: Colony, habits: Habits, moves: Moves, t: Trail, state: rng.State) -> None:
-    """Alternate random moves and local search; the best order of the cycle stays in orders[2]. No order has a late stop."""
+def improve(problem: Windows, colony: Colony, options: ColonyOptions, t: TimedOrder, state: rng.State) -> None:
+    """Alternate random moves and local search (simulated annealing over local optima). No order has a late stop.
+
+    The best order becomes that of the cycle.
+    """
+    moves, best_order, last = options.moves, colony.orders[OF_CYCLE], t.saved
     t.look[:] = True
     settle(problem, t, moves)
     here = value(t, moves.makespan)
     best = here
-    copy_row(t.order, colony.orders[2])
-    last = t.saved
+    copy_row(t.order, best_order)
     copy_row(t.order, last)
-    for a in range(habits.attempts):
+    for a in range(options.attempts):
         for _ in range(1 + rng.below(state, 4)):
-            shake(problem, t, moves, habits.scale, state)
+            shake(problem, t, moves, options.scale, state)
         settle(problem, t, moves)
         cost = value(t, moves.makespan)
-        allowed = -habits.temperature * (1.0 - a / habits.attempts) * math.log(1.0 - rng.uniform(state))
+        allowed = -options.temperature * (1.0 - a / options.attempts) * math.log(1.0 - rng.uniform(state))
         if cost <= here + allowed:
             here = cost
             copy_row(t.order, last)
             if cost < best - moves.least:
                 best = cost
-                copy_row(t.order, colony.orders[2])
+                copy_row(t.order, best_order)
         else:
             copy_row(last, t.order)
             refresh(problem, t)
-    note(colony, colony.orders[2], best)
+    note(colony, best_order, best)
 
 
 @kernel
-def walk(
-    problem: Windows, mirror: Windows, colony: Colony, habits: Habits, moves: Moves, beam: Beam, state: rng.State
-) -> float:
-    """Let a beam of ants build orders[2], in every other cycle backwards from the end; return its cost or infinity."""
+def build(problem: Windows, mirror: Windows, colony: Colony, options: ColonyOptions, beam: Beam, state: rng.State) -> float:
+    """Let a beam of ants build the order of the cycle, in every other cycle backwards; return its cost or infinity."""
     n = len(problem.opens)
     backward = int(colony.record[CYCLE]) % 2 == 1
     for i in range(n):
         for j in range(n):
-            score = -math.log(colony.tau[i, j])
+            penalty = -math.log(colony.tau[i, j])
             if backward:
-                colony.score[n - 1 - j, n - 1 - i] = score
+                colony.penalty[n - 1 - j, n - 1 - i] = penalty
             else:
-                colony.score[i, j] = score
-    bound = (0.2 + 2.0 * rng.uniform(state)) / habits.scale
-    draw = Draw(
-        bound, bound * habits.hurry * rng.uniform(state) * rng.uniform(state), 1.0, moves.makespan and not backward, np.inf
-    )
-    order = colony.orders[2]
-    task = mirror if backward else problem
-    found, _ = search(task, task.before, colony.score, draw, habits.width, rng.next_bits(state), beam, order)
+                colony.penalty[i, j] = penalty
+    bound = (0.2 + 2.0 * rng.uniform(state)) / options.scale
+    hurry = bound * options.hurry * rng.uniform(state) * rng.uniform(state)
+    choice = Choice(bound, hurry, 1.0, options.moves.makespan and not backward, np.inf)
+    order, task = colony.orders[OF_CYCLE], mirror if backward else problem
+    found, _ = search(task, colony.penalty, choice, options.width, rng.next_bits(state), beam, order)
     if backward and found < np.inf:
         for p in range(n // 2):
             order[p], order[n - 1 - p] = order[n - 1 - p], order[p]
@@ -161,12 +174,11 @@ def cycles(
     problem: Windows,
     mirror: Windows,
     colony: Colony,
-    habits: Habits,
-    moves: Moves,
+    options: ColonyOptions,
     seed: np.uint64,
     count: int,
     beam: Beam,
-    t: Trail,
+    t: TimedOrder,
 ) -> int:
     """Run up to `count` cycles, until there is a better order; return the number of cycles.
 
@@ -177,14 +189,14 @@ def cycles(
     best = record[BEST]
     for done in range(count):
         state[0] = rng.stream(seed, np.uint64(record[CYCLE]))
-        found = walk(problem, mirror, colony, habits, moves, beam, state) if habits.width > 0 else np.inf
+        found = build(problem, mirror, colony, options, beam, state) if options.width > 0 else np.inf
         record[CYCLE] += 1
         if found == np.inf and record[BEST] == np.inf:
             continue
-        copy_row(colony.orders[2 if found < np.inf else 0], t.order)
+        copy_row(colony.orders[OF_CYCLE if found < np.inf else SO_FAR], t.order)
         refresh(problem, t)
-        wander(problem, colony, habits, moves, t, state)
-        learn(colony, habits)
+        improve(problem, colony, options, t, state)
+        learn(colony, options.evaporation)
         if record[BEST] < best:
             return done + 1
     return count

@@ -37,6 +37,30 @@ class Windows(NamedTuple):
     bound: float  # lower bound of the travel time: the sum of all dual values
 
 
+@bare_kernel
+def schedule(
+    time: Floats, opens: Floats, closes: Floats, order: Ids, ready: Floats, latest: Floats, duration: Floats, earliest: Floats
+) -> None:
+    """Write the times of `order` for each of its places.
+
+    ready : start of service.
+    latest : latest start of service such that no later stop is late.
+    duration : travel time from there to the end.
+    earliest : earliest end of the order from there on.
+    """
+    last = len(order) - 1
+    ready[0] = opens[order[0]]
+    for p in range(1, last + 1):
+        ready[p] = max(ready[p - 1] + time[order[p - 1], order[p]], opens[order[p]])
+    latest[last], duration[last], earliest[last] = closes[order[last]], 0.0, opens[order[last]]
+    for p in range(last - 1, -1, -1):
+        i = order[p]
+        step = time[i, order[p + 1]]
+        latest[p] = min(closes[i], latest[p + 1] - step)
+        duration[p] = duration[p + 1] + step
+        earliest[p] = max(opens[i] + duration[p], earliest[p + 1])
+
+
 @kernel
 def shortest(time: Floats) -> Floats:
     """Return the lengths of shortest paths through any other stops (Floyd, Warshall)."""
