@@ -208,12 +208,12 @@ def test_times_of_routes_stay_right() -> None:
     fleet = kernel.Fleet(spans, opens, np.full(n, 60.0), np.full(n, 99.0), np.ones(n), near, 1.0, 1e-4)
     now, saved, best = (kernel.routes(n, k) for _ in range(3))
     cost, worth = kernel.start(fleet, saved, np.uint64(1))
-    kernel.copy(fleet, saved, best, True)
-    record = np.array([cost, worth, worth, cost])
+    kernel.copy(saved, best)
+    record = np.array([cost, worth, cost])
     for turn in range(30):
-        kernel.anneal(fleet, now, saved, best, record, np.uint64(turn), 10, 3.0, 0.99)
+        kernel.anneal(fleet, now, saved, best, record, np.uint64(turn), 10, 3.0)
         fresh = kernel.routes(n, k)
-        kernel.copy(fleet, saved, fresh, True)
+        kernel.restore(fleet, saved, fresh)
         stops = sorted(int(stop) for r in range(k) for stop in saved.stops[r, 1 : saved.sizes[r] - 1])
         assert stops == [stop for stop in range(1, n - 1) if saved.route[stop] != kernel.OUT]
         total, last = 0.0, 0.0
@@ -223,7 +223,7 @@ def test_times_of_routes_stay_right() -> None:
             done, travel, late = naive.timing(spans, np.c_[opens, np.full(n, 60.0)].tolist(), np.zeros(n), 60.0, route, True)
             assert late == 0.0 and fresh.ends[r] == pytest.approx(done) and fresh.travel[r] == pytest.approx(travel)
             total, last = total + travel, max(last, done)
-        assert record[kernel.HERE] == pytest.approx(last + 1e-4 * total + 99.0 * (n - 2 - len(stops)))
+        assert record[kernel.COST] == pytest.approx(last + 1e-4 * total + 99.0 * (n - 2 - len(stops)))
 
 
 @pytest.mark.parametrize(

@@ -53,12 +53,17 @@ def best_routes(
     if n == 2:
         return [_order(stops, rows[[0, 1]]) for _ in range(stops.robots)]
     fleet, step = _fleet(stops, rows, spans, opens, closes)
-    now, saved, best = (kernel.routes(n, stops.robots) for _ in range(3))
+    scratch, current, best = (kernel.routes(n, stops.robots) for _ in range(3))
+
+    def drawn(number: int) -> np.uint64:
+        """Return the seed of a call of the kernels."""
+        return np.uint64(stream(np.uint64(seed), np.uint64(number)))
+
     if initial is not None:
-        _fill(saved, rows, initial)
-    cost, worth = kernel.start(fleet, saved, np.uint64(stream(np.uint64(seed), np.uint64(0))))
-    kernel.copy(fleet, saved, best, True)
-    record = np.array([cost, worth, worth, cost])
+        _fill(current, rows, initial)
+    cost, worth = kernel.start(fleet, current, drawn(0))
+    kernel.copy(current, best)
+    record = np.array([cost, worth, cost])
     done, limit, started = 0, 2**62 if cycles is None else cycles, time.perf_counter()
     hot, runs, run = _COLD if initial is not None else _HOT, 1, 0
     while done < limit and not (done and clock.spent()):
@@ -69,14 +74,10 @@ def best_routes(
             runs = min(max(int(done / used * _TURNS / (_ENOUGH * n)), 1), _ANNEALINGS)
         if int(used * runs) > run and used < 1.0:
             run = int(used * runs)
-            saved = kernel.routes(n, stops.robots)
-            record[[kernel.HERE, kernel.WORTH]] = kernel.start(
-                fleet, saved, np.uint64(stream(np.uint64(seed), np.uint64(2**63 + run)))
-            )
+            current = kernel.routes(n, stops.robots)
+            record[kernel.COST], _ = kernel.start(fleet, current, drawn(2**63 + run))
         temperature = step * hot * (_COLD / hot) ** (used * runs - run)
-        kernel.anneal(
-            fleet, now, saved, best, record, np.uint64(stream(np.uint64(seed), np.uint64(done + 1))), _TURNS, temperature, 1.0
-        )
+        kernel.anneal(fleet, scratch, current, best, record, drawn(done + 1), _TURNS, temperature)
         done += 1
     orders = [rows[best.stops[k, : best.sizes[k]]] for k in range(stops.robots)]
     if stops.priorities is None:

@@ -1,7 +1,7 @@
 """Several routes, possibly through only some of the stops: strings of neighbouring stops are removed and reinserted.
 
-Slack induction by string removals (Christiaens, Vanden Berghe, Transportation Science 54, 2020) under simulated annealing.
-Stops that fit nowhere stay out and cost a price.
+Slack induction by string removals (SISR: Christiaens, Vanden Berghe, Transportation Science 54, 2020) under simulated
+annealing. Stops that fit nowhere stay out and cost a price. A turn ruins the routes, recreates them, and keeps or rejects them.
 """
 
 from __future__ import annotations
@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 
 from antway.kernels.base import rng
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.colony.windows import Floats, Ids, schedule
 
-Floats = NDArray[np.float64]
-Ids = NDArray[np.int32]
 OUT = -1  # route of a stop that is in none
-HERE, BEST, WORTH, BEST_COST = range(4)
-SHORT, LONG = 10, 10  # average number of stops removed in a turn; length of the longest string
+MEAN_REMOVED = 10  # average number of stops removed in a turn
+LONGEST_STRING = 10  # largest number of stops in a removed string
+SPLIT = 0.5  # probability that some stops within a string stay
+MORE_STAY = 0.99  # probability that one more of them stays
+BLINKS = np.uint64(100)  # one in so many places is skipped when a stop is inserted
+# Elements of the record of `anneal`.
+COST = 0  # objective of the current routes
+BEST_WORTH = 1  # sum of the priorities of the stops in the best routes
+BEST_COST = 2  # objective of the best routes
 
 
 class Fleet(NamedTuple):
@@ -61,17 +67,9 @@ def routes(n: int, k: int) -> Routes:
 @bare_kernel
 def refresh(fleet: Fleet, r: Routes, k: int) -> None:
     """Compute the times of route k."""
-    size, stops = r.sizes[k], r.stops[k]
-    r.ready[k, 0] = fleet.opens[0]
-    for p in range(1, size):
-        r.ready[k, p] = max(r.ready[k, p - 1] + fleet.time[stops[p - 1], stops[p]], fleet.opens[stops[p]])
-    end = stops[size - 1]
-    r.latest[k, size - 1], r.duration[k, size - 1], r.earliest[k, size - 1] = fleet.closes[end], 0.0, fleet.opens[end]
-    for p in range(size - 2, -1, -1):
-        step = fleet.time[stops[p], stops[p + 1]]
-        r.latest[k, p] = min(fleet.closes[stops[p]], r.latest[k, p + 1] - step)
-        r.duration[k, p] = r.duration[k, p + 1] + step
-        r.earliest[k, p] = max(fleet.opens[stops[p]] + r.duration[k, p], r.earliest[k, p + 1])
+    size = r.sizes[k]
+    times = r.ready[k], r.latest[k], r.duration[k], r.earliest[k]
+    schedule(fleet.time, fleet.opens, fleet.closes, r.stops[k, :size], *times)
     r.ends[k] = r.ready[k, size - 1]
     r.travel[k] = r.duration[k, 0]
 
@@ -94,16 +92,16 @@ def objective(fleet: Fleet, r: Routes) -> tuple[float, float]:
 
 @bare_kernel
 def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
-    """Insert `stop` where it costs least (one place in a hundred is skipped); return False if it fits nowhere in time."""
-    most, second, longest = 0.0, 0.0, -1
+    """Insert `stop` where it costs least (with blinks: a few places are skipped); return False if it is late everywhere."""
+    last_end, second_end, last = 0.0, 0.0, -1
     for k in range(len(r.sizes)):
-        if r.ends[k] > most:
-            most, second, longest = r.ends[k], most, k
+        if r.ends[k] > last_end:
+            last_end, second_end, last = r.ends[k], last_end, k
         else:
-            second = max(second, r.ends[k])
+            second_end = max(second_end, r.ends[k])
     best, route, place = np.inf, -1, -1
     for k in range(len(r.sizes)):
-        others = second if k == longest else most
+        others = second_end if k == last else last_end
         if r.sizes[k] == 2 and k > 0 and r.sizes[k - 1] == 2:
             continue  # all empty routes are equivalent
         for p in range(1, r.sizes[k]):
@@ -120,7 +118,7 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
             if fleet.last_weight > 0.0:
                 end = max(then + r.duration[k, p], r.earliest[k, p])
                 cost += fleet.last_weight * (max(others, end) + 0.01 * end)
-            if cost < best and rng.next_bits(state) % np.uint64(100) != np.uint64(0):
+            if cost < best and rng.next_bits(state) % BLINKS != np.uint64(0):
                 best, route, place = cost, k, p
     if route < 0:
         return False
@@ -134,25 +132,24 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
 
 
 @bare_kernel
-def take_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state: rng.State) -> None:
-    """Remove `length` neighbouring stops of route k around `stop`; in half of the cases some stops between them stay."""
+def remove_string(fleet: Fleet, r: Routes, k: int, stop: int, length: int, state: rng.State) -> None:
+    """Remove `length` stops of route k around `stop`: a string, or a split string, within which some stops stay."""
     size = r.sizes[k] - 2
     place = 1
     while r.stops[k, place] != stop:
         place += 1
-    spared = 0
-    if length < size and rng.uniform(state) < 0.5:
-        spared = 1
-        while length + spared < size and rng.uniform(state) < 0.99 and spared < length:
-            spared += 1
-    span = min(length + spared, size)
+    staying = 0
+    if length < size and rng.uniform(state) < SPLIT:
+        staying = 1
+        while length + staying < size and rng.uniform(state) < MORE_STAY and staying < length:
+            staying += 1
+    span = min(length + staying, size)
     low, high = max(1, place - span + 1), min(place, size - span + 1)
     from_place = low + rng.below(state, high - low + 1)
-    keep_from = from_place + (rng.below(state, span - spared + 1) if spared > 0 else span)
+    keep_from = from_place + (rng.below(state, span - staying + 1) if staying > 0 else span)
     at = from_place
     for p in range(from_place, r.sizes[k]):
-        out = p < from_place + span and not keep_from <= p < keep_from + spared
-        if out:
+        if p < from_place + span and not keep_from <= p < keep_from + staying:
             r.route[r.stops[k, p]] = OUT
         else:
             r.stops[k, at] = r.stops[k, p]
@@ -171,8 +168,8 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
         visited += r.sizes[k] - 2
     if routes_used == 0:
         return
-    longest = min(float(LONG), visited / routes_used)
-    strings = int(1.0 + rng.uniform(state) * (4.0 * SHORT / (1.0 + longest)))
+    longest = min(float(LONGEST_STRING), visited / routes_used)
+    strings = int(1.0 + rng.uniform(state) * (4.0 * MEAN_REMOVED / (1.0 + longest)))
     seed = 1 + rng.below(state, n - 2)
     if fleet.last_weight > 0.0 and rng.uniform(state) < 0.5:
         # The route that ends last determines the objective.
@@ -189,7 +186,7 @@ def ruin(fleet: Fleet, r: Routes, touched: NDArray[np.bool_], state: rng.State) 
             continue
         touched[k] = True
         length = int(1.0 + rng.uniform(state) * min(float(r.sizes[k] - 2), longest))
-        take_string(fleet, r, k, stop, min(length, r.sizes[k] - 2), state)
+        remove_string(fleet, r, k, stop, min(length, r.sizes[k] - 2), state)
         strings -= 1
         if strings <= 0:
             return
@@ -225,51 +222,48 @@ def recreate(fleet: Fleet, r: Routes, absent: Ids, keys: Floats, state: rng.Stat
 
 
 @bare_kernel
-def copy(fleet: Fleet, source: Routes, target: Routes, times: bool) -> None:
-    """Make `target` the same routes as `source`."""
+def copy(source: Routes, target: Routes) -> None:
+    """Make `target` the same routes as `source`, but not their times."""
     for k in range(len(source.sizes)):
         target.sizes[k] = source.sizes[k]
         for p in range(source.sizes[k]):
             target.stops[k, p] = source.stops[k, p]
-        if times:
-            refresh(fleet, target, k)
     for stop in range(len(source.route)):
         target.route[stop] = source.route[stop]
 
 
+@bare_kernel
+def restore(fleet: Fleet, source: Routes, target: Routes) -> None:
+    """Make `target` the same routes as `source`, and compute their times."""
+    copy(source, target)
+    for k in range(len(target.sizes)):
+        refresh(fleet, target, k)
+
+
 @kernel
 def anneal(
-    fleet: Fleet,
-    r: Routes,
-    saved: Routes,
-    best: Routes,
-    record: Floats,
-    seed: np.uint64,
-    turns: int,
-    temperature: float,
-    cooling: float,
+    fleet: Fleet, r: Routes, current: Routes, best: Routes, record: Floats, seed: np.uint64, turns: int, temperature: float
 ) -> None:
-    """Ruin and recreate `turns` times; the first temperature is `temperature`, and each next one is multiplied by `cooling`.
+    """Ruin and recreate `turns` times at one temperature, from the routes `current` on; r is scratch.
 
-    record : [4] objective of `saved`, priorities of `best` (BEST), priorities of `saved`, objective of `best`.
+    record : [3] objective of `current` (COST), priorities (BEST_WORTH) and objective (BEST_COST) of `best`.
     """
     state = np.array([seed], dtype=np.uint64)
     n = len(r.route)
     touched, absent, keys = np.zeros(len(r.sizes), dtype=np.bool_), np.zeros(n, dtype=np.int32), np.zeros(n)
-    copy(fleet, saved, r, True)
+    restore(fleet, current, r)
     for _ in range(turns):
         ruin(fleet, r, touched, state)
         recreate(fleet, r, absent, keys, state)
         cost, worth = objective(fleet, r)
-        if cost < record[HERE] - temperature * math.log(1.0 - rng.uniform(state)):
-            record[HERE], record[WORTH] = cost, worth
-            copy(fleet, r, saved, False)
-            if worth > record[BEST] or (worth == record[BEST] and cost < record[BEST_COST]):
-                record[BEST], record[BEST_COST] = worth, cost
-                copy(fleet, r, best, False)
+        if cost < record[COST] - temperature * math.log(1.0 - rng.uniform(state)):
+            record[COST] = cost
+            copy(r, current)
+            if worth > record[BEST_WORTH] or (worth == record[BEST_WORTH] and cost < record[BEST_COST]):
+                record[BEST_WORTH], record[BEST_COST] = worth, cost
+                copy(r, best)
         else:
-            copy(fleet, saved, r, True)
-        temperature *= cooling
+            restore(fleet, current, r)
 
 
 @bare_kernel
