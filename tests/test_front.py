@@ -26,9 +26,9 @@ def test_the_guide_is_the_fixed_point_of_bellmans_equation():
     for _ in range(cases(15, 300)):
         graph = random_ground(rng, 3, 8)
         cost, turn = rng.random(graph.distance.size) + 0.1, float(rng.choice([0.0, 0.3, 5.0]))
-        args = (graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
-        np.testing.assert_allclose(kernel.guide(*args), naive.guide(*args), rtol=1e-9)
-    plain = kernel.guide(graph.net.legal, graph.offsets, graph.lengths, np.ones(cost.size), 0.0, graph.goal)
+        wanted = naive.costs_to_go(graph.net.legal, graph.offsets, graph.lengths, cost, turn, graph.goal)
+        np.testing.assert_allclose(kernel.costs_to_go(graph.for_kernels, cost, turn), wanted, rtol=1e-9)
+    plain = kernel.costs_to_go(graph.for_kernels, np.ones(cost.size), 0.0)
     assert plain[graph.start].min() == pytest.approx(graph.bound)
 
 
@@ -40,7 +40,7 @@ def test_scores_are_those_of_each_path():
         walkers = Ants(graph, 6, 40)
         walkers.walk(random_weights(rng, graph), 1, 0, Budget().start())
         clearance, danger = rng.random((2, graph.distance.size))
-        found = kernel.score(graph.offsets, graph.lengths, graph.start, walkers.moves, walkers.depth, clearance, danger)
+        found = kernel.score(graph.for_kernels, walkers.moves, walkers.depth, clearance, danger)
         for ant in range(6):
             if walkers.depth[ant] < 0:
                 assert np.isinf(found[ant]).all()

@@ -141,7 +141,7 @@ def test_a_cycle_ends_with_the_pheromone_of_equation_2(rule):
             paths = [walkers.path(ant).tolist() if walkers.depth[ant] >= 0 else None for ant in range(6)]
             best = trail.path.tolist() if trail.best < math.inf else None
             old = {(c, k): before[c, k] for c, k in np.argwhere(before > 0).tolist()}
-            args = (old, trail.first, trail.low, trail.high, graph.offsets, graph.start, paths, best, t)
+            args = (old, trail.tau_0, trail.tau_min, trail.tau_max, graph.offsets, graph.start, paths, best, t)
             new = naive.update(rule, *args)
             assert [tuple(edge) for edge in np.argwhere(trail.tau > 0).tolist()] == sorted(new)
             for (cell, k), value in new.items():
@@ -165,8 +165,8 @@ def test_pheromone_keeps_within_its_limits_for_10000_cycles(name):
             walkers.walk(trail.weights(), 1, 4 * t, Budget().start())
             trail.learn(walkers, t)
             values = trail.tau[legal]
-            assert np.isfinite(values).all() and trail.low > 0
-            assert trail.low <= values.min() and values.max() <= trail.high
+            assert np.isfinite(values).all() and trail.tau_min > 0
+            assert trail.tau_min <= values.min() and values.max() <= trail.tau_max
             if isinstance(policy, Adaptive):
                 rho = [persistence(policy.numbers(), v, values.min(), t, 0.0) for v in (values.min(), values.max())]
                 assert min(rho) > 0 and max(rho) < 1
@@ -204,7 +204,7 @@ def test_a_colony_that_stands_still_starts_again_from_the_upper_limit():
     for t in range(17):
         walkers.walk(trail.weights(), 1, 4 * t, Budget().start())
         trail.learn(walkers, t)
-        fresh.append(bool((trail.tau[trail.tau > 0] == trail.high).all()))
+        fresh.append(bool((trail.tau[trail.tau > 0] == trail.tau_max).all()))
     assert trail.best == pytest.approx(graph.bound)  # found in cycle 0
     assert [t for t, new in enumerate(fresh) if new] == [5, 10, 15]
 

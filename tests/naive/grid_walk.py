@@ -127,7 +127,7 @@ def update(rule, tau, first, low, high, offsets, start, paths, best, t):
     return {edge: min(max(value, low), high) for edge, value in tau.items()}
 
 
-def guide(legal, offsets, lengths, cost, turn, goal):
+def costs_to_go(legal, offsets, lengths, cost, turn, goal):
     """Least cost to `goal` beginning with each move: Bellman's equation, swept until nothing changes."""
     n = len(legal)
     value = np.full((n, 8), math.inf)

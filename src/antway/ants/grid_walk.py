@@ -84,6 +84,11 @@ class AntGraph:
             self.__dict__["distance"] = self.flat(field / grid.resolution)
         return "distance" in self.__dict__
 
+    @cached_property
+    def for_kernels(self) -> kernel.GridGraph:
+        """The record that kernels take."""
+        return kernel.GridGraph(self.net.legal, self.offsets, self.lengths, self.start, self.goal)
+
     @property
     def start(self) -> int:
         """Flat index of the start."""
@@ -125,13 +130,11 @@ class AntGraph:
             rows, cols = np.divmod(np.arange(distance.size), self.net.width)
             distance = np.hypot(rows - self.goal // self.net.width, cols - self.goal % self.net.width)
         reachable = np.isfinite(self.distance)
-        seen = np.zeros((distance.size, 8))
+        eta = np.zeros((distance.size, 8))
         detour = heuristic == "field"
         for part in parts(distance.size, clock):
-            kernel.visibility(
-                self.net.legal, self.offsets, self.lengths, distance, reachable, beta, detour, part.start, part.stop, seen
-            )
-        return seen
+            kernel.visibility(self.for_kernels, distance, reachable, beta, detour, part.start, part.stop, eta)
+        return eta
 
 
 class Ants:
@@ -176,8 +179,8 @@ class Ants:
                 self.depth[part] = -1
                 if not clock.spent():
                     steps += kernel.walk(
-                        weights, graph.offsets, graph.start, graph.goal, self.retreat, greedy, turn,
-                        np.uint64(seed), first + from_cell, self.moves[part], self.depth[part], self._stamps[worker],
+                        graph.for_kernels, weights, self.retreat, greedy, turn, np.uint64(seed), first + from_cell,
+                        self.moves[part], self.depth[part], self._stamps[worker],
                     )  # fmt: skip
             return steps
 
@@ -199,32 +202,36 @@ class Trail:
     ----------
     tau : float64[N, 8]
         0 if a move is not legal.
+    eta : float64[N, 8]
+        The heuristic to the power beta; 0 if a move is not legal.
+    tau_0, tau_min, tau_max : float
+        Initial pheromone, and its limits on legal moves.
     best : float
         Length of `path` in cells; infinite if there is none.
     """
 
     def __init__(self, graph: AntGraph, rule: Rule, ants: int, heuristic: str, clock: Clock = ENDLESS) -> None:
         self.graph, self.numbers, self.clock = graph, rule.numbers(ants), clock
-        self.visibility = visibility = graph.visibility(heuristic, self.numbers.beta, clock)
+        self.eta = eta = graph.visibility(heuristic, self.numbers.beta, clock)
         self.best, self.path = math.inf, NO_PATH
         self._improved = self._restarted = -1  # cycle of the last improvement, and of the last restart
-        self._weights = np.zeros(visibility.shape, np.float32)
+        self._weights = np.zeros(eta.shape, np.float32)
         moves = cells = 0
-        for part in parts(len(visibility), clock):
-            moves += int(np.count_nonzero(visibility[part]))
-            cells += int(np.count_nonzero(visibility[part].any(axis=1)))
+        for part in parts(len(eta), clock):
+            moves += int(np.count_nonzero(eta[part]))
+            cells += int(np.count_nonzero(eta[part].any(axis=1)))
         self._choices = self.numbers.choices or moves / max(cells, 1)
-        self.low, self.high = self._limits()
+        self.tau_min, self.tau_max = self._limits()
         limited = self.numbers.p_best > 0
-        self.first = self.high if limited else rule.initial(ants, max(round(graph.bound), 1), graph.bound)
-        self.tau = np.zeros(visibility.shape)
-        for part in parts(len(visibility), clock):
-            self.tau[part] = np.where(visibility[part] > 0, min(max(self.first, self.low), self.high), 0.0)
+        self.tau_0 = self.tau_max if limited else rule.initial(ants, max(round(graph.bound), 1), graph.bound)
+        self.tau = np.zeros(eta.shape)
+        for part in parts(len(eta), clock):
+            self.tau[part] = np.where(eta[part] > 0, min(max(self.tau_0, self.tau_min), self.tau_max), 0.0)
 
     def weights(self) -> NDArray[np.float32]:
         """Return tau^alpha eta^beta, Eq. (1), float32[N, 8]; the array is overwritten at the next call."""
         for part in parts(len(self.tau), self.clock):
-            kernel.weigh(self.tau[part], self.visibility[part], self.numbers.alpha, self._weights[part])
+            kernel.weigh(self.tau[part], self.eta[part], self.numbers.alpha, self._weights[part])
         return self._weights
 
     def learn(self, walkers: Ants, t: int, immunity: Immunity | None = None) -> None:
@@ -233,16 +240,16 @@ class Trail:
         order = np.argsort(walkers.length, kind="stable")
         if walkers.length[order[0]] < self.best:
             self.best, self.path, self._improved = float(walkers.length[order[0]]), walkers.path(int(order[0])), t
-            self.low, self.high = self._limits()
+            self.tau_min, self.tau_max = self._limits()
         if self.clock.spent():
             return
-        pheromone = kernel.Pheromone(self.tau, self.visibility, self.first, self.low, self.high)
+        pheromone = kernel.Pheromone(self.tau, self.eta, self.tau_0, self.tau_min, self.tau_max)
         paths = kernel.Paths(walkers.moves, walkers.depth, walkers.length)
-        offsets, start, since = self.graph.offsets, self.graph.start, t - self._restarted - 1
-        kernel.update(numbers, pheromone, offsets, start, paths, order, self.path, self.best, t, since)
+        since = t - self._restarted - 1
+        kernel.update(self.graph.for_kernels, numbers, pheromone, paths, order, self.path, self.best, t, since)
         if self.numbers.restart and t - max(self._improved, self._restarted) >= self.numbers.restart:
             self._restarted = t
-            self.tau[self.visibility > 0] = self.high
+            self.tau[self.eta > 0] = self.tau_max
 
     def _immunise(self, walkers: Ants, t: int, immunity: Immunity) -> Numbers:
         """Apply the immune operator to the paths; return the rule with deposits scaled by concentration."""

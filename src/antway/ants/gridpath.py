@@ -224,7 +224,7 @@ def explore(
     if clock.spent():
         return result(Status.BUDGET, bound=graph.bound)
     trail = Trail(graph, colony, number, heuristic, clock)
-    _lay_first(trail, pheromone)
+    _set_pheromone(trail, pheromone)
     steps, proved, spent = 0, False, False
     most = int(8 * graph.bound) + 64 if step_limit is None else step_limit
     with Ants(graph, number, most, retreat=retreat, threads=threads) as walkers:
@@ -268,7 +268,7 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
     return Problem(grid, start, goal, problem.moves), (row, col, rows, cols)
 
 
-def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
+def _set_pheromone(trail: Trail, pheromone: str | ArrayLike) -> None:
     """Set the initial pheromone of a colony, if it is not uniform."""
     if isinstance(pheromone, str) and checks.choice("pheromone", pheromone, ("uniform", "corridor")) == "uniform":
         return
@@ -284,7 +284,7 @@ def _lay_first(trail: Trail, pheromone: str | ArrayLike) -> None:
         trail.tau = np.where(legal, graph.flat(left), 0.0)
         if not (trail.tau[legal] > 0).all():
             raise BadParameter("pheromone", float(trail.tau[legal].min()), "> 0 on every legal move")
-    trail.tau[legal] = trail.tau[legal].clip(trail.low, trail.high)
+    trail.tau[legal] = trail.tau[legal].clip(trail.tau_min, trail.tau_max)
 
 
 def _row(walkers: Ants, trail: Trail, resolution: float) -> tuple[float, float, float, float]:

@@ -1,7 +1,7 @@
 """Ants that walk on a grid: the heuristic, Eq. (1) as a table of weights, the roulette, the walk, the deposit of pheromone.
 
-The map is flat with a margin, as in `kernels.search.best_first.Graph`. `offsets`, int64[8], are its flat steps; a move is an
-index into them. A path is a sequence of moves. Arrays [N, 8] hold a value for each move from each cell, 0 if it is illegal.
+The map is flat with a margin, as in `kernels.search.best_first.Graph`. A move is one of 0 to 7, a path a sequence of moves.
+Arrays [N, 8] hold a value for each move from each cell, 0 if it is illegal.
 """
 
 from __future__ import annotations
@@ -13,14 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.rng import mix, stream
+from antway.kernels.base.rng import GAMMA, mix, stream
 from antway.kernels.colony.pheromone import ADAPTIVE, PRINTED, Numbers, best_deposits, persistence
 
 FLOOR = 1e-30  # least weight of a legal move, as a share of the largest weight of its cell; only illegal moves have weight 0
 NEAR = 1e-3  # cells; smaller distances to the target count as this, so that an ant beside the target steps onto it
 LOW, HIGH = 1e-150, 1e150  # limits of pheromone for rules without limits, so that it never becomes 0 or infinite
-_GAMMA = np.uint64(0x9E3779B97F4A7C15)  # increment of splitmix64, see rng.py
-_UNIT, _LOW = np.float32(2.0**-23), np.uint64(0x7FFFFF)  # factor and mask that turn 23 bits into a number in [0, 1)
+_UNIT = np.float32(2.0**-23)  # factor that turns 23 random bits into a number in [0, 1)
+_LOW = np.uint64(0x7FFFFF)  # mask of the lower 23 bits
+
+
+class GridGraph(NamedTuple):
+    """The graph that the ants walk."""
+
+    legal: NDArray[np.uint32]  # [N] bit k is set if move k from the cell is legal
+    offsets: NDArray[np.int64]  # [8] flat step of each move; 0 for moves that there are not
+    lengths: NDArray[np.float64]  # [8] length of each move, cells
+    start: int  # flat cell
+    goal: int  # flat cell
 
 
 class Paths(NamedTuple):
@@ -35,45 +45,44 @@ class Pheromone(NamedTuple):
     """The pheromone on a grid."""
 
     tau: NDArray[np.float64]  # [N, 8] pheromone on each move out of each cell
-    seen: NDArray[np.float64]  # [N, 8] heuristic of each move, 0 where it is not legal
-    first: float  # initial pheromone
-    low: float  # lower limit for legal moves
-    high: float  # upper limit
+    eta: NDArray[np.float64]  # [N, 8] heuristic of each move to the power beta, 0 where it is not legal
+    tau_0: float  # initial pheromone
+    tau_min: float  # lower limit for legal moves
+    tau_max: float  # upper limit
 
 
 @kernel
 def visibility(
-    legal: NDArray[np.uint32],
-    offsets: NDArray[np.int64],
-    lengths: NDArray[np.float64],
+    graph: GridGraph,
     distance: NDArray[np.float64],
     reachable: NDArray[np.bool_],
     beta: float,
     detour: bool,
     from_cell: int,
     end: int,
-    seen: NDArray[np.float64],
+    eta: NDArray[np.float64],
 ) -> None:
     """Write eta^beta of each legal move i -> j between cells of `reachable` to float64[N, 8], up to a factor for each cell i.
 
-    Rows `from_cell` to `end` of `seen` are written; they must be 0 before.
+    Rows `from_cell` to `end` of `eta` are written; they must be 0 before.
     eta = 1 / distance[j]; with `detour`, eta = exp(-(length of the move + distance[j] - distance[i])), with lengths in cells.
     """
+    far = np.empty(8)
     for i in range(from_cell, end):
-        if not reachable[i] or legal[i] == 0:
+        if not reachable[i] or graph.legal[i] == 0:
             continue
         best = math.inf
         for k in range(8):
-            if (legal[i] >> k) & 1:
-                best = min(best, (lengths[k] if detour else 0.0) + max(distance[i + offsets[k]], NEAR))
+            if (graph.legal[i] >> k) & 1:
+                far[k] = (graph.lengths[k] if detour else 0.0) + max(distance[i + graph.offsets[k]], NEAR)
+                best = min(best, far[k])
         for k in range(8):
-            if (legal[i] >> k) & 1:
-                d = (lengths[k] if detour else 0.0) + max(distance[i + offsets[k]], NEAR)
-                seen[i, k] = max(math.exp(beta * (best - d)) if detour else (best / d) ** beta, FLOOR)
+            if (graph.legal[i] >> k) & 1:
+                eta[i, k] = max(math.exp(beta * (best - far[k])) if detour else (best / far[k]) ** beta, FLOOR)
 
 
 @kernel
-def weigh(tau: NDArray[np.float64], seen: NDArray[np.float64], alpha: float, weights: NDArray[np.float32]) -> None:
+def weigh(tau: NDArray[np.float64], eta: NDArray[np.float64], alpha: float, weights: NDArray[np.float32]) -> None:
     """Write the numerator of Eq. (1), tau^alpha eta^beta, to float32[N, 8], divided by the largest one of the cell."""
     row = np.empty(8)
     for cell in range(tau.shape[0]):
@@ -84,7 +93,7 @@ def weigh(tau: NDArray[np.float64], seen: NDArray[np.float64], alpha: float, wei
             continue
         for k in range(8):
             share = tau[cell, k] / strongest
-            row[k] = seen[cell, k] * (share if alpha == 1.0 else share**alpha)
+            row[k] = eta[cell, k] * (share if alpha == 1.0 else share**alpha)
             top = max(top, row[k])
         for k in range(8):
             weights[cell, k] = max(row[k] / top, FLOOR) if tau[cell, k] > 0.0 else 0.0
@@ -127,10 +136,8 @@ def roulette(
 
 @kernel
 def walk(
+    graph: GridGraph,
     weights: NDArray[np.float32],
-    offsets: NDArray[np.int64],
-    start: int,
-    goal: int,
     retreat: bool,
     greedy: float,
     turn: NDArray[np.float32],
@@ -140,19 +147,19 @@ def walk(
     depth: NDArray[np.int32],
     stamp: NDArray[np.int32],
 ) -> int:
-    """Let the ants first, first + 1, ... walk from `start`, one for each row of `moves`; return the total number of steps.
+    """Let the ants first, first + 1, ... walk from the start, one for each row of `moves`; return the total number of steps.
 
     Each step draws among the unvisited neighbours by the roulette over `weights`, Eq. (1); with probability `greedy` it takes
     the move of largest weight instead (the pseudo-random proportional rule). turn[a, b] in [0, 1] scales the weight of move b
     after move a; row 8 is for the start. In a dead end the ant goes back one cell and never enters the dead end again, so paths
-    have no loops; without `retreat` it dies. It also dies if it has not reached `goal` after as many steps, with those back, as
-    `moves` has columns.
+    have no loops; without `retreat` it dies. It also dies if it has not reached the goal after as many steps, those back
+    included, as `moves` has columns.
 
     `moves`, uint8[A, L], and `depth`, int32[A], are written: the moves of each path and their number, -1 for an ant that died.
     `stamp`, int32[N], is scratch, which is zeroed once; ant numbers must not repeat. Ant a draws from `stream(seed, a)`, so its
     path does not depend on other threads.
     """
-    steps, limit = 0, moves.shape[1]
+    steps, limit, offsets, start, goal = 0, moves.shape[1], graph.offsets, graph.start, graph.goal
     zero = np.float32(0.0)
     o0, o1, o2, o3 = offsets[0], offsets[1], offsets[2], offsets[3]
     o4, o5, o6, o7 = offsets[4], offsets[5], offsets[6], offsets[7]
@@ -163,7 +170,7 @@ def walk(
         stamp[cell] = mine
         while cell != goal and made < limit:
             made += 1
-            state += _GAMMA
+            state += GAMMA
             bits = mix(state)
             k = -1
             if greedy == 0.0:
@@ -191,7 +198,7 @@ def walk(
                 w5 = weights[cell, 5] * turn[last, 5] if stamp[cell + o5] != mine else zero
                 w6 = weights[cell, 6] * turn[last, 6] if stamp[cell + o6] != mine else zero
                 w7 = weights[cell, 7] * turn[last, 7] if stamp[cell + o7] != mine else zero
-                state += _GAMMA
+                state += GAMMA
                 bits = mix(state)
                 k = roulette(w0, w1, w2, w3, w4, w5, w6, w7, bits)
                 if k < 0:
@@ -202,8 +209,8 @@ def walk(
                     last = int(moves[ant, length - 1]) if length > 0 else 8
                     continue
                 if greedy > 0.0:
-                    state += _GAMMA
-                    if float(mix(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0) < greedy:
+                    state += GAMMA
+                    if float(mix(state) >> np.uint64(11)) * 2.0**-53 < greedy:
                         top = max(max(max(w0, w1), max(w2, w3)), max(max(w4, w5), max(w6, w7)))
                         k = 0
                         for w in (w0, w1, w2, w3, w4, w5, w6):
@@ -232,10 +239,9 @@ def measure(moves: NDArray[np.uint8], depth: NDArray[np.int32], length: NDArray[
 
 @kernel
 def update(
+    graph: GridGraph,
     rule: Numbers,
     pheromone: Pheromone,
-    offsets: NDArray[np.int64],
-    start: int,
     paths: Paths,
     order: NDArray[np.int64],
     best_path: NDArray[np.uint8],
@@ -248,14 +254,14 @@ def update(
     `order` ranks the ants by length. `best_path` and `best` are the best so far (empty and infinite if there is none). `t` is
     the number of cycles done, `since` that since the last restart.
     """
-    tau, seen, first, low, high = pheromone.tau, pheromone.seen, pheromone.first, pheromone.low, pheromone.high
+    tau, eta, offsets, start = pheromone.tau, pheromone.eta, graph.offsets, graph.start
     moves, depth, length = paths.moves, paths.depth, paths.length
     if rule.xi > 0.0:  # the local update of ACS, for all ants of the cycle at once, so that they can walk in parallel
         for ant in range(depth.size):
             cell = start
             for i in range(depth[ant]):
                 k = moves[ant, i]
-                tau[cell, k] += rule.xi * (first - tau[cell, k])
+                tau[cell, k] += rule.xi * (pheromone.tau_0 - tau[cell, k])
                 cell += offsets[k]
     shortest = length[order[0]]
     excess = shortest / best - 1.0 if shortest < math.inf else math.inf
@@ -266,47 +272,47 @@ def update(
             tau[cell, k] = rho * tau[cell, k] + (1.0 - rho) * rule.q / best
             cell += offsets[k]
     else:
-        evaporate(tau, seen, rule.persistence_rule, t, excess)
+        evaporate(tau, eta, rule.persistence_rule, t, excess)
         champion = best_deposits(rule.schedule, since)
         if rule.elite > 0.0 and (champion or len(rule.schedule) == 0):
-            _lay(tau, offsets, start, best_path, len(best_path), rule.elite * rule.q / best)
+            deposit(graph, tau, best_path, len(best_path), rule.elite * rule.q / best)
         for rank in range(depth.size):
             ant = order[rank]
             if not champion and depth[ant] >= 0 and rule.deposit_weight[rank] > 0.0:
-                _lay(tau, offsets, start, moves[ant], depth[ant], rule.deposit_weight[rank] * rule.q / length[ant])
+                deposit(graph, tau, moves[ant], depth[ant], rule.deposit_weight[rank] * rule.q / length[ant])
     for cell in range(tau.shape[0]):
         for k in range(8):
-            if seen[cell, k] > 0.0:
-                tau[cell, k] = min(max(tau[cell, k], low), high)
+            if eta[cell, k] > 0.0:
+                tau[cell, k] = min(max(tau[cell, k], pheromone.tau_min), pheromone.tau_max)
 
 
 @kernel
-def evaporate(tau: NDArray[np.float64], seen: NDArray[np.float64], policy: NDArray[np.float64], t: int, excess: float) -> None:
-    """tau <- rho tau on every legal move (`seen` > 0); see `kernels.colony.pheromone`."""
-    by_edge = policy[0] == ADAPTIVE or policy[0] == PRINTED
+def evaporate(
+    tau: NDArray[np.float64], eta: NDArray[np.float64], persistence_rule: NDArray[np.float64], t: int, excess: float
+) -> None:
+    """tau <- rho tau on every legal move (`eta` > 0); see `kernels.colony.pheromone`."""
+    by_edge = persistence_rule[0] == ADAPTIVE or persistence_rule[0] == PRINTED
     rho, least = 1.0, math.inf
     if by_edge:
         for cell in range(tau.shape[0]):
             for k in range(8):
-                if seen[cell, k] > 0.0:
+                if eta[cell, k] > 0.0:
                     least = min(least, tau[cell, k])
     else:
-        rho = persistence(policy, 1.0, 1.0, t, excess)
+        rho = persistence(persistence_rule, 1.0, 1.0, t, excess)
     for cell in range(tau.shape[0]):
         for k in range(8):
-            if seen[cell, k] > 0.0:
-                tau[cell, k] *= persistence(policy, tau[cell, k], least, t, excess) if by_edge else rho
+            if eta[cell, k] > 0.0:
+                tau[cell, k] *= persistence(persistence_rule, tau[cell, k], least, t, excess) if by_edge else rho
 
 
 @kernel
-def _lay(
-    tau: NDArray[np.float64], offsets: NDArray[np.int64], start: int, path: NDArray[np.uint8], depth: int, amount: float
-) -> None:
-    """Add `amount` along a path."""
-    cell = start
+def deposit(graph: GridGraph, tau: NDArray[np.float64], path: NDArray[np.uint8], depth: int, amount: float) -> None:
+    """Add `amount` to the pheromone on each of the first `depth` moves of a path."""
+    cell = graph.start
     for i in range(depth):
         tau[cell, path[i]] += amount
-        cell += offsets[path[i]]
+        cell += graph.offsets[path[i]]
 
 
 @kernel
@@ -326,19 +332,13 @@ def entropy(tau: NDArray[np.float64]) -> float:
 
 
 @kernel
-def guide(
-    legal: NDArray[np.uint32],
-    offsets: NDArray[np.int64],
-    lengths: NDArray[np.float64],
-    cost: NDArray[np.float64],
-    turn: float,
-    goal: int,
-) -> NDArray[np.float64]:
-    """Return the least cost from each cell to `goal` for each first move, float64[N, 8]; infinite if there is no path.
+def costs_to_go(graph: GridGraph, cost: NDArray[np.float64], turn: float) -> NDArray[np.float64]:
+    """Return the least cost from each cell to the goal for each first move, float64[N, 8]; infinite if there is no path.
 
     A move costs its length times the mean of `cost`, float64[N] > 0, at its ends, plus `turn` >= 0 if the previous move was a
     different one. The method is label correcting, with a queue of cells whose values have decreased.
     """
+    legal, offsets, lengths, goal = graph.legal, graph.offsets, graph.lengths, graph.goal
     size = legal.size + 1
     value = np.full((legal.size, 8), math.inf)
     least = np.full(legal.size, math.inf)
@@ -365,8 +365,8 @@ def guide(
 
 
 @kernel
-def guided(value: NDArray[np.float64], beta: float) -> NDArray[np.float32]:
-    """Return the weights exp(-beta * excess cost of the move), float32[N, 8], from the least costs `value` of `guide`."""
+def weights_by_cost(value: NDArray[np.float64], beta: float) -> NDArray[np.float32]:
+    """Return the weights exp(-beta * excess cost of the move), float32[N, 8], from the result `value` of `costs_to_go`."""
     weights = np.zeros(value.shape, np.float32)
     for i in range(value.shape[0]):
         best = value[i].min()
@@ -378,9 +378,7 @@ def guided(value: NDArray[np.float64], beta: float) -> NDArray[np.float32]:
 
 @kernel
 def score(
-    offsets: NDArray[np.int64],
-    lengths: NDArray[np.float64],
-    start: int,
+    graph: GridGraph,
     moves: NDArray[np.uint8],
     depth: NDArray[np.int32],
     clearance: NDArray[np.float64],
@@ -388,9 +386,10 @@ def score(
 ) -> NDArray[np.float64]:
     """Return float64[A, 4]: length, turns, -(least clearance on the path), and integral of the danger along the path.
 
-    `clearance` and `danger` are float64[N]. The integral uses the mean of both ends of a move, as `guide` does. Lengths are in
-    cells. All values are infinite for an ant that died.
+    `clearance` and `danger` are float64[N]. The integral uses the mean of both ends of a move, as `costs_to_go` does. Lengths
+    are in cells. All values are infinite for an ant that died.
     """
+    start, offsets, lengths = graph.start, graph.offsets, graph.lengths
     out = np.full((depth.size, 4), math.inf)
     for ant in range(depth.size):
         if depth[ant] < 0:
