@@ -28,7 +28,7 @@ def lower_bound(stops: Stops) -> float:
     travel = travel_bound(stops)
     if stops.objective == "travel time":
         return travel
-    far = _closure(stops.matrix)
+    far = shortest(stops.matrix)
     inner = stops.inner
     # Some robot goes to each stop and then to the end; and the total work is divided among the robots.
     ends = {stops.start} | (set() if stops.end is None else {stops.end})
@@ -50,7 +50,7 @@ def travel_bound(stops: Stops) -> float:
     n = len(stops.matrix)
     if n < 3 or not np.isfinite(stops.matrix).all():
         return 0.0
-    matrix = stops.matrix if stops.robots == 1 else _closure(stops.matrix)
+    matrix = stops.matrix if stops.robots == 1 else shortest(stops.matrix)
     if stops.robots > 1 and not stops.closed:
         # Routes with a common start form a tree; a given end is ignored.
         return _tree(np.minimum(matrix, matrix.T)) * _SAFE
@@ -73,7 +73,7 @@ def travel_bound(stops: Stops) -> float:
 def worth_bound(stops: Stops) -> float:
     """Return the sum of the priorities of all stops that a robot can visit in time if it visits no other."""
     assert stops.priorities is not None
-    far, windows, start = _closure(stops.matrix), stops.windows, stops.start
+    far, windows, start = shortest(stops.matrix), stops.windows, stops.start
     first = np.maximum(windows[start, 0] + stops.service[start] + far[start], windows[:, 0])
     done = first + stops.service
     if stops.end is not None and stops.end != start:
@@ -83,11 +83,6 @@ def worth_bound(stops: Stops) -> float:
     possible = (first <= windows[:, 1] * (1.0 + 1e-9)) & (done <= stops.deadline * (1.0 + 1e-9))
     possible[[start] if stops.end is None else [start, stops.end]] = True
     return float(stops.priorities[possible].sum())
-
-
-def _closure(matrix: Floats) -> Floats:
-    """Return the shortest times through any other stops."""
-    return shortest(np.ascontiguousarray(matrix))
 
 
 def _tree(matrix: Floats) -> float:

@@ -40,6 +40,16 @@ def layout(stops: Stops) -> tuple[Order, Floats, Floats, Floats]:
     return rows, spans, opens, closes
 
 
+def inner_places(rows: Order, orders: list[Order]) -> tuple[list[list[int]], list[int]]:
+    """Return the stops of each order as places in `rows` without both ends, each stop once, and the places in no order.
+
+    Stops that no longer exist are left out.
+    """
+    place = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}
+    kept = [[place.pop(int(stop)) for stop in order if int(stop) in place] for order in orders]
+    return kept, sorted(place.values())
+
+
 def best_routes(
     stops: Stops, clock: Clock, seconds: float, cycles: int | None, seed: int, initial: list[Order] | None
 ) -> list[Order]:
@@ -112,9 +122,8 @@ def _fleet(stops: Stops, rows: Order, spans: Floats, opens: Floats, closes: Floa
 
 def _fill(routes: kernel.Routes, rows: Order, orders: list[Order]) -> None:
     """Start with `orders`, without stops that no longer exist."""
-    place, last = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}, len(rows) - 1
-    for k, order in enumerate(orders[: len(routes.sizes)]):
-        inner = [place.pop(int(stop)) for stop in order if int(stop) in place]
+    last = len(rows) - 1
+    for k, inner in enumerate(inner_places(rows, orders[: len(routes.sizes)])[0]):
         routes.stops[k, 1 : 1 + len(inner)] = inner
         routes.stops[k, 1 + len(inner)] = last
         routes.sizes[k] = len(inner) + 2

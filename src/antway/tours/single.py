@@ -6,7 +6,7 @@ import numpy as np
 
 from antway.kernels.colony.window_colony import TAU_0
 from antway.planning import Clock
-from antway.tours.fleet import layout
+from antway.tours.fleet import inner_places, layout
 from antway.tours.stops import Floats, Order, Stops
 from antway.tours.windowed import Path, search
 
@@ -25,9 +25,8 @@ def best_order(
         tau = np.ascontiguousarray(pheromone[np.ix_(ids, ids)])
     first = None
     if initial is not None:
-        place = {int(row): i for i, row in enumerate(rows[:-1]) if i > 0}
-        kept = [place.pop(int(stop)) for stop in initial if int(stop) in place]
-        first = _inserted(path, [0, *kept, m - 1], sorted(place.values()))
+        (kept,), missing = inner_places(rows, [initial])
+        first = _inserted(path, [0, *kept, m - 1], missing)
     found = search(path, clock, makespan=stops.objective == "makespan", cycles=cycles, seed=seed, initial=first, pheromone=tau)
     learned = None
     if found.pheromone.size:

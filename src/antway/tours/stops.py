@@ -82,16 +82,8 @@ def checked(
     objective: object,
 ) -> Stops:
     """Return the arguments of `order_stops` as `Stops`, or raise a `BadInput` that names the stop."""
-    times = checks.array("matrix", matrix, (None, None), finite=False)
+    times = checked_matrix(matrix, MAX_STOPS, "stops", finite=False)
     n = len(times)
-    if n == 0 or times.shape != (n, n):
-        raise BadParameter("matrix.shape", times.shape, "square and not empty")
-    if n > MAX_STOPS:
-        raise TooLarge("matrix", n, f"of at most {MAX_STOPS} stops")
-    times = times.copy()
-    np.fill_diagonal(times, 0.0)
-    for i, j in np.argwhere(~((times >= 0.0) & ((times <= 1e9) | np.isposinf(times))))[:1]:
-        raise BadParameter(f"matrix[{i}, {j}]", float(times[i, j]), "in [0, 1e9], or infinite where there is no path (s)")
     first = checks.integer("start", start, low=0, high=n - 1)
     if isinstance(end, str) and end == "start":
         last: int | None = first
@@ -115,6 +107,25 @@ def checked(
         checks.integer("robots", robots, low=1, high=1_000),
         checks.choice("objective", objective, OBJECTIVES),
     )
+
+
+def checked_matrix(matrix: object, most: int, of: str, *, finite: bool) -> Floats:
+    """Return `matrix` as float64[n, n] of times in [0, 1e9] or, unless `finite`, infinite; its diagonal is set to 0.
+
+    n is at most `most`; errors call the rows `of`, such as "stops".
+    """
+    times = checks.array("matrix", matrix, (None, None), finite=finite)
+    n = len(times)
+    if n == 0 or times.shape != (n, n):
+        raise BadParameter("matrix.shape", times.shape, "square and not empty")
+    if n > most:
+        raise TooLarge("matrix", n, f"of at most {most} {of}")
+    times = times.copy()
+    np.fill_diagonal(times, 0.0)
+    allowed = "in [0, 1e9]" if finite else "in [0, 1e9], or infinite where there is no path (s)"
+    for i, j in np.argwhere(~((times >= 0.0) & ((times <= 1e9) | np.isposinf(times))))[:1]:
+        raise BadParameter(f"matrix[{i}, {j}]", float(times[i, j]), allowed)
+    return times
 
 
 def checked_windows(windows: object, n: int) -> Floats:

@@ -18,7 +18,7 @@ from antway.errors import BadMap, BadParameter, TooLarge
 from antway.maps.limits import as_path
 from antway.planning import Budget
 from antway.reading import decoded, numbers_in, read_bytes
-from antway.tours.stops import OBJECTIVES, checked_windows
+from antway.tours.stops import OBJECTIVES, checked_matrix, checked_windows
 from antway.tours.windowed import Path, search
 
 MAX_BYTES = 64_000_000
@@ -55,17 +55,8 @@ class Tsptw:
 
     def __post_init__(self) -> None:
         checks.instance("name", self.name, str)
-        matrix = checks.array("matrix", self.matrix, (None, None))
-        n = len(matrix)
-        if n == 0 or matrix.shape != (n, n):
-            raise BadParameter("matrix.shape", matrix.shape, "square and not empty")
-        if n > MAX_NODES:
-            raise TooLarge("matrix", n, f"of at most {MAX_NODES} nodes")
-        matrix = matrix.copy()
-        np.fill_diagonal(matrix, 0.0)
-        for i, j in np.argwhere((matrix < 0.0) | (matrix > 1e9))[:1]:
-            raise BadParameter(f"matrix[{i}, {j}]", float(matrix[i, j]), "in [0, 1e9]")
-        windows = checked_windows(self.windows, n)
+        matrix = checked_matrix(self.matrix, MAX_NODES, "nodes", finite=True)
+        windows = checked_windows(self.windows, len(matrix))
         matrix.flags.writeable = windows.flags.writeable = False
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "windows", windows)
