@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.ants.immune import Immune, Immunity, vaccinate_tour
+from antway.ants.immune import Immune, Immunity, scaled, vaccinate_tour
 from antway.ants.persistence import Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.ants.tsplib import Tsp, permutation
@@ -187,7 +187,7 @@ class Colony:
 
     def _immunise(self, immunity: Immunity) -> Numbers:
         """Apply the immune operator to the tours of the cycle; return the rule with deposits scaled by concentration."""
-        state, policy = self.state, immunity.policy
+        state = self.state
         tours, costs, scale = immunity.respond(
             self.cycle,
             list(state.orders),
@@ -196,14 +196,9 @@ class Colony:
             vaccinate_tour,
         )
         state.orders[:], state.lengths[:] = np.array(tours), costs
-        unchanged = self.cycle - int(state.record[kernel.IMPROVED])
-        if policy.stagnation > 0 and unchanged > 0 and unchanged % policy.stagnation == 0:
-            kernel.deposit(self.cities.near, state.tau, state.bests[1], policy.suppression, 0.0)
-        deposit_weight = self.numbers.deposit_weight * scale[np.argsort(costs, kind="stable")]
-        total = float(deposit_weight.sum())
-        return self.numbers._replace(
-            deposit_weight=deposit_weight * (float(self.numbers.deposit_weight.sum()) / total if total > 0.0 else 1.0)
-        )
+        if immunity.suppresses(self.cycle - int(state.record[kernel.IMPROVED])):
+            kernel.deposit(self.cities.near, state.tau, state.bests[1], immunity.policy.suppression, 0.0)
+        return scaled(self.numbers, costs, scale)
 
     def _construct(self, pool: Executor | None, threads: int) -> None:
         """Build the tours of the cycle, on all threads except for ACS, whose ants change pheromone as they walk."""

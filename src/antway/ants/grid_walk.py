@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.ants.immune import Immunity, vaccinate_path
+from antway.ants.immune import Immunity, scaled, vaccinate_path
 from antway.ants.rules import Rule
 from antway.errors import BadParameter, TooLarge
 from antway.grid import Cell, Grid, Moves
@@ -253,7 +253,7 @@ class Trail:
 
     def _immunise(self, walkers: Ants, t: int, immunity: Immunity) -> Numbers:
         """Apply the immune operator to the paths; return the rule with deposits scaled by concentration."""
-        graph, policy = self.graph, immunity.policy
+        graph = self.graph
         arrived = np.flatnonzero(walkers.depth >= 0)
         if len(arrived) == 0:
             return self.numbers
@@ -268,16 +268,11 @@ class Trail:
             walkers.depth[ant] = len(cells) - 1
             walkers.moves[ant, : len(cells) - 1] = graph.moves(cells)
         walkers.length[arrived] = costs
-        unchanged = t - self._improved
-        if self.best < math.inf and policy.stagnation > 0 and unchanged > 0 and unchanged % policy.stagnation == 0:
-            self.tau[graph.cells(self.path)[:-1], self.path] *= policy.suppression
+        if self.best < math.inf and immunity.suppresses(t - self._improved):
+            self.tau[graph.cells(self.path)[:-1], self.path] *= immunity.policy.suppression
         factor = np.zeros(walkers.depth.size)
         factor[arrived] = scale
-        deposit_weight = self.numbers.deposit_weight * factor[np.argsort(walkers.length, kind="stable")]
-        whole = float(self.numbers.deposit_weight[: len(arrived)].sum())
-        return self.numbers._replace(
-            deposit_weight=deposit_weight * (whole / deposit_weight.sum() if deposit_weight.any() else 1.0)
-        )
+        return scaled(self.numbers, walkers.length, factor)
 
     def _limits(self) -> tuple[float, float]:
         """Return the limits of pheromone."""

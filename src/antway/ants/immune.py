@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.kernels.base import rng
+from antway.kernels.colony.pheromone import Numbers
 
 Nodes = NDArray[np.integer]
 Draw = Callable[[], float]  # the next uniform number in [0, 1)
@@ -101,6 +102,10 @@ class Immunity:
         alike = concentration(population, policy.overlap, self.closed)
         return population, values, 1.0 / alike
 
+    def suppresses(self, unchanged: int) -> bool:
+        """Tell whether the pheromone of the best is suppressed in a cycle, after `unchanged` cycles with the same best."""
+        return self.policy.stagnation > 0 and unchanged > 0 and unchanged % self.policy.stagnation == 0
+
     def _remember(self, population: Sequence[Nodes], costs: NDArray[np.float64]) -> None:
         """Keep the best of elites and ants, one for each cost."""
         known = {cost for cost, _ in self.elites}
@@ -110,6 +115,16 @@ class Immunity:
                 self.elites.append((float(costs[ant]), np.array(population[ant])))
         self.elites.sort(key=lambda elite: elite[0])
         del self.elites[self.policy.archive :]
+
+
+def scaled(numbers: Numbers, costs: NDArray[np.float64], factor: NDArray[np.float64]) -> Numbers:
+    """Return the rule with the deposit of each ant multiplied by its factor; all ants together deposit as much as before.
+
+    Ants of infinite cost have the factor 0.
+    """
+    deposit_weight = numbers.deposit_weight * factor[np.argsort(costs, kind="stable")]
+    before = float(numbers.deposit_weight[: np.count_nonzero(np.isfinite(costs))].sum())
+    return numbers._replace(deposit_weight=deposit_weight * (before / deposit_weight.sum() if deposit_weight.any() else 1.0))
 
 
 def uniforms(seed: int, cycle: int) -> Draw:

@@ -205,18 +205,6 @@ def make_rule(rule: object, **changes: object) -> Rule:
     return result
 
 
-_NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
-
-
 def _numbers(rule: Any, **own: Any) -> Numbers:
-    fields: dict[str, Any] = {
-        "elite": 0.0,
-        "schedule": _NO_SCHEDULE,
-        "p_best": 0.0,
-        "choices": 0.0,
-        "restart": 0,
-        "q0": 0.0,
-        "xi": 0.0,
-        "best_only": False,
-    }
-    return Numbers(alpha=rule.alpha, beta=rule.beta, q=rule.q, persistence_rule=rule.persistence.numbers(), **(fields | own))
+    """Return the fields that all rules have, and a rule's own ones."""
+    return Numbers(alpha=rule.alpha, beta=rule.beta, q=rule.q, persistence_rule=rule.persistence.numbers(), **own)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.ants.colony import Colony
+from antway.ants.colony import NO_LOCAL_SEARCH, Colony
 from antway.ants.immune import Immune
 from antway.ants.persistence import Constant, Persistence
 from antway.ants.rules import MaxMinAntSystem, Rule
@@ -216,7 +216,7 @@ def local_search_options(
     if local_search is None or n < _SEARCHED_FROM:
         if focused and local_search is None:
             raise BadParameter("focused", focused, "False without a local_search")
-        return LocalSearchOptions(-1, 0, 0, 0), rule
+        return NO_LOCAL_SEARCH, rule
     breadth, longest = _SEARCHES[local_search]
     anew = 0 if focused is not None or n >= _FOCUSED_ALONE_FROM else 1 if n < _FOCUSED_FROM else _ANEW_EVERY
     attempts = 2 * n if anew == 1 else 0 if focused is False else min(10 * n, 5000)

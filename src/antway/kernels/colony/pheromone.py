@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 
-CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)
+CONSTANT, ADAPTIVE, PRINTED, DECAY, BY_QUALITY = range(5)  # kinds of persistence, see `antway.ants.persistence`
 FLOOR = 1e-150  # least pheromone of an edge that no ant takes, so that it is always > 0
+
+
+_NO_SCHEDULE = np.empty((0, 2), dtype=np.int64)
 
 
 class Numbers(NamedTuple):
@@ -22,16 +25,15 @@ class Numbers(NamedTuple):
     q: float  # Q of the deposit Q / L_k, Eq. (2)
     persistence_rule: NDArray[np.float64]  # [4] kind of persistence, and its parameters
     deposit_weight: NDArray[np.float64]  # [ants] the r-th best ant of a cycle deposits this times Q / L_r
-    elite: float  # in every cycle the best so far deposits this times Q / L_best
-    schedule: NDArray[
-        np.int64
-    ]  # [s, 2] MMAS: from which cycle on, and every how many cycles, the best so far deposits in place of the ants
-    p_best: float  # MMAS: probability that determines the limits of pheromone; 0: no limits
-    choices: float  # MMAS: average number of alternatives at a step; 0: that of the problem
-    restart: int  # MMAS: number of cycles without improvement after which pheromone is reset; 0: never
-    q0: float  # ACS: probability of taking the edge of largest weight
-    xi: float  # ACS: share of tau_0 in the local update
-    best_only: bool  # ACS: whether only the edges of the best so far evaporate
+    elite: float = 0.0  # in every cycle the best so far deposits this times Q / L_best
+    # [s, 2] MMAS: from which cycle on, and every how many cycles, the best so far deposits in place of the ants
+    schedule: NDArray[np.int64] = _NO_SCHEDULE
+    p_best: float = 0.0  # MMAS: probability that determines the limits of pheromone; 0: no limits
+    choices: float = 0.0  # MMAS: average number of alternatives at a step; 0: that of the problem
+    restart: int = 0  # MMAS: number of cycles without improvement after which pheromone is reset; 0: never
+    q0: float = 0.0  # ACS: probability of taking the edge of largest weight
+    xi: float = 0.0  # ACS: share of tau_0 in the local update
+    best_only: bool = False  # ACS: whether only the edges of the best so far evaporate
 
 
 @kernel
@@ -40,12 +42,8 @@ def persistence(persistence_rule: NDArray[np.float64], tau: float, tau_min: floa
 
     tau_min is the least pheromone on any edge; excess is L_cycle / L_best - 1 >= 0.
     """
-    kind, a, b, c = (
-        float(persistence_rule[0]),
-        float(persistence_rule[1]),
-        float(persistence_rule[2]),
-        float(persistence_rule[3]),
-    )
+    kind = persistence_rule[0]
+    a, b, c = float(persistence_rule[1]), float(persistence_rule[2]), float(persistence_rule[3])
     if kind == CONSTANT:
         return a
     if kind == ADAPTIVE:
