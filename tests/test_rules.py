@@ -98,9 +98,9 @@ def test_probabilities_by_hand():
     colony = colony_of(AntSystem(alpha=2.0, beta=1.0))
     colony.state.tau[0] = [2.0, 1.0, 3.0]
     weight = np.empty((4, 3))
-    kernel.combine(colony.state.tau, colony.state.eta, 2.0, weight, colony.state.whole)
+    kernel.combine(colony.state.tau, colony.state.eta, 2.0, weight, colony.state.row_sum)
     expected = np.array([4 / 3, 1 / 4, 9 / 5]) / (4 / 3 + 1 / 4 + 9 / 5)
-    assert np.abs(weight[0] / colony.state.whole[0] - expected).max() <= 1e-12
+    assert np.abs(weight[0] / colony.state.row_sum[0] - expected).max() <= 1e-12
 
 
 @compiled
@@ -110,7 +110,7 @@ def roulette(weight, near, left, q0, came, state, draws):
     for _ in range(draws):
         c, greedy = -1, rng.uniform(state) < q0
         if came >= 0 and not greedy:
-            c = kernel.guess(weight, whole, near, left, 0, came, rng.uniform(state))
+            c = kernel.propose(weight, whole, near, left, 0, came, rng.uniform(state))
         if c < 0:
             share = np.float32(rng.next_bits(state) >> np.uint64(41)) / np.float32(2**23)
             c = kernel.choose(weight, near, left, 0, greedy, share, sums)

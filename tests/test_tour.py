@@ -75,10 +75,10 @@ def test_computed_and_tabled_distances_agree():
     """Below and above the size up to which distances are tabled, tours have the same length."""
     xy = np.random.default_rng(6).random((1200, 2)) * 1e4
     cities = Tsp(xy, metric="EUC_2D").cities(5)
-    assert cities.matrix.size == 0
+    assert cities.metric.matrix.size == 0
     order = np.arange(1200, dtype=np.uint32)
-    table = kernel.gaps(cities.kind, cities.xy, cities.matrix, np.tile(order, (1200, 1)))
-    tabled = cities._replace(kind=kernel.MATRIX, matrix=table)
+    table = kernel.gaps(cities.metric, np.tile(order, (1200, 1)))
+    tabled = cities._replace(metric=kernel.Metric(kernel.MATRIX, cities.metric.xy, table))
     assert kernel.length(cities, order) == kernel.length(tabled, order)
 
 
@@ -186,7 +186,7 @@ def test_ants_go_on_from_the_better_of_two_tours(anew):
     """`select` against its twin, over many cycles; it does nothing where ants always or never build anew, and at first."""
     dice = np.random.default_rng(8)
     colony = Colony(Tsp(dice.random((30, 2))), "mmas", ants=9, seed=3)
-    plan = colony.options._replace(anew=anew)
+    plan = colony.options._replace(rebuild_every=anew)
     for cycle in range(cases(20, 200)):
         seed = int(dice.integers(0, 2**63))
         orders = [dice.permutation(30).tolist() for _ in range(9)]

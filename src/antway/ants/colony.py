@@ -96,7 +96,7 @@ class Colony:
             np.zeros((2, n), dtype=np.uint32),
             record,
         )
-        kernel.combine(tau, eta, 1.0, self.state.weight, self.state.whole)
+        kernel.combine(tau, eta, 1.0, self.state.weight, self.state.row_sum)
         greedy = kernel.walk_once(self.cities, self.state, self.numbers._replace(q0=1.0, xi=0.0), self._seed)
         self.state.bests[:] = orders[0]
         if greedy <= 0.0:
@@ -131,7 +131,7 @@ class Colony:
     @property
     def tours(self) -> int:
         """Number of tours made in a cycle; in focused construction each change of a tour counts as one."""
-        return len(self.state.lengths) * (1 if self.options.anew else max(self.options.attempts, 1))
+        return len(self.state.lengths) * (1 if self.options.rebuild_every else max(self.options.attempts, 1))
 
     @property
     def pheromone(self) -> NDArray[np.float64]:
@@ -203,7 +203,7 @@ class Colony:
     def _construct(self, pool: Executor | None, threads: int) -> None:
         """Build the tours of the cycle, on all threads except for ACS, whose ants change pheromone as they walk."""
         m = len(self.state.lengths)
-        kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight, self.state.whole)
+        kernel.combine(self.state.tau, self.state.eta, self.numbers.alpha, self.state.weight, self.state.row_sum)
         kernel.select(self.state, self.options, self._seed)
         whole = (self.cities, self.state, self.numbers, self.options, self._seed)
         if pool is None or threads == 1 or self.numbers.xi > 0.0:

@@ -31,9 +31,9 @@ MMAS_WITH_SEARCH = MaxMinAntSystem(
     persistence=Constant(0.8), choices=7.0, schedule=((0, 25), (25, 5), (75, 3), (125, 2), (250, 1))
 )
 # Temperatures in mean edge lengths of the best tour. Newly built tours need little; old ones would hardly change without.
-_TEMPERATURE_ANEW, _TEMPERATURE = 0.05, 0.8
+_TEMPERATURE_REBUILT, _TEMPERATURE = 0.05, 0.8
 _FOCUSED_FROM = 1000  # number of cities from which ants mostly change their last tours instead of building new ones
-_ANEW_EVERY = 4  # number of cycles after which such an ant builds a new tour; the ants take turns
+_REBUILD_EVERY = 4  # number of cycles after which such an ant builds a new tour; the ants take turns
 _FOCUSED_ALONE_FROM = 2000  # number of cities from which ants build no new tours after the first cycle
 _SEARCHED_FROM = 8  # least number of cities for local search: with fewer, the edges of a 3-opt move may coincide
 _SLICE = 0.02  # s; time between two checks of the budget
@@ -171,7 +171,7 @@ def solve_tsp(
     colony = Colony(
         instance,
         chosen,
-        ants=ants if ants is not None or options.attempts == 0 else 10 if options.anew else 4,
+        ants=ants if ants is not None or options.attempts == 0 else 10 if options.rebuild_every else 4,
         persistence=persistence,
         seed=seed,
         candidates=(20 if local_search is None else 10) if candidates is None else candidates,
@@ -218,10 +218,10 @@ def local_search_options(
             raise BadParameter("focused", focused, "False without a local_search")
         return NO_LOCAL_SEARCH, rule
     breadth, longest = _SEARCHES[local_search]
-    anew = 0 if focused is not None or n >= _FOCUSED_ALONE_FROM else 1 if n < _FOCUSED_FROM else _ANEW_EVERY
-    attempts = 2 * n if anew == 1 else 0 if focused is False else min(10 * n, 5000)
-    temperatures = _TEMPERATURE, _TEMPERATURE_ANEW
-    options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, *temperatures, anew)
+    rebuild_every = 0 if focused is not None or n >= _FOCUSED_ALONE_FROM else 1 if n < _FOCUSED_FROM else _REBUILD_EVERY
+    attempts = 2 * n if rebuild_every == 1 else 0 if focused is False else min(10 * n, 5000)
+    temperatures = _TEMPERATURE, _TEMPERATURE_REBUILT
+    options = LocalSearchOptions(breadth, n if longest is None else longest, attempts, 30, *temperatures, rebuild_every)
     return options, MMAS_WITH_SEARCH if rule == "mmas" else rule
 
 

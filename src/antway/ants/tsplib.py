@@ -132,7 +132,7 @@ class Tsp:
         k = min(candidates, n - 1)
         none = np.empty((0, 0))
         xy = np.ascontiguousarray(self.xy) if self.matrix is None else np.zeros((0, 2))
-        kind, matrix = _KINDS[self.metric], none if self.matrix is None else np.ascontiguousarray(self.matrix)
+        matrix = none if self.matrix is None else np.ascontiguousarray(self.matrix)
         if k == n - 1:
             near = np.array([np.delete(np.arange(n), i) for i in range(n)])
         elif self.matrix is not None and self.xy is not None and by_quadrant:
@@ -150,14 +150,15 @@ class Tsp:
             near = found[~own]
         near = near.reshape(n, k).astype(np.uint32)
         # Arrays are writable, so that kernels are compiled for one type only.
-        xy, matrix = xy.copy(), matrix.copy()
-        gap = kernel.gaps(kind, xy, matrix, near)
+        metric = kernel.Metric(_KINDS[self.metric], xy.copy(), matrix.copy())
+        gap = kernel.gaps(metric, near)
         ranking = np.argsort(gap, axis=1, kind="stable")
         near, gap = np.take_along_axis(near, ranking, 1), np.take_along_axis(gap, ranking, 1)
         if self.matrix is None and n <= _MATRIX_UP_TO:
-            kind, matrix = kernel.MATRIX, kernel.gaps(kind, xy, none, np.tile(np.arange(n, dtype=np.uint32), (n, 1)))
-        span = matrix.max(initial=0.0) if matrix.size else float(np.hypot(*np.ptp(xy, axis=0)))
-        return kernel.Cities(kind, xy, matrix, near, gap, 1e-12 * float(span), kernel.backs(near))
+            table = kernel.gaps(metric, np.tile(np.arange(n, dtype=np.uint32), (n, 1)))
+            metric = kernel.Metric(kernel.MATRIX, metric.xy, table)
+        span = metric.matrix.max(initial=0.0) if metric.matrix.size else float(np.hypot(*np.ptp(xy, axis=0)))
+        return kernel.Cities(metric, near, gap, 1e-12 * float(span), kernel.backs(near))
 
 
 def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:

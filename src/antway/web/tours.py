@@ -167,7 +167,7 @@ class Tours(Tab):
         colony = Colony(
             instance,
             rule,
-            ants=4 if options.attempts and not options.anew else settings["ants"],
+            ants=4 if options.attempts and not options.rebuild_every else settings["ants"],
             persistence=Adaptive() if settings["persistence"] == "adaptive" else None,
             seed=settings["seed"],
             candidates=20 if search is None else 10,

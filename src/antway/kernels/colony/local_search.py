@@ -15,8 +15,15 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.colony.tour import Cities, Ids, Index, distance
 
-HEAD, SIZE, LOGGED = range(3)
-TWO, THREE, SWAPPED, REVERSED = range(4)
+# Elements of `Search.counts`.
+HEAD = 0  # place of the first city in the queue
+SIZE = 1  # number of cities in the queue
+LOGGED = 2  # number of logged reversals
+# Shapes of a move.
+TWO = 0  # 2-opt: one part is reversed
+THREE = 1  # 3-opt by two reversals, whose first one already gives a tour
+SWAPPED = 2  # 3-opt: two neighbouring parts are swapped
+REVERSED = 3  # 3-opt: two neighbouring parts are both reversed where they are
 
 
 class Search(NamedTuple):
@@ -27,7 +34,7 @@ class Search(NamedTuple):
     queue: Ids  # [n] ring buffer of the cities to examine
     queued: NDArray[np.bool_]  # [n] whether a city is in the queue (the negated don't-look bit)
     log: NDArray[np.int64]  # [r, 2] reversals since the log was cleared, for undoing them; empty: nothing is logged
-    counts: NDArray[np.int64]  # [3] head and size of the queue, number of logged reversals
+    counts: NDArray[np.int64]  # [3] see HEAD, SIZE and LOGGED
 
 
 @kernel
@@ -169,10 +176,10 @@ def exchange(search: Search, shape: int, t1: Index, t2: Index, t3: Index, t4: In
 @bare_kernel
 def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) -> float:
     """Make the first improving move found that removes an edge of t1; return its gain, or 0 if there is none."""
-    kind, xy, matrix, near, gap, least = cities.kind, cities.xy, cities.matrix, cities.near, cities.gap, cities.least
+    metric, near, gap, least = cities.metric, cities.near, cities.gap, cities.least
     for forward in (True, False):
         t2 = beside(search, t1, forward)
-        d12 = distance(kind, xy, matrix, t1, t2)
+        d12 = distance(metric, t1, t2)
         for c in range(near.shape[1]):
             t3 = near[t2, c]
             g1 = d12 - gap[t2, c]
@@ -185,9 +192,9 @@ def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) 
                 t4 = beside(search, t3, forward == cycle)
                 if t4 == t2:
                     continue
-                g2 = g1 + distance(kind, xy, matrix, t3, t4)
+                g2 = g1 + distance(metric, t3, t4)
                 if not cycle:
-                    gain: float = g2 - distance(kind, xy, matrix, t4, t1)
+                    gain: float = g2 - distance(metric, t4, t1)
                     if gain > least:
                         exchange(search, TWO, t1, t2, t3, t4, t1, t2)
                         return gain
@@ -203,7 +210,7 @@ def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) 
                         t6 = beside(search, t5, path)
                         if t6 in (t1, t4) or (not cycle and path != (inside == forward)):
                             continue
-                        gain = g3 + distance(kind, xy, matrix, t5, t6) - distance(kind, xy, matrix, t6, t1)
+                        gain = g3 + distance(metric, t5, t6) - distance(metric, t6, t1)
                         if gain > least:
                             shape = THREE if not cycle else SWAPPED if path == forward else REVERSED
                             exchange(search, shape, t1, t2, t3, t4, t5, t6)

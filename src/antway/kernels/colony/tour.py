@@ -10,19 +10,25 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
 
-MATRIX, EUC_2D, CEIL_2D, ATT, EUCLID = range(5)
+MATRIX, EUC_2D, CEIL_2D, ATT, EUCLID = range(5)  # kinds of distances, see `Metric`
 
 Index = int | np.integer[Any]
 Floats = NDArray[np.float64]
 Ids = NDArray[np.uint32]  # unsigned, so that an index needs no test for negative values
 
 
+class Metric(NamedTuple):
+    """The distances among n cities."""
+
+    kind: int  # how they are defined: MATRIX, EUC_2D, CEIL_2D, ATT (rounded as in TSPLIB) or EUCLID (not rounded)
+    xy: Floats  # [n, 2] places; unused with a matrix
+    matrix: Floats  # [n, n] distances, or empty
+
+
 class Cities(NamedTuple):
     """n cities and the candidate edges to the k nearest of each."""
 
-    kind: int  # how distances are defined: MATRIX, EUC_2D, CEIL_2D, ATT (rounded as in TSPLIB) or EUCLID (not rounded)
-    xy: Floats  # [n, 2] places; unused with a matrix
-    matrix: Floats  # [n, n] distances, or empty
+    metric: Metric
     near: Ids  # [n, k] nearest other cities, nearest first
     gap: Floats  # [n, k] the distances to them
     least: float  # differences in length up to this may be rounding errors
@@ -30,8 +36,9 @@ class Cities(NamedTuple):
 
 
 @bare_kernel
-def distance(kind: int, xy: Floats, matrix: Floats, i: Index, j: Index) -> float:
+def distance(metric: Metric, i: Index, j: Index) -> float:
     """Return the distance between cities i and j by the definitions of TSPLIB."""
+    kind, xy, matrix = metric.kind, metric.xy, metric.matrix
     if kind == MATRIX:
         return float(matrix[i, j])
     dx, dy = xy[i, 0] - xy[j, 0], xy[i, 1] - xy[j, 1]
@@ -51,18 +58,18 @@ def length(cities: Cities, order: Ids) -> float:
     total = 0.0
     before = order[-1]
     for city in order:
-        total += distance(cities.kind, cities.xy, cities.matrix, before, city)
+        total += distance(cities.metric, before, city)
         before = city
     return total
 
 
 @kernel
-def gaps(kind: int, xy: Floats, matrix: Floats, near: Ids) -> Floats:
+def gaps(metric: Metric, near: Ids) -> Floats:
     """Return the distances of the candidate edges, float64[n, k]."""
     result = np.empty(near.shape)
     for i in range(near.shape[0]):
         for c in range(near.shape[1]):
-            result[i, c] = distance(kind, xy, matrix, i, near[i, c])
+            result[i, c] = distance(metric, i, near[i, c])
     return result
 
 

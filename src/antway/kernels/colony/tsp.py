@@ -15,7 +15,15 @@ from antway.kernels.colony.local_search import LOGGED, Search, flip, improve, pu
 from antway.kernels.colony.pheromone import Numbers, best_deposits, clip, evaporate, limits, persistence
 from antway.kernels.colony.tour import Cities, Floats, Ids, Index, column, distance
 
-BEST, CYCLE, RESTARTED, IMPROVED, BEST_SINCE, TAU_0, TAU_MIN, TAU_MAX = range(8)
+# Elements of `Colony.record`.
+BEST = 0  # length of the best tour so far, infinite before the first cycle
+CYCLE = 1  # number of cycles done
+RESTARTED = 2  # cycle in which the colony started, or restarted
+IMPROVED = 3  # cycle of the last improvement since then
+BEST_SINCE = 4  # length of the best tour since then
+TAU_0 = 5  # initial pheromone
+TAU_MIN = 6  # lower limit of pheromone, for rules with limits
+TAU_MAX = 7  # upper limit of pheromone, for rules with limits
 Weights = NDArray[np.float32]
 TINY, HUGE = np.float32(1e-30), np.float32(1e30)  # within these limits float32 products neither underflow nor overflow
 
@@ -26,7 +34,7 @@ class Colony(NamedTuple):
     tau: Floats  # [n, k] pheromone on the candidate edges; equal at both ends if an edge is a candidate of both
     eta: Floats  # [n, k] heuristic to the power beta, scaled to 1 for the nearest city
     weight: NDArray[np.float32]  # [n, k] tau ** alpha * eta up to a factor for each row: the numerator of Eq. (1)
-    whole: Floats  # [n] sum of each row of `weight`
+    row_sum: Floats  # [n] sum of each row of `weight`
     orders: Ids  # [m, n] the tours of the last cycle
     lengths: Floats  # [m]
     bests: Ids  # [2, n] best tour so far, best tour since the last restart
@@ -41,13 +49,13 @@ class LocalSearchOptions(NamedTuple):
     attempts: int  # number of changes in each cycle of focused construction; 0: no focused construction
     window: int  # largest number of cities in a part of a change
     temperature: float = 0.0  # initial temperature for changes of an old tour, in mean edge lengths of the best tour
-    temperature_anew: float = 0.0  # the same for a newly built tour, whose edges come from many good tours
-    anew: int = 0  # number of cycles after which an ant builds a new tour; it changes its last one in the others; 0: never
+    temperature_rebuilt: float = 0.0  # the same for a newly built tour, whose edges come from many good tours
+    rebuild_every: int = 0  # an ant builds a new tour every so many cycles, and changes its last one in the others; 0: never
 
 
 @bare_kernel
-def combine(tau: Floats, eta: Floats, alpha: float, weight: Weights, whole: Floats) -> None:
-    """weight <- tau ** alpha * eta, with tau relative to the largest of its row so that float32 suffices; whole: its sums."""
+def combine(tau: Floats, eta: Floats, alpha: float, weight: Weights, row_sum: Floats) -> None:
+    """weight <- tau ** alpha * eta, with tau relative to the largest of its row so that float32 suffices; row_sum: its sums."""
     n, k = tau.shape
     for i in range(n):
         top = 0.0
@@ -60,9 +68,9 @@ def combine(tau: Floats, eta: Floats, alpha: float, weight: Weights, whole: Floa
         else:
             for c in range(k):
                 weight[i, c] = (tau[i, c] * scale) ** alpha * eta[i, c]
-        whole[i] = 0.0
+        row_sum[i] = 0.0
         for c in range(k):
-            whole[i] += weight[i, c]
+            row_sum[i] += weight[i, c]
 
 
 @bare_kernel
@@ -86,24 +94,29 @@ def choose(weight: Weights, near: Ids, left: Weights, i: Index, greedy: bool, sh
         sums[c] = total
     if not TINY < total < HUGE:
         return -1
-    draw = share * total
+    return drawn(sums, share * total)
+
+
+@bare_kernel
+def drawn(sums: Weights, share: np.float32) -> int:
+    """Return the first column whose partial sum is more than `share`, a number below the last sum."""
     c = 0
-    while sums[c] <= draw:  # faster than counting without branches, thanks to branch prediction
+    while sums[c] <= share:  # faster than counting without branches, thanks to branch prediction
         c += 1
     return c
 
 
 @bare_kernel
-def guess(weight: Weights, whole: Floats, near: Ids, left: Weights, i: Index, came: Index, share: float) -> int:
+def propose(weight: Weights, row_sum: Floats, near: Ids, left: Weights, i: Index, came: Index, share: float) -> int:
     """Draw by Eq. (1) among all candidates of i but the one of column `came`; return -1 if the drawn city was visited.
 
     If the ant then draws again with `choose`, the next city has the same distribution as with `choose` alone (rejection
     sampling). With pheromone on few edges most draws succeed, and a draw looks at two or three candidates instead of all.
     """
-    rest = whole[i]
+    rest = row_sum[i]
     if came >= 0:
         rest -= weight[i, came]
-    if rest < 1e-9 * whole[i]:  # the rest may be nothing but rounding errors
+    if rest < 1e-9 * row_sum[i]:  # the rest may be nothing but rounding errors
         return -1
     draw = share * rest
     for c in range(near.shape[1]):
@@ -137,7 +150,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
         c = -1
         if xi == 0.0 and not greedy:
             state += rng.GAMMA
-            c = guess(weight, colony.whole, near, left, i, came, float(rng.mix(state) >> np.uint64(11)) * 2.0**-53)
+            c = propose(weight, colony.row_sum, near, left, i, came, float(rng.mix(state) >> np.uint64(11)) * 2.0**-53)
         if c < 0:
             state += rng.GAMMA
             # 23 random bits: the product of the largest such number with a sum is still below the sum.
@@ -154,7 +167,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
             j, least = np.uint32(0), math.inf
             for other in range(n):
                 if left[other] > 0.0:
-                    d = distance(cities.kind, cities.xy, cities.matrix, i, other)
+                    d = distance(cities.metric, i, other)
                     if d < least:
                         j, least = np.uint32(other), d
             total += least
@@ -164,7 +177,7 @@ def walk(cities: Cities, colony: Colony, numbers: Numbers, state: np.uint64, ord
         c = column(near, i, order[0])
         if c >= 0:
             local_update(cities, colony, numbers, i, c)
-    return total + distance(cities.kind, cities.xy, cities.matrix, i, order[0])
+    return total + distance(cities.metric, i, order[0])
 
 
 @bare_kernel
@@ -240,10 +253,10 @@ def learn(cities: Cities, colony: Colony, numbers: Numbers) -> bool:
 
 
 @kernel
-def select(colony: Colony, plan: LocalSearchOptions, seed: np.uint64) -> None:
+def select(colony: Colony, options: LocalSearchOptions, seed: np.uint64) -> None:
     """Give each ant the better of its own last tour and that of a randomly drawn ant (tournament selection)."""
     m, cycle = len(colony.lengths), int(colony.record[CYCLE])
-    if plan.anew < 2 or cycle == 0:
+    if options.rebuild_every < 2 or cycle == 0:
         return
     state = np.empty(1, dtype=np.uint64)
     state[0] = rng.stream(rng.mix(seed), np.uint64(cycle))
@@ -256,28 +269,28 @@ def select(colony: Colony, plan: LocalSearchOptions, seed: np.uint64) -> None:
 
 @kernel
 def build(
-    cities: Cities, colony: Colony, numbers: Numbers, plan: LocalSearchOptions, seed: np.uint64, first: int, last: int
+    cities: Cities, colony: Colony, numbers: Numbers, options: LocalSearchOptions, seed: np.uint64, first: int, last: int
 ) -> None:
     """Let the ants `first` to `last` - 1 make their tours; each has its own random stream, independent of threads."""
     m, n = colony.orders.shape
-    search = workspace(n, 0 if plan.attempts == 0 else 500)
-    whole = Search(search.order, search.place, search.queue, search.queued, search.log[:0], search.counts)  # without a log
+    search = workspace(n, 0 if options.attempts == 0 else 500)
+    unlogged = Search(search.order, search.place, search.queue, search.queued, search.log[:0], search.counts)
     sums, left = np.empty(cities.near.shape[1], dtype=np.float32), np.empty(n, dtype=np.float32)
     state = np.empty(1, dtype=np.uint64)
     for ant in range(first, last):
         order = colony.orders[ant]
         state[0] = rng.stream(seed, np.uint64(int(colony.record[CYCLE]) * m + ant))
         cycle = int(colony.record[CYCLE])
-        if plan.attempts > 0 and cycle > 0 and (plan.anew == 0 or (cycle + ant) % plan.anew != 0):
+        if options.attempts > 0 and cycle > 0 and (options.rebuild_every == 0 or (cycle + ant) % options.rebuild_every != 0):
             set_tour(search, order)
-            colony.lengths[ant] -= refine(cities, colony, plan, plan.temperature, state, search, sums)
+            colony.lengths[ant] -= refine(cities, colony, options, options.temperature, state, search, sums)
             copy_row(search.order, order)
             continue
         colony.lengths[ant] = walk(cities, colony, numbers, state[0], order, left, sums)
-        if plan.breadth >= 0:
-            colony.lengths[ant] -= improve(cities, whole, order, plan.breadth, plan.longest)
-            if plan.anew > 0:
-                colony.lengths[ant] -= refine(cities, colony, plan, plan.temperature_anew, state, search, sums)
+        if options.breadth >= 0:
+            colony.lengths[ant] -= improve(cities, unlogged, order, options.breadth, options.longest)
+            if options.rebuild_every > 0:
+                colony.lengths[ant] -= refine(cities, colony, options, options.temperature_rebuilt, state, search, sums)
                 copy_row(search.order, order)
 
 
@@ -285,7 +298,7 @@ def build(
 def refine(
     cities: Cities,
     colony: Colony,
-    plan: LocalSearchOptions,
+    options: LocalSearchOptions,
     temperature: float,
     state: rng.State,
     search: Search,
@@ -298,42 +311,41 @@ def refine(
     from u into D is drawn by Eq. (1). This is done `attempts` times. Returns the gain.
     """
     n, k = cities.near.shape
-    window = min(plan.window, (n - 2) // 3)
+    window = min(options.window, (n - 2) // 3)
     total = 0.0
     temperature *= colony.record[BEST] / n
-    for a in range(plan.attempts):
+    for a in range(options.attempts):
         p = np.int64(rng.below(state, n))
         u = search.order[p]
         # The drawn edge leads to a city that is 3 to 2 * window places ahead.
         weight = np.float32(0.0)
         for c in range(k):
-            q = np.int64(search.place[cities.near[u, c]]) - p
-            if q < 0:
-                q += n
-            if 3 <= q <= 2 * window:
+            if 3 <= places_ahead(search, p, cities.near[u, c]) <= 2 * window:
                 weight += colony.weight[u, c]
             sums[c] = weight
         if not TINY < weight < HUGE:
             continue
-        draw = np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * weight
-        c = 0
-        while sums[c] <= draw:
-            c += 1
-        q = np.int64(search.place[cities.near[u, c]]) - p
-        if q < 0:
-            q += n
+        c = drawn(sums, np.float32(rng.next_bits(state) >> np.uint64(41)) * np.float32(2.0**-23) * weight)
+        q = places_ahead(search, p, cities.near[u, c])
         b = 1 + np.int64(rng.below(state, int(q) - 2))
         d = q + np.int64(rng.below(state, window))
         if d > n - 2:
             continue
         gain = bridge(cities, search, p, b, q - 1, d)
-        gain += settle(cities, search, plan.breadth, plan.longest)
-        if gain < 0.0 and gain <= temperature * (1.0 - a / plan.attempts) * math.log(1.0 - rng.uniform(state)):
+        gain += settle(cities, search, options.breadth, options.longest)
+        if gain < 0.0 and gain <= temperature * (1.0 - a / options.attempts) * math.log(1.0 - rng.uniform(state)):
             undo(search)
         else:
             search.counts[LOGGED] = 0
             total += gain
     return total
+
+
+@bare_kernel
+def places_ahead(search: Search, p: Index, city: Index) -> int:
+    """Return how many places after place p `city` is in the tour."""
+    q = np.int64(search.place[city]) - p
+    return int(q if q >= 0 else q + len(search.order))
 
 
 @bare_kernel
@@ -346,7 +358,7 @@ def bridge(cities: Cities, search: Search, p: Index, b: Index, c: Index, d: Inde
     d1, d2 = search.order[(p + c + 1) % n], search.order[(p + d) % n]
     gain = 0.0
     for i, j, sign in ((u, b1, 1), (b2, c1, 1), (c2, d1, 1), (d2, v, 1), (u, d1, -1), (d2, c1, -1), (c2, b1, -1), (b2, v, -1)):
-        gain += sign * distance(cities.kind, cities.xy, cities.matrix, i, j)
+        gain += sign * distance(cities.metric, i, j)
     for i, j, k, m in ((u, b1, d2, v), (u, d2, d1, c2), (d2, c2, c1, b2), (c2, b2, b1, v)):
         flip(search, i, j, k, m)
     for city in (u, v, b1, b2, c1, c2, d1, d2):
@@ -359,7 +371,7 @@ def cycles(
     cities: Cities,
     colony: Colony,
     numbers: Numbers,
-    plan: LocalSearchOptions,
+    options: LocalSearchOptions,
     seed: np.uint64,
     count: int,
     target: float,
@@ -371,9 +383,9 @@ def cycles(
     """
     noted = 0
     for _ in range(count):
-        combine(colony.tau, colony.eta, numbers.alpha, colony.weight, colony.whole)
-        select(colony, plan, seed)
-        build(cities, colony, numbers, plan, seed, 0, colony.orders.shape[0])
+        combine(colony.tau, colony.eta, numbers.alpha, colony.weight, colony.row_sum)
+        select(colony, options, seed)
+        build(cities, colony, numbers, options, seed, 0, colony.orders.shape[0])
         if learn(cities, colony, numbers):
             history[noted, 0], history[noted, 1] = colony.record[CYCLE], colony.record[BEST]
             noted += 1
