@@ -87,56 +87,81 @@ def tighten(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDA
         first[j - 1, last] = True
     changed = True
     while changed:
-        changed = False
-        for i in range(n):
-            for j in range(n):
-                if i != j and not first[i, j] and opens[j] + far[j, i] > closes[i]:
-                    first[i, j] = changed = True
-        for k in range(n):
-            for i in range(n):
-                if first[i, k]:
-                    for j in range(n):
-                        if first[k, j] and not first[i, j]:
-                            first[i, j] = changed = True
+        changed = find_precedence(far, opens, closes, first)
         for i in range(n):
             if first[i, i]:
                 return i
-        for i in range(n):
-            for j in range(n):
-                if np.isfinite(time[i, j]) and i != j and excluded(far, time[i, j], opens, closes, first, i, j):
-                    time[i, j] = np.inf
-                    changed = True
+        changed |= drop_arcs(time, far, opens, closes, first)
         for j in range(n):
-            soonest, latest = np.inf, -np.inf
-            for i in range(n):
-                if i != j:
-                    soonest = min(soonest, opens[i] + time[i, j])
-                    if np.isfinite(time[i, j]):
-                        latest = max(latest, closes[i] + time[i, j])
-            earliest = opens[j]
-            if j > 0:
-                earliest = max(earliest, soonest)
-                for i in range(n):
-                    if first[i, j]:
-                        earliest = max(earliest, opens[i] + far[i, j])
-            ends = closes[j]
-            if j > 0:
-                ends = min(ends, max(earliest, latest))
-            if j < last:
-                latest = -np.inf
-                for i in range(n):
-                    if i != j and np.isfinite(time[j, i]):
-                        latest = max(latest, closes[i] - time[j, i])
-                ends = min(ends, latest)
-                for i in range(n):
-                    if first[j, i]:
-                        ends = min(ends, closes[i] - far[j, i])
-            if earliest > opens[j] or ends < closes[j]:
-                opens[j], closes[j] = earliest, ends
+            earliest, latest = tightened(time, far, opens, closes, first, j)
+            if earliest > opens[j] or latest < closes[j]:
+                opens[j], closes[j] = earliest, latest
                 changed = True
-            if earliest > ends:
+            if earliest > latest:
                 return j
     return -1
+
+
+@bare_kernel
+def find_precedence(far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_]) -> bool:
+    """Add the precedence that follows from windows, and what follows from that; tell whether there is more of it."""
+    n, changed = len(far), False
+    for i in range(n):
+        for j in range(n):
+            if i != j and not first[i, j] and opens[j] + far[j, i] > closes[i]:
+                first[i, j] = changed = True
+    for k in range(n):
+        for i in range(n):
+            if first[i, k]:
+                for j in range(n):
+                    if first[k, j] and not first[i, j]:
+                        first[i, j] = changed = True
+    return changed
+
+
+@bare_kernel
+def drop_arcs(time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_]) -> bool:
+    """Make the time of arcs that no feasible order uses infinite; tell whether there are any."""
+    n, changed = len(time), False
+    for i in range(n):
+        for j in range(n):
+            if np.isfinite(time[i, j]) and i != j and excluded(far, time[i, j], opens, closes, first, i, j):
+                time[i, j] = np.inf
+                changed = True
+    return changed
+
+
+@bare_kernel
+def tightened(
+    time: Floats, far: Floats, opens: Floats, closes: Floats, first: NDArray[np.bool_], j: int
+) -> tuple[float, float]:
+    """Return the window of stop j, tightened by the windows of the stops before and after it."""
+    n = len(time)
+    earliest, latest = opens[j], closes[j]
+    if j > 0:
+        # The order comes from some stop i to j, so that service at j starts between the least and the largest arrival.
+        soonest, last_arrival = np.inf, -np.inf
+        for i in range(n):
+            if i != j:
+                soonest = min(soonest, opens[i] + time[i, j])
+                if np.isfinite(time[i, j]):
+                    last_arrival = max(last_arrival, closes[i] + time[i, j])
+        earliest = max(earliest, soonest)
+        for i in range(n):
+            if first[i, j]:
+                earliest = max(earliest, opens[i] + far[i, j])
+        latest = min(latest, max(earliest, last_arrival))
+    if j < n - 1:
+        # It goes from j to some stop i, whose window must still be open.
+        last_departure = -np.inf
+        for i in range(n):
+            if i != j and np.isfinite(time[j, i]):
+                last_departure = max(last_departure, closes[i] - time[j, i])
+        latest = min(latest, last_departure)
+        for i in range(n):
+            if first[j, i]:
+                latest = min(latest, closes[i] - far[j, i])
+    return earliest, latest
 
 
 @bare_kernel
