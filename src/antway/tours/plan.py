@@ -234,7 +234,7 @@ def plan_tour(
             raise BadParameter("initial", len(initial.task.stops), f"a tour of {len(task.stops)} stops and {robots} robots")
         known = initial.ordering
     ordering = order_stops(away, **arguments(task), seconds=seconds, cycles=cycles, seed=seed, initial=known)
-    return finished(task, free, cells, away, ordering, began)
+    return _finished(task, free, cells, ordering, began)
 
 
 def arguments(task: TourTask) -> dict[str, Any]:
@@ -265,10 +265,10 @@ def _check_connected(task: TourTask, away: Floats) -> None:
     raise BadParameter(fields[0], tuple(task.stops[lost[0]].tolist()), f"where a path leads from the start{also}")
 
 
-def finished(task: TourTask, free: Grid, cells: list[Cell], away: Floats, ordering: Ordering, began: float) -> TourPlan:
+def _finished(task: TourTask, free: Grid, cells: list[Cell], ordering: Ordering, began: float) -> TourPlan:
     """Return the tour of `ordering`, with a path for each leg."""
     routes = tuple(
-        _route(task, free, cells, away, order, arrival, waiting)
+        _route(task, free, cells, order, arrival, waiting)
         for order, arrival, waiting in zip(ordering.orders, ordering.arrival, ordering.waiting)
     )
     visited = {int(stop) for route in routes for stop in route.order}
@@ -289,12 +289,10 @@ def finished(task: TourTask, free: Grid, cells: list[Cell], away: Floats, orderi
     )
 
 
-def _route(
-    task: TourTask, free: Grid, cells: list[Cell], away: Floats, order: NDArray[np.int32], arrival: Floats, waiting: Floats
-) -> Route:
-    """Return the route along `order`, rows of the matrix `away` with both ends."""
+def _route(task: TourTask, free: Grid, cells: list[Cell], order: NDArray[np.int32], arrival: Floats, waiting: Floats) -> Route:
+    """Return the route along `order`, whose stops are numbered as `cells`, with both ends."""
     rows = order.tolist()
-    legs = tuple(leg(free, cells[a], cells[b], task) for a, b in pairwise(rows))
+    legs = tuple(_leg(free, cells[a], cells[b], task) for a, b in pairwise(rows))
     inner = np.array([k for k, row in enumerate(rows) if 0 < row <= len(task.stops)], dtype=np.int64)
     last = int(rows[-1])
     stays = float(task.service[last - 1]) if 0 < last <= len(task.stops) else 0.0
@@ -308,7 +306,7 @@ def _route(
     )
 
 
-def leg(free: Grid, source: Cell, target: Cell, task: TourTask) -> Plan:
+def _leg(free: Grid, source: Cell, target: Cell, task: TourTask) -> Plan:
     """Return the shortest path of a leg, or the cheapest where the task has costs."""
     problem = Problem(free, source, target, task.moves)
     return solve(problem, "jps") if task.costs is None else astar(problem, costs=task.costs)
