@@ -58,8 +58,8 @@ def deposit(tau: Floats, order: Ids, amount: float) -> None:
 
 
 @bare_kernel
-def deposit_shares(convergence: float) -> tuple[float, float, float]:
-    """Return the shares of the deposit for the best orders of the cycle, since the restart, and so far."""
+def deposit_weights(convergence: float) -> tuple[float, float, float]:
+    """Return the weights of the deposits for the best orders of the cycle, since the restart, and so far; their sum is 1."""
     if convergence >= 0.8:
         return 0.0, 0.5, 0.5
     if convergence >= 0.6:
@@ -73,7 +73,7 @@ def deposit_shares(convergence: float) -> tuple[float, float, float]:
 def learn(colony: Colony, evaporation: float) -> None:
     """Evaporate and deposit; restart once all orders are alike."""
     tau, orders, record, n = colony.tau, colony.orders, colony.record, colony.tau.shape[0]
-    of_cycle, since_restart, so_far = deposit_shares(record[CONVERGENCE])
+    of_cycle, since_restart, so_far = deposit_weights(record[CONVERGENCE])
     for i in range(n):
         for j in range(n):
             tau[i, j] *= 1.0 - evaporation
