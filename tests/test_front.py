@@ -20,7 +20,7 @@ from naive import grid_walk as naive
 from test_grid_walk import random_ground, random_weights
 
 
-def test_the_guide_is_the_fixed_point_of_bellmans_equation():
+def test_costs_to_go_are_the_fixed_point_of_bellmans_equation():
     """Least costs over cells and headings agree with the naive sweeps, whatever the costs of cells and turns."""
     rng = np.random.default_rng(1)
     for _ in range(cases(15, 300)):

@@ -10,7 +10,7 @@ from pathlib import Path
 TWINS = {
     "test_crossing_kernels": "sampling_finds or earliest_departure or gap_to_reach or motions_keep_clear or textbook",
     "test_dstarlite": "exact_after_every_change",
-    "test_front": "guide_is_the_fixed_point",
+    "test_front": "costs_to_go_are_the_fixed_point",
     "test_geometry": "against_samples or exact_touching",
     "test_neural": "glasius_comes",
     "test_persistence": "like_the_twin",
