@@ -16,9 +16,11 @@ from antway.kernels.colony.held_karp import earliest_of_few
 from antway.scenes import scene
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
+from antway.world.order_planner import MANY
 from antway.world.policy import make_policy
-from antway.world.rounds import MANY, RoundsPolicy
+from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
+from antway.world.standing import Sighting
 from antway.world.stops import Rounds, Stop, Turn, Visit, rounds_of
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
@@ -176,16 +178,15 @@ def test_no_window_is_lost_that_an_exact_plan_would_keep_when_a_door_closes() ->
         policy = RoundsPolicy(antway.make_policy("follow"), scenario.stops)
         policy.reset(scenario.task, 1)
         before = tuple(policy.order)
-        policy.standing = {7: (0.0, 4.0, 6.1, 5.4, 0.3)}
-        policy.walls = frozenset({7})
-        policy.around = policy._with(policy.walls)
+        policy.standing.sightings = {7: Sighting(0.0, 4.0, 6.1, 5.4, 0.3)}
+        policy.planner.present = policy.standing.block(policy.planner.inflated, policy.standing.walls(), 0.25)
         policy._decide("a door is closed")
-        times = policy._times(policy.left)
+        times = policy.planner.travel_times(policy.xy, policy.remaining)
         windows = np.array([stop.window for stop in stops])
         best = naive_best(times, windows, np.zeros(len(stops)), 0.0)
-        place = {stop: k + 1 for k, stop in enumerate(policy.left)}
+        place = {stop: k + 1 for k, stop in enumerate(policy.remaining)}
         rows = [0, *(place[stop] for stop in policy.order), -1]
-        late, _ = policy._outlook(policy.order, times[np.ix_(rows, rows)])
+        late, _ = policy.planner._followed(policy.order, times[rows[:-1], rows[1:]].tolist(), 0.0)
         turned += tuple(policy.order) != before
         if best[0] == 0.0:
             kept += 1
@@ -238,10 +239,10 @@ def test_the_colony_goes_on_from_what_it_has_learned() -> None:
     scenario = hall(stops=stops)
     policy = RoundsPolicy(make_policy("follow"), stops)
     policy.reset(scenario.task, 0)
-    before, last = policy.known
+    before, last = policy.planner.answer
     assert last.pheromone is not None and last.pheromone.max() > 0.5 > last.pheromone.min()
     left = [stop for stop in before if stop not in (3, 7)]
-    known = policy._known([*left, 20])
+    known = policy.planner.continued([*left, 20], policy.order)
     assert known.orders[0].tolist() == [0, *(left.index(stop) + 1 for stop in policy.order if stop in left), len(left) + 2]
     for i, a in enumerate(left):
         assert known.pheromone[0, i + 1] == last.pheromone[0, before.index(a) + 1]

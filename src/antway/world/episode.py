@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 import traceback
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.errors import BadScenario
-from antway.kernels.base.jit import compile_seconds, entry
+from antway.kernels.base.jit import entry
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
 from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.motion import REST
@@ -23,12 +22,14 @@ from antway.lazy import drawing
 from antway.planning import TimedPath
 from antway.version import __version__
 from antway.world.entries import Entries
+from antway.world.order_planner import check_reachable
 from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, make_policy
 from antway.world.pursuit import Pursuit
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
 from antway.world.stops import Rounds
+from antway.world.stopwatch import Stopwatch
 from antway.world.terrain import terrain_of, walls_of
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
@@ -200,7 +201,7 @@ class Episode:
         driver, self.tour = self.policy, RoundsPolicy(self.policy, scenario.stops) if scenario.stops else None
         if self.tour is not None:
             self.policy = self.tour
-            self.tour.check(stage.task)
+            check_reachable(stage.task, scenario.stops)
             stage.aim[2] = -1.0  # the goal does not count until all stops are visited
         self._plans = driver if not record and isinstance(driver, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
@@ -243,12 +244,11 @@ class Episode:
 
     def _commanded(self, observation: Observation) -> Command | None:
         """Return the command of the policy, and record its time, which does not include explanations."""
-        compiled, started = compile_seconds(), time.perf_counter()
+        watch = Stopwatch()
         try:
             return self.policy.act(observation)
         finally:
-            taken = time.perf_counter() - started - (compile_seconds() - compiled)
-            self.stage.cycle_ms[self.stage.n] = max(taken, 0.0) * 1e3
+            self.stage.cycle_ms[self.stage.n] = watch.ms()
 
     def _planned(self) -> TimedPath | None:
         """Return the planned motion, and record the explanation, if one is needed."""
