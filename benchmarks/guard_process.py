@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Outcome
 from antway.policies.guard_memory import Link
 from antway.policies.guard_process import GuardProcess
-from antway.world.episode import Stage
 from antway.world.policy import make_policy
+from antway.world.stage import Stage
 from guard_drives import PERIOD, ROBOTS, drives, place
 
 
@@ -51,7 +51,7 @@ def added(cycles: int) -> None:
             answers.append(time.perf_counter() - asked)
             alone.append(planned - read)
             extra.append(read - started + asked - planned)
-            stage.drive(*stage.asked(answer.command, seen))
+            stage.drive(*stage.controls(answer.command, seen))
         link.close()
     lines = {
         "a cycle of the policy alone": alone,

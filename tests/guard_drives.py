@@ -16,9 +16,9 @@ import numpy as np
 
 from antway import Grid, RobotSpec, Scenario, World
 from antway.policies.guard_process import GuardProcess
-from antway.world.episode import Stage
 from antway.world.motions import Bounce
 from antway.world.robots import load_robot
+from antway.world.stage import Stage
 from antway.world.trace import Outcome
 from antway.world.world import Obstacle
 
@@ -99,5 +99,5 @@ def _drive(guard: GuardProcess, stage: Stage, pid: int, how: str, last: int, rng
             did.append(answer.did)
         else:
             before.append(took)
-        outcome, _ = stage.drive(*stage.asked(answer.command, seen))
+        outcome, _ = stage.drive(*stage.controls(answer.command, seen))
     return Drive(how, outcome, before, after, did, float(np.hypot(*stage.velocity[stage.n])))

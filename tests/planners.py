@@ -9,7 +9,7 @@ import sys
 
 from antway import make_policy
 from antway.policies.guard_process import plan_for
-from antway.world.episode import Stage
+from antway.world.stage import Stage
 
 
 def main() -> None:
@@ -24,7 +24,7 @@ def main() -> None:
             policy.reset(scenario.task, seed)
             stage = Stage(scenario, seed, scenario.horizon)
             for _ in range(3):
-                stage.drive(*stage.asked(policy.act(stage.observe()), stage.observe()))
+                stage.drive(*stage.controls(policy.act(stage.observe()), stage.observe()))
         pid = os.fork()
         if pid == 0:
             policy.reset(scenario.task, seed)

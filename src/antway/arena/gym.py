@@ -18,10 +18,10 @@ from antway.arena.suites import Chance, load_suite
 from antway.errors import BadParameter
 from antway.kernels.base.geometry import first_wall
 from antway.lazy import drawing
-from antway.world.episode import Stage
 from antway.world.policy import Observation
 from antway.world.robots import load_robot
 from antway.world.scenario import Scenario, load_scenario
+from antway.world.stage import Stage
 from antway.world.trace import Outcome
 
 SPAN = 32.0  # m and m/s; observations are clipped to this
@@ -109,8 +109,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
             group = scenario.name
         if self.robot is not None:
             scenario = scenario.driven_by(self.robot)
-        self.stage, self.name, self.number = Stage(scenario, number, scenario.horizon), scenario.name, number
-        self.picture = None
+        self.stage, self.picture = Stage(scenario, number, scenario.horizon), None
         self._display()
         return self._observe(self.stage), {"group": group, "seed": number}
 
@@ -141,7 +140,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
 
     def _draw(self) -> NDArray[np.uint8]:
         assert self.stage is not None
-        trace = self.stage.trace("environment", self.name, self.number, (), Outcome.TIMEOUT, "it goes on", {})
+        trace = self.stage.trace("environment", Outcome.TIMEOUT, "it goes on")
         found: NDArray[np.uint8] = drawing().pixels(trace, self.stage.n)
         return found
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.world.motions import Replay
+from antway.world.motions import Replay, Trajectory
 from antway.world.policy import Task
 from antway.world.timeline import Timeline
 from antway.world.world import World
@@ -16,6 +16,8 @@ from antway.world.world import World
 NEAR = 1.0  # m; a person who appears at a smaller distance of centres from the robot is absent at first
 _FAR = 1000.0  # m; distance from the robot at which absent people are placed
 _INSTANT = 1e-6  # s; people leave this long after a scan and return this long before one, so that no scan sees them move
+
+Place = NDArray[np.float64]  # float64[2], m
 
 
 class Entries:
@@ -27,49 +29,59 @@ class Entries:
     """
 
     def __init__(self, world: World, task: Task) -> None:
-        motions = [(k, one.motion) for k, one in enumerate(world.obstacles) if isinstance(one.motion, Replay)]
+        self.motions = {k: one.motion for k, one in enumerate(world.obstacles) if isinstance(one.motion, Replay)}
         self.task = task
-        self.due = sorted((motion.record_start, k) for k, motion in motions if motion.record_start > 0.0)
-        self.away: dict[int, tuple[Replay, NDArray[np.float64]]] = {}  # the motion, and the far place
-        self.motions = dict(motions)
+        self.due = sorted((motion.record_start, k) for k, motion in self.motions.items() if motion.record_start > 0.0)
+        self.absent: dict[int, Place] = {}  # by number, the far place at which each is kept
 
-    def go(self, i: int, robot: tuple[float, float], line: Timeline) -> Timeline:
+    def update(self, i: int, robot: tuple[float, float], line: Timeline) -> Timeline:
         """Return the timeline for control period i, at the start of which the robot is at `robot` (m)."""
-        dt, changed = self.task.robot.dt, {}
-        t, here = i * dt, np.array(robot)
-        for k, (motion, far) in list(self.away.items()):
-            knot_t, xy = (np.array(part) for part in (motion.t, motion.points))
-            soon = t + dt - _INSTANT  # before the next scan
-            there = _place(knot_t, xy, soon) - here
-            farthest = max(NEAR, self.task.robot.radius + float(line.radius[k])) + self.task.robot.v_max * dt
-            if math.hypot(*there) > farthest:
-                del self.away[k]
-                old_t, old_xy = line.trajectory(k)
-                late = knot_t > soon
-                back = _round(far - here, there) + here
-                times = np.array([t, t + dt / 4, t + dt / 2, soon])
-                places = np.vstack((far, back, there + here))
-                changed[k] = np.concatenate((old_t, times, knot_t[late])), np.vstack((old_xy, places, xy[late]))
+        t, here, changed = i * self.task.robot.dt, np.array(robot), dict[int, Trajectory]()
+        for k in list(self.absent):
+            trajectory = self._return(k, t, here, line)
+            if trajectory is not None:
+                changed[k] = trajectory
         while self.due and self.due[0][0] <= t + 1e-9:
             _, k = self.due.pop(0)
-            knot_t, xy = line.trajectory(k)
-            at = _place(knot_t, xy, t)
-            apart = math.dist(at, robot)
-            if 0.0 < apart <= NEAR:
-                far = here + (at - here) * (_FAR / apart)
-                self.away[k] = self.motions[k], far
-                known = knot_t < t - 1e-9
-                times = np.array([t, t + _INSTANT, t + dt / 2])
-                places = np.vstack((at, _place(knot_t, xy, t + _INSTANT), far))
-                changed[k] = np.concatenate((knot_t[known], times)), np.vstack((xy[known], places))
-        return _with(line, changed) if changed else line
+            trajectory = self._leave(k, t, here, line)
+            if trajectory is not None:
+                changed[k] = trajectory
+        return _with_trajectories(line, changed) if changed else line
+
+    def _return(self, k: int, t: float, here: Place, line: Timeline) -> Trajectory | None:
+        """Return the trajectory of an absent person who comes back in the control period from time t; None if too near."""
+        (recorded_t, recorded_xy), robot = self.motions[k].arrays, self.task.robot
+        end = t + robot.dt - _INSTANT  # before the next scan
+        offset = _place(recorded_t, recorded_xy, end) - here
+        if math.hypot(*offset) <= max(NEAR, robot.radius + float(line.radius[k])) + robot.v_max * robot.dt:
+            return None
+        far = self.absent.pop(k)
+        old_t, old_xy = line.trajectory(k)
+        later = recorded_t > end
+        times = np.array([t, t + robot.dt / 4, t + robot.dt / 2, end])
+        places = np.vstack((far, _detour(far - here, offset) + here, offset + here))
+        return np.concatenate((old_t, times, recorded_t[later])), np.vstack((old_xy, places, recorded_xy[later]))
+
+    def _leave(self, k: int, t: float, here: Place, line: Timeline) -> Trajectory | None:
+        """Return the trajectory of a person who would appear next to the robot at time t and leaves; None for any other."""
+        knot_t, xy = line.trajectory(k)
+        place = _place(knot_t, xy, t)
+        apart = math.dist(place, here)
+        if not 0.0 < apart <= NEAR:
+            return None
+        far = self.absent[k] = here + (place - here) * (_FAR / apart)
+        known = knot_t < t - 1e-9
+        times = np.array([t, t + _INSTANT, t + self.task.robot.dt / 2])
+        places = np.vstack((place, _place(knot_t, xy, t + _INSTANT), far))
+        return np.concatenate((knot_t[known], times)), np.vstack((xy[known], places))
 
 
-def _place(t: NDArray[np.float64], xy: NDArray[np.float64], when: float) -> NDArray[np.float64]:
+def _place(t: NDArray[np.float64], xy: NDArray[np.float64], when: float) -> Place:
+    """Return where a trajectory is at a time, m."""
     return np.array([np.interp(when, t, xy[:, 0]), np.interp(when, t, xy[:, 1])])
 
 
-def _round(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def _detour(start: Place, end: Place) -> NDArray[np.float64]:
     """Return two far places on a path around the origin from the far place `start` to `end`, float64[2, 2]."""
     ahead = end / math.hypot(*end)
     side = np.array([-ahead[1], ahead[0]])
@@ -78,7 +90,7 @@ def _round(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.f
     return np.vstack((side if float(ahead @ start) < 0.0 else ahead, ahead)) * _FAR
 
 
-def _with(line: Timeline, changed: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]) -> Timeline:
+def _with_trajectories(line: Timeline, changed: dict[int, Trajectory]) -> Timeline:
     """Return the timeline with the trajectories of some discs replaced."""
     parts = [changed.get(k, (line.knot_t[a:b], line.knot_xy[a:b])) for k, (a, b) in enumerate(pairwise(line.first.tolist()))]
     return Timeline.of(line.id.tolist(), line.radius.tolist(), parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import traceback
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.errors import BadScenario
-from antway.kernels.base.jit import entry
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
-from antway.kernels.robot.cycle import Body, Record, play
 from antway.kernels.robot.motion import REST
 from antway.lazy import drawing
 from antway.planning import TimedPath
 from antway.version import __version__
-from antway.world.entries import Entries
 from antway.world.order_planner import check_reachable
 from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, make_policy
-from antway.world.pursuit import Pursuit
 from antway.world.rounds import RoundsPolicy
-from antway.world.scenario import MAX_STEPS, Scenario
-from antway.world.sensor import Scanner
+from antway.world.scenario import Scenario
+from antway.world.stage import Stage
 from antway.world.stops import Rounds
 from antway.world.stopwatch import Stopwatch
-from antway.world.terrain import terrain_of, walls_of
 from antway.world.trace import Outcome as Outcome
 from antway.world.trace import Trace
 
@@ -224,21 +217,19 @@ class Episode:
 
     def step(self) -> None:
         """Play one control cycle: sense, decide, drive."""
-        stage, name = self.stage, self.name
-        one = two = math.nan
-        observation = stage.observe()
+        stage, observation = self.stage, self.stage.observe()
+        controls = math.nan, math.nan  # the robot brakes
         if not self._fault:
             try:
-                command = self._commanded(observation)
-                one, two = stage.asked(command, observation)
+                controls = stage.controls(self._commanded(observation), observation)
                 path = self._planned()
                 if path is not None and not (self.plans and path is self.plans[-1]):
                     self.plans.append(path)
             except Exception as error:
-                self._fault = f"{name} at {observation.t:g} s: {_message(error)}"
+                self._fault = f"{self.name} at {observation.t:g} s: {_message(error)}"
         if self.tour is not None:
             stage.aim[2] = stage.task.goal_tolerance if self.tour.homeward else -1.0
-        self.outcome, self.reason = stage.drive(one, two)
+        self.outcome, self.reason = stage.drive(*controls)
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault
 
@@ -261,17 +252,16 @@ class Episode:
 
     def result(self, *, record: bool = True) -> EpisodeResult:
         """Return the result of an episode that has ended."""
-        stage, scenario, outcome = self.stage, self.scenario, self.outcome
+        stage, outcome, n = self.stage, self.outcome, self.stage.n
         assert outcome is not None, "the episode continues"
-        config = {"version": __version__, "horizon": stage.horizon, "sensor": asdict(scenario.sensor)}
-        n, decisions = stage.n, self.decisions
+        config = {"version": __version__, "horizon": stage.horizon, "sensor": asdict(self.scenario.sensor)}
+        rounds = None if self.tour is None else self.tour.rounds
+        trace = None
+        if record:
+            decisions = tuple(self.decisions)
+            trace = stage.trace(self.name, outcome, self.reason, decisions=decisions, config=config, rounds=rounds)
         speeds = np.hypot(*stage.velocity[1 : n + 1].T)
         resting = np.concatenate(([False], speeds <= REST))
-        trace = (
-            stage.trace(self.name, scenario.name, self.seed, tuple(decisions), outcome, self.reason, config) if record else None
-        )
-        rounds = None if self.tour is None else self.tour.rounds
-        trace = trace if trace is None or rounds is None else replace(trace, rounds=rounds)
         return EpisodeResult(
             outcome=outcome,
             reason=self.reason,
@@ -294,135 +284,3 @@ def _message(error: Exception) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno}, in {frames[-1].name})" if frames else ""
     return f"{type(error).__name__}: {error}{where}"
-
-
-class Stage:
-    """Robot, obstacles and record of one episode, up to step `n`."""
-
-    def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
-        task = self.task = scenario.task
-        spec = task.robot
-        self.horizon = horizon
-        self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
-        self.pursuit = Pursuit(scenario.world, task, seed, horizon, self.steps)
-        self.timeline, self.entries = self.pursuit.timeline, Entries(scenario.world, task)
-        self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
-        self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
-        self.stepwise = spec.stepwise
-        self.aim = np.array([*task.goal, task.goal_tolerance])
-        self.terrain = terrain_of(task.grid)
-        rows = self.steps + 1
-        self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)
-        self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)
-        self.turn_rate = np.zeros(rows)
-        self.sensed = np.zeros((rows, len(self.timeline)), np.bool_)
-        self.xy[0] = task.start
-        self.heading[0] = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
-        self.n, self.clearance = 0, math.inf
-        for k, place in enumerate(self.timeline.places(self.t[:1])[0].tolist()):
-            gap = math.dist(place, task.start) - spec.radius - float(self.timeline.radius[k])
-            if gap < 0.0:
-                raise BadScenario(
-                    f"obstacles[{k}].start", tuple(place), f"clear of the robot at {task.start} (overlap {-gap:.3g} m)"
-                )
-        self.pursuit.go(0, task.start)
-        if not self.stepwise:
-            self.limits, self.late = spec.limits, math.ceil(spec.latency / spec.dt - 1e-9)
-            self.body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
-            self.log = Record(self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command)
-            self.walls = walls_of(task.grid)
-
-    @property
-    def at_rest(self) -> bool:
-        return math.hypot(*self.velocity[self.n].tolist()) <= REST and abs(float(self.turn_rate[self.n])) <= REST
-
-    def observe(self) -> Observation:
-        """Return what the robot senses now."""
-        i = self.n
-        now, (x, y), (vx, vy) = float(self.t[i]), self.xy[i].tolist(), self.velocity[i].tolist()
-        stamp, tracks, seen = self.scanner.observe(now, x, y)
-        self.sensed[i, seen] = True
-        pending = None
-        if not self.stepwise and self.late:
-            pending = np.zeros((self.late, 2))
-            known = min(self.late, i)
-            pending[self.late - known :] = self.command[i - known : i]
-        return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp, float(self.turn_rate[i]), pending)
-
-    def asked(self, command: Command | None, observation: Observation) -> tuple[float, float]:
-        """Return the two numbers of a command that the robot follows; NaN if there is no command."""
-        if command is None:
-            return math.nan, math.nan
-        one, two = command.velocity if self.stepwise else command.acts(observation, self.task.robot)
-        return float(one), float(two)
-
-    def drive(self, one: float, two: float) -> tuple[Outcome | None, str]:
-        """Drive one cycle under a command; return the outcome, or None if the episode continues, and the reason."""
-        self.command[self.n] = one, two
-        what, obstacle, clearance = self._step(one, two) if self.stepwise else self._play()
-        self.n, self.clearance = self.n + 1, min(self.clearance, clearance)
-        return self._ended(what, obstacle)
-
-    def _play(self) -> tuple[int, int, float]:
-        spec = self.task.robot
-        turns = spec.footprint is None
-        obstacles = self.timeline.trajectories
-        return play(self.n, spec.dt, self.limits, self.body, turns, self.log, self.aim, self.walls, obstacles, self.clearance)
-
-    def _step(self, cx: float, cy: float) -> tuple[int, int, float]:
-        record, dt = (self.t, self.xy, self.velocity, self.heading), self.task.robot.dt
-        arguments = self.n, cx, cy, dt, self.robot, self.aim, *record, self.terrain, self.timeline.trajectories
-        return entry(advance, *arguments)(*arguments)
-
-    def _ended(self, what: int, obstacle: int) -> tuple[Outcome | None, str]:
-        line = self.timeline
-        if what == GOES_ON:
-            x, y = self.xy[self.n].tolist()
-            self.pursuit.go(self.n, (x, y))
-            line = self.entries.go(self.n, (x, y), self.timeline)
-            if line is not self.timeline:
-                self.timeline = self.scanner.timeline = self.pursuit.use(line)
-            late = self.n == self.steps
-            return (Outcome.TIMEOUT, f"the horizon of {self.horizon:g} s came first") if late else (None, "")
-        if what == REACHED:
-            return Outcome.REACHED, "the robot is at the goal"
-        if what == HIT_WALL:
-            return Outcome.HIT_WALL, "the robot ran into a wall"
-        where = f"obstacle {line.id[obstacle]} met the robot, which"
-        return (
-            (Outcome.HIT_MOVING, f"{where} was moving")
-            if what == HIT_MOVING
-            else (Outcome.HIT_STANDING, f"{where} was at rest")
-        )
-
-    def trace(
-        self,
-        policy: str,
-        scenario: str,
-        seed: int,
-        decisions: tuple[tuple[int, Decision], ...],
-        outcome: Outcome,
-        reason: str,
-        config: dict[str, Any],
-    ) -> Trace:
-        """Return the record so far."""
-        n = self.n
-        return Trace(
-            task=self.task,
-            policy=policy,
-            seed=seed,
-            scenario=scenario,
-            t=self.t[: n + 1].copy(),
-            xy=self.xy[: n + 1].copy(),
-            velocity=self.velocity[: n + 1].copy(),
-            heading=self.heading[: n + 1].copy(),
-            command=self.command[:n].copy(),
-            timeline=self.timeline,
-            sensed=np.concatenate((self.sensed[:n], self.sensed[max(n - 1, 0) : max(n, 1)])),
-            decisions=decisions,
-            cycle_ms=self.cycle_ms[:n].copy(),
-            outcome=outcome,
-            reason=reason,
-            config=config,
-            turn_rate=self.turn_rate[: n + 1].copy(),
-        )

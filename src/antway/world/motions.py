@@ -177,7 +177,7 @@ class Replay:
     t: tuple[float, ...]
     points: tuple[XY, ...]
     record_start: float = 0.0
-    _arrays: Trajectory = field(init=False, repr=False, compare=False)
+    arrays: Trajectory = field(init=False, repr=False, compare=False)  # `t` and `points` as arrays
 
     def __post_init__(self) -> None:
         _track(self, "points")
@@ -191,10 +191,10 @@ class Replay:
         starts = checks.number("record_start", self.record_start, low=-MAX_TIME, high=MAX_TIME, unit="s")
         object.__setattr__(self, "record_start", starts)
         object.__setattr__(self, "t", tuple(t.tolist()))
-        object.__setattr__(self, "_arrays", (t, np.array(self.points)))
+        object.__setattr__(self, "arrays", (t, np.array(self.points)))
 
     def trajectory(self, draw: Draw, horizon: float, grid: Grid, radius: float) -> Trajectory:
-        return self._arrays
+        return self.arrays
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ class Pursuit:
             self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
         return self.timeline
 
-    def go(self, i: int, robot: tuple[float, float]) -> None:
+    def extend(self, i: int, robot: tuple[float, float]) -> None:
         """Extend the trajectories by control period i, at the start of which the robot is at `robot` (m)."""
         t, dt, grid = i * self.task.robot.dt, self.task.robot.dt, self.task.grid
         for k, radius, pursuer in self.pursuers:

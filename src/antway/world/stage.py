@@ -1,0 +1,179 @@
+"""The simulated part of an episode: the robot, the obstacles, what the robot senses, and the record of all this."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from antway import checks
+from antway.errors import BadScenario
+from antway.kernels.base.jit import entry
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
+from antway.kernels.robot.cycle import Body, Record, play
+from antway.kernels.robot.motion import REST
+from antway.world.entries import Entries
+from antway.world.policy import Command, Decision, Observation
+from antway.world.pursuit import Pursuit
+from antway.world.scenario import MAX_STEPS, Scenario
+from antway.world.sensor import Scanner
+from antway.world.stops import Rounds
+from antway.world.terrain import terrain_of, walls_of
+from antway.world.trace import Outcome, Trace
+
+
+class Stage:
+    """Robot, obstacles and record of one episode, driven one control cycle at a time by commands from outside.
+
+    Attributes
+    ----------
+    task : Task
+    timeline : Timeline
+        The trajectories of the obstacles, as far as they are known: those that depend on the robot grow with the episode.
+    steps : int
+        Number of control cycles up to the horizon.
+    n : int
+        Number of control cycles played.
+    t, xy, velocity, heading, turn_rate, command, sensed, cycle_ms
+        The record: arrays as in `Trace` with `steps` control cycles, of which `n` are filled.
+    clearance : float
+        The smallest distance so far between the edges of the robot and an obstacle, m.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int, horizon: float) -> None:
+        self.scenario, self.seed, self.horizon = scenario, seed, horizon
+        task = self.task = scenario.task
+        spec = task.robot
+        self.steps = checks.integer("horizon / dt", math.ceil(horizon / spec.dt - 1e-9), low=1, high=MAX_STEPS)
+        self.pursuit = Pursuit(scenario.world, task, seed, horizon, self.steps)
+        self.timeline, self.entries = self.pursuit.timeline, Entries(scenario.world, task)
+        self.scanner = Scanner(scenario.sensor, task, self.timeline, seed)
+        self.aim = np.array([*task.goal, task.goal_tolerance])
+        rows = self.steps + 1
+        self.t, self.xy, self.velocity, self.heading = np.zeros(rows), np.zeros((rows, 2)), np.zeros((rows, 2)), np.zeros(rows)
+        self.turn_rate, self.sensed = np.zeros(rows), np.zeros((rows, len(self.timeline)), np.bool_)
+        self.command, self.cycle_ms = np.full((self.steps, 2), math.nan), np.zeros(self.steps)
+        self.xy[0] = task.start
+        self.heading[0] = math.atan2(task.goal[1] - task.start[1], task.goal[0] - task.start[0])
+        self.n, self.clearance = 0, math.inf
+        self._check_start()
+        self.pursuit.extend(0, task.start)
+        self.stepwise = spec.stepwise
+        if self.stepwise:
+            self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
+            self.terrain = terrain_of(task.grid)
+        else:
+            self.limits, self.late = spec.limits, math.ceil(spec.latency / spec.dt - 1e-9)
+            self.body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
+            self.log = Record(self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command)
+            self.walls = walls_of(task.grid)
+
+    def _check_start(self) -> None:
+        """Refuse an obstacle that touches the robot at the start."""
+        start, radius = self.task.start, self.task.robot.radius
+        for k, place in enumerate(self.timeline.places(self.t[:1])[0].tolist()):
+            gap = math.dist(place, start) - radius - float(self.timeline.radius[k])
+            if gap < 0.0:
+                allowed = f"clear of the robot at {start} (overlap {-gap:.3g} m)"
+                raise BadScenario(f"obstacles[{k}].start", tuple(place), allowed)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the robot stands now."""
+        return math.hypot(*self.velocity[self.n].tolist()) <= REST and abs(float(self.turn_rate[self.n])) <= REST
+
+    def observe(self) -> Observation:
+        """Return what the robot senses now."""
+        i = self.n
+        now, (x, y), (vx, vy) = float(self.t[i]), self.xy[i].tolist(), self.velocity[i].tolist()
+        stamp, tracks, seen = self.scanner.observe(now, x, y)
+        self.sensed[i, seen] = True
+        pending = None
+        if not self.stepwise and self.late:
+            pending = np.zeros((self.late, 2))
+            known = min(self.late, i)
+            pending[self.late - known :] = self.command[i - known : i]
+        return Observation(now, (x, y), (vx, vy), float(self.heading[i]), tracks, stamp, float(self.turn_rate[i]), pending)
+
+    def controls(self, command: Command | None, observation: Observation) -> tuple[float, float]:
+        """Return the two numbers of a command that the robot follows, for `drive`; NaN if there is no command."""
+        if command is None:
+            return math.nan, math.nan
+        one, two = command.velocity if self.stepwise else command.acts(observation, self.task.robot)
+        return float(one), float(two)
+
+    def drive(self, one: float, two: float) -> tuple[Outcome | None, str]:
+        """Drive one control cycle by the two numbers of a command: (vx, vy), for wheels (v, omega).
+
+        Return the outcome, or None if the episode continues, and the reason.
+        """
+        self.command[self.n] = one, two
+        event, obstacle, clearance = self._drive_straight(one, two) if self.stepwise else self._drive_ramps()
+        self.n, self.clearance = self.n + 1, min(self.clearance, clearance)
+        if event == GOES_ON:
+            self._extend_timeline()
+            late = self.n == self.steps
+            return (Outcome.TIMEOUT, f"the horizon of {self.horizon:g} s came first") if late else (None, "")
+        if event == REACHED:
+            return Outcome.REACHED, "the robot is at the goal"
+        if event == HIT_WALL:
+            return Outcome.HIT_WALL, "the robot ran into a wall"
+        met = f"obstacle {self.timeline.id[obstacle]} met the robot, which"
+        moving = event == HIT_MOVING
+        return (Outcome.HIT_MOVING, f"{met} was moving") if moving else (Outcome.HIT_STANDING, f"{met} was at rest")
+
+    def _drive_ramps(self) -> tuple[int, int, float]:
+        """Drive with ramps, arcs and latency; return the event, the obstacle in contact, and the smallest distance, m."""
+        spec = self.task.robot
+        turns = spec.footprint is None
+        obstacles = self.timeline.trajectories
+        return play(self.n, spec.dt, self.limits, self.body, turns, self.log, self.aim, self.walls, obstacles, self.clearance)
+
+    def _drive_straight(self, one: float, two: float) -> tuple[int, int, float]:
+        """Drive straight at constant speed; return the same as `_drive_ramps`."""
+        record, dt = (self.t, self.xy, self.velocity, self.heading), self.task.robot.dt
+        arguments = self.n, one, two, dt, self.robot, self.aim, *record, self.terrain, self.timeline.trajectories
+        return entry(advance, *arguments)(*arguments)
+
+    def _extend_timeline(self) -> None:
+        """Move the obstacles that depend on the robot for the next control cycle."""
+        x, y = self.xy[self.n].tolist()
+        self.pursuit.extend(self.n, (x, y))
+        line = self.entries.update(self.n, (x, y), self.timeline)
+        if line is not self.timeline:
+            self.timeline = self.scanner.timeline = self.pursuit.use(line)
+
+    def trace(
+        self,
+        policy: str,
+        outcome: Outcome,
+        reason: str,
+        *,
+        decisions: tuple[tuple[int, Decision], ...] = (),
+        config: Mapping[str, Any] | None = None,
+        rounds: Rounds | None = None,
+    ) -> Trace:
+        """Return the record so far, with these descriptions of the episode."""
+        n = self.n
+        return Trace(
+            task=self.task,
+            policy=policy,
+            seed=self.seed,
+            scenario=self.scenario.name,
+            t=self.t[: n + 1].copy(),
+            xy=self.xy[: n + 1].copy(),
+            velocity=self.velocity[: n + 1].copy(),
+            heading=self.heading[: n + 1].copy(),
+            command=self.command[:n].copy(),
+            timeline=self.timeline,
+            sensed=np.concatenate((self.sensed[:n], self.sensed[max(n - 1, 0) : max(n, 1)])),
+            decisions=decisions,
+            cycle_ms=self.cycle_ms[:n].copy(),
+            outcome=outcome,
+            reason=reason,
+            config={} if config is None else config,
+            rounds=rounds,
+            turn_rate=self.turn_rate[: n + 1].copy(),
+        )
