@@ -43,9 +43,9 @@ if TYPE_CHECKING:
     from antway.tours.time_windows import load_tsptw as load_tsptw
     from antway.tours.time_windows import solve_tsptw as solve_tsptw
     from antway.trajectory.smooth import smooth as smooth
-    from antway.verify import check_episode as check_episode
     from antway.verify import check_plan as check_plan
     from antway.verify_drive import check_motion as check_motion
+    from antway.verify_episode import check_episode as check_episode
     from antway.verify_tour import check_tour as check_tour
     from antway.verify_tsptw import check_tsptw as check_tsptw
     from antway.view.notebook import show as show
@@ -79,7 +79,8 @@ _HOME = {
     "tours.plan": "plan_tour",
     "tours.time_windows": "load_tsptw solve_tsptw",
     "trajectory.smooth": "smooth",
-    "verify": "check_episode check_plan",
+    "verify": "check_plan",
+    "verify_episode": "check_episode",
     "verify_drive": "check_motion",
     "verify_tour": "check_tour",
     "verify_tsptw": "check_tsptw",

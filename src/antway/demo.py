@@ -18,7 +18,7 @@ from antway.errors import BadParameter
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
 from antway.scenes import ROUNDS, SCENES
-from antway.verify import check_episode
+from antway.verify_episode import check_episode
 from antway.view.packing import rounded
 from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task, make_policy

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from antway import checks
 from antway.errors import BadParameter, InvalidPlan
 from antway.grid import Grid
-from antway.verify_motion import gap_from_square
+from antway.verify_motion import braking, finite_faults, gap_from_square, shape_faults
 
 if TYPE_CHECKING:
     from antway.trajectory.motion import Motion
@@ -62,10 +62,7 @@ def check_motion(grid: Grid, robot: RobotSpec, motion: Motion) -> None:
 def _shape_faults(motion: Motion) -> list[str]:
     n = len(motion.t)
     shapes = {"t": (n,), "xy": (n, 2), "heading": (n,), "velocity": (n, 2), "turn_rate": (n,)}
-    faults = [
-        f"{name} has the shape {getattr(motion, name).shape}" for name in shapes if getattr(motion, name).shape != shapes[name]
-    ]
-    faults += [f"{name} is not finite" for name in shapes if not np.isfinite(getattr(motion, name)).all()]
+    faults = shape_faults(motion, shapes) + finite_faults(motion, shapes)
     if not faults and (n == 0 or motion.t[0] != 0.0 or (np.diff(motion.t) <= 0.0).any()):
         faults.append("times do not increase from 0")
     return faults
@@ -102,8 +99,7 @@ def _limit_faults(robot: RobotSpec, motion: Motion) -> Iterator[str]:
         yield "is faster than v_max"
     change = np.diff(speed, axis=0)
     falls = (speed[1:] * change).sum(axis=1) <= 0.0
-    brake = robot.a_max if robot.brake_max is None else robot.brake_max
-    most = np.where(falls, min(brake, _AT_ONCE), min(robot.a_max, _AT_ONCE)) * dt
+    most = np.where(falls, min(braking(robot), _AT_ONCE), min(robot.a_max, _AT_ONCE)) * dt
     if (np.sqrt((change**2).sum(axis=1)) > most * (1 + _NEAR) + 1e-12).any():
         yield "accelerates with more than a_max or brakes with more than brake_max"
     if len(dt):

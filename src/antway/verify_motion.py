@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from antway.world.robots import RobotSpec
     from antway.world.trace import Trace
 
 _NEAR = 1e-6  # m, m/s, rad; tolerance of the rules
@@ -19,6 +20,24 @@ _EVEN = 1e-9  # m^2/s^2; a ramp at nearly a right angle to the command counts as
 _STEPS = 100  # least number of steps in each part of a cycle: before and after the delayed command acts
 
 Floats = NDArray[np.float64]
+State = tuple[Floats, Floats, Floats, Floats, Floats]  # x, y (m), heading (rad), and (v, omega) of wheels or else (vx, vy)
+
+
+def shape_faults(record: object, shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
+    """Return which arrays of a record have not the shapes that these names should have."""
+    return [
+        f"{name} has the shape {getattr(record, name).shape}" for name in shapes if getattr(record, name).shape != shapes[name]
+    ]
+
+
+def finite_faults(record: object, names: Iterable[str]) -> list[str]:
+    """Return which of these arrays of a record are not finite throughout."""
+    return [f"{name} is not finite" for name in names if not np.isfinite(getattr(record, name)).all()]
+
+
+def braking(spec: RobotSpec) -> float:
+    """Return a robot's limit of deceleration, m/s^2."""
+    return spec.a_max if spec.brake_max is None else spec.brake_max
 
 
 def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
@@ -28,15 +47,16 @@ def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
     """
     spec, n = trace.task.robot, len(trace.command)
     wheels = spec.drive != "holonomic"
-    x, y, theta = trace.xy[:-1, 0].copy(), trace.xy[:-1, 1].copy(), trace.heading[:-1].copy()
-    a, b = trace.velocity[:-1, 0].copy(), trace.velocity[:-1, 1].copy()
+    drive = _roll if wheels else _glide
+    (x, y), (vx, vy), theta = trace.xy[:-1].T.copy(), trace.velocity[:-1].T.copy(), trace.heading[:-1].copy()
+    state: State = x, y, theta, vx, vy
     if wheels:
-        a, b = a * np.cos(theta) + b * np.sin(theta), trace.turn_rate[:-1].copy()
+        state = x, y, theta, vx * np.cos(theta) + vy * np.sin(theta), trace.turn_rate[:-1].copy()
     whole = math.floor(spec.latency / spec.dt + 1e-9)
     late = max(spec.latency - whole * spec.dt, 0.0)
     span = np.diff(trace.t)
-    t, times, states = trace.t[:-1].copy(), [trace.t[:-1].copy()], [np.stack((x, y, theta), axis=-1)]
-    for part in range(2):
+    t, times, states = trace.t[:-1].copy(), [trace.t[:-1].copy()], [np.stack(state[:3], axis=-1)]
+    for part in range(2):  # before and after the delayed command acts
         time = np.minimum(late, span) if part == 0 else np.maximum(span - late, 0.0)
         asked = np.zeros((n, 2))
         first = whole + 1 - part
@@ -46,16 +66,12 @@ def driven(trace: Trace) -> tuple[Floats, Floats, Floats]:
             continue
         knots = np.linspace(0.0, time, _STEPS + 1, axis=1)
         if wheels:
-            knots = np.sort(np.hstack((knots, _bends(a, asked, trace, time))), axis=1)
+            knots = np.sort(np.hstack((knots, _bends(state[3], asked, spec, time))), axis=1)
         for h in np.diff(knots).T:
-            if wheels:
-                x, y, theta, a, b = _roll(x, y, theta, a, b, asked, trace, h)
-            else:
-                x, y, a, b = _glide(x, y, a, b, asked, trace, h)
-            t = t + h
+            state, t = drive(state, asked, spec, h), t + h
             times.append(t)
-            states.append(np.stack((x, y, theta), axis=-1))
-    return np.stack(times, axis=1), np.stack(states, axis=1), np.stack((a, b), axis=-1)
+            states.append(np.stack(state[:3], axis=-1))
+    return np.stack(times, axis=1), np.stack(states, axis=1), np.stack(state[3:], axis=-1)
 
 
 def _at_once(v: Floats, target: Floats, growth: float, fall: float) -> Floats:
@@ -78,14 +94,13 @@ def _nearer(v: Floats, target: Floats, growth: float, fall: float, h: Floats) ->
     return result
 
 
-def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
+def _bends(v: Floats, asked: Floats, spec: RobotSpec, time: Floats) -> Floats:
     """Return the times at which the ramps of the speed reach 0 and end, float64[N, 2] s, at most `time`.
 
     The steering of a car keeps |omega| <= |v| / turning_radius. Between these times both this bound and the ramp of omega are
     linear in time, so that steps that end at them are exact.
     """
-    spec = trace.task.robot
-    brake = spec.a_max if spec.brake_max is None else spec.brake_max
+    brake = braking(spec)
     target = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
     through = v * target < 0.0
     falls = through | (np.abs(target) < np.abs(v))
@@ -96,12 +111,10 @@ def _bends(v: Floats, asked: Floats, trace: Trace, time: Floats) -> Floats:
     return times
 
 
-def _roll(
-    x: Floats, y: Floats, theta: Floats, v: Floats, w: Floats, asked: Floats, trace: Trace, h: Floats
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def _roll(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
     """Drive wheels for h s in four parts: speeds by their ramps, places by the midpoint rule."""
-    spec = trace.task.robot
-    brake = spec.a_max if spec.brake_max is None else spec.brake_max
+    x, y, theta, v, w = state
+    brake = braking(spec)
     cv = np.clip(asked[:, 0], -spec.v_reverse, spec.v_max)
     cw = np.clip(asked[:, 1], -spec.turn_rate, spec.turn_rate)
     turn = 1e9 if math.isinf(spec.alpha_max) else spec.alpha_max
@@ -122,12 +135,10 @@ def _roll(
     return x, y, theta, v, w
 
 
-def _glide(
-    x: Floats, y: Floats, vx: Floats, vy: Floats, asked: Floats, trace: Trace, h: Floats
-) -> tuple[Floats, Floats, Floats, Floats]:
+def _glide(state: State, asked: Floats, spec: RobotSpec, h: Floats) -> State:
     """Drive a holonomic robot for h s: its velocity changes straight towards the commanded one."""
-    spec = trace.task.robot
-    brake = spec.a_max if spec.brake_max is None else spec.brake_max
+    x, y, theta, vx, vy = state
+    brake = braking(spec)
     size = np.hypot(*asked.T)
     cx, cy = (asked * np.where(size > spec.v_max, spec.v_max / np.where(size > 0, size, 1.0), 1.0)[:, None]).T
     for _ in range(4):
@@ -141,7 +152,7 @@ def _glide(
         x = x + np.where(at_once, ux, (vx + ux) / 2) * h / 4
         y = y + np.where(at_once, uy, (vy + uy) / 2) * h / 4
         vx, vy = np.where(h > 0, ux, vx), np.where(h > 0, uy, vy)
-    return x, y, vx, vy
+    return x, y, theta, vx, vy
 
 
 def dynamic_faults(trace: Trace) -> Iterator[str]:
@@ -167,9 +178,8 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
         yield "is faster than v_max"
     # The last step may end anywhere within a ramp.
     finest = spec.dt / _STEPS / 4
-    slack = _NEAR + finest * np.array(
-        [_finite(max(spec.a_max, spec.braking)), _finite(spec.alpha_max if wheels else max(spec.a_max, spec.braking))]
-    )
+    change = max(spec.a_max, braking(spec))
+    slack = _NEAR + finest * np.array([_finite(change), _finite(spec.alpha_max if wheels else change)])
     if (np.abs(speeds - recorded[1:]) > slack).any():
         yield "a speed is not what its command leads to"
     gap = dynamic_gaps(trace, times, states)
@@ -181,6 +191,7 @@ def dynamic_faults(trace: Trace) -> Iterator[str]:
 
 
 def _finite(limit: float) -> float:
+    """Return a limit, or 0 if there is none: speeds that change at once are exact."""
     return limit if math.isfinite(limit) else 0.0
 
 
