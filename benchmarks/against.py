@@ -21,8 +21,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from report import DATA
+
 HERE = Path(__file__).resolve().parent
-TSPLIB = HERE.parents[1] / "shared" / "data" / "tsplib"
 PLANNERS = {"astar": 60, "jps": 400, "dijkstra": 6, "theta": 6, "subgoals": 400}  # queries a turn
 MAPS = ("open", "scattered 20 %", "rooms")
 
@@ -36,9 +37,8 @@ def cpu(work: Callable[[], object]) -> float:
 
 def jobs() -> dict[str, Callable[[], float]]:
     """What is timed, by name; each does its work once and returns the seconds that count."""
-    from search import generated
-
     import antway
+    from search import generated
 
     found: dict[str, Callable[[], float]] = {}
     grids = generated(256)
@@ -67,8 +67,8 @@ def jobs() -> dict[str, Callable[[], float]]:
     free = np.argwhere(~walk.blocked)
     problem = antway.Problem(walk, tuple(free[0].tolist()), tuple(free[-1].tolist()))
     found["explore, scattered 20 %"] = lambda: cpu(lambda: antway.explore(problem, seed=1))
-    if (TSPLIB / "d198.tsp").exists():
-        cities = antway.load_tsp(TSPLIB / "d198.tsp")
+    if (DATA / "tsplib" / "d198.tsp").exists():
+        cities = antway.load_tsp(DATA / "tsplib" / "d198.tsp")
         found["TSP d198"] = lambda: cpu(lambda: antway.solve_tsp(cities, seed=1, cycles=100))
     for scene in ("paper", "office", "warehouse"):
         scenario = antway.load_scenario(importlib.import_module("antway.scenes").scene(scene))

@@ -7,7 +7,6 @@ found at ../shared/data/movingai. Times are the best of three for each query, in
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from collections.abc import Callable
@@ -19,8 +18,9 @@ from antway import Grid, Moves, Plan, Problem, Status, check_plan, load_map
 from antway.search.anyangle import anyangle
 from antway.search.astar import astar
 from antway.search.dstarlite import DStarLite
+from report import DATA, write
 
-MOVINGAI = Path(__file__).resolve().parents[2] / "shared" / "data" / "movingai"
+MOVINGAI = DATA / "movingai"
 
 
 def generated() -> dict[str, Grid]:
@@ -129,7 +129,7 @@ def main() -> None:
     replans = [replan(name, grid) for name, grid in maps.items()]
     show(replans)
     if options.json:
-        options.json.write_text(json.dumps({"paths": paths, "replans": replans}, indent=1))
+        write(options.json, {"paths": paths, "replans": replans})
 
 
 if __name__ == "__main__":

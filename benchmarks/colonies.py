@@ -10,7 +10,6 @@ Instances are read from ../shared/data/tsplib. Prints tables, writes JSON.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import shutil
@@ -24,15 +23,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from antway.ants.immune import Immune
 from antway.ants.rules import RULES
 from antway.ants.tsp import load_tsp, solve_tsp
 from antway.ants.tsplib import Tsp
+from report import DATA, OUT, show, write, written
 
-DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "tsplib"
+INSTANCES = DATA / "tsplib"
 PLAIN = {
     "eil51": {"mmas": 427.0, "acs": 429.0, "eas": 429.0, "rank": 431.0, "as": 440.0},
     "kroA100": {"mmas": 21320.0, "acs": 21450.0, "eas": 21560.0, "as": 22600.0},
@@ -49,7 +47,7 @@ Rows = list[dict[str, object]]
 
 
 def instance(name: str) -> Tsp:
-    return load_tsp(DATA / f"{name}.tsp")
+    return load_tsp(INSTANCES / f"{name}.tsp")
 
 
 def processor() -> float:
@@ -123,7 +121,7 @@ def doubled(run: Callable[[int], float], seconds: float) -> tuple[float, float]:
 
 def acotsp(problem: Tsp, seconds: float) -> tuple[float, float]:
     """MMAS by the C program; reading the file and preparing count, a few milliseconds."""
-    file, command = DATA / f"{problem.name}.tsp", shutil.which("acotsp") or ""
+    file, command = INSTANCES / f"{problem.name}.tsp", shutil.which("acotsp") or ""
     options = ["-x", "-r", "1", "-m", "25", "-g", "20", "-a", "1", "-b", "2", "-e", "0.02", "-l", "0", "-o", "1", "-t", "0.01"]
 
     def run(cycles: int) -> float:
@@ -308,7 +306,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=[], help="instances (or rules, of --quality)")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=2.0)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out" / "colonies.json")
+    parser.add_argument("--out", type=Path, default=OUT / "colonies.json")
     options = parser.parse_args()
     tables: dict[str, Rows] = {}
     if options.quality:
@@ -322,13 +320,8 @@ def main() -> None:
     if not tables:
         tables["tours a second, 25 ants"] = speed(options.seconds)
     for title, rows in tables.items():
-        table = Table(*rows[0], title=title)
-        for row in rows:
-            table.add_row(*(str(value) for value in row.values()))
-        Console(width=120).print(table)
-    options.out.parent.mkdir(exist_ok=True)
-    known = json.loads(options.out.read_text()) if options.out.exists() else {}
-    options.out.write_text(json.dumps(known | tables, indent=1) + "\n")
+        show(rows, title, width=120)
+    write(options.out, written(options.out) | tables)
 
 
 if __name__ == "__main__":

@@ -8,9 +8,7 @@ numbered from K on. Prints a table and writes it to benchmarks/out/controls.json
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +17,7 @@ from antway.policies.antway.controls import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.episode import run
 from antway.world.trace import Outcome
+from report import markdown, write
 
 SEARCHES = {
     "ants (ACO_R)": ControlOptions(),
@@ -65,12 +64,8 @@ def main() -> None:
     for name in SEARCHES:
         for level in LEVELS:
             rows.append(measure(name, level, arguments.episodes, arguments.first, arguments.robot))
-            print(
-                "| " + " | ".join(f"{v:.4g}" if isinstance(v, float) else str(v) for v in rows[-1].values()) + " |", flush=True
-            )
-    out = Path(__file__).parent / "out" / "controls.json"
-    out.parent.mkdir(exist_ok=True)
-    out.write_text(json.dumps(rows, indent=1) + "\n")
+            print(markdown(rows[-1], ".4g"), flush=True)
+    write("controls.json", rows)
     print(f"{time.time() - started:.0f} s")
 
 

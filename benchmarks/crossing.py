@@ -6,7 +6,6 @@ Run as `python benchmarks/crossing.py [--seeds N]`. Prints two tables and writes
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 import time
@@ -15,8 +14,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, RobotSpec, Scenario, Status, World, run
@@ -33,6 +30,7 @@ from antway.world.policy import Command, Decision, Observation, Task
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from crossing import local_problem
+from report import show, write
 
 MIXED, SLACK = np.array([100.0, 30.0, 10.0, 100.0]), np.array([9.0, 0.0, 0.05, 0.2])
 GREEDY = np.full(4, 100.0)
@@ -208,26 +206,17 @@ def cycles(episodes: int) -> list[dict[str, object]]:
     return rows
 
 
-def show(console: Console, title: str, rows: list[dict[str, object]]) -> None:
-    table = Table(*rows[0], title=title)
-    for row in rows:
-        table.add_row(*(f"{value:.4g}" if isinstance(value, float) else str(value) for value in row.values()))
-    console.print(table)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=1000)
     parser.add_argument("--episodes", type=int, default=30)
     options = parser.parse_args()
-    console = Console()
     local(3)  # compile
     tables = {"local": local(options.seeds), "cycle": cycles(options.episodes)}
-    show(console, "31 x 31 cells, 12 % blocked, 3-14 discs, against exact search over the same moves", tables["local"])
-    show(console, "policy antway, a control cycle and a whole episode, one core", tables["cycle"])
-    out = Path(__file__).parent / "out" / "crossing.json"
-    out.parent.mkdir(exist_ok=True)
-    out.write_text(json.dumps(tables, indent=1))
+    title = "31 x 31 cells, 12 % blocked, 3-14 discs, against exact search over the same moves"
+    show(tables["local"], title, floats=".4g")
+    show(tables["cycle"], "policy antway, a control cycle and a whole episode, one core", floats=".4g")
+    write("crossing.json", tables)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from antway.tours.ordering import order_stops
+from peers import guided_search, ortools_route, pyvrp_routes
 
 SCALE = 1_000  # peers count in whole numbers
 KINDS = ("orienteering", "makespan", "windows")
@@ -106,7 +107,7 @@ def by_antway(case: Case, seconds: float | None, cycles: int | None, seed: int) 
 
 
 def by_ortools(case: Case, seconds: float) -> float:
-    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+    from ortools.constraint_solver import pywrapcp
 
     n = len(case.matrix)
     travel = np.rint(case.matrix * SCALE).astype(int)
@@ -124,19 +125,10 @@ def by_ortools(case: Case, seconds: float) -> float:
             model.AddDisjunction([index], int(case.priorities[stop]) * 10**7)
     if case.kind == "makespan":
         clock.SetGlobalSpanCostCoefficient(100)
-    how = pywrapcp.DefaultRoutingSearchParameters()
-    how.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PARALLEL_CHEAPEST_INSERTION
-    how.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
-    how.time_limit.FromMilliseconds(int(1000 * seconds))
-    found = model.SolveWithParameters(how)
-    routes: list[list[int]] = []
-    for robot in range(case.robots) if found is not None else ():
-        at = found.Value(model.NextVar(model.Start(robot)))
-        routes.append([])
-        while not model.IsEnd(at):
-            routes[-1].append(manager.IndexToNode(at))
-            at = found.Value(model.NextVar(at))
-    return value(case, routes) if routes else value(case, [[1, 1]])
+    found = model.SolveWithParameters(guided_search(seconds, "PARALLEL_CHEAPEST_INSERTION"))
+    if found is None:
+        return value(case, [[1, 1]])  # an answer that breaks the rules
+    return value(case, [ortools_route(manager, model, found, robot)[1:] for robot in range(case.robots)])
 
 
 def by_pyvrp(case: Case, seconds: float) -> float:
@@ -165,7 +157,7 @@ def by_pyvrp(case: Case, seconds: float) -> float:
             if i != j:
                 model.add_edge(places[i], places[j], distance=int(whole[i, j]), duration=int(whole[i, j]))
     found = model.solve(MaxRuntime(seconds), seed=1, display=False)
-    return value(case, [[one.idx + 1 for one in route if one.is_client()] for route in found.best.routes()])
+    return value(case, pyvrp_routes(found))
 
 
 def main() -> None:

@@ -7,7 +7,6 @@ that never yield, told to the robot as at most 0.9 m/s. Prints a table with 95 %
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections import Counter
 from pathlib import Path
@@ -20,6 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import RobotSpec, run
 from antway.arena.metrics import wilson
 from crossing import crowd
+from report import write
 
 CELLS: dict[str, dict[str, Any]] = {
     "within the assumptions": {},
@@ -44,9 +44,7 @@ def main() -> None:
         rows[name] = {what: (counts[what], *wilson(counts[what], episodes)) for what in OUTCOMES}
         table.add_row(name, *(f"{100 * n / episodes:.1f} ({100 * a:.1f}-{100 * b:.1f})" for n, a, b in rows[name].values()))
     Console().print(table)
-    out = Path(__file__).parent / "out" / "outside.json"
-    out.parent.mkdir(exist_ok=True)
-    out.write_text(json.dumps(rows, indent=1))
+    write("outside.json", rows)
 
 
 if __name__ == "__main__":

@@ -7,15 +7,12 @@ Prints a table and writes it to benchmarks/out/page.json.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 from playwright.sync_api import expect
-from rich.console import Console
-from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Grid, RobotSpec, Scenario, World
@@ -23,6 +20,7 @@ from antway.world.motions import Bounce
 from antway.world.scenario import save_scenario
 from antway.world.world import Obstacle
 from browser import DESKTOP, chromium
+from report import show, write
 from serving import TOKEN, served
 
 # Counts pictures: each begins by clearing its stage; from the first one's beginning until the script yields is their time.
@@ -108,13 +106,8 @@ def main() -> None:
         rows = [
             measure(browser, f"http://127.0.0.1:{port}/?token={TOKEN}", Path(name), seconds, views, "2") for views in (1, 2)
         ]
-    table = Table(*rows[0])
-    for row in rows:
-        table.add_row(*map(str, row.values()))
-    Console().print(table)
-    out = Path(__file__).parent / "out"
-    out.mkdir(exist_ok=True)
-    (out / "page.json").write_text(json.dumps(rows, indent=2) + "\n")
+    show(rows)
+    write("page.json", rows)
 
 
 if __name__ == "__main__":

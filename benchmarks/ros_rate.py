@@ -7,7 +7,6 @@ As the peer, the intervals at which the odometry itself went out, by the same cl
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from harness import end, onwards, start  # noqa: E402
 
 from antway import Grid  # noqa: E402
 from antway.world.policy import Observation, Tracks  # noqa: E402
+from report import write  # noqa: E402
 
 
 def measure(rate: float, seconds: float) -> dict[str, float]:
@@ -82,7 +82,7 @@ def main() -> None:
     for name, value in result.items():
         print(f"{name:20} {value:8.2f}")
     if options.json:
-        options.json.write_text(json.dumps(result, indent=1))
+        write(options.json, result)
 
 
 if __name__ == "__main__":

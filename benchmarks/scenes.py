@@ -6,13 +6,14 @@ python benchmarks/scenes.py [--policy paper] [--seeds 50]
 from __future__ import annotations
 
 import argparse
-import json
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
 from antway import check_episode, load_scenario, run
 from antway.scenes import SCENES, scene
+from report import write
 
 
 def main() -> None:
@@ -21,7 +22,7 @@ def main() -> None:
     parser.add_argument("--scene", nargs="*", default=SCENES)
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--json", help="file to write the rows to")
+    parser.add_argument("--json", type=Path, help="file to write the rows to")
     args = parser.parse_args()
     rows = []
     print("policy     scene      reached   time s  length m  replans  waits  clearance m  cycle ms p50    p99    max  others")
@@ -56,8 +57,7 @@ def main() -> None:
                 flush=True,
             )
     if args.json:
-        with open(args.json, "w", encoding="utf-8") as file:
-            json.dump(rows, file, indent=1)
+        write(args.json, rows)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import math
 import time
 import warnings
@@ -29,8 +28,9 @@ from antway.maps.movingai import load_scen
 from antway.search.astar import astar
 from antway.search.jps import jps
 from antway.search.subgoals import prepare, subgoals
+from report import DATA, OUT, write
 
-MOVINGAI = Path(__file__).resolve().parents[2] / "shared" / "data" / "movingai"
+MOVINGAI = DATA / "movingai"
 Cell = tuple[int, int]
 Query = Callable[[Cell, Cell], float]  # start, goal -> length in cells
 
@@ -253,7 +253,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--queries", type=int, default=40)
     parser.add_argument("--seconds", type=float, default=2.0, help="CPU time for each peer on each map")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out" / "search.json")
+    parser.add_argument("--out", type=Path, default=OUT / "search.json")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     measure("compile", generated(64)["small rooms"], 2, 0.0)
@@ -263,8 +263,7 @@ def main() -> None:
         print(name, flush=True)
         results[name] = measure(name, grid, args.queries, args.seconds)
     summary = show(results) | show_nano(results)
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(json.dumps({"maps": results, "geometric means": summary}, indent=1))
+    write(args.out, {"maps": results, "geometric means": summary})
 
 
 def show(results: dict[str, dict]) -> dict[str, float]:

@@ -10,7 +10,6 @@ seconds of processor time. Writes the table to benchmarks/out/smooth.json.
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import time
 from pathlib import Path
@@ -21,6 +20,7 @@ from antway import CellBlocked, Grid, RobotSpec, Status, load_map, load_scenario
 from antway.tables import SHIPPED_SCENES
 from antway.trajectory.smooth import smooth
 from antway.world.robots import load_robot
+from report import DATA, markdown, write
 
 CAR = RobotSpec(
     v_max=1.5, a_max=1.0, drive="ackermann", turn_rate=1.9, alpha_max=3.0, turning_radius=0.8,
@@ -104,7 +104,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=20, help="of each map; of random maps one, on so many maps")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robots", default="holonomic,inertia,diff,turtlebot3_waffle,turtlebot4,jackal,amr,car")
-    parser.add_argument("--maps", type=Path, default=Path(__file__).parents[2] / "shared" / "data" / "ros_maps")
+    parser.add_argument("--maps", type=Path, default=DATA / "ros_maps")
     parser.add_argument("--verbose", action="store_true", help="tell of every plan that is not bent")
     arguments = parser.parse_args()
     kinds, rows = maps(arguments.maps, arguments.pairs, arguments.seed), []
@@ -113,12 +113,8 @@ def main() -> None:
         for kind, places in kinds.items():
             count = 1 if kind == "random" else arguments.pairs
             rows.append({"robot": name, "maps": kind, **measure(robot, places, count, arguments.seed, arguments.verbose)})
-            print(
-                "| " + " | ".join(f"{v:.3f}" if isinstance(v, float) else str(v) for v in rows[-1].values()) + " |", flush=True
-            )
-    out = Path(__file__).parent / "out" / "smooth.json"
-    out.parent.mkdir(exist_ok=True)
-    out.write_text(json.dumps(rows, indent=1) + "\n")
+            print(markdown(rows[-1], ".3f"), flush=True)
+    write("smooth.json", rows)
 
 
 if __name__ == "__main__":

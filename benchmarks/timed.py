@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import heapq
-import json
 import math
 import sys
 import time
@@ -22,7 +21,8 @@ from antway.kernels.spacetime.prepare import timeline_segments
 from antway.kernels.spacetime.segments import unsafe_departures, unsafe_stay
 from antway.search.sipp import Sipp
 from antway.world.timeline import Timeline
-from naive import timed as naive
+from naive.sipp import gaps as safe_intervals
+from report import write
 
 RADIUS, SPEED, SIZE, DISCS = 0.3, 1.0, 100, 20
 
@@ -48,7 +48,7 @@ def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: 
 
     @cache
     def safe(cell: tuple[int, int]) -> list[tuple[float, float]]:
-        return naive.gaps(*zip(*(unsafe_stay(*centre[cell], segments, p) for p in range(len(segments)))), 0.0)
+        return safe_intervals(*zip(*(unsafe_stay(*centre[cell], segments, p) for p in range(len(segments)))), 0.0)
 
     @cache
     def leave(cell: tuple[int, int]) -> list[tuple[tuple[int, int], float, list[tuple[float, float]]]]:
@@ -63,7 +63,7 @@ def python_sipp(search: Sipp, centre: np.ndarray, start: tuple[int, int], goal: 
                     unsafe_departures(x, y, dx / duration, dy / duration, duration, segments, p, work)
                     for p in range(len(segments))
                 ]
-                found.append((to, duration, naive.gaps(*zip(*spans), 0.0)))
+                found.append((to, duration, safe_intervals(*zip(*spans), 0.0)))
         return found
 
     best = {(start, 0): 0.0}
@@ -144,7 +144,7 @@ def main() -> None:
                 print("".join(f"{name:>20}" for name in rows[0]))
             print("".join(f"{value:>20.3f}" if isinstance(value, float) else f"{value:>20}" for value in rows[-1].values()))
     if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
+        write(options.json, rows)
 
 
 if __name__ == "__main__":

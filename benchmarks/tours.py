@@ -8,7 +8,6 @@ tour over a further node (see antway.tours.untimed). elkai has no limit of time:
 from __future__ import annotations
 
 import argparse
-import json
 import time
 import warnings
 from collections.abc import Callable
@@ -20,8 +19,8 @@ import antway
 from antway.search.distance_field import distance_field
 from antway.tours.distances import stop_distances
 from antway.tours.ordering import order_stops
-
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
+from peers import guided_search, ortools_route, pyvrp_routes
+from report import DATA, write
 
 
 def closed_matrix(away: np.ndarray, end: int | str | None) -> np.ndarray:
@@ -53,21 +52,13 @@ def by_elkai(whole: np.ndarray, seconds: float) -> list[int]:
 
 
 def by_ortools(whole: np.ndarray, seconds: float) -> list[int]:
-    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+    from ortools.constraint_solver import pywrapcp
 
     manager = pywrapcp.RoutingIndexManager(len(whole), 1, 0)
     model = pywrapcp.RoutingModel(manager)
     rows = whole.tolist()
     model.SetArcCostEvaluatorOfAllVehicles(model.RegisterTransitMatrix(rows))
-    how = pywrapcp.DefaultRoutingSearchParameters()
-    how.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PATH_CHEAPEST_ARC
-    how.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
-    how.time_limit.FromMilliseconds(int(1000 * seconds))
-    found, at, ring = model.SolveWithParameters(how), model.Start(0), []
-    while not model.IsEnd(at):
-        ring.append(manager.IndexToNode(at))
-        at = found.Value(model.NextVar(at))
-    return ring
+    return ortools_route(manager, model, model.SolveWithParameters(guided_search(seconds)))
 
 
 def by_pyvrp(whole: np.ndarray, seconds: float) -> list[int]:
@@ -85,7 +76,7 @@ def by_pyvrp(whole: np.ndarray, seconds: float) -> list[int]:
             if i != j:
                 model.add_edge(a, b, int(whole[i, j]))
     found = model.solve(MaxRuntime(seconds), seed=1, display=False)
-    return [0, *(one.idx + 1 for route in found.best.routes() for one in route if one.is_client())]
+    return [0, *(stop for route in pyvrp_routes(found) for stop in route)]
 
 
 PEERS: dict[str, Callable[[np.ndarray, float], list[int]]] = {"elkai": by_elkai, "ortools": by_ortools, "pyvrp": by_pyvrp}
@@ -141,7 +132,7 @@ def main() -> None:
     low, mean, high = 100 * gap.min(), 100 * gap.mean(), 100 * gap.max()
     print(f"bound: {mean:.3f} % below the best on the mean, {high:.3f} % at most, {low:.2g} % at least")
     if told.out is not None:
-        told.out.write_text(json.dumps(rows), encoding="utf-8")
+        write(told.out, rows)
 
 
 if __name__ == "__main__":

@@ -25,8 +25,10 @@ import numpy as np
 
 from antway import InvalidPlan, check_tsptw, load_tsptw, solve_tsptw
 from antway.tours.time_windows import Tsptw
+from peers import guided_search, ortools_route, pyvrp_routes
+from report import DATA
 
-DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "tsptw"
+INSTANCES = DATA / "tsptw"
 SETS = ("SolomonPotvinBengio", "SolomonPesant", "Dumas", "AFG")
 TUNED = re.compile(
     r"rc20\d\.[02]$|rc_20\d\.[13]\.txt|rbg0\d\da\.tw|rbg201a|rbg050b|rbg193\.tw|rbg233\.tw|n\d+w\d+\.00[14]\.txt"
@@ -36,7 +38,7 @@ NEAR = 0.01  # the lists have two places, some of them cut off
 
 def known_values(folder: str) -> dict[str, float]:
     """The best known values of a set, by file."""
-    lines = (DATA / "best_known_sol" / f"{folder}.txt").read_text(encoding="utf-8").splitlines()
+    lines = (INSTANCES / "best_known_sol" / f"{folder}.txt").read_text(encoding="utf-8").splitlines()
     return {words[0]: float(words[1]) for line in lines if (words := line.split()) and words[0] != "#"}
 
 
@@ -77,7 +79,7 @@ def whole_numbers(instance: Tsptw) -> tuple[list[list[int]], list[list[int]]]:
 
 
 def by_ortools(instance: Tsptw, seconds: float) -> tuple[float, float]:
-    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+    from ortools.constraint_solver import pywrapcp
 
     began = time.perf_counter()
     matrix, windows = whole_numbers(instance)
@@ -90,16 +92,8 @@ def by_ortools(instance: Tsptw, seconds: float) -> tuple[float, float]:
     clock = model.GetDimensionOrDie("time")
     for node in range(1, instance.size):
         clock.CumulVar(manager.NodeToIndex(node)).SetRange(*windows[node])
-    how = pywrapcp.DefaultRoutingSearchParameters()
-    how.first_solution_strategy = routing_enums_pb2.FirstSolutionStrategy.PATH_CHEAPEST_ARC
-    how.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GUIDED_LOCAL_SEARCH
-    how.time_limit.FromMilliseconds(int(1000 * seconds))
-    found = model.SolveWithParameters(how)
-    order: list[int] = []
-    at = model.Start(0)
-    while found is not None and not model.IsEnd(at):
-        order.append(manager.IndexToNode(at))
-        at = found.Value(model.NextVar(at))
+    found = model.SolveWithParameters(guided_search(seconds))
+    order = [] if found is None else ortools_route(manager, model, found)
     return checked(instance, order, began)
 
 
@@ -120,7 +114,7 @@ def by_pyvrp(instance: Tsptw, seconds: float) -> tuple[float, float]:
             if i != j:
                 model.add_edge(a, b, distance=matrix[i][j], duration=matrix[i][j])
     found = model.solve(MaxRuntime(seconds), seed=1, display=False)
-    order = [0, *(one.idx + 1 for route in found.best.routes() for one in route if one.is_client())]
+    order = [0, *(stop for route in pyvrp_routes(found) for stop in route)]
     return checked(instance, order, began)
 
 
@@ -153,12 +147,12 @@ def main() -> None:
     solve_tsptw(Tsptw(np.ones((8, 8)), np.tile([0.0, 99.0], (8, 1))), cycles=8)  # loads the kernels
     for folder in told.sets.split(","):
         known = known_values(folder)
-        names = sorted(file.name for file in (DATA / folder).iterdir() if file.name in known)
+        names = sorted(file.name for file in (INSTANCES / folder).iterdir() if file.name in known)
         names = [name for name in names if told.half == "all" or not TUNED.search(name)][:: told.every]
         gaps: dict[str, list[list[float]]] = {who: [] for who in ["antway", *peers]}
         took: dict[str, list[float]] = {who: [] for who in gaps}
         for name in names:
-            instance, best = load_tsptw(DATA / folder / name), known[name]
+            instance, best = load_tsptw(INSTANCES / folder / name), known[name]
             runs = {"antway": [by_antway(instance, told.seconds, seed, best + NEAR) for seed in range(told.seeds)]}
             if "ortools" in peers:
                 runs["ortools"] = [by_ortools(instance, told.seconds)]
@@ -166,7 +160,7 @@ def main() -> None:
                 runs["pyvrp"] = [by_pyvrp(instance, told.seconds)]
             if "beam-aco" in peers:
                 runs["beam-aco"] = [
-                    by_beam_aco(DATA / folder / name, instance, told.seconds, seed) for seed in range(told.seeds)
+                    by_beam_aco(INSTANCES / folder / name, instance, told.seconds, seed) for seed in range(told.seeds)
                 ]
             for who, results in runs.items():
                 gaps[who].append([0.0 if abs(cost - best) <= NEAR else cost / best - 1.0 for cost, _ in results])

@@ -9,14 +9,13 @@ clairvoyant optimum. Prints the best five and writes them to benchmarks/out/tune
 from __future__ import annotations
 
 import argparse
-import json
 from itertools import product
-from pathlib import Path
 
 from antway.arena.engines import Job, play
 from antway.arena.store import Row
 from antway.arena.suites import Episode, load_suite, robot_name
 from antway.arena.summary import Summary, summarise
+from report import write, written
 
 FIRST = 10_000  # number of the first episode; tables count from 0
 GRIDS: dict[str, dict[str, tuple[object, ...]]] = {
@@ -68,8 +67,7 @@ def main() -> None:
     arguments = parser.parse_args()
     groups = tuple(arguments.groups.split(",")) if arguments.groups else load_suite("synthetic").groups
     wanted = arguments.baselines or list(ON_WHEELS if arguments.robot else GRIDS)
-    out = Path(__file__).parent / "out" / "tune.json"
-    found = json.loads(out.read_text()) if out.exists() else {}
+    found = written("tune.json")
     for baseline in wanted:
         best = tune(baseline, arguments.robot, groups, arguments.more)[:5]
         for spec, one in best:
@@ -79,8 +77,7 @@ def main() -> None:
             "success": best[0][1].success,
             "time_ratio": best[0][1].time_ratio,
         }
-        out.parent.mkdir(exist_ok=True)
-        out.write_text(json.dumps(found, indent=1) + "\n")
+        write("tune.json", found)
 
 
 if __name__ == "__main__":

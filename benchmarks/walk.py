@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -20,7 +19,6 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from antway import Budget, Grid, Moves, Problem
 from antway.ants.front import pareto
 from antway.ants.grid_walk import AntGraph, Ants, Trail
@@ -28,13 +26,13 @@ from antway.ants.gridpath import ants, explore
 from antway.ants.immune import Immune
 from antway.ants.persistence import Adaptive, Constant, Persistence, Printed
 from antway.ants.rules import RULES, make_rule
-from common import SHARED
+from report import DATA, write
 
 PERSISTENCE: dict[str, Persistence] = {"constant 0.7": Constant(0.7), "printed": Printed(), "corrected": Adaptive()}
 
 
 def shared(name: str, moves: Moves) -> Problem:
-    rows = (SHARED / "grids" / f"{name}.txt").read_text().split()
+    rows = (DATA / "grids" / f"{name}.txt").read_text().split()
     grid = Grid(np.array([[cell == "@" for cell in row] for row in rows]))
     return Problem(grid, (0, 0), (grid.shape[0] - 1, grid.shape[1] - 1), moves)
 
@@ -202,7 +200,7 @@ def immunity(seeds: int) -> dict[str, Any]:
 
 def grids(seeds: int) -> dict[str, Any]:
     """Default ants on the shared grids: share optimal, cycles needed, time; and the share of whole fronts."""
-    table = json.loads((SHARED / "grids" / "optima.json").read_text())
+    table = json.loads((DATA / "grids" / "optima.json").read_text())
     rows: dict[str, Any] = {}
     for name, lengths in table["optimum"].items():
         for rule, moves in (("nocut", Moves.EIGHT), ("nosqueeze", Moves.EIGHT_NOSQUEEZE)):
@@ -271,14 +269,14 @@ def main() -> None:
     result["ratios"]["slowest rule / as, time"] = max(
         rates["20 cycles of 500 ants, as"] / rates[f"20 cycles of 500 ants, {rule}"] for rule in RULES
     )
-    if SHARED.is_dir():
+    if DATA.is_dir():
         result["persistence on 30 x 30, optimum 44.527"] = paper(seeds)
         result["immune operator on 30 x 30, optimum 44.527"] = immunity(seeds)
         result["shared grids, default ants"] = grids(seeds)
     for title, rows in result.items():
         show(title, rows)
     if given.json:
-        given.json.write_text(json.dumps(result, indent=1) + "\n")
+        write(given.json, result)
 
 
 if __name__ == "__main__":
