@@ -20,6 +20,7 @@ from antway import Grid, RobotSpec, Scenario, Status, World, run
 from antway.arena.crossing import orca_tracks
 from antway.arena.suites import Chance
 from antway.arena.synthetic import make as suite
+from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime import ants as spacetime
 from antway.planning import TimedPath
 from antway.policies.antway.policy import AntwayPolicy
@@ -34,7 +35,9 @@ from report import show, write
 
 MIXED, SLACK = np.array([100.0, 30.0, 10.0, 100.0]), np.array([9.0, 0.0, 0.05, 0.2])
 GREEDY = np.full(4, 100.0)
-HORIZON, GAIN, TESTS = 20.0, 0.001, 10**6
+HORIZON = 20.0  # s
+IMPROVEMENT = 0.001  # s; least improvement of a path that counts
+EXPANSIONS = 10**6  # limit of moves tested in a search
 COLONIES = {"mixed ants, no pheromone": (MIXED, 0.0), "mixed ants, pheromone": (MIXED, 20.0), "greedy ants": (GREEDY, 0.0)}
 
 
@@ -60,29 +63,14 @@ def local(seeds: int) -> list[dict[str, object]]:
         solvable = exact.status is Status.FOUND and exact.arrival < HORIZON - 1.0
         if solvable:
             ms["SIPP"].append(1e3 * best)
+        predictions = Predictions(segments, 0.0, np.empty(2))
         for name, (betas, amount) in COLONIES.items():
-            best = math.inf
+            settings, best = spacetime.ColonySettings(0, betas, SLACK, IMPROVEMENT, amount, 0.0, 0.0), math.inf
             for _ in range(3):
                 trails, state = make_trails(31 * 31), np.array([seed], np.uint64)
                 started = time.process_time()
                 end, arrival, bound = spacetime.search(
-                    memory,
-                    trails,
-                    context,
-                    segments,
-                    0.0,
-                    x,
-                    y,
-                    0.0,
-                    HORIZON,
-                    0,
-                    betas,
-                    SLACK,
-                    GAIN,
-                    math.inf,
-                    TESTS,
-                    amount,
-                    state,
+                    memory, trails, context, predictions, settings, x, y, 0.0, HORIZON, math.inf, EXPANSIONS, state
                 )
                 best = min(best, time.process_time() - started)
             if solvable:
