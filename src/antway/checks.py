@@ -119,7 +119,15 @@ def point(
     return tuple(number(f"{field}[{i}]", part, error=error, where=where) for i, part in enumerate(parts))
 
 
-def array(field: str, value: object, shape: tuple[int | None, ...], *, finite: bool = True) -> NDArray[np.float64]:
+def array(
+    field: str,
+    value: object,
+    shape: tuple[int | None, ...],
+    *,
+    finite: bool = True,
+    error: type[BadInput] = BadParameter,
+    where: str = "",
+) -> NDArray[np.float64]:
     """Return `value` as a fresh read-only float64 array of `shape` (None: any length); finite unless said otherwise."""
     wanted = "x".join("N" if n is None else str(n) for n in shape)
     try:
@@ -127,11 +135,11 @@ def array(field: str, value: object, shape: tuple[int | None, ...], *, finite: b
             raise TypeError  # NumPy would only warn that it drops the imaginary parts
         result = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise BadParameter(field, value, f"an array of numbers of shape {wanted}") from None
+        raise error(field, value, f"an array of numbers of shape {wanted}", where=where) from None
     if result.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, result.shape)):
-        raise BadParameter(f"{field}.shape", result.shape, wanted)
+        raise error(f"{field}.shape", result.shape, wanted, where=where)
     if finite and not np.isfinite(result).all():
-        raise BadParameter(field, float(result[~np.isfinite(result)][0]), "finite throughout")
+        raise error(field, float(result[~np.isfinite(result)][0]), "finite throughout", where=where)
     result.flags.writeable = False
     return result
 

@@ -6,9 +6,9 @@ import base64
 import json
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from antway.world.timeline import Timeline
 if TYPE_CHECKING:
     from antway.world.trace import Trace
 
+T = TypeVar("T")
 FORMAT = "antway-trace"
 VERSION = 2
 READS = (1, VERSION)  # in version 1 the policy `antway` wrote total times to the goal as costs
@@ -243,50 +244,57 @@ class _Reader:
         parts = self.table(
             name, record, "step obstacle local_target path alternatives pheromone history " + " ".join((*_TEXTS, *_NUMBERS))
         )
+
+        def optional(key: str, read: Callable[[str, Any], T]) -> T | None:
+            return None if parts.get(key) is None else read(f"{name}.{key}", parts[key])
+
         step = checks.integer(f"{name}.step", parts["step"], low=0, high=rows, where=self.where)
-        obstacle, target, path, pheromone, history = (
-            parts[key] for key in ("obstacle", "local_target", "path", "pheromone", "history")
-        )
-        if path is not None:
-            path = self.table(f"{name}.path", path, "t xy")
-            t, xy = self.floats(f"{name}.path.t", path["t"], (None,)), self.floats(f"{name}.path.xy", path["xy"], (None, 2))
-            if not (np.isfinite(t).all() and (np.abs(xy) <= MAX_PLACE).all()):
-                raise self.bad(f"{name}.path", "a number that is not finite, or too large", f"of places up to {MAX_PLACE:g} m")
-            if len(t) != len(xy):
-                raise self.bad(f"{name}.path.xy.length", len(xy), str(len(t)))
-            path = TimedPath(t, xy)
-        if pheromone is not None:
-            if len(_list(pheromone)) != 3:
-                raise self.bad(f"{name}.pheromone", pheromone, "a row, a column and an array")
-            corner = [checks.integer(f"{name}.pheromone[{i}]", pheromone[i], where=self.where) for i in (0, 1)]
-            pheromone = (corner[0], corner[1], self.unpack(f"{name}.pheromone[2]", pheromone[2], "<f4", 2))
-        if obstacle is not None:
-            obstacle = checks.integer(f"{name}.obstacle", obstacle, where=self.where)
-        if target is not None:
-            target = checks.point(f"{name}.local_target", target, where=self.where)
-        alternatives = []
-        for pair in _list(parts["alternatives"]):
-            if len(_list(pair)) != 2:
-                raise self.bad(f"{name}.alternatives", pair, "pairs of a name and a cost")
-            alternatives.append((self.text(f"{name}.alternatives", pair[0]), self.real(f"{name}.alternatives", pair[1])))
-        if [what for what, _ in alternatives] == ["the plan", "no way is faster than"]:  # of version 1
-            alternatives = [("the plan", alternatives[0][1] - alternatives[1][1])]
         return step, Decision(
             **{key: self.text(f"{name}.{key}", parts[key]) for key in _TEXTS},  # type: ignore[arg-type]
             **{key: self.real(f"{name}.{key}", parts[key]) for key in _NUMBERS},  # type: ignore[arg-type]
-            obstacle=obstacle,
-            local_target=target,
-            path=path,
-            alternatives=tuple(alternatives),
-            pheromone=pheromone,
-            history=None if history is None else self.floats(f"{name}.history", history, (None, 4)),
-            predicted=self.predicted(f"{name}.predicted", parts.get("predicted")),
+            obstacle=optional("obstacle", self.whole),
+            local_target=optional("local_target", self.point),
+            path=optional("path", self.path),
+            alternatives=self.alternatives(f"{name}.alternatives", parts["alternatives"]),
+            pheromone=optional("pheromone", self.pheromone),
+            history=optional("history", lambda name, value: self.floats(name, value, (None, 4))),
+            predicted=optional("predicted", self.predicted),  # which old traces do not have
         )
 
-    def predicted(self, name: str, value: object) -> NDArray[np.float32] | None:
-        """Read the predicted motions, which old traces do not have."""
-        if value is None:
-            return None
+    def path(self, name: str, value: object) -> TimedPath:
+        """Read a planned motion."""
+        parts = self.table(name, value, "t xy")
+        t, xy = self.floats(f"{name}.t", parts["t"], (None,)), self.floats(f"{name}.xy", parts["xy"], (None, 2))
+        if not (np.isfinite(t).all() and (np.abs(xy) <= MAX_PLACE).all()):
+            raise self.bad(name, "a number that is not finite, or too large", f"of places up to {MAX_PLACE:g} m")
+        if len(t) != len(xy):
+            raise self.bad(f"{name}.xy.length", len(xy), str(len(t)))
+        return TimedPath(t, xy)
+
+    def alternatives(self, name: str, value: object) -> tuple[tuple[str, float], ...]:
+        """Read the alternatives of a decision, also those of version 1, which had total times to the goal."""
+        found = []
+        for pair in _list(value):
+            if len(_list(pair)) != 2:
+                raise self.bad(name, pair, "pairs of a name and a cost")
+            found.append((self.text(name, pair[0]), self.real(name, pair[1])))
+        if [what for what, _ in found] == ["the plan", "no way is faster than"]:
+            return (("the plan", found[0][1] - found[1][1]),)
+        return tuple(found)
+
+    def pheromone(self, name: str, value: object) -> tuple[int, int, NDArray[np.float32]]:
+        """Read the pheromone of a decision: row and column of the window's corner, and an array."""
+        parts = _list(value)
+        if len(parts) != 3:
+            raise self.bad(name, value, "a row, a column and an array")
+        return (
+            self.whole(f"{name}[0]", parts[0]),
+            self.whole(f"{name}[1]", parts[1]),
+            self.unpack(f"{name}[2]", parts[2], "<f4", 2),
+        )
+
+    def predicted(self, name: str, value: object) -> NDArray[np.float32]:
+        """Read predicted motions."""
         rows: NDArray[np.float32] = self.unpack(name, value, "<f4", 2)
         if rows.shape[1] != 7 or not np.isfinite(rows).all():
             raise self.bad(f"{name}.shape", rows.shape, "N x 7, finite throughout")
@@ -305,22 +313,23 @@ class _Reader:
             raise self.bad(name, value, "a text")
         return value
 
+    def whole(self, name: str, value: object) -> int:
+        return checks.integer(name, value, where=self.where)
+
+    def point(self, name: str, value: object) -> tuple[float, float]:
+        x, y = checks.point(name, value, where=self.where)
+        return x, y
+
     def real(self, name: str, value: object) -> float:
         if value in ("nan", "inf", "-inf"):
             return float(str(value))
         return checks.number(name, value, where=self.where)
 
     def floats(self, name: str, value: object, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-        wanted = "x".join("N" if n is None else str(n) for n in shape)
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise self.bad(name, value, f"an array of numbers of shape {wanted}") from None
-        if len(shape) == 2 and array.size == 0:
-            array = array.reshape(0, 2 if shape[1] is None else shape[1])
-        if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape)):
-            raise self.bad(f"{name}.shape", array.shape, wanted)
-        return array
+        """Read an array of numbers, which need not be finite; of two dimensions it may have no rows."""
+        if len(shape) == 2 and isinstance(value, list) and all(row == [] for row in value):
+            value = np.empty((0, shape[1] or 2))
+        return checks.array(name, value, shape, finite=False, error=BadScenario, where=self.where)
 
     def unpack(self, name: str, value: object, dtype: str, ndim: int) -> NDArray[Any]:
         parts = self.table(name, value, "dtype shape zlib")
