@@ -129,7 +129,6 @@ def _corridor(length: int, width: int) -> np.ndarray:
     """Return an empty corridor of `length` x `width` cells whose border rows are walls."""
     walls = np.zeros((width, length), np.bool_)
     walls[0] = walls[-1] = True
-    walls[:1] = True
     return walls
 
 

@@ -60,8 +60,8 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
         For a file that cannot be read, or without a track of PAST + 1 s.
     """
     factor = checks.number("factor", factor, low=0.0, open_low=True)
-    now, rows, last = _estimates(file)
     walkers = _walkers(file)
+    now, rows, last = _estimates(walkers)
     instants = np.union1d(np.arange(1, round(HORIZONS[-1] / STEP) + 1) * STEP, (*HORIZONS, *TIMES))
     truth = np.full((len(now), len(instants), 2), np.nan)
     for name, walk in walkers.items():
@@ -150,9 +150,10 @@ def _walkers(file: str) -> dict[float, NDArray[np.float64]]:
     return {float(name): table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])}
 
 
-def _estimates(file: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Replay a recording; return the time, the track estimate and the last velocity for each prediction."""
-    walkers = _walkers(file)
+def _estimates(
+    walkers: dict[float, NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Replay recorded tracks; return the time, the track estimate and the last velocity for each prediction."""
     table = np.vstack(
         [
             np.column_stack(

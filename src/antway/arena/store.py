@@ -98,10 +98,12 @@ TIMING = ("cycle_p50", "cycle_p99", "cycle_max")
 COLUMNS = tuple(f.name for f in fields(Row))
 _KINDS = {"str": "TEXT NOT NULL", "int": "INTEGER NOT NULL", "float": "REAL"}
 _NAMES = ", ".join(f'"{name}"' for name in COLUMNS)
+_KEY = "suite, episode, policy, seed, version"
+_WITH_KEY = "suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
 _TABLE = (
     "CREATE TABLE episodes ("
     + ", ".join(f'"{f.name}" {_KINDS[str(f.type)]}' for f in fields(Row))
-    + ", digest BLOB NOT NULL, trace BLOB, PRIMARY KEY (suite, episode, policy, seed, version))"
+    + f", digest BLOB NOT NULL, trace BLOB, PRIMARY KEY ({_KEY}))"
 )
 
 
@@ -146,20 +148,18 @@ class Results:
             self.db.execute("COMMIT")
             ids = [APPLICATION, SCHEMA, 1]
         if ids[0] != APPLICATION:
-            raise BadResults("results", str(self.path), "a results file of antway")
+            raise self._bad("a results file of antway")
         if ids[1] == 1 and self.write:
             self._bring_up_to_date()
         elif ids[1] == 1:
-            allowed = (
-                f"a results file of schema {SCHEMA}; this one is of schema 1, which opening it for writing brings up to date"
-            )
-            raise BadResults("results", str(self.path), allowed)
+            this = "this one is of schema 1, which opening it for writing brings up to date"
+            raise self._bad(f"a results file of schema {SCHEMA}; {this}")
         elif ids[1] != SCHEMA:
-            raise BadResults("results", str(self.path), f"a results file of schema {SCHEMA}; this one is of schema {ids[1]}")
+            raise self._bad(f"a results file of schema {SCHEMA}; this one is of schema {ids[1]}")
         if self.write:
             fault = self.db.execute("PRAGMA quick_check(1)").fetchone()[0]
             if fault != "ok":
-                raise BadResults("results", str(self.path), f"undamaged; {fault}")
+                raise self._bad(f"undamaged; {fault}")
             self.rows()
 
     def _bring_up_to_date(self) -> None:
@@ -203,7 +203,7 @@ class Results:
 
     def has(self, key: Key) -> bool:
         """Tell whether there is a row with that key."""
-        query = "SELECT 1 FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
+        query = f"SELECT 1 FROM episodes WHERE {_WITH_KEY}"
         with self._refusals():
             return self.db.execute(query, key).fetchone() is not None
 
@@ -217,17 +217,16 @@ class Results:
         """
         found = []
         with self._refusals():
-            order = "ORDER BY suite, episode, policy, seed, version"
-            for *values, digest in self.db.execute(f"SELECT {_NAMES}, digest FROM episodes {order}"):
+            for *values, digest in self.db.execute(f"SELECT {_NAMES}, digest FROM episodes ORDER BY {_KEY}"):
                 values = [math.nan if value is None else value for value in values]
                 if _digest(values) != digest:
-                    raise BadResults("results", str(self.path), f"undamaged; the row of {values[:3]} is not as it was written")
+                    raise self._bad(f"undamaged; the row of {values[:3]} is not as it was written")
                 found.append(Row(*values))
         return found
 
     def trace(self, key: Key) -> str:
         """Return the JSON of that row's trace; empty if none was kept."""
-        query = "SELECT trace FROM episodes WHERE suite = ? AND episode = ? AND policy = ? AND seed = ? AND version = ?"
+        query = f"SELECT trace FROM episodes WHERE {_WITH_KEY}"
         with self._refusals():
             found = self.db.execute(query, key).fetchone()
         if found is None or found[0] is None:
@@ -235,14 +234,19 @@ class Results:
         try:
             return zlib.decompress(found[0]).decode()
         except (zlib.error, UnicodeDecodeError):
-            raise BadResults("results", str(self.path), f"undamaged; the trace of {key[:3]} is not") from None
+            raise self._bad(f"undamaged; the trace of {key[:3]} is not") from None
 
     @contextmanager
     def _refusals(self) -> Iterator[None]:
+        """Turn errors of SQLite into `BadResults`."""
         try:
             yield
         except sqlite3.Error as error:
-            raise BadResults("results", str(self.path), f"a results file that can be used; SQLite says: {error}") from None
+            raise self._bad(f"a results file that can be used; SQLite says: {error}") from None
+
+    def _bad(self, allowed: str) -> BadResults:
+        """Return the error that this file must be as `allowed` says."""
+        return BadResults("results", str(self.path), allowed)
 
 
 def export(rows: list[Row], path: str | Path) -> Path:
