@@ -17,7 +17,7 @@ from antway.errors import BadParameter, BadScenario
 from antway.grid import Grid
 from antway.kernels.base.rng import stream, uniform
 from antway.kernels.robot.motions import bounce
-from antway.limits import MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_SPEED
+from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED, MAX_TIME, MIN_SPEED
 
 XY = tuple[float, float]  # m
 Span = float | tuple[float, float]
@@ -275,6 +275,7 @@ def _from(t: NDArray[np.float64], xy: NDArray[np.float64], since: float) -> Traj
 
 
 def _points(motion: object, *names: str) -> None:
+    """Check these places of a motion."""
     for name in names:
         place = checks.point(name, getattr(motion, name))
         for i, part in enumerate(place):
@@ -283,6 +284,7 @@ def _points(motion: object, *names: str) -> None:
 
 
 def _track(motion: object, name: str) -> None:
+    """Check the list of places `name` of a motion."""
     points = checks.array(name, getattr(motion, name), (None, 2))
     if not 1 <= len(points) <= MAX_KNOTS:
         raise BadParameter(f"{name}.length", len(points), f"in [1, {MAX_KNOTS}]")
@@ -291,27 +293,27 @@ def _track(motion: object, name: str) -> None:
     object.__setattr__(motion, name, tuple(map(tuple, points.tolist())))
 
 
-_MOST = {"m/s": MAX_SPEED, "s": MAX_TIME, "m": MAX_PLACE, "rad": 1e6}  # the largest number of each unit
+_MOST = {"m/s": MAX_SPEED, "s": MAX_TIME, "m": MAX_PLACE, "rad": MAX_ANGLE, "": 1.0}  # largest number of each unit; "": a phase
 
 
 def _spans(motion: object, *, low: float = 0.0, **units: str) -> None:
+    """Check these spans of a motion, given with their units: numbers of at least `low`."""
     for name, unit in units.items():
-        value = getattr(motion, name)
-        high = _MOST.get(unit, math.inf) if name != "phase" else 1.0
+        value, high = getattr(motion, name), _MOST[unit]
         if isinstance(value, (tuple, list, np.ndarray)):
             ends = checks.point(name, value)
             for i, end in enumerate(ends):
                 checks.number(f"{name}[{i}]", end, low=low, high=high, unit=unit)
-                _no_crawl(f"{name}[{i}]", end, unit)
+                _check_not_crawling(f"{name}[{i}]", end, unit)
             if ends[0] > ends[1]:
                 raise BadParameter(name, ends, "a pair (low, high) with low <= high")
             object.__setattr__(motion, name, ends)
         else:
             object.__setattr__(motion, name, checks.number(name, value, low=low, high=high, unit=unit))
-            _no_crawl(name, getattr(motion, name), unit)
+            _check_not_crawling(name, getattr(motion, name), unit)
 
 
-def _no_crawl(name: str, value: float, unit: str) -> None:
+def _check_not_crawling(name: str, value: float, unit: str) -> None:
     """Refuse speeds so small that travel times overflow."""
     if unit == "m/s" and 0.0 < value < MIN_SPEED:
         raise BadParameter(name, value, f"0, or at least {MIN_SPEED:g} ({unit})")

@@ -84,35 +84,29 @@ class RobotSpec:
     dynamics: str = "ramps"
 
     def __post_init__(self) -> None:
-        set_ = object.__setattr__
-        for name, unit, most in (("radius", "m", MAX_PLACE), ("v_max", "m/s", MAX_SPEED)):
-            value = checks.number(f"robot.{name}", getattr(self, name), low=0.0, high=most, open_low=True, unit=unit)
-            set_(self, name, value)
-        set_(self, "dt", checks.number("robot.dt", self.dt, low=MIN_PERIOD, high=MAX_TIME, unit="s"))
+        def checked(name: str, unit: str, **limits: Any) -> None:
+            value = checks.number(f"robot.{name}", getattr(self, name), unit=unit, **limits)
+            object.__setattr__(self, name, value)
+
+        checked("radius", "m", low=0.0, high=MAX_PLACE, open_low=True)
+        checked("v_max", "m/s", low=0.0, high=MAX_SPEED, open_low=True)
+        checked("dt", "s", low=MIN_PERIOD, high=MAX_TIME)
         for name, unit in (("a_max", "m/s^2"), ("sensor_range", "m"), ("turn_rate", "rad/s"), ("alpha_max", "rad/s^2")):
-            set_(
-                self,
-                name,
-                checks.number(f"robot.{name}", getattr(self, name), low=0.0, open_low=True, infinite=True, unit=unit),
-            )
+            checked(name, unit, low=0.0, open_low=True, infinite=True)
         checks.choice("robot.drive", self.drive, DRIVES)
         checks.choice("robot.dynamics", self.dynamics, DYNAMICS)
-        unit = "m/s; a speed without sign, 0 with a holonomic drive"
-        most = self.v_max if self.wheels else 0.0
-        set_(self, "v_reverse", checks.number("robot.v_reverse", self.v_reverse, low=0.0, high=most, unit=unit))
-        if self.brake_max is not None:
-            brake = checks.number("robot.brake_max", self.brake_max, low=0.0, open_low=True, infinite=True, unit="m/s^2")
-            set_(self, "brake_max", brake)
         steers = self.drive == "ackermann"
+        unit = "m/s; a speed without sign, 0 with a holonomic drive"
+        checked("v_reverse", unit, low=0.0, high=self.v_max if self.wheels else 0.0)
+        if self.brake_max is not None:
+            checked("brake_max", "m/s^2", low=0.0, open_low=True, infinite=True)
         unit = "m; > 0 with an ackermann drive, else 0"
-        high = math.inf if steers else 0.0
-        radius = checks.number("robot.turning_radius", self.turning_radius, low=0.0, high=high, open_low=steers, unit=unit)
-        set_(self, "turning_radius", radius)
-        set_(self, "latency", checks.number("robot.latency", self.latency, low=0.0, high=100.0 * self.dt, unit="s, 100 dt"))
+        checked("turning_radius", unit, low=0.0, high=math.inf if steers else 0.0, open_low=steers)
+        checked("latency", "s, 100 dt", low=0.0, high=100.0 * self.dt)
         if self.footprint is not None:
             corners = convex_footprint("robot.footprint", self.footprint)
-            set_(self, "footprint", corners)
-            set_(self, "radius", max(math.hypot(x, y) for x, y in corners))
+            object.__setattr__(self, "footprint", corners)
+            object.__setattr__(self, "radius", max(math.hypot(x, y) for x, y in corners))
         if self.dynamics == "steps" and (steers or self.v_reverse or self.latency or self.footprint is not None):
             allowed = '"ramps" with an ackermann drive, reverse, latency or a footprint'
             raise BadParameter("robot.dynamics", self.dynamics, allowed)
@@ -216,14 +210,12 @@ def convex_footprint(field: str, value: object) -> tuple[tuple[float, float], ..
     return tuple((float(x), float(y)) for x, y in ordered)
 
 
-_INERTIA: dict[str, Any] = {"drive": "differential", "dt": 0.1}
-
 # name: (the specification, where its numbers come from)
 ROBOTS: dict[str, tuple[RobotSpec, str]] = {
     "holonomic": (RobotSpec(), "a disc of 0.3 m that drives in any direction at once: the robot of antway's first suites"),
     "inertia": (RobotSpec(a_max=1.0), "a holonomic disc of 0.3 m with an acceleration of 1 m/s^2"),
     "diff": (
-        RobotSpec(radius=0.3, v_max=1.0, a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, **_INERTIA),
+        RobotSpec(radius=0.3, v_max=1.0, a_max=1.0, turn_rate=1.9, alpha_max=3.0, v_reverse=0.3, drive="differential"),
         "a disc of 0.3 m on two wheels: the robot of antway's tables on wheels",
     ),
     "turtlebot3_burger": (
@@ -235,7 +227,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             alpha_max=3.2,
             footprint=((-0.105, -0.105), (0.041, -0.105), (0.041, 0.105), (-0.105, 0.105)),
             sensor_range=3.5,
-            **_INERTIA,
+            drive="differential",
         ),
         "ROBOTIS-GIT/turtlebot3, turtlebot3_navigation/param: dwa_local_planner_params_burger, costmap_common_params_burger",
     ),
@@ -248,12 +240,12 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             alpha_max=3.2,
             footprint=((-0.205, -0.145), (0.077, -0.145), (0.077, 0.145), (-0.205, 0.145)),
             sensor_range=3.5,
-            **_INERTIA,
+            drive="differential",
         ),
         "ROBOTIS-GIT/turtlebot3, turtlebot3_navigation/param: dwa_local_planner_params_waffle, costmap_common_params_waffle",
     ),
     "turtlebot4": (
-        RobotSpec(radius=0.175, v_max=0.31, a_max=0.9, turn_rate=1.9, alpha_max=3.2, sensor_range=8.0, **_INERTIA),
+        RobotSpec(radius=0.175, v_max=0.31, a_max=0.9, turn_rate=1.9, alpha_max=3.2, sensor_range=8.0, drive="differential"),
         "TurtleBot 4 user manual (0.31 m/s in safe mode, 1.9 rad/s); Create 3 (0.9 m/s^2 at the wheels, no reverse in safe "
         "mode); turtlebot/turtlebot4, turtlebot4_navigation/config/nav2.yaml (angular acceleration 3.2 rad/s^2)",
     ),
@@ -266,7 +258,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             alpha_max=6.0,
             footprint=((-0.254, -0.215), (0.254, -0.215), (0.254, 0.215), (-0.254, 0.215)),
             sensor_range=8.0,
-            **_INERTIA,
+            drive="differential",
         ),
         "Clearpath Jackal, 508 x 430 mm, 2.0 m/s and 4.0 rad/s (jackal/jackal, jackal_control/config/control.yaml); the "
         "20 m/s^2 and 25 rad/s^2 there bind nothing, 2 m/s^2 and 6 rad/s^2 are what tyres hold on a floor",
@@ -282,7 +274,7 @@ ROBOTS: dict[str, tuple[RobotSpec, str]] = {
             latency=0.1,
             footprint=((-0.5, -0.35), (0.5, -0.35), (0.5, 0.35), (-0.5, 0.35)),
             sensor_range=8.0,
-            **_INERTIA,
+            drive="differential",
         ),
         "a warehouse robot of 1.0 x 0.7 m with the limits that such robots have when loaded: no one maker's",
     ),
