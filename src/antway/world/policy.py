@@ -412,29 +412,42 @@ def make_policy(name: str, **options: Any) -> Policy:
     'Sipp'
     """
     if isinstance(name, str) and "/" in name:
-        spec, (name, *parts) = name, name.split("/")
-        for part in parts:
-            key, equals, text = part.partition("=")
-            if not key.isidentifier() or not equals or key in options:
-                raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE once for each option")
-            try:
-                options[key] = ast.literal_eval(text)
-            except (ValueError, SyntaxError):
-                options[key] = text
+        name, options = _with_options(name, options)
     kind = find("policy", name, POLICIES, "antway.policies")
-    try:
-        parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
-        raise BadParameter("policy", name, "a class, or a function that returns a policy") from None
-    known = [p.name for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if not any(p.kind is p.VAR_KEYWORD for p in parameters):
-        for key, value in options.items():
-            if key not in known:
-                raise BadParameter(key, value, f"left out: the options of policy {name} are {', '.join(known) or 'none'}")
-    for p in parameters:
-        if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty and p.name not in options:
-            raise BadParameter(p.name, None, f"given: policy {name} needs this option")
+    _check_options(name, kind, options)
     try:
         return cast(Policy, kind(**options))
     except TypeError as error:
         raise BadParameter("policy", name, f"a policy, with options that it can take; {error}") from None
+
+
+def _with_options(spec: str, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Return the name in NAME/OPTION=VALUE/..., and these options together with the given ones."""
+    name, *parts = spec.split("/")
+    options = dict(options)
+    for part in parts:
+        key, equals, text = part.partition("=")
+        if not key.isidentifier() or not equals or key in options:
+            raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE once for each option")
+        try:
+            options[key] = ast.literal_eval(text)
+        except (ValueError, SyntaxError):
+            options[key] = text
+    return name, options
+
+
+def _check_options(name: str, kind: Any, options: dict[str, Any]) -> None:
+    """Raise `BadParameter` for an option that the policy `kind` does not have, or needs and does not get."""
+    try:
+        parameters = inspect.signature(kind).parameters.values()
+    except (TypeError, ValueError):
+        raise BadParameter("policy", name, "a class, or a function that returns a policy") from None
+    named = [p for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    known = [p.name for p in named]
+    if not any(p.kind is p.VAR_KEYWORD for p in parameters):
+        for key, value in options.items():
+            if key not in known:
+                raise BadParameter(key, value, f"left out: the options of policy {name} are {', '.join(known) or 'none'}")
+    for p in named:
+        if p.default is p.empty and p.name not in options:
+            raise BadParameter(p.name, None, f"given: policy {name} needs this option")
