@@ -16,12 +16,12 @@ from scipy.ndimage import label
 from antway.arena.suites import Chance, Suite
 from antway.errors import BadMap, BadScenario, TooLarge
 from antway.grid import Cell, Grid
-from antway.kernels.base.geometry import segment_hits_cells
 from antway.limits import MAX_PLACE
 from antway.maps import load_map
 from antway.reading import is_file, opened
 from antway.scenes import SCENES, scene
 from antway.search.distance_field import distance_field
+from antway.world.line_of_sight import passes
 from antway.world.motions import Bounce, Replay, Waypoints
 from antway.world.policy import XY, RobotSpec
 from antway.world.scenario import Scenario, load_scenario
@@ -102,18 +102,18 @@ def tracks(file: str) -> Suite:
     if shape.max() > 2000:
         raise TooLarge("tracks", tuple((high - low).tolist()), "a place of at most 400 m a side", where=file)
     grid = Grid(np.zeros((shape[1], shape[0]), np.bool_), cell, (float(low[0]), float(low[1]), 0.0))
-    walkers = [table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])]
-    walkers = [w for w in walkers if len(w) >= 2]
+    walkers = [walker for walker in by_id(table).values() if len(walker) >= 2]
     last = float(table[:, 0].max())
 
     def make(group: str, chance: Chance) -> Scenario:
         while True:
             since = chance.between(0.0, max(last - 20.0, 0.0))
-            a, b = ((chance.between(0.15, 0.85), chance.between(0.04, 0.1)) for _ in range(2))
+            # Each end is drawn as fractions of the area: how far along its side, and how far from it.
+            (along, deep), (goal_along, goal_deep) = ((chance.between(0.15, 0.85), chance.between(0.04, 0.1)) for _ in range(2))
             side = chance.integer(0, 4)
-            ends = (a[0], a[1]), (b[0], 1.0 - b[1])
+            ends = (along, deep), (goal_along, 1.0 - goal_deep)  # from the lower side to the upper one
             if side % 2:
-                ends = (a[1], a[0]), (1.0 - b[1], b[0])
+                ends = (deep, along), (1.0 - goal_deep, goal_along)  # from left to right
             start, goal = (_inside(low, high, *end) for end in (ends if side < 2 else ends[::-1]))
             present = [w for w in walkers if w[0, 0] < since + 60.0 and w[-1, 0] > since]
             people = tuple(Obstacle(0.3, _walk(w, since, float(np.hypot(*(high - low))))) for w in present)
@@ -169,6 +169,11 @@ def read_tracks(file: str) -> NDArray[np.float64]:
     return table
 
 
+def by_id(table: NDArray[np.float64]) -> dict[float, NDArray[np.float64]]:
+    """Return the rows t, x, y of each track of a table of `read_tracks` by its id."""
+    return {float(name): table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])}
+
+
 def _walk(rows: NDArray[np.float64], since: float, far: float) -> Replay:
     """Return a pedestrian's motion from time `since` on, continued with constant velocity up to `far` m before and after."""
     t, xy = rows[:, 0] - since, rows[:, 1:]
@@ -212,24 +217,21 @@ def _key_frames(grid: Grid, chance: Chance) -> Waypoints:
     while len(points) < 4:
         at = chance.between(3.0, 17.0), chance.between(0.5, 7.5)
         legs = [(points[-1] if points else at, at)] + ([(at, points[0])] if len(points) == 3 else [])
-        if all(_clear(grid, a, b) for a, b in legs):
+        if all(passes(grid, a, b, 0.3) for a, b in legs):
             points.append(at)
         elif chance.integer(0, 50) == 0:
             points.clear()
     return Waypoints(tuple(points), chance.between(0.3, 0.8), phase=chance.between(0.0, 1.0))
 
 
-def _clear(grid: Grid, a: XY, b: XY) -> bool:
-    (ar, ac), (br, bc) = grid.to_points((a, b)).tolist()
-    return not segment_hits_cells(grid.blocked, ar, ac, br, bc, 0.3 / grid.resolution, True)
-
-
 def _pick(chance: Chance, cells: NDArray[np.int64]) -> Cell:
+    """Return one of the cells at random."""
     row, col = cells[chance.integer(0, len(cells))].tolist()
     return row, col
 
 
 def _inside(low: NDArray[np.float64], high: NDArray[np.float64], across: float, up: float) -> XY:
+    """Return the point at these fractions of the width and height of the area from `low` to `high`, m."""
     return float(low[0] + across * (high[0] - low[0])), float(low[1] + up * (high[1] - low[1]))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway import checks
-from antway.arena.environments import read_tracks
+from antway.arena.environments import by_id, read_tracks
 from antway.errors import BadScenario
 from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
@@ -60,7 +60,7 @@ def forecast(file: str, *, factor: float = 1.0) -> Forecast:
         For a file that cannot be read, or without a track of PAST + 1 s.
     """
     factor = checks.number("factor", factor, low=0.0, open_low=True)
-    walkers = _walkers(file)
+    walkers = by_id(read_tracks(file))
     now, rows, last = _estimates(walkers)
     instants = np.union1d(np.arange(1, round(HORIZONS[-1] / STEP) + 1) * STEP, (*HORIZONS, *TIMES))
     truth = np.full((len(now), len(instants), 2), np.nan)
@@ -144,31 +144,12 @@ def markdown(found: Forecast) -> str:
     return "\n".join(lines)
 
 
-def _walkers(file: str) -> dict[float, NDArray[np.float64]]:
-    """Return the rows t, x, y of each track by its id."""
-    table = read_tracks(file)
-    return {float(name): table[table[:, 1] == name][:, (0, 2, 3)] for name in np.unique(table[:, 1])}
-
-
 def _estimates(
     walkers: dict[float, NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Replay recorded tracks; return the time, the track estimate and the last velocity for each prediction."""
-    table = np.vstack(
-        [
-            np.column_stack(
-                (
-                    w[1:, 0],
-                    np.full(len(w) - 1, name),
-                    w[1:, 1:],
-                    np.diff(w[:, 1:], axis=0) / np.diff(w[:, :1], axis=0),
-                    w[1:, 0] - w[0, 0],
-                )
-            )
-            for name, w in walkers.items()
-            if len(w) > 1
-        ]
-    )
+    steps = [_steps(name, walker) for name, walker in walkers.items() if len(walker) > 1]
+    table = np.vstack(steps)
     table = table[np.argsort(table[:, 0], kind="stable")]
     memory, count, pool = np.zeros((4096, COLUMNS)), 0, np.zeros(POOL)
     times, rows, last = [], [], []
@@ -183,3 +164,10 @@ def _estimates(
         rows.append(out[known])
         last.append(scan[known, 4:6])
     return np.concatenate(times), np.vstack(rows), np.vstack(last)
+
+
+def _steps(name: float, walker: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a row for each step of a track: time, id, place, velocity since the row before, and time since the first row."""
+    t, xy = walker[:, :1], walker[:, 1:]
+    velocity = np.diff(xy, axis=0) / np.diff(t, axis=0)
+    return np.column_stack((t[1:], np.full(len(velocity), name), xy[1:], velocity, t[1:] - t[0]))

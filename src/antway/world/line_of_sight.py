@@ -10,11 +10,15 @@ from antway.kernels.base.geometry import segment_hits_cells
 from antway.world.policy import XY, Task
 
 
+def passes(grid: Grid, a: XY, b: XY, radius: float) -> bool:
+    """Tell whether a disc of `radius` m can move straight from `a` to `b` without touching a wall."""
+    (ar, ac), (br, bc) = grid.to_points((a, b)).tolist()
+    return not segment_hits_cells(grid.blocked, ar, ac, br, bc, radius / grid.resolution, True)
+
+
 def clear(task: Task, a: XY, b: XY, radius: float | None = None) -> bool:
     """Tell whether the robot, or a disc of `radius` m, can drive straight from `a` to `b` without touching a wall."""
-    (ar, ac), (br, bc) = task.grid.to_points((a, b)).tolist()
-    radius = task.robot.radius if radius is None else radius
-    return not segment_hits_cells(task.grid.blocked, ar, ac, br, bc, radius / task.grid.resolution, True)
+    return passes(task.grid, a, b, task.robot.radius if radius is None else radius)
 
 
 def check_clear(task: Task, name: str, xy: XY) -> None:
