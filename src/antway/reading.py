@@ -24,6 +24,7 @@ from antway.limits import MAX_DEPTH, MAX_LISTS
 
 _DOTTED = re.compile(rf"(?:[\w\"'-]+[ \t]*\.[ \t]*){{{MAX_DEPTH},}}")
 _PLAIN_TAG = re.compile(r"tag:yaml\.org,2002:(str|int|float|bool|seq|map|null)")
+_SPACE = re.compile(rb"\s")
 _BLOCK = 2**20  # bytes of text that are split into words at once
 
 
@@ -190,6 +191,16 @@ def check_yaml(data: bytes, where: str, *, events: int, depth: int, aliases: int
     return scalars
 
 
+def word_blocks(data: bytes, block: int = _BLOCK) -> Iterator[list[bytes]]:
+    """Yield the words of `data`, which white space separates, in lists from about `block` bytes each."""
+    at = 0
+    while at < len(data):
+        gap = _SPACE.search(data, at + block)
+        end = gap.end() if gap else len(data)
+        yield data[at:end].split()
+        at = end
+
+
 def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") -> NDArray[np.float64]:
     """Return the numbers in `data`, at most `most`, separated by white space, float64[N]; they are read block by block.
 
@@ -198,13 +209,9 @@ def numbers_in(data: bytes, most: int, where: str, *, field: str = "numbers") ->
     BadMap
         If there are more than `most` numbers, or anything but numbers.
     """
-    parts, count, at = [np.empty(0)], 0, 0
-    space = re.compile(rb"\s")
-    while at < len(data):
-        gap = space.search(data, at + _BLOCK)
-        end = gap.end() if gap else len(data)
-        words = data[at:end].split()
-        count, at = count + len(words), end
+    parts, count = [np.empty(0)], 0
+    for words in word_blocks(data):
+        count += len(words)
         if count > most:
             raise BadMap(field, f"more than {most}", f"at most {most} numbers", where=where)
         try:

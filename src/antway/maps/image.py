@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from antway.errors import BadMap
 from antway.grid import Grid
 from antway.maps.limits import HEAD, Limits
-from antway.reading import opened
+from antway.reading import opened, word_blocks
 
 _SPACE = rb"(?:\s|#[^\r\n]*[\r\n])++"  # white space and comments between the numbers of a PGM header
 _PGM = re.compile(rb"P([25])" + (_SPACE + rb"(\d{1,18})") * 3 + rb"(?=[\s#])")
@@ -81,20 +81,15 @@ def _pgm(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> 
 def _decimals(data: bytes, count: int, path: Path) -> NDArray[np.uint16]:
     """Read `count` decimals of at most 5 digits, separated by white space, a block at a time."""
     values = np.empty(count, dtype=np.uint16)
-    done = at = 0
-    while at < len(data):
-        end = at + 2**18
-        if end < len(data):
-            gap = re.compile(rb"\s").search(data, end)
-            end = gap.end() if gap else len(data)
-        words = data[at:end].split()
+    done = 0
+    for words in word_blocks(data, 2**18):
         wrong = next((w for w in words if len(w) > 5 or not w.isdigit() or int(w) > 65535), None)
         if wrong is not None:
             raise BadMap("pixel", wrong, "an integer in [0, 65535]", where=str(path))
         if done + len(words) > count:
             raise BadMap("number of pixels", f"more than {count}", f"{count}", where=str(path))
         values[done : done + len(words)] = [int(w) for w in words]
-        done, at = done + len(words), end
+        done += len(words)
     if done != count:
         raise BadMap("number of pixels", done, f"{count}", where=str(path))
     return values
