@@ -137,7 +137,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
     tracks = Tracks(np.array([3, 9]), np.array([[3.0, 4.0], [5.0, 1.0]]), np.zeros((2, 2)), np.array([0.3, 0.4]))
     typical = Observation(0.0, task.start, (0.0, 0.0), 0.0, tracks)
     unknown = replace(tracks, velocity=np.full((2, 2), math.nan))
-    days = {
+    unusual = {
         "no tracks": replace(typical, tracks=Tracks.none()),
         "NaN: unknown velocities": replace(typical, tracks=unknown),
         "an old scan": replace(typical, t=2.0, stamp=1.0),
@@ -145,7 +145,7 @@ def _odd_observations(make: Callable[[], Policy], task: Task) -> list[str]:
         "an obstacle in contact": replace(typical, tracks=replace(tracks, xy=np.array([task.start, (5.0, 1.0)]))),
     }
     faults = []
-    for name, observation in days.items():
+    for name, observation in unusual.items():
         policy = make()
         if isinstance(policy, Foresees):
             policy.foresee(_scenario().world.timeline(0, 20.0))

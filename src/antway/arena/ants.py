@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,9 +87,8 @@ def _row(method: str, unit: str, table: list[list[float]]) -> Comparison:
     return Comparison(method, unit, len(table), tuple(zip(TWINS, np.mean(np.array(table), axis=0).tolist())))
 
 
-def _over(values: list[float]) -> list[float]:
-    """Return by how many % each length is above the smallest one."""
-    least = min(value for value in values if not math.isnan(value))
+def _over(values: Iterable[float], least: float) -> list[float]:
+    """Return by how many % each value is above the least one."""
     return [100.0 * (value / least - 1.0) for value in values]
 
 
@@ -110,7 +109,7 @@ def _grid(runs: int) -> Iterator[Comparison]:
             explore(problem, seed=seed, heuristic="goal", ants=30, cycles=20, alpha=alpha, beta=beta).plan.length
             for alpha, beta in ((1.0, 7.0), (0.0, 7.0), (0.0, 100.0))
         ]
-        table.append([100.0 * (length / exact.length - 1.0) for length in (*found, exact.length)])
+        table.append(_over([*found, exact.length], exact.length))
     yield _row("grid: 30 x 30, 20 % blocked, 30 ants x 20 cycles", "% over the shortest", table)
 
 
@@ -127,8 +126,8 @@ def _tsp(runs: int) -> Iterator[Comparison]:
         options = {"local_search": "3opt", "focused": False, "tours": 500, "seed": seed}
         best = [solve_tsp(problem, rule, **options).length for rule in searching]  # type: ignore[arg-type]
         least = min(*short, *best, solve_tsp(problem, "mmas", local_search="3opt", tours=4_000, seed=seed).length)
-        plain.append([100.0 * (length / least - 1.0) for length in short] + [math.nan])
-        improved.append([100.0 * (length / least - 1.0) for length in best] + [math.nan, math.nan])
+        plain.append([*_over(short, least), math.nan])
+        improved.append([*_over(best, least), math.nan, math.nan])
     yield _row("TSP: 200 cities, MMAS, 20,000 tours", "% over the best known", plain)
     yield _row("TSP: 200 cities, MMAS with 3-opt, 500 tours", "% over the best known", improved)
 
@@ -151,7 +150,7 @@ def _tsptw(runs: int) -> Iterator[Comparison]:
             found = search(path, Budget(seconds=60.0).start(), cycles=10, seed=seed, evaporation=evaporation, width=width)
             late = found.late > 0.0
             costs.append(math.inf if late else float(time[found.order[:-1], found.order[1:]].sum()))
-        table.append([*_over(costs), math.nan])
+        table.append([*_over(costs, min(costs)), math.nan])
     yield _row("TSPTW: 80 stops, 10 cycles; argmin: shaking alone", "% over the best of them", table)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from antway.arena.store import Row
 from antway.world.trace import Outcome, Trace
 
-TOGETHER, ALIKE = 2.0, 0.6  # m, m/s; limits of distance and difference of velocity for people who walk together
+TOGETHER = 2.0  # m; people who walk together are at a smaller distance
+ALIKE = 0.6  # m/s; the velocities of people who walk together differ by less
 _SPLIT = "; "  # separates the outcome and its cause in the reason of a row
 
 

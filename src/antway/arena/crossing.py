@@ -18,12 +18,19 @@ from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
-HUMANS = 5
-RADIUS, SPEED, STEP, LIMIT = 0.3, 1.0, 0.25, 25.0  # m, m/s, s, s; of robot and humans; LIMIT is the horizon
-CIRCLE, NOISE, SQUARE, APART = 4.0, 1.0, 10.0, 0.2  # m; radius, width of noise, width, least gap of starts and goals
+HUMANS = 5  # number of humans in an episode
+RADIUS = 0.3  # m; radius of the robot and of the humans
+SPEED = 1.0  # m/s; top speed of the robot and of the humans
+STEP = 0.25  # s; period at which the robot and the humans choose a velocity
+LIMIT = 25.0  # s; horizon of an episode
+CIRCLE = 4.0  # m; radius of the circle on which the humans start in group "circle"
+NOISE = 1.0  # m; width of the noise of these starts along each axis
+SQUARE = 10.0  # m; side of the square in which the humans start in group "square"
+APART = 0.2  # m; least gap between two starts, and between two goals
 LATE = 1e-6  # s; delay of the humans relative to the robot
-START, GOAL = (0.0, -4.0), (0.0, 4.0)
-SIDE, CELL = 81, 0.2  # cells and m; side and cell of the empty map; starts and goals of the circle are cell centres
+START, GOAL = (0.0, -4.0), (0.0, 4.0)  # m; of the robot; both are cell centres
+SIDE = 81  # number of cells on each side of the empty map
+CELL = 0.2  # m; edge of a cell
 ROBOT = RobotSpec(radius=RADIUS, v_max=SPEED, dt=STEP, sensor_range=math.inf)
 
 Walk = tuple[XY, XY]  # start and goal

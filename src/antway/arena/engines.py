@@ -48,6 +48,10 @@ class Job:
         """Return the row of an episode that could not be played to the end."""
         return Row(*self.key, self.episode.group, outcome.value, reason), ""
 
+    def abandoned(self, timeout: float) -> Answer:
+        """Return the row of an episode that took longer than `timeout` s."""
+        return self.failed(Outcome.TIMEOUT, f"given up after {timeout:g} s of wall time")
+
 
 def play(job: Job) -> Answer:
     """Play an episode and measure it; errors of policies raise nothing."""
@@ -147,7 +151,7 @@ def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]
                 if worker.pipe in ready:
                     answer = worker.collect()
                 elif time.monotonic() >= worker.deadline:
-                    answer = worker.job.failed(Outcome.TIMEOUT, f"given up after {timeout:g} s of wall time")
+                    answer = worker.job.abandoned(timeout)
                     worker.stop()
                 if answer is None:
                     continue
@@ -258,7 +262,7 @@ def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
             late = [one for one, (_, deadline) in running.items() if time.monotonic() > deadline and one not in ready]
             for one in late:
                 cluster.cancel(one, force=True)
-                yield running.pop(one)[0].failed(Outcome.TIMEOUT, f"given up after {timeout:g} s of wall time")
+                yield running.pop(one)[0].abandoned(timeout)
             for one in ready:
                 job, _ = running.pop(one)
                 try:

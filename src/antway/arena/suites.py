@@ -23,14 +23,13 @@ from antway.tables import OF_FILES, SUITES
 from antway.world.line_of_sight import goal_of_cells
 from antway.world.motions import Pursue
 from antway.world.policy import Task
-from antway.world.robots import ROBOTS as KNOWN
-from antway.world.robots import load_robot
+from antway.world.robots import ROBOTS, load_robot
 from antway.world.scenario import Scenario
 from antway.world.terrain import terrain_of
 
 _ON = " on "  # separates the names of suite and robot
 _TRIES = 100  # limit of worlds drawn for a robot that does not fit into the first one
-ROBOTS = 200  # number of robots at constant velocity that measure how difficult an episode is
+SAMPLES = 200  # number of robots at constant velocity that measure how difficult an episode is
 DRIVE = 5.0  # s; how long these robots drive
 
 
@@ -177,7 +176,7 @@ _suite = lru_cache(maxsize=4)(load_suite)
 def robot_name(robot: str) -> str:
     """Return the name of a robot in tables: its own, or that of its file with part of a hash of the content."""
     spec = load_robot(robot)
-    return robot if robot in KNOWN else f"{Path(robot).stem}:{seed_of(spec) % 16**8:08x}"
+    return robot if robot in ROBOTS else f"{Path(robot).stem}:{seed_of(spec) % 16**8:08x}"
 
 
 def build(episode: Episode) -> Scenario:
@@ -267,9 +266,9 @@ def _difficulty(scenario: Scenario, seed: int) -> float:
     free = inflated.to_xy(np.argwhere(~inflated.blocked))
     trajectories, terrain = scenario.world.timeline(seed, DRIVE).trajectories, terrain_of(task.grid)
     times, alive = np.array([0.0, DRIVE]), 0
-    for _ in range(ROBOTS):
+    for _ in range(SAMPLES):
         angle = chance.turn()
         start = free[chance.integer(0, len(free))]
         end = start + np.array([math.cos(angle), math.sin(angle)]) * robot.v_max * DRIVE
         alive += first_contact(times, np.array([start, end]), robot.radius, terrain, trajectories) == math.inf
-    return alive / ROBOTS
+    return alive / SAMPLES

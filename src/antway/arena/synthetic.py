@@ -14,10 +14,13 @@ from antway.world.scenario import Scenario
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle, World
 
-SIDE, CELL = 80, 0.2  # cells, m; side of the map, and edge of a cell
+SIDE = 80  # number of cells on each side of the map
+CELL = 0.2  # m; edge of a cell
 FAMILIES = ("open", "clutter", "aisles")
 DENSITIES = {"low": 0.03, "medium": 0.07, "high": 0.12}  # 1/m^2; number of discs per area
-RADII, SPEEDS, FAST = (0.2, 0.45), (0.3, 0.9), (0.6, 1.5)  # m, m/s, m/s; ranges of radius, speed and high speed
+RADII = (0.2, 0.45)  # m; range of the discs' radii
+SPEEDS = (0.3, 0.9)  # m/s; range of the discs' speeds
+FAST = (0.6, 1.5)  # m/s; range of the discs' speeds in the variant "fast"
 FREE_AT_START = 1.0  # m; least distance of obstacles from the robot at the start
 ROBOT = RobotSpec(radius=0.3, v_max=1.0, dt=0.1, sensor_range=4.0)
 
