@@ -190,12 +190,13 @@ class Episode:
         self.seed = scenario.seed if seed is None else checks.seed(seed)
         horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.stage = stage = Stage(scenario, self.seed, horizon)
-        self.name, self.policy = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
-        driver, self.tour = self.policy, RoundsPolicy(self.policy, scenario.stops) if scenario.stops else None
-        if self.tour is not None:
-            self.policy = self.tour
+        self.name, driver = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
+        self.policy: Policy = driver
+        self.tour: RoundsPolicy | None = None
+        if scenario.stops:
             check_reachable(stage.task, scenario.stops)
-            stage.aim[2] = -1.0  # the goal does not count until all stops are visited
+            self.policy = self.tour = RoundsPolicy(driver, scenario.stops)
+            stage.end_at_goal(False)
         self._plans = driver if not record and isinstance(driver, Plans) else None
         self.decisions: list[tuple[int, Decision]] = []
         self.plans: list[TimedPath] = []  # the successive planned motions
@@ -228,7 +229,7 @@ class Episode:
             except Exception as error:
                 self._fault = f"{self.name} at {observation.t:g} s: {_message(error)}"
         if self.tour is not None:
-            stage.aim[2] = stage.task.goal_tolerance if self.tour.homeward else -1.0
+            stage.end_at_goal(self.tour.homeward)
         self.outcome, self.reason = stage.drive(*controls)
         if self._fault and (self.outcome is Outcome.TIMEOUT or (self.outcome is None and stage.at_rest)):
             self.outcome, self.reason = Outcome.ERROR, self._fault

@@ -45,10 +45,12 @@ def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
         return _inside(grid, obstacle.radius, np.zeros(1), np.array([motion.start]))
     t, xy = motion.trajectory(draw, horizon, grid, obstacle.radius)
     before = t <= horizon
-    before[: min(len(t), int(before.sum()) + 1)] = True  # including the leg that contains the horizon
+    before[: int(before.sum()) + 1] = True  # including the leg that contains the horizon
     when = _inside(grid, obstacle.radius, np.asarray(t[before], np.float64), np.asarray(xy[before], np.float64))
-    if when <= horizon or not isinstance(motion, Line | BackAndForth | Waypoints):
-        return when if when <= horizon else math.inf
+    if when <= horizon:
+        return when
+    if not isinstance(motion, Line | BackAndForth | Waypoints):
+        return math.inf
     points = list(motion.points) if isinstance(motion, Waypoints) else [motion.start, motion.end]
     ends = np.array(points + points[:1] if isinstance(motion, Waypoints) and motion.loop else points)
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(ends, axis=0).T))))
@@ -57,4 +59,5 @@ def _first(grid: Grid, obstacle: Obstacle, draw: Draw, horizon: float) -> float:
 
 
 def _inside(grid: Grid, radius: float, t: NDArray[np.float64], xy: NDArray[np.float64]) -> float:
+    """Return when a disc on this trajectory is in a wall for the first time, s; infinite if never."""
     return float(first_inside(grid.blocked, t, grid.to_points(xy), max(radius - _SLACK, 0.0) / grid.resolution))

@@ -207,10 +207,9 @@ class Observation:
             pair = getattr(self, name)
             if type(pair) is not tuple or len(pair) != 2 or type(pair[0]) is not float or type(pair[1]) is not float:
                 object.__setattr__(self, name, _pair(f"observation.{name}", pair))
-        if self.pending is not None:
-            array = self.pending
-            if type(array) is not np.ndarray or array.dtype is not _REAL or not array.flags.carray:
-                object.__setattr__(self, "pending", _plain_array("observation.pending", array, _REAL))
+        array = self.pending
+        if array is not None and (type(array) is not np.ndarray or array.dtype is not _REAL or not array.flags.carray):
+            object.__setattr__(self, "pending", _plain_array("observation.pending", array, _REAL))
         checks.instance("observation.tracks", self.tracks, Tracks)
 
     @property
@@ -235,9 +234,8 @@ def _real(field: str, value: object) -> float:
 
 
 def _pair(field: str, value: object) -> XY:
-    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)):
-        raise BadParameter(field, value, "two numbers")
-    parts = list(value)
+    listed = isinstance(value, (Iterable, np.ndarray)) and not isinstance(value, (str, bytes, dict))
+    parts = list(cast(Iterable[object], value)) if listed else []
     if len(parts) != 2:
         raise BadParameter(field, value, "two numbers")
     return _real(field, parts[0]), _real(field, parts[1])
@@ -412,7 +410,7 @@ def make_policy(name: str, **options: Any) -> Policy:
     'Sipp'
     """
     if isinstance(name, str) and "/" in name:
-        name, options = _with_options(name, options)
+        name = _take_options(name, options)
     kind = find("policy", name, POLICIES, "antway.policies")
     _check_options(name, kind, options)
     try:
@@ -421,10 +419,9 @@ def make_policy(name: str, **options: Any) -> Policy:
         raise BadParameter("policy", name, f"a policy, with options that it can take; {error}") from None
 
 
-def _with_options(spec: str, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Return the name in NAME/OPTION=VALUE/..., and these options together with the given ones."""
+def _take_options(spec: str, options: dict[str, Any]) -> str:
+    """Return the name in NAME/OPTION=VALUE/..., and add its options to the given ones."""
     name, *parts = spec.split("/")
-    options = dict(options)
     for part in parts:
         key, equals, text = part.partition("=")
         if not key.isidentifier() or not equals or key in options:
@@ -433,7 +430,7 @@ def _with_options(spec: str, options: dict[str, Any]) -> tuple[str, dict[str, An
             options[key] = ast.literal_eval(text)
         except (ValueError, SyntaxError):
             options[key] = text
-    return name, options
+    return name
 
 
 def _check_options(name: str, kind: Any, options: dict[str, Any]) -> None:

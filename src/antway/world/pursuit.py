@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from antway.grid import Grid
 from antway.kernels.base.geometry import first_wall
 from antway.world.motions import Draw, Pursue
-from antway.world.policy import Task
+from antway.world.policy import XY, Task
 from antway.world.timeline import Timeline
 from antway.world.world import World
 
@@ -45,9 +45,9 @@ class Pursuit:
             self.timeline = Timeline(whole.id, whole.radius, whole.knot_t, live, whole.first)
         return self.timeline
 
-    def extend(self, i: int, robot: tuple[float, float]) -> None:
+    def extend(self, i: int, robot: XY) -> None:
         """Extend the trajectories by control period i, at the start of which the robot is at `robot` (m)."""
-        t, dt, grid = i * self.task.robot.dt, self.task.robot.dt, self.task.grid
+        t, dt = i * self.task.robot.dt, self.task.robot.dt
         for k, radius, pursuer in self.pursuers:
             knots = self.xy[self.timeline.first[k] : self.timeline.first[k + 1]]
             if not pursuer.delay <= t < pursuer.delay + pursuer.follow_time or i + 1 == len(knots):
@@ -56,26 +56,19 @@ class Pursuit:
             away = math.dist((x, y), robot)
             gap = away - radius - self.task.robot.radius - pursuer.gap
             if gap > 0.0:
-                path = min(pursuer.speed * dt, gap) / away
-                knots[i + 1 :] = _slide(grid.blocked, grid.origin, grid.resolution, radius, (x, y), robot, path)
+                share = min(pursuer.speed * dt, gap) / away
+                knots[i + 1 :] = _slide(self.task.grid, radius, (x, y), robot, share)
 
 
-def _slide(
-    blocked: NDArray[np.bool_],
-    origin: tuple[float, float, float],
-    size: float,
-    radius: float,
-    at: tuple[float, float],
-    to: tuple[float, float],
-    share: float,
-) -> tuple[float, float]:
+def _slide(grid: Grid, radius: float, at: XY, to: XY, share: float) -> XY:
     """Return the end of a disc's step, the fraction `share` from `at` to `to` (m), that slides along the first wall."""
-    row, col = (at[1] - origin[1]) / size - 0.5, (at[0] - origin[0]) / size - 0.5
+    (x0, y0, _), size = grid.origin, grid.resolution
+    row, col = (at[1] - y0) / size - 0.5, (at[0] - x0) / size - 0.5
     dr, dc = (to[1] - at[1]) * share / size, (to[0] - at[0]) * share / size
     for _ in range(2):
-        gone, n_row, n_col = first_wall(blocked, row, col, dr, dc, radius / size)
+        gone, n_row, n_col = first_wall(grid.blocked, row, col, dr, dc, radius / size)
         part = min(gone, 1.0)
         row, col = row + dr * part, col + dc * part
         into = dr * n_row + dc * n_col
         dr, dc = (dr - into * n_row) * (1.0 - part), (dc - into * n_col) * (1.0 - part)
-    return origin[0] + (col + 0.5) * size, origin[1] + (row + 0.5) * size
+    return x0 + (col + 0.5) * size, y0 + (row + 0.5) * size

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,14 @@ class Sensor:
             raise BadParameter("occlusion", self.occlusion, "true or false")
 
 
+class Scan(NamedTuple):
+    """What the robot knows of the obstacles."""
+
+    stamp: float  # s; time of the scan, minus infinity before the first one
+    tracks: Tracks
+    seen: NDArray[np.int64]  # [K] numbers of the sensed obstacles in the timeline, in the order of the tracks
+
+
 class Scanner:
     """A sensor at work in one episode."""
 
@@ -82,22 +91,23 @@ class Scanner:
             self.tracker, self.covariance = np.full((count, 8), math.nan), np.empty((count, 4, 4))
         self.direct = sensor.period == sensor.latency == 0.0
         self.scans, self.due = 0, 0.0
-        self.in_transit: deque[tuple[float, Tracks, NDArray[np.int64]]] = deque()
-        self.latest = (-math.inf, Tracks.none(), np.empty(0, np.int64))
+        self.in_transit: deque[Scan] = deque()
+        self.latest = Scan(-math.inf, Tracks.none(), np.empty(0, np.int64))
 
-    def observe(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
-        """Return what the robot at (x, y) m knows at t s: stamp in s (minus infinity if nothing yet), tracks, indices."""
+    def observe(self, t: float, x: float, y: float) -> Scan:
+        """Return what the robot at (x, y) m knows at t s."""
         if self.direct:
             return self._scan(t, x, y)
         if t >= self.due - 1e-9:
             self.in_transit.append(self._scan(t, x, y))
             if self.sensor.period > 0.0:
                 self.due = self.sensor.period * (math.floor((t + 1e-9) / self.sensor.period) + 1)
-        while self.in_transit and t >= self.in_transit[0][0] + self.sensor.latency - 1e-9:
+        while self.in_transit and t >= self.in_transit[0].stamp + self.sensor.latency - 1e-9:
             self.latest = self.in_transit.popleft()
         return self.latest
 
-    def _scan(self, t: float, x: float, y: float) -> tuple[float, Tracks, NDArray[np.int64]]:
+    def _scan(self, t: float, x: float, y: float) -> Scan:
+        """Return a new scan."""
         line, sensor = self.timeline, self.sensor
         at, out = (float(t), float(x), float(y)), (self.seen, self.state)
         arguments = *at, self.sensor_range, sensor.occlusion, self.terrain, line.trajectories, *out
@@ -124,4 +134,4 @@ class Scanner:
         if sensor.velocity == "none":
             velocity[:] = math.nan
         tracks = Tracks(line.id[seen], xy, velocity, line.radius[seen], covariance)
-        return t, tracks, seen
+        return Scan(t, tracks, seen)

@@ -84,6 +84,10 @@ class Stage:
         """Whether the robot stands now."""
         return math.hypot(*self.velocity[self.n].tolist()) <= REST and abs(float(self.turn_rate[self.n])) <= REST
 
+    def end_at_goal(self, ends: bool) -> None:
+        """Say whether the episode ends when the robot reaches the goal; it does not while there are stops to be visited."""
+        self.aim[2] = self.task.goal_tolerance if ends else -1.0
+
     def observe(self) -> Observation:
         """Return what the robot senses now."""
         i = self.n
