@@ -56,9 +56,9 @@ def test_lists_grow() -> None:
     grid = Grid(np.random.default_rng(10).random((200, 200)) < 0.3)
     goals = pick(np.random.default_rng(11), grid, 1000)
     search = DijkstraField(derived.lattice(grid, Moves.EIGHT), goals, [])
-    room = len(search.entries)
+    room = len(search.memory.entries)
     search.run(None)
-    assert len(search.entries) > room
+    assert len(search.memory.entries) > room
     np.testing.assert_allclose(distance_field(grid, goals), naive.field(grid, goals, Moves.EIGHT), rtol=1e-12)
 
 

@@ -12,7 +12,8 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.search import hierarchy
 from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, diagonals, meet
-from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, corners, seen
+from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
+from antway.kernels.search.subgoals import SubgoalMap, corners, seen
 from antway.search import subgoals as module
 from antway.search.derived import kept, lattice, packed_lines
 from antway.search.distance_field import dijkstra
@@ -32,13 +33,14 @@ def test_what_sees_what() -> None:
         assert nodes == [cell for cell in np.ndindex(grid.shape) if naive.is_corner(grid, cell)]
         number = np.full((grid.shape[0] + 2, grid.shape[1] + 2), -1, np.int32)
         number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
-        stops, found = packed_lines(grid.blocked | is_corner), np.empty((200, 2), np.int64)
+        subgoal_map = SubgoalMap(net, packed_lines(grid.blocked | is_corner), number.ravel())
+        found = np.empty((200, 2), np.int64)
         for cell in [(int(r), int(c)) for r, c in free_cells(grid)[:: rng.integers(1, 5)]]:
-            n = seen(net.around, stops, number.ravel(), net.width, *cell, found)
+            n = seen(subgoal_map, *cell, found)
             assert {nodes[i] for i in found[:n, 0]} == {node for node in nodes if node != cell and naive.sees(grid, cell, node)}
             for i, cost in found[:n].tolist():
                 a, b = sorted(abs(np.subtract(nodes[i], cell)).tolist())
-                assert (cost, diagonals(cost)) == ((b - a) * STRAIGHT + a * DIAGONAL, a)
+                assert (cost, diagonals(cost)) == ((b - a) * FINE_STRAIGHT + a * FINE_DIAGONAL, a)
 
 
 def test_hierarchies_keep_distances() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,9 @@ from antway.grid import Grid, Moves
 from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, Memory, build_mesh, search, unwind
 from antway.kernels.search.theta import cells_along, theta
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
-from antway.search.derived import kept
+from antway.search.derived import kept, longer
 from antway.search.result import not_found
 
-T = TypeVar("T", np.int64, np.float64)
 METHODS = ("polyanya", "theta", "lazy-theta")
 STEPS = 1 << 14  # expansions between two looks at the clock
 _ANGLES = (Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.SIXTEEN, Moves.THIRTY_TWO)
@@ -109,7 +108,7 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
         while code == PAUSED and not clock.spent():
             code, corner = search(memory, STEPS)
             if code == PAUSED and memory.counts[0] + most > len(memory.node):
-                node, cost, heap = _longer(memory.node), _longer(memory.cost), _longer(memory.heap)
+                node, cost, heap = longer(memory.node), longer(memory.cost), longer(memory.heap)
                 memory = memory._replace(node=node, cost=cost, heap=heap)
         path, expanded = unwind(memory, corner) if code == FOUND else None, int(memory.counts[2])
     finally:
@@ -129,7 +128,7 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     while code == PAUSED and not clock.spent():
         code = theta(*fixed, heap, count, scratch, STEPS)
         if code == PAUSED and count[0] + 8 > len(heap):
-            heap = _longer(heap)
+            heap = longer(heap)
     if code == FOUND:
         flat = [goal]
         while parent[flat[-1]] != flat[-1]:
@@ -137,10 +136,6 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
         path = 2 * np.column_stack(np.divmod(np.array(flat[::-1]), cols)) + 1
         return _found(problem, path, int(count[1]), clock, False)
     return not_found(code == EMPTY, int(count[1]), clock)
-
-
-def _longer(array: NDArray[T]) -> NDArray[T]:
-    return np.concatenate((array, np.empty_like(array)))
 
 
 def _found(problem: Problem, path: NDArray[np.int64], expanded: int, clock: Clock, optimal: bool) -> Plan:

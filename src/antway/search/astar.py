@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import mmap
 
 import numpy as np
@@ -10,14 +9,15 @@ from numpy.typing import ArrayLike
 
 from antway.grid import Grid, Moves
 from antway.kernels.base.jit import entry
-from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, Memory, octile, solve
-from antway.kernels.search.buckets import BLOCKS, CUT, DIAGONAL, KEYS, LIMIT, STRAIGHT, Queue
-from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
+from antway.kernels.search.astar import DONE, FULL, HIGHEST, LOWEST, RUNNING, Memory, SearchMap, solve
+from antway.kernels.search.buckets import BLOCKS, CUT, KEYS, LIMIT, Queue
+from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
+from antway.planning import Budget, Clock, Plan, Problem, start_clock
 from antway.search import best_first as heap
 from antway.search.costs import checked_costs
-from antway.search.derived import NEIGHBOURS, kept, lattice, packed
+from antway.search.derived import NEIGHBOURS, kept, lattice, longer, packed
 from antway.search.distance_field import spread_plan
-from antway.search.result import not_found
+from antway.search.result import found_shortest, not_found
 
 STEPS = 1 << 16  # steps of the kernel between two looks at the clock, about 5 ms
 MOST_CELLS = 1 << 27  # limit of cells, because 16 times the index of a cell must fit into 32 bits
@@ -65,19 +65,17 @@ class Workspace:
     def grow(self) -> None:
         """Double the capacity for entries of the queue."""
         queue = self.memory.queue
-        entries = np.concatenate((queue.entries, np.empty_like(queue.entries)))
-        self.memory = self.memory._replace(queue=queue._replace(entries=entries))
+        self.memory = self.memory._replace(queue=queue._replace(entries=longer(queue.entries)))
 
 
 class Searcher:
     """Searches on one map with moves of 4 or 8 neighbours, and the workspaces they use; any thread may call it."""
 
     def __init__(self, grid: Grid, moves: Moves, jumping: bool) -> None:
-        net = lattice(grid, moves)
         shorter = STRAIGHT if moves is Moves.FOUR else DIAGONAL - STRAIGHT
-        self.net = (net, packed(grid) if jumping else _NO_WORDS, shorter)
-        self.shorter, self.shape = shorter, grid.shape
-        self.far = octile(0, 0, *grid.shape, shorter) >= LIMIT  # whether a path may be too long for 32-bit integers
+        self.map = SearchMap(lattice(grid, moves), packed(grid) if jumping else _NO_WORDS, shorter)
+        self.shape = grid.shape
+        self.far = octile(0, 0, *grid.shape, STRAIGHT, shorter) >= LIMIT  # whether a path may be too long for 32-bit integers
         self.large = grid.blocked.size >= MOST_CELLS
         self.spare: list[Workspace] = kept(grid, "workspaces", list)
 
@@ -88,14 +86,14 @@ class Searcher:
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve `problem`, which must be one on this map."""
         (row, col), (goal_row, goal_col) = problem.start, problem.goal
-        if self.large or (self.far and octile(row, col, goal_row, goal_col, self.shorter) >= LIMIT):
+        if self.large or (self.far and octile(row, col, goal_row, goal_col, STRAIGHT, self.map.shorter) >= LIMIT):
             return spread_plan(problem, clock)
         work = self.workspace()
         try:
             work.initialize()
             code, fresh, expanded = RUNNING, True, 0
             while code != DONE and not clock.spent():
-                arguments = (*self.net, work.memory, work.base, row, col, goal_row, goal_col, fresh, STEPS)
+                arguments = (self.map, work.memory, work.base, row, col, goal_row, goal_col, fresh, STEPS)
                 code, path, diagonals, expanded = entry(solve, *arguments)(*arguments)
                 fresh = False
                 if code == FULL:
@@ -104,8 +102,7 @@ class Searcher:
         finally:
             self.spare.append(work)
         if code == DONE and len(path):
-            length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
-            return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
+            return found_shortest(problem.grid, path, diagonals, int(expanded), clock)
         if cut:  # all remaining paths are too long for 32-bit integers
             return spread_plan(problem, clock)
         return not_found(code == DONE, int(expanded), clock)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,9 +14,10 @@ from antway.grid import Grid, Moves
 from antway.kernels.search.astar import FULL, NO_SPACE, solve_all
 from antway.planning import Problem
 from antway.search.astar import MOST_CELLS, Searcher, searcher
-from antway.search.derived import NEIGHBOURS
+from antway.search.derived import NEIGHBOURS, longer
 from antway.search.distance_field import dijkstra
 from antway.search.jps import jumps_pay
+from antway.search.result import octile_length
 from antway.search.subgoals import hierarchy_of
 
 CHUNK = 256  # queries between two moments at which Python handles signals
@@ -99,7 +99,7 @@ def solve_many(grid: Grid, starts: ArrayLike, goals: ArrayLike, moves: Moves = M
         cells = hierarchy_of(grid).plan_all(ends, path_start, diagonals, CHUNK)
     else:
         cells = _search_all(searcher(grid, moves, moves is Moves.EIGHT and jumps_pay(grid)), ends, path_start, diagonals)
-    lengths = np.where(diagonals < 0, np.inf, np.diff(path_start) - 1 - diagonals + math.sqrt(2) * diagonals) * grid.resolution
+    lengths = np.where(diagonals < 0, np.inf, octile_length(np.diff(path_start) - 1, diagonals, grid))
     routes = Routes(lengths, cells[: path_start[-1]], path_start)
     return _with_long_ones(routes, np.flatnonzero(diagonals == -2), ends, grid, moves)
 
@@ -113,12 +113,12 @@ def _search_all(
     try:
         while query < len(ends):
             query, work.base, code = solve_all(
-                *search.net, work.memory, work.base, ends[: query + CHUNK], query, path_start, cells, diagonals
+                search.map, work.memory, work.base, ends[: query + CHUNK], query, path_start, cells, diagonals
             )
             if code == FULL:
                 work.grow()
             elif code == NO_SPACE:
-                cells = np.concatenate((cells, np.empty_like(cells)))
+                cells = longer(cells)
     finally:
         search.spare.append(work)
     return cells

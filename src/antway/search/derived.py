@@ -17,6 +17,7 @@ from antway.kernels.search.canonical import NEED, Lattice, successor_table, surr
 from antway.kernels.search.jps import mirror, turn
 
 T = TypeVar("T")
+Number = TypeVar("Number", bound=np.generic)
 NEIGHBOURS = (Moves.FOUR, Moves.EIGHT, Moves.EIGHT_NOSQUEEZE, Moves.EIGHT_CUT)  # the moves that a `Lattice` supports
 _KEPT: dict[int, dict[object, Any]] = {}  # by id of the grid's read-only array
 
@@ -32,6 +33,11 @@ def kept(grid: Grid, name: object, make: Callable[[], T]) -> T:
     if value is None:
         value = known[name] = make()
     return cast(T, value)
+
+
+def longer(array: NDArray[Number]) -> NDArray[Number]:
+    """Return an array of twice the length that begins with `array`; the rest is not initialized."""
+    return np.concatenate((array, np.empty_like(array)))
 
 
 def graph(grid: Grid, moves: Moves) -> Graph:

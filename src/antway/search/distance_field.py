@@ -12,11 +12,23 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.search.canonical import START, Lattice
-from antway.kernels.search.distance_field import BAND, DONE, EXPANDED, FULL, OPEN, RING, RUNNING, STRAIGHT, descend, spread
+from antway.kernels.search.distance_field import (
+    BAND,
+    DONE,
+    EXPANDED,
+    FULL,
+    OPEN,
+    RING,
+    RUNNING,
+    STRAIGHT,
+    Memory,
+    descend,
+    spread,
+)
 from antway.planning import Budget, Clock, Plan, Problem, free_cell, start_clock
 from antway.search import best_first as heap
 from antway.search.costs import checked_costs
-from antway.search.derived import NEIGHBOURS, lattice
+from antway.search.derived import NEIGHBOURS, lattice, longer
 from antway.search.result import found, not_found
 
 STEPS = 1 << 15  # cells expanded between two looks at the clock, about 5 ms
@@ -106,12 +118,13 @@ class DijkstraField:
         self.label = np.full(net.around.size, np.inf)
         starts = np.array([net.at(cell) for cell in sources])
         self.label[starts] = 0.0
-        self.first = np.full(RING, -1)
-        self.first[0] = 0
-        self.entries = np.empty((2 * len(starts) + 256, 2), np.int64)
-        self.entries[: len(starts), 0] = starts << 4 | START
-        self.entries[: len(starts), 1] = [*range(1, len(starts)), -1]
+        first = np.full(RING, -1)
+        first[0] = 0
+        entries = np.empty((2 * len(starts) + 256, 2), np.int64)
+        entries[: len(starts), 0] = starts << 4 | START
+        entries[: len(starts), 1] = [*range(1, len(starts)), -1]
         self.state = np.array([0, len(starts), -1, len(starts), 0])
+        self.memory = Memory(self.label, first, entries, self.state)
         self.base = self.span = 0  # bands; after a restart the first label, and more than the length of any path
         self.targets = np.array([net.at(cell) for cell in targets], dtype=np.int64)
 
@@ -129,9 +142,9 @@ class DijkstraField:
             self.label.fill(np.inf)
             self.base = 0
         self.label[source] = self.base * STRAIGHT
-        self.first.fill(-1)
-        self.first[self.base & (RING - 1)] = 0
-        self.entries[0] = source << 4 | START, -1
+        self.memory.first.fill(-1)
+        self.memory.first[self.base & (RING - 1)] = 0
+        self.memory.entries[0] = source << 4 | START, -1
         self.state[:] = self.base, 1, -1, 1, 0
         self.targets = targets
 
@@ -142,13 +155,17 @@ class DijkstraField:
 
     def run(self, clock: Clock | None) -> bool:
         """Spread until done or until the clock runs out; tell whether it is done."""
-        net, code = self.net, RUNNING
-        place = (net.around, net.table, net.offsets, self.targets, self.within * STRAIGHT, self.label, self.first)
+        code = RUNNING
         while code != DONE and not (clock and clock.spent()):
-            code = spread(*place, self.entries, self.state, STEPS)
+            code = spread(self.net, self.targets, self.within * STRAIGHT, self.memory, STEPS)
             if code == FULL:
-                self.entries = np.concatenate((self.entries, np.empty_like(self.entries)))
+                self.memory = self.memory._replace(entries=longer(self.memory.entries))
         return code == DONE
+
+    def path_from(self, cell: Cell) -> NDArray[np.int32]:
+        """Return the cells of a shortest path from a cell with a final distance to the nearest source, int32[N, 2]."""
+        flat = descend(self.net, self.label, self.net.at(cell))
+        return np.column_stack(np.divmod(flat, self.net.width)).astype(np.int32)
 
     @property
     def known(self) -> float:
@@ -194,5 +211,4 @@ def spread_plan(problem: Problem, clock: Clock) -> Plan:
     expanded = int(search.state[EXPANDED])
     if not done or search.label[net.at(problem.goal)] == math.inf:
         return not_found(done, expanded, clock)
-    path = descend(net.around, net.table, net.offsets, search.label, net.at(problem.goal))[::-1]
-    return found(problem, np.column_stack(np.divmod(path, net.width)).astype(np.int32), expanded, clock)
+    return found(problem, np.ascontiguousarray(search.path_from(problem.goal)[::-1]), expanded, clock)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,8 @@ from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Cell, Moves
 from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, DStar, change, compute, descend, initialize, move
-from antway.planning import Budget, Plan, Problem, Status, start_clock
-from antway.search.result import not_found
+from antway.planning import Budget, Plan, Problem, start_clock
+from antway.search.result import found_shortest, not_found
 
 STEPS = 1 << 14  # expansions between two looks at the clock
 _NEED = {Moves.FOUR: 0, Moves.EIGHT: 2, Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 0}  # free side cells of a diagonal
@@ -174,5 +173,4 @@ class DStarLite:
         if not done or self._search.rhs[state[START]] == INF:
             return not_found(done, int(state[EXPANDED]), clock)
         path, diagonals = descend(self._search)
-        length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * self._problem.grid.resolution
-        return Plan(Status.FOUND, path, length, True, int(state[EXPANDED]), clock.elapsed(), length)
+        return found_shortest(self._problem.grid, path, diagonals, int(state[EXPANDED]), clock)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,17 @@ def found(problem: Problem, cells: NDArray[np.int32], expanded: int, clock: Cloc
     """Return the plan for a path of `cells`, int32[N, 2]; its length is computed from its moves."""
     length = path_length(cells, problem.grid)
     return Plan(Status.FOUND, cells, length, shortest, expanded, clock.elapsed(), length if shortest else 0.0)
+
+
+def found_shortest(grid: Grid, cells: NDArray[np.int32], diagonals: int, expanded: int, clock: Clock) -> Plan:
+    """Return the plan for a shortest path of straight and `diagonals` diagonal moves."""
+    length = octile_length(len(cells) - 1, diagonals, grid)
+    return Plan(Status.FOUND, cells, length, True, expanded, clock.elapsed(), length)
+
+
+def octile_length(moves: Any, diagonals: Any, grid: Grid) -> Any:
+    """Return the length in m of a path of `moves` moves, of which `diagonals` are diagonal; or of many paths, from arrays."""
+    return (moves - diagonals + math.sqrt(2) * diagonals) * grid.resolution
 
 
 def not_found(no_path: bool, expanded: int, clock: Clock) -> Plan:

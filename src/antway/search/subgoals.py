@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Iterator
 
@@ -12,14 +11,13 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.grid import Grid, Moves
 from antway.kernels.base.jit import entry
-from antway.kernels.search.canonical import Lattice
 from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, route, route_all
 from antway.kernels.search.hierarchy import FREE, FULL, LINKED, OPEN, RANKED, RUNNING, Memory, contract, upward_graph
-from antway.kernels.search.subgoals import corners, link
-from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
-from antway.search.derived import kept, lattice, packed_lines
+from antway.kernels.search.subgoals import SubgoalMap, corners, link
+from antway.planning import Budget, Clock, Plan, Problem, start_clock
+from antway.search.derived import kept, lattice, longer, packed_lines
 from antway.search.jps import jps
-from antway.search.result import not_found
+from antway.search.result import found_shortest, not_found
 
 STEPS = 1 << 18  # steps of the preparation between two looks at the clock, about 10 ms
 MOST_STEPS = 64, 32, 1 << 25  # limits: steps per cell; steps per corner, and a constant number: seconds on any map
@@ -82,7 +80,7 @@ class Hierarchy:
 
     def __init__(self, grid: Grid) -> None:
         self.lock, self.making, self.made, self.pays = threading.Lock(), self._chunks(grid), False, True
-        self.arrays: tuple[Lattice, NDArray[np.uint64], NDArray[np.int32], UpwardGraph]  # set once it is made
+        self.graphs: tuple[SubgoalMap, UpwardGraph]  # set once it is made
         self.sizes = (0, 0, 0, 0)
         self.spare: list[QueryMemory] = []
 
@@ -105,7 +103,7 @@ class Hierarchy:
         nodes = np.flatnonzero(is_corner)
         number = np.full((grid.shape[0] + 2, grid.shape[1] + 2), -1, np.int32)
         number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
-        stops = packed_lines(grid.blocked | is_corner)
+        subgoal_map = SubgoalMap(net, packed_lines(grid.blocked | is_corner), number.ravel())
         n, seeds = len(nodes), 8 * max(grid.shape) + 16
         edges, weight = np.empty((8 * n + seeds, 5), np.int32), np.empty(8 * n + seeds, np.int64)
         first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
@@ -115,11 +113,11 @@ class Hierarchy:
         memory = Memory(first, edges, weight, order, level, rank, local, heap, ends, state)
         while state[RANKED] < n:
             if state[LINKED] < n:
-                code = link(net.around, stops, number.ravel(), net.width, nodes, memory, STEPS)
+                code = link(subgoal_map, nodes, memory, STEPS)
             else:
                 code = contract(memory, STEPS)
             if code == FULL:
-                edges, weight = np.concatenate((edges, np.empty_like(edges))), np.concatenate((weight, np.empty_like(weight)))
+                edges, weight = longer(edges), longer(weight)
                 memory = memory._replace(edges=edges, weight=weight, heap=np.empty((len(edges), 2), np.int64))
             elif code == RUNNING:
                 left -= STEPS
@@ -131,21 +129,20 @@ class Hierarchy:
         cells = np.empty((n, 2), np.int32)
         cells[rank] = np.column_stack(np.divmod(nodes, net.width))
         row_start, up, parts = upward_graph(memory)
-        self.arrays = (net, stops, number.ravel(), UpwardGraph(row_start, up, parts, cells))
+        self.graphs = subgoal_map, UpwardGraph(row_start, up, parts, cells)
         self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve a problem on this map."""
         work = self.spare.pop() if self.spare else self._workspace()
         try:
-            arguments = (*self.arrays, work, *problem.start, *problem.goal)
+            arguments = (*self.graphs, work, *problem.start, *problem.goal)
             path, diagonals, expanded = entry(route, *arguments)(*arguments)
         finally:
             self.spare.append(work)
         if not len(path):
             return not_found(True, int(expanded), clock)
-        length = (len(path) - 1 - diagonals + math.sqrt(2) * diagonals) * problem.grid.resolution
-        return Plan(Status.FOUND, path, length, True, int(expanded), clock.elapsed(), length)
+        return found_shortest(problem.grid, path, diagonals, int(expanded), clock)
 
     def plan_all(
         self, ends: NDArray[np.int64], path_start: NDArray[np.int64], diagonals: NDArray[np.int64], chunk: int
@@ -156,9 +153,9 @@ class Hierarchy:
         try:
             while query < len(ends):
                 last = min(query + chunk, len(ends))
-                query = route_all(*self.arrays, work, ends[:last], query, path_start, paths, diagonals)
+                query = route_all(*self.graphs, work, ends[:last], query, path_start, paths, diagonals)
                 if query < last:
-                    paths = np.concatenate((paths, np.empty_like(paths)))
+                    paths = longer(paths)
         finally:
             self.spare.append(work)
         return paths

@@ -12,14 +12,12 @@ from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.search.buckets import (
     BOUND,
     CUT,
-    DIAGONAL,
     EXPANDED,
     FREE,
     KEY,
     KEYS,
     LAST,
     LIMIT,
-    STRAIGHT,
     USED,
     Queue,
     put,
@@ -27,10 +25,19 @@ from antway.kernels.search.buckets import (
     take,
 )  # fmt: skip
 from antway.kernels.search.canonical import COL, ROW, START, Lattice
-from antway.kernels.search.jps import jump, place
+from antway.kernels.search.jps import jump, place, place_beside
+from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
 
 RUNNING, DONE, FULL, NO_SPACE = 0, 1, 2, 3
-LOWEST, HIGHEST = -(2**31), 2**31 - 1
+LOWEST, HIGHEST = -(2**31), 2**31 - 1  # range of int32, the type of labels
+
+
+class SearchMap(NamedTuple):
+    """A map, prepared for A*."""
+
+    lattice: Lattice
+    words: NDArray[np.uint64]  # the map packed into bits (see `jps`), with which a successor is a jump away; empty: a move
+    shorter: int  # as in `octile`
 
 
 class Memory(NamedTuple):
@@ -41,15 +48,8 @@ class Memory(NamedTuple):
     queue: Queue
 
 
-@kernel
-def octile(row: int, col: int, goal_row: int, goal_col: int, shorter: int) -> int:
-    """Return the distance on an empty map; `shorter` is the cost of a cell along the shorter side of the bounding box."""
-    a, b = abs(row - goal_row), abs(col - goal_col)
-    return STRAIGHT * max(a, b) + shorter * min(a, b)
-
-
 @inner_kernel
-def run_straight(
+def jump_straight(
     words: NDArray[np.uint64], line: int, bit: int, length: int, goal_line: int, goal_bit: int,
     d: int, row: int, col: int, g: int, reached: NDArray[np.int32], n: int,
 ) -> int:  # fmt: skip
@@ -63,23 +63,20 @@ def run_straight(
 
 
 @inner_kernel
-def run_diagonal(
-    lattice: Lattice, words: NDArray[np.uint64], height: int, d: int, row: int, col: int, g: int,
-    goal_row: int, goal_col: int, reached: NDArray[np.int32], n: int,
-) -> tuple[int, int]:  # fmt: skip
+def jump_diagonal(
+    search_map: SearchMap, d: int, row: int, col: int, g: int, goal_row: int, goal_col: int, reached: NDArray[np.int32], n: int
+) -> tuple[int, int]:
     """Go diagonally in direction d and append the jump points beside each cell passed, and the goal, to `reached`.
 
     Returns the new n and the number of cells passed.
     """
-    around, width = lattice.around, lattice.width
-    one, other = d - 4, (d - 3) & 3
-    line1, bit1, length1 = place(one, row, col, height, width)
-    line2, bit2, length2 = place(other, row, col, height, width)
+    around, width, words = search_map.lattice.around, search_map.lattice.width, search_map.words
+    height = around.size // width
+    one, other = d - 4, (d - 3) & 3  # the straight directions on both sides of d
+    line1, bit1, length1, step1 = place_beside(one, other, row, col, height, width)
+    line2, bit2, length2, step2 = place_beside(other, one, row, col, height, width)
     goal_line1, goal_bit1, _ = place(one, goal_row, goal_col, height, width)
     goal_line2, goal_bit2, _ = place(other, goal_row, goal_col, height, width)
-    # In the packed part of one side direction, a step in the other side direction leads to the next line.
-    side1 = length1 if other < 2 else -length1
-    side2 = length2 if one < 2 else -length2
     free_around = np.uint8(1 << one | 1 << other | 1 << d)
     x, goal, passed = row * width + col, goal_row * width + goal_col, 0
     while around[x] & free_around == free_around:
@@ -88,29 +85,49 @@ def run_diagonal(
         col += COL[d]
         x = row * width + col
         g += DIAGONAL
-        line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
+        line1, bit1, line2, bit2 = line1 + step1, bit1 + 1, line2 + step2, bit2 + 1
         if x == goal:
             reached[n, 0], reached[n, 1], reached[n, 2], reached[n, 3] = row, col, g, d
             n += 1
             break
         if around[x] >> one & 1:
-            n = run_straight(words, line1, bit1, length1, goal_line1, goal_bit1, one, row, col, g, reached, n)
+            n = jump_straight(words, line1, bit1, length1, goal_line1, goal_bit1, one, row, col, g, reached, n)
         if around[x] >> other & 1:
-            n = run_straight(words, line2, bit2, length2, goal_line2, goal_bit2, other, row, col, g, reached, n)
+            n = jump_straight(words, line2, bit2, length2, goal_line2, goal_bit2, other, row, col, g, reached, n)
+    return n, passed
+
+
+@inner_kernel
+def successors(
+    search_map: SearchMap, moves: np.uint64, row: int, col: int, g: int,
+    goal_row: int, goal_col: int, reached: NDArray[np.int32],
+) -> tuple[int, int]:  # fmt: skip
+    """Write the successors of a cell in the directions of the set `moves` to `reached`, each one move or one jump away.
+
+    Returns how many there are, and the number of cells passed diagonally.
+    """
+    words, width = search_map.words, search_map.lattice.width
+    height = search_map.lattice.around.size // width
+    n = passed = 0
+    while moves:
+        d = ctz(moves)
+        moves &= moves - np.uint64(1)
+        if words.size == 0:
+            reached[n, 0], reached[n, 1] = row + ROW[d], col + COL[d]
+            reached[n, 2], reached[n, 3] = g + (STRAIGHT if d < 4 else DIAGONAL), d
+            n += 1
+        elif d < 4:
+            line, bit, length = place(d, row, col, height, width)
+            goal_line, goal_bit, _ = place(d, goal_row, goal_col, height, width)
+            n = jump_straight(words, line, bit, length, goal_line, goal_bit, d, row, col, g, reached, n)
+        else:
+            n, along = jump_diagonal(search_map, d, row, col, g, goal_row, goal_col, reached, n)
+            passed += along
     return n, passed
 
 
 @kernel
-def expand(
-    lattice: Lattice,
-    words: NDArray[np.uint64],
-    shorter: int,
-    memory: Memory,
-    base: int,
-    goal_row: int,
-    goal_col: int,
-    steps: int,
-) -> int:
+def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal_col: int, steps: int) -> int:
     """Take about `steps` steps (cells expanded or passed diagonally) and return the state of the search.
 
     The state is RUNNING, DONE (the label of the goal is final, or the queue is empty), or FULL (the queue's `entries` must be
@@ -119,18 +136,16 @@ def expand(
 
     Parameters
     ----------
-    lattice, words, shorter
-        The map, the map packed into bits (see `jps`; empty: no jumps), and the parameter of `octile`.
+    search_map : SearchMap
     memory : Memory
         Labels of earlier searches are at least `base + LIMIT`, so that nothing needs to be cleared between searches.
     base, goal_row, goal_col, steps
         Base of the labels, the goal, and about how many steps to take.
     """
-    around, table, width = lattice.around, lattice.table, lattice.width
+    around, table, width = search_map.lattice.around, search_map.lattice.table, search_map.lattice.width
     nodes, reached, queue = memory.nodes, memory.reached, memory.queue
     entries, state = queue.entries, queue.state
-    jumping = words.size > 0
-    height, goal = around.size // width, goal_row * width + goal_col
+    goal = goal_row * width + goal_col
     used, free, at, bound = state[USED], state[FREE], state[KEY], state[BOUND]
     code = RUNNING
     while steps > 0:
@@ -152,31 +167,18 @@ def expand(
         if cell == goal:
             code = DONE
             break
-        # Generate its canonical successors, one move or one jump away.
+        # Generate its canonical successors.
         state[EXPANDED] += 1
         moves = np.uint64(table[(nodes[cell, 1] & 15) << 8 | np.int64(around[cell])])
-        n = 0
-        while moves:
-            d = ctz(moves)
-            moves &= moves - np.uint64(1)
-            if not jumping:
-                reached[n, 0], reached[n, 1] = row + ROW[d], col + COL[d]
-                reached[n, 2], reached[n, 3] = g + (STRAIGHT if d < 4 else DIAGONAL), d
-                n += 1
-            elif d < 4:
-                line, bit, length = place(d, row, col, height, width)
-                goal_line, goal_bit, _ = place(d, goal_row, goal_col, height, width)
-                n = run_straight(words, line, bit, length, goal_line, goal_bit, d, row, col, g, reached, n)
-            else:
-                n, passed = run_diagonal(lattice, words, height, d, row, col, g, goal_row, goal_col, reached, n)
-                steps -= passed
+        n, passed = successors(search_map, moves, row, col, g, goal_row, goal_col, reached)
+        steps -= passed
         # Open the successors that were reached for the first time, or at less cost than before.
         for i in range(n):
             to_row, to_col, g_to = reached[i, 0], reached[i, 1], reached[i, 2]
             to = to_row * width + to_col
             if base + g_to >= nodes[to, 0]:
                 continue
-            key = g_to + octile(to_row, to_col, goal_row, goal_col, shorter)
+            key = g_to + octile(to_row, to_col, goal_row, goal_col, STRAIGHT, search_map.shorter)
             if key >= bound:
                 state[CUT] |= key >= LIMIT
                 continue
@@ -257,24 +259,23 @@ def is_clear(lattice: Lattice, row: int, col: int, goal_row: int, goal_col: int)
 
 @kernel
 def solve(
-    lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
-    row: int, col: int, goal_row: int, goal_col: int, fresh: bool, steps: int,
-) -> tuple[int, NDArray[np.int32], int, int]:  # fmt: skip
+    search_map: SearchMap, memory: Memory, base: int, row: int, col: int, goal_row: int, goal_col: int, fresh: bool, steps: int
+) -> tuple[int, NDArray[np.int32], int, int]:
     """Start a search if it is `fresh`, and take about `steps` steps; return state, path, its diagonals, and cells expanded.
 
     The path is empty unless the search is DONE and has found the goal. The other parameters are those of `expand`.
     """
-    nodes, queue, width = memory.nodes, memory.queue, lattice.width
+    nodes, queue, width = memory.nodes, memory.queue, search_map.lattice.width
     if fresh:
-        key = octile(row, col, goal_row, goal_col, shorter)
+        key = octile(row, col, goal_row, goal_col, STRAIGHT, search_map.shorter)
         initialize(nodes, queue, base, row * width + col, row, col, key)
     goal = goal_row * width + goal_col
-    if fresh and shorter != STRAIGHT and is_clear(lattice, row, col, goal_row, goal_col):
+    if fresh and search_map.shorter != STRAIGHT and is_clear(search_map.lattice, row, col, goal_row, goal_col):
         if row != goal_row or col != goal_col:
             nodes[goal, 0], nodes[goal, 1] = base, (row * width + col) << 4
         code = DONE
     else:
-        code = expand(lattice, words, shorter, memory, base, goal_row, goal_col, steps)
+        code = expand(search_map, memory, base, goal_row, goal_col, steps)
     if code != DONE or nodes[goal, 0] >= base + LIMIT:
         return code, np.empty((0, 2), np.int32), 0, queue.state[EXPANDED]
     path, diagonals = trace(nodes, goal, width)
@@ -283,8 +284,8 @@ def solve(
 
 @kernel
 def solve_all(
-    lattice: Lattice, words: NDArray[np.uint64], shorter: int, memory: Memory, base: int,
-    ends: NDArray[np.int64], query: int, path_start: NDArray[np.int64], cells: NDArray[np.int32], diagonals: NDArray[np.int64],
+    search_map: SearchMap, memory: Memory, base: int, ends: NDArray[np.int64], query: int,
+    path_start: NDArray[np.int64], cells: NDArray[np.int32], diagonals: NDArray[np.int64],
 ) -> tuple[int, int, int]:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next query, the base, and the state.
 
@@ -296,12 +297,12 @@ def solve_all(
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
         path_start[query + 1] = path_start[query]
         diagonals[query] = -2
-        if octile(row, col, goal_row, goal_col, shorter) < LIMIT:
+        if octile(row, col, goal_row, goal_col, STRAIGHT, search_map.shorter) < LIMIT:
             base -= LIMIT
             if base < LOWEST:
                 memory.nodes[:, 0] = HIGHEST
                 base = HIGHEST - LIMIT
-            code, path, turns, _ = solve(lattice, words, shorter, memory, base, row, col, goal_row, goal_col, True, 1 << 62)
+            code, path, turns, _ = solve(search_map, memory, base, row, col, goal_row, goal_col, True, 1 << 62)
             if code == FULL:
                 return query, base, FULL
             if path.shape[0] > 0:

@@ -14,16 +14,14 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
 from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.search.lengths import DIAGONAL, STRAIGHT
 
-# 5741 : 8119 is a convergent of 1 : sqrt 2. Sums a * 5741 + b * 8119 have the order of a + b sqrt 2 as long as the values of b
-# differ by less than 5741. Below LIMIT no b is larger.
-STRAIGHT, DIAGONAL = 5741, 8119
-LIMIT = STRAIGHT * DIAGONAL
-KEYS, BLOCKS = 1 << 14, 1 << 12
+LIMIT = STRAIGHT * DIAGONAL  # a path that costs less has fewer than STRAIGHT diagonals, so that costs compare as lengths do
+KEYS, BLOCKS = 1 << 14, 1 << 12  # keys of a block, and blocks; KEYS * BLOCKS exceeds LIMIT
 
-USED, FREE, KEY, LAST, EXPANDED, CUT, BOUND = 0, 1, 2, 3, 4, 5, 6
-"""Indices of `state`: entries ever used, first recycled entry, last key taken off, last block with entries, cells expanded,
-whether a key beyond LIMIT was left out, cost of the best path to the goal so far."""
+# Indices of `state`: entries ever used, first recycled entry, last key taken off, last block with entries, cells expanded,
+# whether a key beyond LIMIT was left out, cost of the best path to the goal so far.
+USED, FREE, KEY, LAST, EXPANDED, CUT, BOUND = range(7)
 
 
 class Queue(NamedTuple):
@@ -59,7 +57,7 @@ def take(queue: Queue, at: int) -> tuple[int, int]:
             word += 1
         if word < filled.size:
             break
-        at = next_block(first, filled, entries, at, queue.state[LAST])
+        at = next_block(queue, at)
         if at < 0:
             return -1, -1
         word = 0
@@ -87,9 +85,10 @@ def put(queue: Queue, entry: int, at: int, row: int, col: int, g: int, key: int)
 
 
 @kernel
-def next_block(first: NDArray[np.int32], filled: NDArray[np.uint64], entries: NDArray[np.int32], key: int, last: int) -> int:
-    """Spread the entries of the next nonempty block over its keys; return its first key, or -1 if there is none."""
-    block = (key >> 14) + 1
+def next_block(queue: Queue, at: int) -> int:
+    """Spread the entries of the first nonempty block after that of the key `at` over its keys; return its first key, or -1."""
+    first, filled, entries, last = queue.first, queue.filled, queue.entries, queue.state[LAST]
+    block = (at >> 14) + 1
     while block <= last and first[KEYS + block] < 0:
         block += 1
     if block > last:

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.search.astar import is_clear
-from antway.kernels.search.canonical import Lattice
 from antway.kernels.search.hierarchy import NOWHERE
-from antway.kernels.search.subgoals import DIAGONAL, STRAIGHT, seen
+from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT, octile
+from antway.kernels.search.subgoals import SubgoalMap, seen
 
 Ints = NDArray[np.int32]
 Longs = NDArray[np.int64]
 
-_INVERSE = pow(DIAGONAL, -1, STRAIGHT)
+_SHORTER = FINE_DIAGONAL - FINE_STRAIGHT  # cost of a cell along the shorter side of the bounding box (see `octile`)
+_INVERSE = pow(FINE_DIAGONAL, -1, FINE_STRAIGHT)  # modulo FINE_STRAIGHT
 
 
 class UpwardGraph(NamedTuple):
@@ -41,16 +42,16 @@ class QueryMemory(NamedTuple):
 
 
 @bare_kernel
-def octile(row: int, col: int, to_row: int, to_col: int) -> int:
-    """Return the cost on an empty map."""
-    a, b = abs(row - to_row), abs(col - to_col)
-    return STRAIGHT * max(a, b) + (DIAGONAL - STRAIGHT) * min(a, b)
+def diagonals(cost: int) -> int:
+    """Return the number of diagonal moves in a cost, which must be less than FINE_STRAIGHT."""
+    return cost % FINE_STRAIGHT * _INVERSE % FINE_STRAIGHT
 
 
 @bare_kernel
-def diagonals(cost: int) -> int:
-    """Return the number of diagonal moves in a cost, which must be less than STRAIGHT."""
-    return cost % STRAIGHT * _INVERSE % STRAIGHT
+def count_moves(cost: int) -> int:
+    """Return the number of all moves in a cost."""
+    turns = diagonals(cost)
+    return (cost - turns * FINE_DIAGONAL) // FINE_STRAIGHT + turns
 
 
 @bare_kernel
@@ -74,7 +75,7 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
         for i in range(count):
             x, g = seeds[side, i, 0], seeds[side, i, 1]
             label[side, x, 0], label[side, x, 1], came[side, x, 0] = g, now, -1
-            key = g + octile(cells[x, 0], cells[x, 1], ends[1 - side, 0], ends[1 - side, 1])
+            key = g + octile(cells[x, 0], cells[x, 1], ends[1 - side, 0], ends[1 - side, 1], FINE_STRAIGHT, _SHORTER)
             size[side] = push(heaps[side], size[side], key, x)
     while True:
         least0 = heaps[0, 0, 0] if size[0] > 0 else NOWHERE
@@ -86,12 +87,12 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
         key, x = heaps[side, 0, 0], heaps[side, 0, 1]
         size[side] = pop(heaps[side], size[side])
         g = label[side, x, 0]
-        if key > g + octile(cells[x, 0], cells[x, 1], row, col):
+        if key > g + octile(cells[x, 0], cells[x, 1], row, col, FINE_STRAIGHT, _SHORTER):
             continue
         expanded += 1
         if label[1 - side, x, 1] == now and g + label[1 - side, x, 0] < best:
             best, top = g + label[1 - side, x, 0], x
-        stalled = False  # whether a path from above is shorter, so that no shortest path leads up through x
+        stalled = False  # stall on demand: a path from above is shorter, so that no shortest path leads up through x
         for e in range(row_start[x], row_start[x + 1]):
             to = up[e, 0]
             stalled |= label[side, to, 1] == now and label[side, to, 0] + up[e, 1] < g
@@ -100,7 +101,7 @@ def meet(graph: UpwardGraph, memory: QueryMemory, size: Longs, ends: Longs) -> t
         for e in range(row_start[x], row_start[x + 1]):
             to, g_to = up[e, 0], g + up[e, 1]
             if label[side, to, 1] != now or g_to < label[side, to, 0]:
-                key = g_to + octile(cells[to, 0], cells[to, 1], row, col)
+                key = g_to + octile(cells[to, 0], cells[to, 1], row, col, FINE_STRAIGHT, _SHORTER)
                 if key < best:
                     label[side, to, 0], label[side, to, 1] = g_to, now
                     came[side, to, 0], came[side, to, 1] = e, x
@@ -140,21 +141,20 @@ def unpack(graph: UpwardGraph, stack: Ints, edge: int, node: int, path: Ints, at
 
 @kernel
 def route(
-    lattice: Lattice, stops: NDArray[np.uint64], number: Ints, graph: UpwardGraph, memory: QueryMemory,
-    row: int, col: int, goal_row: int, goal_col: int,
-) -> tuple[Ints, int, int]:  # fmt: skip
+    subgoals: SubgoalMap, graph: UpwardGraph, memory: QueryMemory, row: int, col: int, goal_row: int, goal_col: int
+) -> tuple[Ints, int, int]:
     """Return a shortest path, int32[K, 2], empty if there is none, its number of diagonal moves, and the nodes expanded.
 
     Parameters
     ----------
-    lattice, stops, number
-        The map; for `stops` and `number` see `subgoals`. Nodes are numbered as in the hierarchy.
+    subgoals : SubgoalMap
+        Subgoals are numbered as the nodes of the hierarchy.
     graph, memory
         The hierarchy and the workspace.
     row, col, goal_row, goal_col
         Free cells.
     """
-    width, cells = lattice.width, graph.cells
+    lattice, number, cells = subgoals.lattice, subgoals.number, graph.cells
     label, came, seeds = memory.label, memory.came, memory.seeds
     if (row == goal_row and col == goal_col) or is_clear(lattice, row, col, goal_row, goal_col):
         a, b = abs(row - goal_row), abs(col - goal_col)
@@ -166,19 +166,16 @@ def route(
     ends, size = np.array([[row, col], [goal_row, goal_col]]), np.empty(2, np.int64)
     for side in range(2):
         size[side] = 0
-        x = number[(ends[side, 0] + 1) * (width + 2) + ends[side, 1] + 1]
+        x = number[(ends[side, 0] + 1) * (lattice.width + 2) + ends[side, 1] + 1]
         if x >= 0:
             seeds[side, 0, 0], seeds[side, 0, 1], size[side] = x, 0, 1
         else:
-            size[side] = seen(lattice.around, stops, number, width, ends[side, 0], ends[side, 1], seeds[side])
+            size[side] = seen(subgoals, ends[side, 0], ends[side, 1], seeds[side])
     cost, top, expanded = meet(graph, memory, size, ends)
     if top < 0:
         return np.empty((0, 2), np.int32), 0, expanded
-    turns = diagonals(cost)
-    path = np.empty(((cost - turns * DIAGONAL) // STRAIGHT + turns + 1, 2), np.int32)
-    # Start at the meeting node and go to both ends.
-    near = label[0, top, 0]
-    middle = (near - diagonals(near) * DIAGONAL) // STRAIGHT + diagonals(near)
+    path = np.empty((count_moves(cost) + 1, 2), np.int32)
+    middle = count_moves(label[0, top, 0])  # start at the meeting node and go to both ends
     for side in range(2):
         path[middle, 0], path[middle, 1] = cells[top, 0], cells[top, 1]
         x, at, step = top, middle, 2 * side - 1
@@ -187,12 +184,12 @@ def route(
             at = unpack(graph, memory.stack, came[side, x, 0], below, path, at, step)
             x = below
         walk(path, at, step, ends[side, 0], ends[side, 1])
-    return path, turns, expanded
+    return path, diagonals(cost), expanded
 
 
 @kernel
 def route_all(
-    lattice: Lattice, stops: NDArray[np.uint64], number: Ints, graph: UpwardGraph, memory: QueryMemory,
+    subgoals: SubgoalMap, graph: UpwardGraph, memory: QueryMemory,
     ends: Longs, query: int, path_start: Longs, paths: Ints, turns: Longs,
 ) -> int:  # fmt: skip
     """Solve the queries `ends`, int64[Q, 4], from number `query` on; return the next, less than Q if `paths` is too short.
@@ -202,7 +199,7 @@ def route_all(
     """
     while query < len(ends):
         row, col, goal_row, goal_col = ends[query, 0], ends[query, 1], ends[query, 2], ends[query, 3]
-        path, diagonal, _ = route(lattice, stops, number, graph, memory, row, col, goal_row, goal_col)
+        path, diagonal, _ = route(subgoals, graph, memory, row, col, goal_row, goal_col)
         path_start[query + 1] = path_start[query] + len(path)
         if path_start[query + 1] > len(paths):
             break

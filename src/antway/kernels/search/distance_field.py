@@ -4,57 +4,66 @@ Open cells lie in a ring of lists, one for each band [low, low + 1) of distances
 band can improve another of the same band, and they can be settled in any order. Canonical successors (see `canonical`) reach
 most cells only once, and in open space a straight move has one successor: the same move. Such a run is continued at once, up
 to the first cell with other successors, the first that was reached at no greater cost, or the last band of the ring; only that
-cell enters a list. A label that a run sets too high is lowered later, from the other side. Lengths are integers in the ratio
-of a convergent of sqrt 2 so fine that they compare as a + b sqrt 2 does for b below 38 million. Their sums are exact in
-float64.
+cell enters a list. A label that a run sets too high is lowered later, from the other side. Distances are sums of the fine
+lengths (see `lengths`), in float64.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import kernel
-from antway.kernels.search.canonical import START
+from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.search.canonical import START, Lattice
+from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
 
-STRAIGHT, DIAGONAL = 38613965.0, 54608393.0
+STRAIGHT, DIAGONAL = float(FINE_STRAIGHT), float(FINE_DIAGONAL)
 RUNNING, DONE, FULL = 0, 1, 2
 RING = 64  # number of lists
-BAND, OPEN, FREE, USED, EXPANDED = 0, 1, 2, 3, 4
-"""Indices of `state`: number of the band, cells in lists, first recycled entry, entries ever used, cells expanded."""
+# Indices of `state`: number of the band, cells in lists, first recycled entry, entries ever used, cells expanded.
+BAND, OPEN, FREE, USED, EXPANDED = range(5)
+
+
+class Memory(NamedTuple):
+    """A search between two calls."""
+
+    label: NDArray[np.float64]  # [cells] distances in 1 / STRAIGHT cells, infinite if not reached; final below the band
+    first: NDArray[np.int64]  # [RING] first entry of each list, or -1; band b has list b & (RING - 1)
+    entries: NDArray[np.int64]  # [M, 2] open cell as 16 * cell + direction of arrival, and the next entry of its list
+    state: NDArray[np.int64]  # [5] see above
+
+
+@inner_kernel
+def run_straight(lattice: Lattice, label: NDArray[np.float64], cell: int, d: int) -> tuple[int, int]:
+    """Label the cells of a run from `cell` in the straight direction d; return its last cell, and how many cells it has.
+
+    The number is 0 if the last cell need not be expanded: no move continues from it, or it was reached at no greater cost.
+    """
+    around, table, step = lattice.around, lattice.table, lattice.offsets[d]
+    on = more = np.uint8(1 << d)
+    g, ahead = label[cell], 0
+    while more == on and ahead < RING - 1:
+        cell += step
+        g += STRAIGHT
+        ahead += 1
+        if g >= label[cell]:
+            return cell, 0
+        label[cell] = g
+        more = table[d << 8 | np.int64(around[cell])]
+    return cell, ahead if more else 0
 
 
 @kernel
-def spread(
-    around: NDArray[np.uint8],
-    table: NDArray[np.uint8],
-    offsets: NDArray[np.int64],
-    targets: NDArray[np.int64],
-    within: float,
-    label: NDArray[np.float64],
-    first: NDArray[np.int64],
-    entries: NDArray[np.int64],
-    state: NDArray[np.int64],
-    steps: int,
-) -> int:
+def spread(lattice: Lattice, targets: NDArray[np.int64], within: float, memory: Memory, steps: int) -> int:
     """Expand about `steps` cells; return RUNNING, DONE, or FULL if `entries` must be longer.
 
-    Parameters
-    ----------
-    around, table, offsets
-        Surroundings of the cells, canonical successors (see `canonical`), flat steps of the 8 directions.
-    targets, within
-        Stop once all `targets` (if any) are settled, or when the band starts beyond `within`.
-    label : float64[cells]
-        Distances in units of 1 / STRAIGHT cells, infinite if not reached. Those below `state[BAND] * STRAIGHT` are final.
-    first : int64[RING]
-        The first entry of each list, or -1. Band b has list b & (RING - 1).
-    entries : int64[M, 2]
-        An open cell as 16 * cell + direction of arrival, and the next entry of its list.
-    state : int64[5]
-        See above.
+    The search is done once all `targets` (if any) are settled, or when the band starts beyond `within`.
     """
+    around, table, offsets = lattice.around, lattice.table, lattice.offsets
+    label, first, entries, state = memory.label, memory.first, memory.entries, memory.state
     band, opened, free, used = state[BAND], state[OPEN], state[FREE], state[USED]
     code = RUNNING
     while code == RUNNING and steps > 0:
@@ -85,23 +94,12 @@ def spread(
             while moves:
                 d = ctz(moves)
                 moves &= moves - np.uint64(1)
-                to, g_to, ahead = cell, g, 0
                 if d < 4:
-                    on = more = np.uint8(1 << d)
-                    while more == on and ahead < RING - 1:
-                        to += offsets[d]
-                        g_to += STRAIGHT
-                        ahead += 1
-                        if g_to >= label[to]:
-                            more = np.uint8(0)
-                        else:
-                            label[to] = g_to
-                            more = table[d << 8 | np.int64(around[to])]
-                    if more == 0:
+                    to, ahead = run_straight(lattice, label, cell, d)
+                    if ahead == 0:
                         continue
                 else:
-                    to += offsets[d]
-                    g_to += DIAGONAL
+                    to, g_to = cell + offsets[d], g + DIAGONAL
                     if g_to >= label[to]:
                         continue
                     label[to] = g_to
@@ -124,10 +122,9 @@ def spread(
 
 
 @kernel
-def descend(
-    around: NDArray[np.uint8], table: NDArray[np.uint8], offsets: NDArray[np.int64], label: NDArray[np.float64], cell: int
-) -> NDArray[np.int64]:
+def descend(lattice: Lattice, label: NDArray[np.float64], cell: int) -> NDArray[np.int64]:
     """Return the flat cells of a shortest path from `cell` to a label of 0."""
+    around, table, offsets = lattice.around, lattice.table, lattice.offsets
     path = [cell]
     while label[cell] > 0:
         moves = table[START << 8 | np.int64(around[cell])]

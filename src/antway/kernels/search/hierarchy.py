@@ -19,12 +19,12 @@ Ints = NDArray[np.int32]
 Longs = NDArray[np.int64]
 
 RUNNING, DONE, FULL = 0, 1, 2
-NEXT, TO, OUT, BEFORE, AFTER = range(5)
-# Indices of `state`: edges ever used, first recycled edge, nodes in the heap, nodes removed, number of the last local search,
+NEXT, TO, BYPASSED, BEFORE, AFTER = range(5)  # columns of `edges`
+# Indices of `state`: edges ever used, first recycled edge, nodes in the heap, nodes removed, number of the last witness search,
 # nodes whose edges have been made.
-USED, FREE, OPEN, RANKED, ROUND, LINKED = range(6)
-MOST_SETTLED = 24  # limit of nodes settled in a local search; an unnecessary shortcut does no harm
-NOWHERE = 1 << 62
+USED, FREE, OPEN, RANKED, SEARCH, LINKED = range(6)
+MOST_SETTLED = 24  # limit of nodes settled in a witness search; an unnecessary shortcut does no harm
+NOWHERE = 1 << 62  # cost where there is no path
 
 
 class Memory(NamedTuple):
@@ -36,14 +36,14 @@ class Memory(NamedTuple):
     order: Longs  # [N, 2]; heap of the remaining nodes: priority (least first, 0 at first) and node
     level: Ints  # [N]; depth of nested shortcuts below a node, 0 at first
     rank: Ints  # [N]; order in which nodes were removed
-    local: Longs  # [N, 2]; distance and round of local searches, 0 at first
+    local: Longs  # [N, 2]; distance of each node in a witness search, and the number of that search; 0 at first
     heap: Longs  # [M, 2]; scratch
     ends: Ints  # [N]; scratch
     state: Longs  # [6]
 
 
 @bare_kernel
-def join(m: Memory, a: int, b: int, cost: int, out: int, before: int, after: int) -> None:
+def add_edge(m: Memory, a: int, b: int, cost: int, bypassed: int, before: int, after: int) -> None:
     """Add an edge from a to b at `cost`, or lower the cost of the existing one."""
     e = m.first[a]
     while e >= 0 and m.edges[e, TO] != b:
@@ -59,12 +59,12 @@ def join(m: Memory, a: int, b: int, cost: int, out: int, before: int, after: int
         m.first[a] = e
     elif m.weight[e] <= cost:
         return
-    m.edges[e, OUT], m.edges[e, BEFORE], m.edges[e, AFTER] = out, before, after
+    m.edges[e, BYPASSED], m.edges[e, BEFORE], m.edges[e, AFTER] = bypassed, before, after
     m.weight[e] = cost
 
 
 @bare_kernel
-def leave(m: Memory, a: int, b: int) -> None:
+def remove_edge(m: Memory, a: int, b: int) -> None:
     """Remove the edge from a to b."""
     e, last = m.first[a], -1
     while m.edges[e, TO] != b:
@@ -78,10 +78,10 @@ def leave(m: Memory, a: int, b: int) -> None:
 
 
 @bare_kernel
-def measure(m: Memory, source: int, avoid: int, within: int) -> int:
-    """Write distances from `source` that avoid `avoid` to `local`; return the work."""
-    m.state[ROUND] += 1
-    now = m.state[ROUND]
+def witness_search(m: Memory, source: int, avoid: int, within: int) -> int:
+    """Write distances from `source` up to `within`, of paths that avoid the node `avoid`, to `local`; return the work."""
+    m.state[SEARCH] += 1
+    now = m.state[SEARCH]
     m.local[source, 0], m.local[source, 1] = 0, now
     size, settled = push(m.heap, 0, 0, source), 0
     work = 0
@@ -105,8 +105,8 @@ def measure(m: Memory, source: int, avoid: int, within: int) -> int:
 
 
 @bare_kernel
-def bypass(m: Memory, x: int, really: bool) -> tuple[int, int, int]:
-    """Count the shortcuts needed to remove node x, and add them if `really`; return their number, x's degree, and the work."""
+def shortcuts(m: Memory, x: int, add: bool) -> tuple[int, int, int]:
+    """Count the shortcuts needed to remove node x, and add them if `add`; return their number, x's degree, and the work."""
     n, needed, work = 0, 0, 0
     e = m.first[x]
     while e >= 0:
@@ -118,14 +118,14 @@ def bypass(m: Memory, x: int, really: bool) -> tuple[int, int, int]:
         farthest = 0
         for j in range(i + 1, n):
             farthest = max(farthest, m.weight[m.ends[j]])
-        work += measure(m, a, x, to_a + farthest)
+        work += witness_search(m, a, x, to_a + farthest)
         for j in range(i + 1, n):
             b, cost = m.edges[m.ends[j], TO], to_a + m.weight[m.ends[j]]
-            if m.local[b, 1] != m.state[ROUND] or m.local[b, 0] > cost:
+            if m.local[b, 1] != m.state[SEARCH] or m.local[b, 0] > cost:
                 needed += 1
-                if really:
-                    join(m, a, b, cost, x, m.ends[i], m.ends[j])
-                    join(m, b, a, cost, x, m.ends[j], m.ends[i])
+                if add:
+                    add_edge(m, a, b, cost, x, m.ends[i], m.ends[j])
+                    add_edge(m, b, a, cost, x, m.ends[j], m.ends[i])
     return needed, n, work + n
 
 
@@ -139,20 +139,20 @@ def contract(m: Memory, steps: int) -> int:
         if m.state[RANKED] == m.rank.size:
             return DONE
         x = m.order[0, 1]
-        needed, n, work = bypass(m, x, False)
+        needed, n, work = shortcuts(m, x, False)
         steps -= work + 1
-        turn = 1000 * m.level[x] + 2000 * needed // max(n, 1) + needed
+        priority = 1000 * m.level[x] + 2000 * needed // max(n, 1) + needed
         m.state[OPEN] = pop(m.order, m.state[OPEN])
-        if m.state[OPEN] > 0 and turn > m.order[0, 0]:
-            m.state[OPEN] = push(m.order, m.state[OPEN], turn, x)
+        if m.state[OPEN] > 0 and priority > m.order[0, 0]:
+            m.state[OPEN] = push(m.order, m.state[OPEN], priority, x)
             continue
         if m.state[USED] + 2 * needed > m.edges.shape[0]:
             m.state[OPEN] = push(m.order, m.state[OPEN], -1, x)
             return FULL
-        bypass(m, x, True)
+        shortcuts(m, x, True)
         for i in range(n):
             other = m.edges[m.ends[i], TO]
-            leave(m, other, x)
+            remove_edge(m, other, x)
             m.level[other] = max(m.level[other], m.level[x] + 1)
         m.rank[x] = m.state[RANKED]
         m.state[RANKED] += 1
@@ -181,7 +181,7 @@ def upward_graph(m: Memory) -> tuple[Longs, Longs, Ints]:
         k = place[e]
         if k >= 0:
             up[k, 0], up[k, 1] = m.rank[m.edges[e, TO]], m.weight[e]
-            if m.edges[e, OUT] >= 0:
-                parts[k, 0] = m.rank[m.edges[e, OUT]]
+            if m.edges[e, BYPASSED] >= 0:
+                parts[k, 0] = m.rank[m.edges[e, BYPASSED]]
                 parts[k, 1], parts[k, 2] = place[m.edges[e, BEFORE]], place[m.edges[e, AFTER]]
     return row_start, up, parts

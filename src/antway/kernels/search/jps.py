@@ -38,6 +38,16 @@ def place(d: int, row: int, col: int, height: int, width: int) -> tuple[int, int
 
 
 @kernel
+def place_beside(d: int, other: int, row: int, col: int, height: int, width: int) -> tuple[int, int, int, int]:
+    """Return what `place` does, and the number of words from that line to the line of the cell one step in direction `other`.
+
+    `other` is at right angles to `d`, so that the step leads to the next line of part `d`, or to the line before.
+    """
+    line, bit, length = place(d, row, col, height, width)
+    return line, bit, length, length if other < 2 else -length
+
+
+@kernel
 def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
     """Return how far along the line the next jump point is, or the negated distance of the next wall if that is nearer."""
     start = bit

@@ -5,22 +5,30 @@ paths between them on an empty map, i diagonal and j straight moves in any order
 cells there is a shortest path that runs from subgoal to subgoal, each of which sees the next (Uras, Koenig and Hernandez,
 Subgoal graphs for optimal pathfinding in eight-neighbor grids, ICAPS 2013).
 
-`stops` is packed like the map in `jps`; a bit is set for blocked cells and subgoals. `number` is the number of each subgoal,
--1 elsewhere, on a flat map with a margin of 1. Costs are integers, STRAIGHT or DIAGONAL for a move.
+Costs are sums of the fine lengths (see `lengths`).
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.search.canonical import COL, ROW
-from antway.kernels.search.hierarchy import AFTER, BEFORE, DONE, FULL, LINKED, NEXT, OUT, RUNNING, TO, USED, Memory
-from antway.kernels.search.jps import place
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.search.canonical import COL, ROW, Lattice
+from antway.kernels.search.hierarchy import AFTER, BEFORE, BYPASSED, DONE, FULL, LINKED, NEXT, RUNNING, TO, USED, Memory
+from antway.kernels.search.jps import place, place_beside
+from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
 
-STRAIGHT, DIAGONAL = 38613965, 54608393
+
+class SubgoalMap(NamedTuple):
+    """A map and its subgoals."""
+
+    lattice: Lattice
+    stops: NDArray[np.uint64]  # blocked cells and subgoals, packed like the map in `jps`
+    number: NDArray[np.int32]  # [(H + 2) * (W + 2)] number of each subgoal, -1 elsewhere; with a margin of 1 cell
 
 
 @kernel
@@ -52,90 +60,77 @@ def clear(stops: NDArray[np.uint64], line: int, bit: int) -> int:
     return n + ctz(stops[i])
 
 
+@inner_kernel
+def see_beside(
+    subgoals: SubgoalMap, line: int, bit: int, at: int, step: int, g: int, wide: int, found: NDArray[np.int64], n: int
+) -> tuple[int, int]:
+    """Append the subgoal that ends the next row of a parallelogram to `found`; return the width of that row, and the new n.
+
+    The parallelogram is as wide as its narrowest row so far, `wide` cells: a row that is no narrower shows nothing new.
+    """
+    if wide > 0:
+        k = clear(subgoals.stops, line, bit)
+        if k < wide:
+            wide = k
+            other = subgoals.number[at + (k + 1) * step]
+            if other >= 0:
+                found[n, 0], found[n, 1] = other, g + (k + 1) * FINE_STRAIGHT
+                n += 1
+    return wide, n
+
+
 @bare_kernel
-def seen(
-    around: NDArray[np.uint8],
-    stops: NDArray[np.uint64],
-    number: NDArray[np.int32],
-    width: int,
-    row: int,
-    col: int,
-    found: NDArray[np.int64],
-) -> int:
+def seen(subgoals: SubgoalMap, row: int, col: int, found: NDArray[np.int64]) -> int:
     """Write number and cost of all subgoals that the cell sees to `found`, int64[M, 2]; return how many there are."""
+    around, width = subgoals.lattice.around, subgoals.lattice.width
+    stops, number = subgoals.stops, subgoals.number
     height, wide, n = around.size // width, width + 2, 0
-    at = (row + 1) * wide + col + 1
+    start = (row + 1) * wide + col + 1
     for d in range(4):
         line, bit, _ = place(d, row, col, height, width)
         k = clear(stops, line, bit) + 1
-        other = number[at + k * (ROW[d] * wide + COL[d])]
+        other = number[start + k * (ROW[d] * wide + COL[d])]
         if other >= 0:
-            found[n, 0], found[n, 1] = other, k * STRAIGHT
+            found[n, 0], found[n, 1] = other, k * FINE_STRAIGHT
             n += 1
     for d in range(4, 8):
-        one, two = d - 4, (d - 3) & 3
-        line1, bit1, length1 = place(one, row, col, height, width)
-        line2, bit2, length2 = place(two, row, col, height, width)
-        # In the packed part of one side direction, a step in the other side direction leads to the next line.
-        side1 = length1 if two < 2 else -length1
-        side2 = length2 if one < 2 else -length2
+        one, two = d - 4, (d - 3) & 3  # the straight directions on both sides of d
+        line1, bit1, _, next1 = place_beside(one, two, row, col, height, width)
+        line2, bit2, _, next2 = place_beside(two, one, row, col, height, width)
         step, step1, step2 = ROW[d] * wide + COL[d], ROW[one] * wide + COL[one], ROW[two] * wide + COL[two]
         free_around = np.uint8(1 << one | 1 << two | 1 << d)
-        x, y, g = row * width + col, at, 0
-        # The parallelogram is as wide as its narrowest row so far.
+        x, at, g = row * width + col, start, 0
         wide1, wide2 = clear(stops, line1, bit1), clear(stops, line2, bit2)
         while around[x] & free_around == free_around:
             x += ROW[d] * width + COL[d]
-            y += step
-            g += DIAGONAL
-            line1, bit1, line2, bit2 = line1 + side1, bit1 + 1, line2 + side2, bit2 + 1
-            if number[y] >= 0:
-                found[n, 0], found[n, 1] = number[y], g
+            at += step
+            g += FINE_DIAGONAL
+            line1, bit1, line2, bit2 = line1 + next1, bit1 + 1, line2 + next2, bit2 + 1
+            if number[at] >= 0:
+                found[n, 0], found[n, 1] = number[at], g
                 n += 1
                 break
-            if wide1 > 0:
-                k = clear(stops, line1, bit1)
-                if k < wide1:
-                    wide1 = k
-                    other = number[y + (k + 1) * step1]
-                    if other >= 0:
-                        found[n, 0], found[n, 1] = other, g + (k + 1) * STRAIGHT
-                        n += 1
-            if wide2 > 0:
-                k = clear(stops, line2, bit2)
-                if k < wide2:
-                    wide2 = k
-                    other = number[y + (k + 1) * step2]
-                    if other >= 0:
-                        found[n, 0], found[n, 1] = other, g + (k + 1) * STRAIGHT
-                        n += 1
+            wide1, n = see_beside(subgoals, line1, bit1, at, step1, g, wide1, found, n)
+            wide2, n = see_beside(subgoals, line2, bit2, at, step2, g, wide2, found, n)
     return n
 
 
 @bare_kernel
-def link(
-    around: NDArray[np.uint8],
-    stops: NDArray[np.uint64],
-    number: NDArray[np.int32],
-    width: int,
-    nodes: NDArray[np.int64],
-    m: Memory,
-    steps: int,
-) -> int:
+def link(subgoals: SubgoalMap, nodes: NDArray[np.int64], m: Memory, steps: int) -> int:
     """Add the edges from `nodes` to all that they see, for about `steps` steps; return RUNNING, DONE or FULL."""
-    found = m.heap
+    found, width = m.heap, subgoals.lattice.width
     while steps > 0:
         x = m.state[LINKED]
         if x == nodes.size:
             return DONE
-        n = seen(around, stops, number, width, nodes[x] // width, nodes[x] % width, found)
+        n = seen(subgoals, nodes[x] // width, nodes[x] % width, found)
         steps -= 16 + 4 * n
         if m.state[USED] + n > m.edges.shape[0]:
             return FULL
         for i in range(n):
             e = m.state[USED]
             m.edges[e, NEXT], m.edges[e, TO], m.weight[e] = m.first[x], found[i, 0], found[i, 1]
-            m.edges[e, OUT] = m.edges[e, BEFORE] = m.edges[e, AFTER] = -1
+            m.edges[e, BYPASSED] = m.edges[e, BEFORE] = m.edges[e, AFTER] = -1
             m.first[x] = e
             m.state[USED] += 1
         m.state[LINKED] += 1

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from antway.grid import Cell, Grid, Moves
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST
-from antway.kernels.search.distance_field import STRAIGHT, descend
+from antway.kernels.search.distance_field import STRAIGHT
 from antway.planning import TimedPath
 from antway.search.derived import lattice
 from antway.search.distance_field import DijkstraField
@@ -41,11 +41,10 @@ class PathsFrom:
 
     def cells(self, cell: Cell) -> NDArray[np.int64]:
         """Return the cells on that path, int64[N, 2]."""
-        at, net = self.net.at(cell), self.net
-        if not (math.isfinite(self.field.label[at]) and self.field.label[at] <= self.field.known):
+        label = self.field.label[self.net.at(cell)]
+        if not (math.isfinite(label) and label <= self.field.known):
             return np.empty((0, 2), np.int64)
-        flat = descend(net.around, net.table, net.offsets, self.field.label, at)
-        return np.column_stack(np.divmod(flat, net.width)).astype(np.int64)
+        return self.field.path_from(cell).astype(np.int64)
 
 
 class Routes:
