@@ -11,7 +11,23 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
-from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, START, Memory, build_mesh, search, unwind
+from antway.kernels.search.polyanya import (
+    BOTTOM,
+    BOTTOM_END,
+    EMPTY,
+    EXPANDED,
+    FOUND,
+    NODES,
+    PAUSED,
+    START,
+    TOP,
+    TOP_END,
+    Memory,
+    build_mesh,
+    search,
+    unwind,
+)  # fmt: skip
+from antway.kernels.search.theta import Memory as ThetaMemory
 from antway.kernels.search.theta import cells_along, theta
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept, longer
@@ -73,30 +89,31 @@ def anyangle(problem: Problem, *, seed: int = 0, budget: Budget = Budget(), meth
 class Mesh(NamedTuple):
     """The free rectangles of a grid and their portals, see `kernels.search.polyanya`."""
 
-    mesh: NDArray[np.int64]
-    part: NDArray[np.int64]
-    ports: NDArray[np.int64]
-    at: NDArray[np.int32]
-    widest: int  # largest number of portals of a rectangle
+    polygons: NDArray[np.int64]  # [S, 6]
+    component: NDArray[np.int64]  # [S] connected component of each polygon
+    portals: NDArray[np.int64]  # [P, 5]
+    polygon_at: NDArray[np.int32]  # [H, W] polygon of each cell, or -1
+    widest: int  # largest number of portals of a polygon
     spare: list[Memory]  # unused memories, for the next searches
 
 
 def _mesh(grid: Grid) -> Mesh:
-    mesh, part, ports, at = build_mesh(grid.blocked)
-    return Mesh(mesh, part, ports, at, int((mesh[:, 3] - mesh[:, 2] + mesh[:, 5] - mesh[:, 4]).max()), [])
+    polygons, component, portals, polygon_at = build_mesh(grid.blocked)
+    exits = polygons[:, TOP_END] - polygons[:, TOP] + polygons[:, BOTTOM_END] - polygons[:, BOTTOM]
+    return Mesh(polygons, component, portals, polygon_at, int(exits.max()), [])
 
 
 def _memory(net: Mesh, nodes: int) -> Memory:
-    corners, ends, counts = 2 * len(net.ports), np.empty(6, np.int64), np.empty(4, np.int64)
+    corners, ends, counts = 2 * len(net.portals), np.empty(6, np.int64), np.empty(4, np.int64)
     best, parent, node = np.empty(corners), np.empty(corners, np.int64), np.empty((nodes, 7), np.int64)
-    return Memory(net.mesh, net.ports, ends, best, parent, node, np.empty(nodes), np.empty((nodes, 2)), counts)
+    return Memory(net.polygons, net.portals, ends, best, parent, node, np.empty(nodes), np.empty((nodes, 2)), counts)
 
 
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
     net = kept(problem.grid, "mesh", lambda: _mesh(problem.grid))
     (sr, sc), (gr, gc) = problem.start, problem.goal
-    first, last = net.at[sr, sc], net.at[gr, gc]
-    if net.part[first] != net.part[last]:
+    first, last = net.polygon_at[sr, sc], net.polygon_at[gr, gc]
+    if net.component[first] != net.component[last]:
         return not_found(True, 0, clock)
     most = 3 * net.widest
     memory = net.spare.pop() if net.spare else _memory(net, 2048 + most)
@@ -107,10 +124,10 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
     try:
         while code == PAUSED and not clock.spent():
             code, corner = search(memory, STEPS)
-            if code == PAUSED and memory.counts[0] + most > len(memory.node):
+            if code == PAUSED and memory.counts[NODES] + most > len(memory.node):
                 node, cost, heap = longer(memory.node), longer(memory.cost), longer(memory.heap)
                 memory = memory._replace(node=node, cost=cost, heap=heap)
-        path, expanded = unwind(memory, corner) if code == FOUND else None, int(memory.counts[2])
+        path, expanded = unwind(memory, corner) if code == FOUND else None, int(memory.counts[EXPANDED])
     finally:
         net.spare.append(memory)
     return not_found(False, expanded, clock) if path is None else _found(problem, path, expanded, clock, True)
@@ -121,21 +138,20 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     (sr, sc), (gr, gc) = problem.start, problem.goal
     size, goal = rows * cols, gr * cols + gc
     length, parent, closed = np.full(size, np.inf), np.empty(size, np.int64), np.zeros(size, np.bool_)
-    heap, count = np.empty((1024, 2)), np.zeros(2, np.int64)
-    scratch = np.empty((2 * (rows + cols), 2), np.int32)
-    fixed = (problem.grid.blocked, sr * cols + sc, goal, lazy, length, parent, closed)
+    counts, scratch = np.zeros(2, np.int64), np.empty((2 * (rows + cols), 2), np.int32)
+    memory = ThetaMemory(length, parent, closed, np.empty((1024, 2)), counts, scratch)
     code = PAUSED
     while code == PAUSED and not clock.spent():
-        code = theta(*fixed, heap, count, scratch, STEPS)
-        if code == PAUSED and count[0] + 8 > len(heap):
-            heap = longer(heap)
+        code = theta(problem.grid.blocked, sr * cols + sc, goal, lazy, memory, STEPS)
+        if code == PAUSED and counts[0] + 8 > len(memory.heap):
+            memory = memory._replace(heap=longer(memory.heap))
     if code == FOUND:
         flat = [goal]
         while parent[flat[-1]] != flat[-1]:
             flat.append(int(parent[flat[-1]]))
         path = 2 * np.column_stack(np.divmod(np.array(flat[::-1]), cols)) + 1
-        return _found(problem, path, int(count[1]), clock, False)
-    return not_found(code == EMPTY, int(count[1]), clock)
+        return _found(problem, path, int(counts[1]), clock, False)
+    return not_found(code == EMPTY, int(counts[1]), clock)
 
 
 def _found(problem: Problem, path: NDArray[np.int64], expanded: int, clock: Clock, optimal: bool) -> Plan:

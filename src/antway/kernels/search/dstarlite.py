@@ -1,8 +1,7 @@
 """D* Lite on a padded flat grid: when cells change or the robot moves, only the affected part is searched again.
 
-Koenig and Likhachev, D* Lite, AAAI 2002, optimised version; `g`, `rhs`, the keys and k_m are the paper's. A step costs 5741
-and a diagonal 8119, a convergent of the square root of 2: paths compare as by their true lengths if their numbers of diagonals
-differ by less than 5741.
+Koenig and Likhachev, D* Lite, AAAI 2002, optimised version; `g`, `rhs`, the keys and k_m are the paper's. Costs are sums of
+STRAIGHT and DIAGONAL (see `lengths`). Moves are numbered as the directions in `canonical`.
 """
 
 from __future__ import annotations
@@ -13,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.search.canonical import COL, ROW
+from antway.kernels.search.lengths import DIAGONAL, STRAIGHT, octile
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-STEP, DIAGONAL = 5741, 8119
-INF = 1 << 60
+INF = 1 << 60  # cost where there is no path
 # Indices of `state`: width of the padded grid, number of moves (4 or 8), number of side cells of a diagonal that must be free,
 # start, goal, k_m, size of the queue, number of expansions.
 WIDTH, MOVES, NEED, START, GOAL, KM, SIZE, EXPANDED = range(8)
@@ -107,14 +107,13 @@ def move(d: DStar, start: int) -> None:
 def descend(d: DStar) -> tuple[NDArray[np.int32], int]:
     """Return a shortest path from the start as (row, col), and its number of diagonal moves; there must be one."""
     s, n, diagonals = d.state[START], 1, 0
-    path = np.empty((d.rhs[s] // STEP + 1, 2), np.int32)  # no move is cheaper than a step
+    path = np.empty((d.rhs[s] // STRAIGHT + 1, 2), np.int32)  # no move is cheaper than a straight one
     path[0, 0], path[0, 1] = s // d.state[WIDTH] - 1, s % d.state[WIDTH] - 1
     while s != d.state[GOAL]:
         k = 0  # one of the moves leads to the neighbour that determines `rhs`
-        while d.g[s + _offset(d, k)] + (STEP if k < 4 else DIAGONAL) != d.rhs[s] or _cost(d, s, k) == INF:
+        while d.g[s + _offset(d, k)] + (STRAIGHT if k < 4 else DIAGONAL) != d.rhs[s] or _cost(d, s, k) == INF:
             k += 1
-        down, right = _step(k)
-        path[n, 0], path[n, 1] = path[n - 1, 0] + down, path[n - 1, 1] + right
+        path[n, 0], path[n, 1] = path[n - 1, 0] + ROW[k], path[n - 1, 1] + COL[k]
         s += _offset(d, k)
         n += 1
         diagonals += k >= 4
@@ -122,18 +121,9 @@ def descend(d: DStar) -> tuple[NDArray[np.int32], int]:
 
 
 @bare_kernel
-def _step(k: int) -> tuple[int, int]:
-    """Return the (row, col) of move `k`: right, down, left, up, then the diagonals clockwise from down-right."""
-    if k < 4:
-        return (k == 1) - (k == 3), (k == 0) - (k == 2)
-    return 1 if k < 6 else -1, -1 if 4 < k < 7 else 1
-
-
-@bare_kernel
 def _offset(d: DStar, k: int) -> int:
     """Return the flat offset of move `k`."""
-    down, right = _step(k)
-    return int(down * d.state[WIDTH] + right)
+    return int(ROW[k] * d.state[WIDTH] + COL[k])
 
 
 @bare_kernel
@@ -143,8 +133,8 @@ def _cost(d: DStar, s: int, k: int) -> int:
     if not (d.free[s] and d.free[t]):
         return INF
     if k < 4:
-        return STEP
-    sides = int(d.free[s + (d.state[WIDTH] if k < 6 else -d.state[WIDTH])]) + int(d.free[s + (-1 if 4 < k < 7 else 1)])
+        return STRAIGHT
+    sides = int(d.free[s + ROW[k] * d.state[WIDTH]]) + int(d.free[s + COL[k]])
     return DIAGONAL if sides >= d.state[NEED] else INF
 
 
@@ -163,11 +153,9 @@ def _look_ahead(d: DStar, s: int) -> int:
 @bare_kernel
 def _heuristic(d: DStar, s: int, t: int) -> int:
     """Return the cost between two cells on an empty map."""
-    row, to_row = s // d.state[WIDTH], t // d.state[WIDTH]
-    dr, dc = abs(row - to_row), abs(s - t - (row - to_row) * d.state[WIDTH])
-    if d.state[MOVES] == 4:
-        return int(STEP * (dr + dc))
-    return int(STEP * max(dr, dc) + (DIAGONAL - STEP) * min(dr, dc))
+    width = d.state[WIDTH]
+    shorter = STRAIGHT if d.state[MOVES] == 4 else DIAGONAL - STRAIGHT
+    return octile(s // width, s % width, t // width, t % width, STRAIGHT, shorter)
 
 
 @bare_kernel

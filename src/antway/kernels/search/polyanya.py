@@ -7,9 +7,8 @@ the *portals* of its top and bottom side, where it overlaps a polygon above or b
 polygons extends further is a corner of an obstacle, where a taut path may turn: corner 2k is the left end of portal k, 2k+1
 the right. Blocked cells that touch diagonally leave no portal between them, so no path passes there.
 
-A *node* is an interval of a portal as seen from a root, which is the start or a corner: int64[7] with the portal, the direction
-through it (0 up, 1 down), the root, and the points (x, y) of the rays from the root to the interval's left and right end. As a
-ray is given by a lattice point, the sign of an integer tells whether a point is left of it.
+A *node* is an interval of a portal as seen from a root: the start or a corner. It is bounded by two rays from the root,
+each given by a lattice point on it, so that the sign of an integer tells whether a point is left of a ray.
 """
 
 from __future__ import annotations
@@ -29,22 +28,28 @@ Floats = NDArray[np.float64]
 
 FOUND, EMPTY, PAUSED = 1, 2, 3  # how a slice of the search ended
 START, HIDDEN = -1, -2  # values in place of a corner
-X0, X1, NEAR = 0, 1, 2  # columns of a polygon [6]: left, right; from NEAR on the ranges of its top and bottom portals
-Y, LEFT, RIGHT, POLYGON = 0, 1, 2, 3  # columns of a portal [5]: y, left, right; the polygons above and below
+# Columns of polygons: left and right; the first portal of the top side and the one after its last, the same for the bottom.
+X0, X1, TOP, TOP_END, BOTTOM, BOTTOM_END = range(6)
+# Columns of portals: y, left and right; the polygons above and below.
+Y, LEFT, RIGHT, ABOVE, BELOW = range(5)
+# Columns of nodes: portal; 1 if the path goes down through it, else 0; root; points on the rays through the interval's ends.
+PORTAL, DOWN, ROOT, LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y = range(7)
+START_X, START_Y, START_POLYGON, GOAL_X, GOAL_Y, GOAL_POLYGON = range(6)  # indices of `ends`
+NODES, OPEN, EXPANDED, MOST = range(4)  # indices of `counts`: nodes, open nodes, expansions, most successors of a node
 
 
 class Memory(NamedTuple):
     """The map and the memory of a search."""
 
-    mesh: Ints  # [S, 6]; polygons
-    ports: Ints  # [P, 5]; portals
-    ends: Ints  # [6]; x, y and polygon of start and goal
+    polygons: Ints  # [S, 6]
+    portals: Ints  # [P, 5]
+    ends: Ints  # [6]
     best: Floats  # [2P]; length of the shortest path found to each corner
     parent: Ints  # [2P]; the corner before it
-    node: Ints  # [M, 7]; nodes
+    node: Ints  # [M, 7]
     cost: Floats  # [M]; length to the root of each node
     heap: Floats  # [M, 2]; open nodes, ordered by the least length of a path through them
-    counts: Ints  # [4]; number of nodes, open nodes and expansions, and the most successors of a node
+    counts: Ints  # [4]
 
 
 @kernel
@@ -56,7 +61,7 @@ def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np
     for r in range(rows):
         for c in range(cols):
             runs += not blocked[r, c] and (c == 0 or blocked[r, c - 1])
-    mesh, part, ports = np.zeros((runs, 6), np.int64), np.arange(runs), np.empty((2 * runs, 5), np.int64)
+    polygons, component, portals = np.zeros((runs, 6), np.int64), np.arange(runs), np.empty((2 * runs, 5), np.int64)
     s = k = 0
     for r in range(rows):
         right = -1
@@ -70,44 +75,47 @@ def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np
             if left == cols:
                 break
             above = at[r - 1, left] if r > 0 else -1
-            if above >= 0 and mesh[above, X0] == 2 * left and mesh[above, X1] == 2 * right:
+            if above >= 0 and polygons[above, X0] == 2 * left and polygons[above, X1] == 2 * right:
                 at[r, left:right] = above
                 continue
             at[r, left:right] = s
-            mesh[s, X0], mesh[s, X1], mesh[s, NEAR] = 2 * left, 2 * right, k
-            c = left if r > 0 else right
-            while c < right:
-                above = at[r - 1, c]
-                if above < 0:
-                    c += 1
-                    continue
-                end = min(mesh[above, X1] // 2, right)
-                ports[k, Y], ports[k, LEFT], ports[k, RIGHT], ports[k, POLYGON], ports[k, POLYGON + 1] = (
-                    2 * r,
-                    2 * c,
-                    2 * end,
-                    above,
-                    s,
-                )
-                if mesh[above, NEAR + 3] == 0:
-                    mesh[above, NEAR + 2] = k
-                k += 1
-                mesh[above, NEAR + 3] = k
-                part[_part(part, above)] = _part(part, s)
-                c = end
-            mesh[s, NEAR + 1] = k
+            polygons[s, X0], polygons[s, X1], polygons[s, TOP] = 2 * left, 2 * right, k
+            if r > 0:
+                k = _add_portals(polygons, component, portals, at, s, r, k)
+            polygons[s, TOP_END] = k
             s += 1
     for i in range(s):
-        part[i] = _part(part, i)
-    return mesh[:s].copy(), part[:s].copy(), ports[:k].copy(), at
+        component[i] = _component(component, i)
+    return polygons[:s].copy(), component[:s].copy(), portals[:k].copy(), at
 
 
-@kernel
-def _part(part: Ints, s: int) -> int:
-    """Return the root of `s` in the forest `part`, halving the path to it."""
-    while part[s] != s:
-        part[s] = part[part[s]]
-        s = part[s]
+@bare_kernel
+def _add_portals(polygons: Ints, component: Ints, portals: Ints, at: NDArray[np.int32], s: int, r: int, k: int) -> int:
+    """Add the portals between polygon `s`, which begins in row `r`, and the polygons above it; return the new number `k`."""
+    c, right = polygons[s, X0] // 2, polygons[s, X1] // 2
+    while c < right:
+        above = at[r - 1, c]
+        if above < 0:
+            c += 1
+            continue
+        end = min(polygons[above, X1] // 2, right)
+        portals[k, Y], portals[k, LEFT], portals[k, RIGHT] = 2 * r, 2 * c, 2 * end
+        portals[k, ABOVE], portals[k, BELOW] = above, s
+        if polygons[above, BOTTOM_END] == 0:
+            polygons[above, BOTTOM] = k
+        k += 1
+        polygons[above, BOTTOM_END] = k
+        component[_component(component, above)] = _component(component, s)
+        c = end
+    return k
+
+
+@bare_kernel
+def _component(component: Ints, s: int) -> int:
+    """Return the representative of the set of `s` in the disjoint sets `component`, halving the path to it."""
+    while component[s] != s:
+        component[s] = component[component[s]]
+        s = component[s]
     return s
 
 
@@ -118,31 +126,32 @@ def search(m: Memory, steps: int) -> tuple[int, int]:
     Returns how the slice ended, and the corner before the goal if FOUND.
     """
     new = 0
-    if m.counts[0] == 0:
+    if m.counts[NODES] == 0:
         for side in range(2):
-            for k in range(m.mesh[m.ends[2], NEAR + 2 * side], m.mesh[m.ends[2], NEAR + 2 * side + 1]):
-                _add(m, k, side, START, 0.0, m.ports[k, LEFT], m.ports[k, Y], m.ports[k, RIGHT], m.ports[k, Y])
+            for k in range(*_portals_of(m, m.ends[START_POLYGON], side)):
+                _add_whole(m, k, side, START, 0.0)
     else:
-        new = m.counts[0]
-    stop = m.counts[2] + steps
+        new = m.counts[NODES]
+    stop = m.counts[EXPANDED] + steps
     while True:
-        for n in range(new, m.counts[0]):
-            beyond = m.ports[m.node[n, 0], POLYGON + m.node[n, 1]]
-            exits = m.mesh[beyond, NEAR + 1] - m.mesh[beyond, NEAR] + m.mesh[beyond, NEAR + 3] - m.mesh[beyond, NEAR + 2]
-            if exits > 1 or beyond == m.ends[5]:
-                m.counts[1] = push(m.heap, m.counts[1], m.cost[n] + _least(m, n), n)
-        new = m.counts[0]
-        if m.counts[1] == 0:
+        for n in range(new, m.counts[NODES]):
+            beyond = _polygon_beyond(m, n)
+            exits = m.polygons[beyond, TOP_END] - m.polygons[beyond, TOP]
+            exits += m.polygons[beyond, BOTTOM_END] - m.polygons[beyond, BOTTOM]
+            if exits > 1 or beyond == m.ends[GOAL_POLYGON]:  # no dead end
+                m.counts[OPEN] = push(m.heap, m.counts[OPEN], m.cost[n] + _least(m, n), n)
+        new = m.counts[NODES]
+        if m.counts[OPEN] == 0:
             return EMPTY, START
-        if m.counts[2] >= stop or new + m.counts[3] > len(m.node):
+        if m.counts[EXPANDED] >= stop or new + m.counts[MOST] > len(m.node):
             return PAUSED, START
         n = int(m.heap[0, 1])
-        m.counts[1] = pop(m.heap, m.counts[1])
-        root = m.node[n, 2]
+        m.counts[OPEN] = pop(m.heap, m.counts[OPEN])
+        root = m.node[n, ROOT]
         if root != START and m.cost[n] > m.best[root]:
             continue
-        m.counts[2] += 1
-        if m.ports[m.node[n, 0], POLYGON + m.node[n, 1]] != m.ends[5]:
+        m.counts[EXPANDED] += 1
+        if _polygon_beyond(m, n) != m.ends[GOAL_POLYGON]:
             _expand(m, n)
         else:
             last = _before_goal(m, n)
@@ -153,68 +162,83 @@ def search(m: Memory, steps: int) -> tuple[int, int]:
 @bare_kernel
 def _expand(m: Memory, n: int) -> None:
     """Add the successors of node `n`: what its root sees of the next portals, and what is around the interval's ends."""
-    k, down, root = m.node[n, 0], m.node[n, 1], m.node[n, 2]
-    y, polygon, path = m.ports[k, Y], m.ports[k, POLYGON + down], m.cost[n]
-    x0, y0 = _place(m, root)
-    first, end = m.mesh[polygon, NEAR + 2 * down], m.mesh[polygon, NEAR + 2 * down + 1]
-    if y0 == y:  # the root is a corner of this polygon and sees all of it
-        for j in range(first, end):
-            _add(m, j, down, root, path, m.ports[j, LEFT], m.ports[j, Y], m.ports[j, RIGHT], m.ports[j, Y])
+    k, down, root, path = m.node[n, PORTAL], m.node[n, DOWN], m.node[n, ROOT], m.cost[n]
+    if _place(m, root)[1] == m.portals[k, Y]:  # the root is a corner of this polygon and sees all of it
+        for j in range(*_portals_of(m, _polygon_beyond(m, n), down)):
+            _add_whole(m, j, down, root, path)
         _add_flat(m, k, down, 1 - (root & 1), root, path)
-        return
-    ax, ay, bx, by = m.node[n, 3], m.node[n, 4], m.node[n, 5], m.node[n, 6]
+    else:
+        _add_observable(m, n)
+        for side in range(2):
+            _add_non_observable(m, n, side)
+
+
+@bare_kernel
+def _add_observable(m: Memory, n: int) -> None:
+    """Add what the root of node `n` sees of the next portals, between its rays (the paper's observable successors)."""
+    down, root = m.node[n, DOWN], m.node[n, ROOT]
+    x0, y0 = _place(m, root)
+    ax, ay, bx, by = m.node[n, LEFT_X], m.node[n, LEFT_Y], m.node[n, RIGHT_X], m.node[n, RIGHT_Y]
     left, left_rise, right, right_rise = ax - x0, abs(ay - y0), bx - x0, abs(by - y0)
-    for j in range(first, end):
-        y1, x1, x2 = m.ports[j, Y], m.ports[j, LEFT], m.ports[j, RIGHT]
+    for j in range(*_portals_of(m, _polygon_beyond(m, n), down)):
+        y1, x1, x2 = m.portals[j, Y], m.portals[j, LEFT], m.portals[j, RIGHT]
         rise = abs(y1 - y0)
         at_1, at_2 = left * rise - (x1 - x0) * left_rise, right * rise - (x2 - x0) * right_rise
         if left * rise < (x2 - x0) * left_rise and right * rise > (x1 - x0) * right_rise:
             px, py = (ax, ay) if at_1 > 0 else (x1, y1)
             qx, qy = (bx, by) if at_2 < 0 else (x2, y1)
-            _add(m, j, down, root, path, px, py, qx, qy)
-    for side in range(2):
-        x, corner, sign = m.ports[k, LEFT + side], 2 * k + side, 1 - 2 * side
-        further = path + _length(x - x0, y - y0)
-        if not (_may_turn(m, n, side) and _improve(m, corner, root, further)):
-            continue
-        for j in range(first, end):
-            y1, outer, inner = m.ports[j, Y], m.ports[j, LEFT + side], m.ports[j, RIGHT - side]
-            rise, span = abs(y1 - y0), abs(y - y0)
-            if sign * ((outer - x0) * span - (x - x0) * rise) < 0:
-                px, py = (inner, y1) if sign * ((inner - x0) * span - (x - x0) * rise) <= 0 else (2 * x - x0, 2 * y - y0)
-                if side == 0:
-                    _add(m, j, down, corner, further, outer, y1, px, py)
-                else:
-                    _add(m, j, down, corner, further, px, py, outer, y1)
-        _add_flat(m, k, down, side, corner, further)
+            _add(m, j, down, root, m.cost[n], px, py, qx, qy)
+
+
+@bare_kernel
+def _add_non_observable(m: Memory, n: int, side: int) -> None:
+    """Add what lies around the left (0) or right (1) end of the interval of node `n` (the paper's non-observable successors).
+
+    That end becomes the root, if a taut path may turn there and no shorter path to it is known.
+    """
+    k, down, root = m.node[n, PORTAL], m.node[n, DOWN], m.node[n, ROOT]
+    x0, y0 = _place(m, root)
+    x, y, corner, sign = m.portals[k, LEFT + side], m.portals[k, Y], 2 * k + side, 1 - 2 * side
+    path = m.cost[n] + _length(x - x0, y - y0)
+    if not (_may_turn(m, n, side) and _improve(m, corner, root, path)):
+        return
+    for j in range(*_portals_of(m, _polygon_beyond(m, n), down)):
+        y1, outer, inner = m.portals[j, Y], m.portals[j, LEFT + side], m.portals[j, RIGHT - side]
+        rise, span = abs(y1 - y0), abs(y - y0)
+        if sign * ((outer - x0) * span - (x - x0) * rise) < 0:
+            px, py = (inner, y1) if sign * ((inner - x0) * span - (x - x0) * rise) <= 0 else (2 * x - x0, 2 * y - y0)
+            if side == 0:
+                _add(m, j, down, corner, path, outer, y1, px, py)
+            else:
+                _add(m, j, down, corner, path, px, py, outer, y1)
+    _add_flat(m, k, down, side, corner, path)
 
 
 @bare_kernel
 def _add_flat(m: Memory, k: int, down: int, side: int, root: int, path: float) -> None:
     """Add the portals left (0) or right (1) of `k` on the same side of the polygon, which are reached along the wall."""
-    polygon = m.ports[k, POLYGON + down]
-    first, end = m.mesh[polygon, NEAR + 2 - 2 * down], m.mesh[polygon, NEAR + 3 - 2 * down]
+    first, end = _portals_of(m, m.portals[k, ABOVE + down], 1 - down)
     if side == 0:
         end = k
     else:
         first = k + 1
     for j in range(first, end):
         corner = 2 * j + 1 - side
-        further = path + abs(m.ports[root >> 1, LEFT + (root & 1)] - m.ports[j, RIGHT - side])
+        further = path + abs(m.portals[root >> 1, LEFT + (root & 1)] - m.portals[j, RIGHT - side])
         if _improve(m, corner, root, further):
-            _add(m, j, 1 - down, corner, further, m.ports[j, LEFT], m.ports[j, Y], m.ports[j, RIGHT], m.ports[j, Y])
+            _add_whole(m, j, 1 - down, corner, further)
 
 
 @bare_kernel
 def _before_goal(m: Memory, n: int) -> int:
     """Return the last corner on the path through node `n` to the goal in the next polygon; HIDDEN if it is not taut."""
-    k, root = m.node[n, 0], m.node[n, 2]
+    k, root = m.node[n, PORTAL], m.node[n, ROOT]
     x0, y0 = _place(m, root)
-    if y0 == m.ports[k, Y]:
+    if y0 == m.portals[k, Y]:
         return int(root)
     for side in range(2):
-        x, rise = m.node[n, 3 + 2 * side] - x0, abs(m.node[n, 4 + 2 * side] - y0)
-        if (1 - 2 * side) * ((m.ends[3] - x0) * rise - x * abs(m.ends[4] - y0)) < 0:
+        x, rise = m.node[n, LEFT_X + 2 * side] - x0, abs(m.node[n, LEFT_Y + 2 * side] - y0)
+        if (1 - 2 * side) * ((m.ends[GOAL_X] - x0) * rise - x * abs(m.ends[GOAL_Y] - y0)) < 0:
             if not _may_turn(m, n, side):
                 return HIDDEN
             _improve(m, 2 * k + side, root, m.cost[n] + _length(x, rise))
@@ -225,18 +249,18 @@ def _before_goal(m: Memory, n: int) -> int:
 @bare_kernel
 def _may_turn(m: Memory, n: int, side: int) -> bool:
     """Tell whether the left (0) or right (1) end of the interval of node `n` is an end of its portal and a corner."""
-    k = m.node[n, 0]
-    if m.node[n, 3 + 2 * side] != m.ports[k, LEFT + side] or m.node[n, 4 + 2 * side] != m.ports[k, Y]:
+    k = m.node[n, PORTAL]
+    if m.node[n, LEFT_X + 2 * side] != m.portals[k, LEFT + side] or m.node[n, LEFT_Y + 2 * side] != m.portals[k, Y]:
         return False
-    return bool(m.mesh[m.ports[k, POLYGON], X0 + side] != m.mesh[m.ports[k, POLYGON + 1], X0 + side])
+    return bool(m.polygons[m.portals[k, ABOVE], X0 + side] != m.polygons[m.portals[k, BELOW], X0 + side])
 
 
 @bare_kernel
 def _place(m: Memory, corner: int) -> tuple[int, int]:
     """Return (x, y) of a corner, or of the start."""
     if corner == START:
-        return int(m.ends[0]), int(m.ends[1])
-    return int(m.ports[corner >> 1, LEFT + (corner & 1)]), int(m.ports[corner >> 1, Y])
+        return int(m.ends[START_X]), int(m.ends[START_Y])
+    return int(m.portals[corner >> 1, LEFT + (corner & 1)]), int(m.portals[corner >> 1, Y])
 
 
 @bare_kernel
@@ -254,26 +278,44 @@ def _improve(m: Memory, corner: int, root: int, path: float) -> bool:
 
 
 @bare_kernel
+def _portals_of(m: Memory, polygon: int, side: int) -> tuple[int, int]:
+    """Return the first portal of the top (0) or bottom (1) side of a polygon, and the one after the last."""
+    return int(m.polygons[polygon, TOP + 2 * side]), int(m.polygons[polygon, TOP_END + 2 * side])
+
+
+@bare_kernel
+def _polygon_beyond(m: Memory, n: int) -> int:
+    """Return the polygon that the paths of node `n` enter through its portal."""
+    return int(m.portals[m.node[n, PORTAL], ABOVE + m.node[n, DOWN]])
+
+
+@bare_kernel
+def _add_whole(m: Memory, k: int, down: int, root: int, path: float) -> None:
+    """Add the node of portal `k` that `root` sees all of."""
+    _add(m, k, down, root, path, m.portals[k, LEFT], m.portals[k, Y], m.portals[k, RIGHT], m.portals[k, Y])
+
+
+@bare_kernel
 def _add(m: Memory, k: int, down: int, root: int, path: float, ax: int, ay: int, bx: int, by: int) -> None:
     """Add the node of portal `k` between the rays from `root` through (ax, ay) and (bx, by)."""
-    n = m.counts[0]
-    m.counts[0] = n + 1
-    m.node[n, 0], m.node[n, 1], m.node[n, 2], m.cost[n] = k, down, root, path
-    m.node[n, 3], m.node[n, 4], m.node[n, 5], m.node[n, 6] = ax, ay, bx, by
+    n = m.counts[NODES]
+    m.counts[NODES] = n + 1
+    m.node[n, PORTAL], m.node[n, DOWN], m.node[n, ROOT], m.cost[n] = k, down, root, path
+    m.node[n, LEFT_X], m.node[n, LEFT_Y], m.node[n, RIGHT_X], m.node[n, RIGHT_Y] = ax, ay, bx, by
 
 
 @bare_kernel
 def _least(m: Memory, n: int) -> float:
     """Return the least length from the root of `n` through its interval to the goal, mirrored if it is on the near side."""
-    y, x1, y1 = m.ports[m.node[n, 0], Y], m.ends[3], m.ends[4]
-    x0, y0 = _place(m, m.node[n, 2])
+    y, x1, y1 = m.portals[m.node[n, PORTAL], Y], m.ends[GOAL_X], m.ends[GOAL_Y]
+    x0, y0 = _place(m, m.node[n, ROOT])
     if y0 == y:
         return _length(x1 - x0, y1 - y0)
-    if (y1 > y) != (m.node[n, 1] == 1):
+    if (y1 > y) != (m.node[n, DOWN] == 1):
         y1 = 2 * y - y1
     rise = abs(y - y0)
-    left = (m.node[n, 3] - x0) * rise / abs(m.node[n, 4] - y0)
-    right = (m.node[n, 5] - x0) * rise / abs(m.node[n, 6] - y0)
+    left = (m.node[n, LEFT_X] - x0) * rise / abs(m.node[n, LEFT_Y] - y0)
+    right = (m.node[n, RIGHT_X] - x0) * rise / abs(m.node[n, RIGHT_Y] - y0)
     x = min(max((x1 - x0) * rise / abs(y1 - y0), left), right)
     return _length(x, rise) + _length(x1 - x0 - x, y1 - y)
 
@@ -295,7 +337,7 @@ def unwind(m: Memory, corner: int) -> Ints:
         c = m.parent[c]
         count += 1
     path = np.empty((count, 2), np.int64)
-    path[count - 1, 1], path[count - 1, 0] = m.ends[3], m.ends[4]
+    path[count - 1, 1], path[count - 1, 0] = m.ends[GOAL_X], m.ends[GOAL_Y]
     for i in range(count - 2, -1, -1):
         path[i, 1], path[i, 0] = _place(m, corner)
         corner = m.parent[corner] if i > 0 else START

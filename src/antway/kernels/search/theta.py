@@ -6,6 +6,7 @@ Lengths are doubled: cell (r, c) covers rows 2r..2r+2 and columns 2c..2c+2, its 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,67 +16,68 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.search.polyanya import EMPTY, FOUND, PAUSED, Floats, Ints
 
 
+class Memory(NamedTuple):
+    """A search between two slices, on a map of H x W cells with flat indices."""
+
+    length: Floats  # [HW] length of the shortest path found to each cell, infinite at first
+    parent: Ints  # [HW] previous cell of that path, which sees the cell (if lazy: once it is closed)
+    closed: NDArray[np.bool_]  # [HW] whether each cell has been expanded
+    heap: Floats  # [M, 2] open cells, once for each improvement
+    counts: Ints  # [2] size of the heap, and number of expansions
+    scratch: NDArray[np.int32]  # [2 * (H + W), 2] for `trace`
+
+
 @bare_kernel
-def theta(
-    blocked: NDArray[np.bool_],
-    start: int,
-    goal: int,
-    lazy: bool,
-    length: Floats,
-    parent: Ints,
-    closed: NDArray[np.bool_],
-    heap: Floats,
-    count: Ints,
-    scratch: NDArray[np.int32],
-    steps: int,
-) -> int:
+def theta(blocked: NDArray[np.bool_], start: int, goal: int, lazy: bool, memory: Memory, steps: int) -> int:
     """Run (Lazy) Theta* (Nash, Daniel, Koenig, Felner 2007; Nash, Koenig, Tovey 2010) for at most `steps` expansions.
 
-    Cells are flat indices. `length` [HW] is that of the shortest path found to each cell, infinite at first. `parent` [HW] is
-    the previous cell of that path, which sees the cell (if lazy: once it is closed). Open cells are on a `heap`,
-    float64[N, 2], once for each improvement. `count` is the size of the heap and the number of expansions. `scratch` is for
-    `trace`. Returns how the slice ended.
+    Returns how the slice ended.
     """
     cols = blocked.shape[1]
-    if count[1] == 0:
+    length, parent, closed, heap, counts = memory.length, memory.parent, memory.closed, memory.heap, memory.counts
+    if counts[1] == 0:
         length[start], parent[start] = 0.0, start
-        count[0] = push(heap, 0, 0.0, start)
-    stop = count[1] + steps
-    while count[0] > 0:
-        if count[1] == stop or count[0] + 8 > len(heap):
+        counts[0] = push(heap, 0, 0.0, start)
+    stop = counts[1] + steps
+    while counts[0] > 0:
+        if counts[1] == stop or counts[0] + 8 > len(heap):
             return PAUSED
         s = int(heap[0, 1])
-        count[0] = pop(heap, count[0])
+        counts[0] = pop(heap, counts[0])
         if closed[s]:
             continue
         closed[s] = True
-        count[1] += 1
-        r, c = s // cols, s % cols
-        if lazy and not _sees(blocked, parent[s], s, scratch):
-            length[s] = np.inf
-            for dr in range(-1, 2):
-                for dc in range(-1, 2):
-                    t = s + dr * cols + dc
-                    if (
-                        _may_step(blocked, r, c, dr, dc)
-                        and closed[t]
-                        and t != s
-                        and length[t] + math.sqrt(dr * dr + dc * dc) < length[s]
-                    ):
-                        length[s], parent[s] = length[t] + math.sqrt(dr * dr + dc * dc), t
+        counts[1] += 1
+        if lazy and not _sees(blocked, parent[s], s, memory.scratch):
+            _choose_parent(blocked, s, memory)
         if s == goal:
             return FOUND
+        r, c = s // cols, s % cols
         for dr in range(-1, 2):
             for dc in range(-1, 2):
                 t = s + dr * cols + dc
                 if not _may_step(blocked, r, c, dr, dc) or closed[t]:
                     continue
-                by = parent[s] if lazy or _sees(blocked, parent[s], t, scratch) else s
+                by = parent[s] if lazy or _sees(blocked, parent[s], t, memory.scratch) else s
                 path = length[by] + _between(by, t, cols)
                 if path < length[t]:
                     length[t], parent[t] = path, by
-                    count[0] = push(heap, count[0], path + _between(t, goal, cols), t)
+                    counts[0] = push(heap, counts[0], path + _between(t, goal, cols), t)
     return EMPTY
+
+
+@bare_kernel
+def _choose_parent(blocked: NDArray[np.bool_], s: int, memory: Memory) -> None:
+    """Make the best of its closed neighbours the parent of cell `s`, which its present parent does not see."""
+    cols, length = blocked.shape[1], memory.length
+    length[s] = np.inf
+    for dr in range(-1, 2):
+        for dc in range(-1, 2):
+            t = s + dr * cols + dc
+            if _may_step(blocked, s // cols, s % cols, dr, dc) and memory.closed[t] and t != s:
+                path = length[t] + math.sqrt(dr * dr + dc * dc)
+                if path < length[s]:
+                    length[s], memory.parent[s] = path, t
 
 
 @bare_kernel
