@@ -231,8 +231,8 @@ def _timed(curve: Curve, task: _Task) -> Motion:
     robot, limits = task.robot, task.limits
     speed = np.sqrt(curve.square)
     dt = 2.0 * curve.ds[:-1] / (speed[:-1] + speed[1:])
-    velocity, turn_rate = curve.ahead * speed[:, None], curve.kappa * speed
-    heading = np.unwrap(np.arctan2(curve.ahead[:, 1], curve.ahead[:, 0]))
+    velocity, turn_rate = curve.tangent * speed[:, None], curve.kappa * speed
+    heading = np.unwrap(np.arctan2(curve.tangent[:, 1], curve.tangent[:, 0]))
     if not robot.wheels:
         turn_rate = np.zeros(len(speed))
         heading = heading if robot.footprint is None else turn_rate.copy()
