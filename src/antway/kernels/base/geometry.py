@@ -23,7 +23,7 @@ TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than th
 
 @kernel
 def swept_discs(px: float, py: float, vx: float, vy: float, contact_radius: float, dt: float) -> tuple[float, float, float]:
-    """First contact and closest approach over [0, dt] of two discs in uniform linear motion.
+    """Return the first contact and the closest approach over [0, dt] of two discs in uniform linear motion.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def swept_timeline(
     low: int,
     high: int,
 ) -> tuple[float, float, float]:
-    """First contact and closest approach of a disc going from (ax, ay) at t0 to (bx, by) at t1 with one timeline.
+    """Return first contact and closest approach of a timeline and a disc that goes from (ax, ay) at t0 to (bx, by) at t1.
 
     Parameters
     ----------
@@ -255,29 +255,10 @@ def first_wall(
     """
     rows, cols = blocked.shape
     r = max(radius - TOUCH, 0.0)
-    best, n_row, n_col = math.inf, 0.0, 0.0
-    for axis in range(2):
-        p, d, most = (row, dr, rows - 0.5 - r) if axis == 0 else (col, dc, cols - 0.5 - r)
-        for side in (1.0, -1.0):
-            limit = most if side > 0.0 else r - 0.5
-            if side * d > 0.0 and side * (p + d - limit) > 0.0:
-                share = max((limit - p) / d, 0.0)
-                if share < best:
-                    best = share
-                    n_row, n_col = (-side, 0.0) if axis == 0 else (0.0, -side)
-    parts = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
     margin = r + 0.5
-    enters, leaves = 0.0, 1.0  # shares of the segment between which the disc is near enough to the map to meet a cell
-    for p, d, size in ((row, dr, rows), (col, dc, cols)):
-        if d == 0.0:
-            if p < -margin or p > size - 1.0 + margin:
-                leaves = -1.0
-        else:
-            a, b = (-margin - p) / d, (size - 1.0 + margin - p) / d
-            enters, leaves = max(enters, min(a, b)), min(leaves, max(a, b))
-    if enters > leaves:
-        return best, n_row, n_col
-    for part in range(max(int(enters * parts) - 1, 0), min(int(leaves * parts) + 2, parts)):
+    best, n_row, n_col = _first_edge(rows, cols, row, col, dr, dc, r)
+    first, last, parts = _parts_on_map(rows, cols, row, col, dr, dc, margin)
+    for part in range(first, last):
         if best <= part / parts:
             break
         r0, c0 = row + dr * (part / parts), col + dc * (part / parts)
@@ -289,6 +270,42 @@ def first_wall(
                     if share < best:
                         best, n_row, n_col = share, n0, n1
     return best, n_row, n_col
+
+
+@kernel
+def _first_edge(rows: int, cols: int, row: float, col: float, dr: float, dc: float, r: float) -> tuple[float, float, float]:
+    """Return the first contact of a disc of radius r with an edge of the map, as `first_wall`."""
+    best, n_row, n_col = math.inf, 0.0, 0.0
+    for axis in range(2):
+        p, d, most = (row, dr, rows - 0.5 - r) if axis == 0 else (col, dc, cols - 0.5 - r)
+        for side in (1.0, -1.0):
+            limit = most if side > 0.0 else r - 0.5
+            if side * d > 0.0 and side * (p + d - limit) > 0.0:
+                share = max((limit - p) / d, 0.0)
+                if share < best:
+                    best = share
+                    n_row, n_col = (-side, 0.0) if axis == 0 else (0.0, -side)
+    return best, n_row, n_col
+
+
+@kernel
+def _parts_on_map(rows: int, cols: int, row: float, col: float, dr: float, dc: float, margin: float) -> tuple[int, int, int]:
+    """Divide a segment into parts of at most 4 cells; return which of them (first, last + 1) may come near the map, and all.
+
+    A part is near where it is within `margin` of the centre of a cell, by rows and by columns.
+    """
+    parts = max(1, math.ceil(max(abs(dr), abs(dc)) / 4.0))
+    enter, leave = 0.0, 1.0
+    for p, d, size in ((row, dr, rows), (col, dc, cols)):
+        if d == 0.0:
+            if p < -margin or p > size - 1.0 + margin:
+                leave = -1.0
+        else:
+            a, b = (-margin - p) / d, (size - 1.0 + margin - p) / d
+            enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
+    if enter > leave:
+        return 0, 0, parts
+    return max(int(enter * parts) - 1, 0), min(int(leave * parts) + 2, parts), parts
 
 
 @kernel

@@ -39,12 +39,9 @@ def pop(heap: Rows, size: int) -> int:
     size -= 1
     key, item = heap[size, 0], heap[size, 1]
     hole = 0
-    while True:
-        child = 4 * hole + 1
-        if child >= size:
-            break
-        least = child
-        for other in range(child + 1, min(child + 4, size)):
+    while 4 * hole + 1 < size:
+        least = 4 * hole + 1
+        for other in range(least + 1, min(least + 4, size)):
             if heap[other, 0] < heap[least, 0]:
                 least = other
         if heap[least, 0] >= key:
@@ -83,12 +80,9 @@ def pop_item(key: Rows, heap: Rows, place: Rows, size: int) -> int:
     if size > 0:
         moved = heap[size]
         hole = 0
-        while True:
-            child = 4 * hole + 1
-            if child >= size:
-                break
-            least = child
-            for other in range(child + 1, min(child + 4, size)):
+        while 4 * hole + 1 < size:
+            least = 4 * hole + 1
+            for other in range(least + 1, min(least + 4, size)):
                 if key[heap[other]] < key[heap[least]]:
                     least = other
             if key[heap[least]] >= key[moved]:
