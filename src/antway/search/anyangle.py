@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
+from antway.kernels.base.jit import entry
 from antway.kernels.search.polyanya import (
     BOTTOM,
     BOTTOM_END,
@@ -142,7 +143,8 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     memory = ThetaMemory(length, parent, closed, np.empty((1024, 2)), counts, scratch)
     code = PAUSED
     while code == PAUSED and not clock.spent():
-        code = theta(problem.grid.blocked, sr * cols + sc, goal, lazy, memory, STEPS)
+        arguments = (problem.grid.blocked, sr * cols + sc, goal, lazy, memory, STEPS)
+        code = entry(theta, *arguments)(*arguments)
         if code == PAUSED and counts[0] + 8 > len(memory.heap):
             memory = memory._replace(heap=longer(memory.heap))
     if code == FOUND:

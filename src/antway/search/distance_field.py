@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Cell, Grid, Moves
+from antway.kernels.base.jit import entry
 from antway.kernels.search.canonical import START, Lattice
 from antway.kernels.search.distance_field import (
     BAND,
@@ -157,7 +158,8 @@ class DijkstraField:
         """Spread until done or until the clock runs out; tell whether it is done."""
         code = RUNNING
         while code != DONE and not (clock and clock.spent()):
-            code = spread(self.net, self.targets, self.within * STRAIGHT, self.memory, STEPS)
+            arguments = (self.net, self.targets, self.within * STRAIGHT, self.memory, STEPS)
+            code = entry(spread, *arguments)(*arguments)
             if code == FULL:
                 self.memory = self.memory._replace(entries=longer(self.memory.entries))
         return code == DONE

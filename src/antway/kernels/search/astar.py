@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.search.buckets import (
     BOUND,
     CUT,
@@ -126,7 +126,7 @@ def successors(
     return n, passed
 
 
-@kernel
+@bare_kernel
 def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal_col: int, steps: int) -> int:
     """Take about `steps` steps (cells expanded or passed diagonally) and return the state of the search.
 
@@ -196,7 +196,7 @@ def expand(search_map: SearchMap, memory: Memory, base: int, goal_row: int, goal
     return code
 
 
-@kernel
+@bare_kernel
 def initialize(nodes: NDArray[np.int32], queue: Queue, base: int, cell: int, row: int, col: int, key: int) -> None:
     """Empty the queue and add the start."""
     reset(queue)
@@ -236,7 +236,7 @@ def trace(nodes: NDArray[np.int32], goal: int, width: int) -> tuple[NDArray[np.i
     return path, diagonals
 
 
-@kernel
+@bare_kernel
 def is_clear(lattice: Lattice, row: int, col: int, goal_row: int, goal_col: int) -> bool:
     """Tell whether diagonal and then straight moves lead to the goal. With diagonal moves no path is shorter."""
     around, table, width = lattice.around, lattice.table, lattice.width

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.search.lengths import DIAGONAL, STRAIGHT
 
 LIMIT = STRAIGHT * DIAGONAL  # a path that costs less has fewer than STRAIGHT diagonals, so that costs compare as lengths do
@@ -33,7 +33,7 @@ class Queue(NamedTuple):
     state: NDArray[np.int64]  # [8] see above
 
 
-@kernel
+@bare_kernel
 def reset(queue: Queue) -> None:
     """Empty the queue."""
     first, filled, state = queue.first, queue.filled, queue.state
@@ -84,7 +84,7 @@ def put(queue: Queue, entry: int, at: int, row: int, col: int, g: int, key: int)
     first[bucket] = entry
 
 
-@kernel
+@bare_kernel
 def next_block(queue: Queue, at: int) -> int:
     """Spread the entries of the first nonempty block after that of the key `at` over its keys; return its first key, or -1."""
     first, filled, entries, last = queue.first, queue.filled, queue.entries, queue.state[LAST]

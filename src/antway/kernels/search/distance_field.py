@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import inner_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.search.canonical import START, Lattice
 from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
 
@@ -56,7 +56,7 @@ def run_straight(lattice: Lattice, label: NDArray[np.float64], cell: int, d: int
     return cell, ahead if more else 0
 
 
-@kernel
+@bare_kernel
 def spread(lattice: Lattice, targets: NDArray[np.int64], within: float, memory: Memory, steps: int) -> int:
     """Expand about `steps` cells; return RUNNING, DONE, or FULL if `entries` must be longer.
 

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.bits import ctz
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 
 _ONE, _LAST = np.uint64(1), np.uint64(63)
 _ALL_BUT_LAST = ~(_ONE << _LAST)
 
 
-@kernel
+@bare_kernel
 def place(d: int, row: int, col: int, height: int, width: int) -> tuple[int, int, int]:
     """Return where part `d` has a cell: the first word of its line, the bit in the line, and the words in a line."""
     row_words, col_words = width // 64 + 3, height // 64 + 3
@@ -37,7 +37,7 @@ def place(d: int, row: int, col: int, height: int, width: int) -> tuple[int, int
     return 2 * row_part + col_part + (col + 1) * col_words, height - 1 - row + 64, col_words
 
 
-@kernel
+@bare_kernel
 def place_beside(d: int, other: int, row: int, col: int, height: int, width: int) -> tuple[int, int, int, int]:
     """Return what `place` does, and the number of words from that line to the line of the cell one step in direction `other`.
 
@@ -47,7 +47,7 @@ def place_beside(d: int, other: int, row: int, col: int, height: int, width: int
     return line, bit, length, length if other < 2 else -length
 
 
-@kernel
+@bare_kernel
 def jump(words: NDArray[np.uint64], line: int, bit: int, length: int) -> int:
     """Return how far along the line the next jump point is, or the negated distance of the next wall if that is nearer."""
     start = bit

@@ -6,13 +6,13 @@ values of b differ by less than STRAIGHT. The same holds for the fine lengths.
 
 from __future__ import annotations
 
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.jit import inner_kernel
 
 STRAIGHT, DIAGONAL = 5741, 8119  # small, for sums in 32 bits
 FINE_STRAIGHT, FINE_DIAGONAL = 38613965, 54608393  # large; sums are exact in float64 up to 2^53
 
 
-@bare_kernel
+@inner_kernel
 def octile(row: int, col: int, to_row: int, to_col: int, straight: int, shorter: int) -> int:
     """Return the distance of two cells on an empty map.
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.heap import pop, push
-from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.rows import copy_row
 
 Ints = NDArray[np.int64]
@@ -89,7 +89,7 @@ def build_mesh(blocked: NDArray[np.bool_]) -> tuple[Ints, Ints, Ints, NDArray[np
     return polygons[:s].copy(), component[:s].copy(), portals[:k].copy(), at
 
 
-@bare_kernel
+@inner_kernel
 def _add_portals(polygons: Ints, component: Ints, portals: Ints, at: NDArray[np.int32], s: int, r: int, k: int) -> int:
     """Add the portals between polygon `s`, which begins in row `r`, and the polygons above it; return the new number `k`."""
     c, right = polygons[s, X0] // 2, polygons[s, X1] // 2
@@ -173,7 +173,7 @@ def _expand(m: Memory, n: int) -> None:
             _add_non_observable(m, n, side)
 
 
-@bare_kernel
+@inner_kernel
 def _add_observable(m: Memory, n: int) -> None:
     """Add what the root of node `n` sees of the next portals, between its rays (the paper's observable successors)."""
     down, root = m.node[n, DOWN], m.node[n, ROOT]
@@ -190,7 +190,7 @@ def _add_observable(m: Memory, n: int) -> None:
             _add(m, j, down, root, m.cost[n], px, py, qx, qy)
 
 
-@bare_kernel
+@inner_kernel
 def _add_non_observable(m: Memory, n: int, side: int) -> None:
     """Add what lies around the left (0) or right (1) end of the interval of node `n` (the paper's non-observable successors).
 
@@ -246,7 +246,7 @@ def _before_goal(m: Memory, n: int) -> int:
     return int(root)
 
 
-@bare_kernel
+@inner_kernel
 def _may_turn(m: Memory, n: int, side: int) -> bool:
     """Tell whether the left (0) or right (1) end of the interval of node `n` is an end of its portal and a corner."""
     k = m.node[n, PORTAL]
@@ -255,7 +255,7 @@ def _may_turn(m: Memory, n: int, side: int) -> bool:
     return bool(m.polygons[m.portals[k, ABOVE], X0 + side] != m.polygons[m.portals[k, BELOW], X0 + side])
 
 
-@bare_kernel
+@inner_kernel
 def _place(m: Memory, corner: int) -> tuple[int, int]:
     """Return (x, y) of a corner, or of the start."""
     if corner == START:
@@ -263,7 +263,7 @@ def _place(m: Memory, corner: int) -> tuple[int, int]:
     return int(m.portals[corner >> 1, LEFT + (corner & 1)]), int(m.portals[corner >> 1, Y])
 
 
-@bare_kernel
+@inner_kernel
 def _improve(m: Memory, corner: int, root: int, path: float) -> bool:
     """Record a path to `corner` if it is shorter than all before.
 
@@ -277,25 +277,25 @@ def _improve(m: Memory, corner: int, root: int, path: float) -> bool:
     return True
 
 
-@bare_kernel
+@inner_kernel
 def _portals_of(m: Memory, polygon: int, side: int) -> tuple[int, int]:
     """Return the first portal of the top (0) or bottom (1) side of a polygon, and the one after the last."""
     return int(m.polygons[polygon, TOP + 2 * side]), int(m.polygons[polygon, TOP_END + 2 * side])
 
 
-@bare_kernel
+@inner_kernel
 def _polygon_beyond(m: Memory, n: int) -> int:
     """Return the polygon that the paths of node `n` enter through its portal."""
     return int(m.portals[m.node[n, PORTAL], ABOVE + m.node[n, DOWN]])
 
 
-@bare_kernel
+@inner_kernel
 def _add_whole(m: Memory, k: int, down: int, root: int, path: float) -> None:
     """Add the node of portal `k` that `root` sees all of."""
     _add(m, k, down, root, path, m.portals[k, LEFT], m.portals[k, Y], m.portals[k, RIGHT], m.portals[k, Y])
 
 
-@bare_kernel
+@inner_kernel
 def _add(m: Memory, k: int, down: int, root: int, path: float, ax: int, ay: int, bx: int, by: int) -> None:
     """Add the node of portal `k` between the rays from `root` through (ax, ay) and (bx, by)."""
     n = m.counts[NODES]
