@@ -220,7 +220,7 @@ class Sipp:
         ----------
         start : (x, y)
             m. If it is not the centre of a cell, the robot first goes straight to a centre at most three rows and columns away.
-        obstacles : Courses or None
+        obstacles : Trajectories or None
             The moving discs, such as a `Timeline`.
         t : float
             Time at the start, s.
@@ -353,7 +353,7 @@ def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
         For arrays that do not fit together.
     """
     if not all(hasattr(obstacles, name) for name in ("radius", "knot_t", "knot_xy", "first")):
-        raise BadParameter("obstacles", obstacles, "courses such as a Timeline: radius, knot_t, knot_xy, first; or None")
+        raise BadParameter("obstacles", obstacles, "trajectories such as a Timeline: radius, knot_t, knot_xy, first; or None")
     radius = checks.array("obstacles.radius", obstacles.radius, (None,))
     knot_t = checks.array("obstacles.knot_t", obstacles.knot_t, (None,))
     knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2))
