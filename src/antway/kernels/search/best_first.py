@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.heap import pop_item, put_item
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, kernel
 
 RUNNING, FOUND, EXHAUSTED = 0, 1, 2
 
@@ -74,7 +74,7 @@ def legal_moves(
     return legal
 
 
-@kernel
+@bare_kernel
 def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: NDArray[np.float64]) -> float:
     """Return the length of a shortest path on an empty map: the norm whose unit ball is the polygon of the moves.
 
@@ -90,14 +90,14 @@ def gauge(row: int, col: int, goal_row: int, goal_col: int, faces: NDArray[np.fl
     return best
 
 
-@kernel
+@bare_kernel
 def open_cell(cell: int, g: float, h: float, came_by: int, memory: Memory, size: int) -> int:
     """Label `cell` and put it on the heap, or move it up there; return the new size of the heap."""
     memory.label[cell], memory.key[cell], memory.arrived[cell] = g, g + h, came_by
     return put_item(memory.key, memory.heap, memory.place, size, cell)
 
 
-@kernel
+@bare_kernel
 def best_first(
     net: Graph, cost: NDArray[np.float64], goal: int, within: float, faces: NDArray[np.float64], memory: Memory, steps: int
 ) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import rng
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.base.rows import copy_row
 
@@ -60,7 +60,7 @@ class Curve(NamedTuple):
     cost: NDArray[np.float64]  # [M] s; cost of the step to the next sample
 
 
-@kernel
+@bare_kernel
 def missing_clearance(s: Surroundings, x: float, y: float, need: float) -> float:
     """Return the clearance in m that (x, y) lacks, 0 if none; it is exact except inside walls."""
     rows, cols = s.border.shape
@@ -84,7 +84,7 @@ def missing_clearance(s: Surroundings, x: float, y: float, need: float) -> float
     return max(need - math.sqrt(best), 0.0)
 
 
-@kernel
+@inner_kernel
 def _evaluate(curve: Curve, span: int, u: float, at: int) -> None:
     """Compute place, tangent and curvature at the part u, in [0, 1], of a span, as sample `at`."""
     p, n = curve.points, len(curve.points)
@@ -110,7 +110,7 @@ def _evaluate(curve: Curve, span: int, u: float, at: int) -> None:
         curve.kappa[at] = (cos * by - sin * bx) / (size * size)
 
 
-@kernel
+@inner_kernel
 def _missing_at(curve: Curve, s: Surroundings, at: int) -> float:
     """Return the largest clearance in m that one of the robot's discs lacks at sample `at`."""
     x0, y0 = curve.xy[at, 0], curve.xy[at, 1]
@@ -125,7 +125,7 @@ def _missing_at(curve: Curve, s: Surroundings, at: int) -> float:
     return most
 
 
-@kernel
+@bare_kernel
 def sample(curve: Curve, s: Surroundings, first: int, last: int) -> None:
     """Compute the samples on the spans `first` to `last`, and the steps between them."""
     n = len(curve.points)
@@ -140,7 +140,7 @@ def sample(curve: Curve, s: Surroundings, first: int, last: int) -> None:
         curve.ds[at] = max(step, _SHORT)
 
 
-@kernel
+@inner_kernel
 def _controllable(curve: Curve, limits: RobotLimits, i: int) -> float:
     """Return the largest squared speed at sample i from which the limits allow one that is permitted at sample i + 1."""
     k0, k1, ds, after = curve.kappa[i], curve.kappa[i + 1], curve.ds[i], curve.high[i + 1]
@@ -171,7 +171,7 @@ def _controllable(curve: Curve, limits: RobotLimits, i: int) -> float:
     return most
 
 
-@kernel
+@inner_kernel
 def _reachable(curve: Curve, limits: RobotLimits, i: int) -> float:
     """Return the largest squared speed at sample i + 1, given that at sample i."""
     square, middle, ds = curve.square[i], 0.5 * (curve.kappa[i] + curve.kappa[i + 1]), curve.ds[i]
@@ -186,7 +186,7 @@ def _reachable(curve: Curve, limits: RobotLimits, i: int) -> float:
     return after
 
 
-@kernel
+@bare_kernel
 def drive_along(curve: Curve, limits: RobotLimits, first: int, last: int, old: Curve) -> tuple[int, int, int]:
     """Recompute speeds and costs after the steps `first` to `last` have changed; save the previous ones in `old`.
 
@@ -223,7 +223,7 @@ def drive_along(curve: Curve, limits: RobotLimits, first: int, last: int, old: C
     return low, start, end
 
 
-@kernel
+@bare_kernel
 def _copy_samples(source: Curve, target: Curve, first: int, last: int) -> None:
     """Copy the samples `first` to `last`, and the steps before and after them."""
     for i in range(max(first - 1, 0), last + 1):
@@ -262,7 +262,7 @@ def improve(curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, tria
     return total
 
 
-@kernel
+@bare_kernel
 def _try_move(
     curve: Curve, old: Curve, s: Surroundings, limits: RobotLimits, i: int, width: int, dx: float, dy: float
 ) -> float:
@@ -279,7 +279,7 @@ def _try_move(
     first, last = max(low - 1, 0), min(high + 2, n)
     a, b = first * k, min((last + 1) * k, m - 1)
     for j in range(low, high + 1):
-        old.points[j] = curve.points[j]
+        copy_row(curve.points[j], old.points[j])
         part = 1.0 - abs(j - i) / width
         curve.points[j, 0] += part * dx
         curve.points[j, 1] += part * dy
@@ -292,7 +292,7 @@ def _try_move(
     if change < -_LEAST_DROP:
         return change
     for j in range(low, high + 1):
-        curve.points[j] = old.points[j]
+        copy_row(old.points[j], curve.points[j])
     _copy_samples(old, curve, a, b)
     copy_row(old.high[lowest:b], curve.high[lowest:b])
     copy_row(old.square[start : end + 1], curve.square[start : end + 1])
