@@ -12,24 +12,8 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid, Moves
 from antway.kernels.base.jit import entry
-from antway.kernels.search.polyanya import (
-    BOTTOM,
-    BOTTOM_END,
-    EMPTY,
-    EXPANDED,
-    FOUND,
-    NODES,
-    PAUSED,
-    START,
-    TOP,
-    TOP_END,
-    Memory,
-    build_mesh,
-    search,
-    unwind,
-)  # fmt: skip
-from antway.kernels.search.theta import Memory as ThetaMemory
-from antway.kernels.search.theta import cells_along, theta
+from antway.kernels.search import polyanya, theta
+from antway.kernels.search.polyanya import BOTTOM, BOTTOM_END, EMPTY, EXPANDED, FOUND, NODES, PAUSED, START, TOP, TOP_END
 from antway.planning import Budget, Clock, Plan, Problem, Status, start_clock
 from antway.search.derived import kept, longer
 from antway.search.result import not_found
@@ -95,19 +79,19 @@ class Mesh(NamedTuple):
     portals: NDArray[np.int64]  # [P, 5]
     polygon_at: NDArray[np.int32]  # [H, W] polygon of each cell, or -1
     widest: int  # largest number of portals of a polygon
-    spare: list[Memory]  # unused memories, for the next searches
+    spare: list[polyanya.Memory]  # unused memories, for the next searches
 
 
 def _mesh(grid: Grid) -> Mesh:
-    polygons, component, portals, polygon_at = build_mesh(grid.blocked)
+    polygons, component, portals, polygon_at = polyanya.build_mesh(grid.blocked)
     exits = polygons[:, TOP_END] - polygons[:, TOP] + polygons[:, BOTTOM_END] - polygons[:, BOTTOM]
     return Mesh(polygons, component, portals, polygon_at, int(exits.max()), [])
 
 
-def _memory(net: Mesh, nodes: int) -> Memory:
+def _memory(net: Mesh, nodes: int) -> polyanya.Memory:
     corners, ends, counts = 2 * len(net.portals), np.empty(6, np.int64), np.empty(4, np.int64)
     best, parent, node = np.empty(corners), np.empty(corners, np.int64), np.empty((nodes, 7), np.int64)
-    return Memory(net.polygons, net.portals, ends, best, parent, node, np.empty(nodes), np.empty((nodes, 2)), counts)
+    return polyanya.Memory(net.polygons, net.portals, ends, best, parent, node, np.empty(nodes), np.empty((nodes, 2)), counts)
 
 
 def _polyanya(problem: Problem, clock: Clock) -> Plan:
@@ -124,11 +108,11 @@ def _polyanya(problem: Problem, clock: Clock) -> Plan:
     code, corner = (FOUND if first == last else PAUSED), START
     try:
         while code == PAUSED and not clock.spent():
-            code, corner = search(memory, STEPS)
+            code, corner = polyanya.search(memory, STEPS)
             if code == PAUSED and memory.counts[NODES] + most > len(memory.node):
                 node, cost, heap = longer(memory.node), longer(memory.cost), longer(memory.heap)
                 memory = memory._replace(node=node, cost=cost, heap=heap)
-        path, expanded = unwind(memory, corner) if code == FOUND else None, int(memory.counts[EXPANDED])
+        path, expanded = polyanya.unwind(memory, corner) if code == FOUND else None, int(memory.counts[EXPANDED])
     finally:
         net.spare.append(memory)
     return not_found(False, expanded, clock) if path is None else _found(problem, path, expanded, clock, True)
@@ -140,11 +124,11 @@ def _theta(problem: Problem, clock: Clock, lazy: bool) -> Plan:
     size, goal = rows * cols, gr * cols + gc
     length, parent, closed = np.full(size, np.inf), np.empty(size, np.int64), np.zeros(size, np.bool_)
     counts, scratch = np.zeros(2, np.int64), np.empty((2 * (rows + cols), 2), np.int32)
-    memory = ThetaMemory(length, parent, closed, np.empty((1024, 2)), counts, scratch)
+    memory = theta.Memory(length, parent, closed, np.empty((1024, 2)), counts, scratch)
     code = PAUSED
     while code == PAUSED and not clock.spent():
         arguments = (problem.grid.blocked, sr * cols + sc, goal, lazy, memory, STEPS)
-        code = entry(theta, *arguments)(*arguments)
+        code = entry(theta.theta, *arguments)(*arguments)
         if code == PAUSED and counts[0] + 8 > len(memory.heap):
             memory = memory._replace(heap=longer(memory.heap))
     if code == FOUND:
@@ -162,5 +146,5 @@ def _found(problem: Problem, path: NDArray[np.int64], expanded: int, clock: Cloc
     res = problem.grid.resolution
     length = math.fsum(np.hypot(*np.diff(points, axis=0).T)) * res
     bound = length if optimal else min(length, math.dist(problem.start, problem.goal) * res)
-    cells = cells_along(problem.grid.blocked, path)
+    cells = theta.cells_along(problem.grid.blocked, path)
     return Plan(Status.FOUND, cells, length, optimal, expanded, clock.elapsed(), bound, points)
