@@ -69,6 +69,16 @@ def _most_steps(cells: int, corners: int) -> int:
     return min(by_cell * cells, by_corner * corners + besides)
 
 
+def _unlinked(n: int, edges: int) -> Memory:
+    """Return a graph of n nodes that has no edges yet, and memory for `edges` of them."""
+    first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
+    order, local = np.column_stack((np.zeros(n, np.int64), np.arange(n))), np.zeros((n, 2), np.int64)
+    state = np.zeros(6, np.int64)
+    state[FREE], state[OPEN] = -1, n
+    rows, weight, heap = np.empty((edges, 5), np.int32), np.empty(edges, np.int64), np.empty((edges, 2), np.int64)
+    return Memory(first, rows, weight, order, level, rank, local, heap, ends, state)
+
+
 class Hierarchy:
     """The contraction hierarchy over the corners of a map with `Moves.EIGHT`; any thread may use it.
 
@@ -105,32 +115,26 @@ class Hierarchy:
         number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
         subgoal_map = SubgoalMap(net, packed_lines(grid.blocked | is_corner), number.ravel())
         n, seeds = len(nodes), 8 * max(grid.shape) + 16
-        edges, weight = np.empty((8 * n + seeds, 5), np.int32), np.empty(8 * n + seeds, np.int64)
-        first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
-        order, local = np.column_stack((np.zeros(n, np.int64), np.arange(n))), np.zeros((n, 2), np.int64)
-        heap, state, left = np.empty((len(edges), 2), np.int64), np.zeros(6, np.int64), _most_steps(grid.blocked.size, n)
-        state[FREE], state[OPEN] = -1, n
-        memory = Memory(first, edges, weight, order, level, rank, local, heap, ends, state)
-        while state[RANKED] < n:
-            if state[LINKED] < n:
+        memory, left = _unlinked(n, 8 * n + seeds), _most_steps(grid.blocked.size, n)
+        while memory.state[RANKED] < n:
+            if memory.state[LINKED] < n:
                 code = link(subgoal_map, nodes, memory, STEPS)
             else:
                 code = contract(memory, STEPS)
             if code == FULL:
-                edges, weight = longer(edges), longer(weight)
-                memory = memory._replace(edges=edges, weight=weight, heap=np.empty((len(edges), 2), np.int64))
+                memory = memory._replace(edges=longer(memory.edges), weight=longer(memory.weight), heap=longer(memory.heap))
             elif code == RUNNING:
                 left -= STEPS
             if left < 0:
                 self.pays = False
                 return
             yield False
-        number[number >= 0] = rank
+        number[number >= 0] = memory.rank
         cells = np.empty((n, 2), np.int32)
-        cells[rank] = np.column_stack(np.divmod(nodes, net.width))
+        cells[memory.rank] = np.column_stack(np.divmod(nodes, net.width))
         row_start, up, parts = upward_graph(memory)
         self.graphs = subgoal_map, UpwardGraph(row_start, up, parts, cells)
-        self.sizes = n, len(up) + seeds, seeds, int(level.max(initial=0)) + 3
+        self.sizes = n, len(up) + seeds, seeds, int(memory.level.max(initial=0)) + 3
 
     def plan(self, problem: Problem, clock: Clock) -> Plan:
         """Solve a problem on this map."""

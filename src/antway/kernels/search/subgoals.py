@@ -84,12 +84,12 @@ def seen(subgoals: SubgoalMap, row: int, col: int, found: NDArray[np.int64]) -> 
     """Write number and cost of all subgoals that the cell sees to `found`, int64[M, 2]; return how many there are."""
     around, width = subgoals.lattice.around, subgoals.lattice.width
     stops, number = subgoals.stops, subgoals.number
-    height, wide, n = around.size // width, width + 2, 0
-    start = (row + 1) * wide + col + 1
+    height, padded, n = around.size // width, width + 2, 0
+    start = (row + 1) * padded + col + 1
     for d in range(4):
         line, bit, _ = place(d, row, col, height, width)
         k = clear(stops, line, bit) + 1
-        other = number[start + k * (ROW[d] * wide + COL[d])]
+        other = number[start + k * (ROW[d] * padded + COL[d])]
         if other >= 0:
             found[n, 0], found[n, 1] = other, k * FINE_STRAIGHT
             n += 1
@@ -97,7 +97,7 @@ def seen(subgoals: SubgoalMap, row: int, col: int, found: NDArray[np.int64]) -> 
         one, two = d - 4, (d - 3) & 3  # the straight directions on both sides of d
         line1, bit1, _, next1 = place_beside(one, two, row, col, height, width)
         line2, bit2, _, next2 = place_beside(two, one, row, col, height, width)
-        step, step1, step2 = ROW[d] * wide + COL[d], ROW[one] * wide + COL[one], ROW[two] * wide + COL[two]
+        step, step1, step2 = ROW[d] * padded + COL[d], ROW[one] * padded + COL[one], ROW[two] * padded + COL[two]
         free_around = np.uint8(1 << one | 1 << two | 1 << d)
         x, at, g = row * width + col, start, 0
         wide1, wide2 = clear(stops, line1, bit1), clear(stops, line2, bit2)
