@@ -9,6 +9,7 @@ import pytest
 
 from antway import Grid
 from antway.kernels.base import geometry
+from antway.kernels.base.records import Trajectories
 from common import cases
 from naive.geometry import hits_cells, sampled_discs, sampled_square, sampled_timeline
 
@@ -68,13 +69,14 @@ def test_swept_timeline_against_samples():
         n = rng.integers(1, 6)
         knot_t = np.cumsum(rng.uniform(0.1, 2.0, n)) - 1.0
         knot_xy = rng.normal(size=(n, 2)) * 2
+        disc = Trajectories(knot_t, knot_xy, np.array([0, n]), np.zeros(1))
         a, b = rng.normal(size=(2, 2)) * 2
         t0 = rng.uniform(-2.0, 4.0)
         t1 = t0 + rng.choice([0.0, rng.uniform(0.0, 6.0)])
         if t1 == t0:
             b = a
         contact_radius = rng.uniform(0.05, 1.5)
-        first, distance, when = geometry.swept_timeline(*a, *b, t0, t1, contact_radius, knot_t, knot_xy, 0, n)
+        first, distance, when = geometry.swept_timeline(*a, *b, t0, t1, contact_radius, disc, 0)
         sampled, _, sampled_first = sampled_timeline(a, b, t0, t1, contact_radius, knot_t, knot_xy)
         fastest = math.dist(a, b) / max(t1 - t0, 1e-9)
         if n > 1:
@@ -87,7 +89,7 @@ def test_swept_timeline_against_samples():
         assert first <= sampled_first + 1e-9
         if first < math.inf:
             assert t0 <= first <= when
-            x, y, _, _ = geometry.timeline_at(first, knot_t, knot_xy, 0, n)
+            x, y, _, _ = geometry.timeline_at(first, disc, 0)
             s = (first - t0) / (t1 - t0) if t1 > t0 else 0.0
             away = math.hypot(x - a[0] - s * (b[0] - a[0]), y - a[1] - s * (b[1] - a[1]))
             assert away <= contact_radius + 1e-9 if first == t0 else math.isclose(away, contact_radius, abs_tol=2e-9)
@@ -96,7 +98,8 @@ def test_swept_timeline_against_samples():
 def test_timeline_at():
     """A timeline is at its knots at their times, in between on the straight line, and stands before and after."""
     knot_t, knot_xy = np.array([9.0, 1.0, 3.0, 4.0, 9.0]), np.array([[9.0, 9], [0, 0], [2, 4], [2, 4], [9, 9]])
-    at = [geometry.timeline_at(t, knot_t, knot_xy, 1, 4) for t in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)]
+    discs = Trajectories(knot_t, knot_xy, np.array([0, 1, 4, 5]), np.zeros(3))
+    at = [geometry.timeline_at(t, discs, 1) for t in (0.0, 1.0, 2.0, 3.0, 4.0, 5.0)]
     assert at == [(0, 0, 0, 0), (0, 0, 1, 2), (1, 2, 1, 2), (2, 4, 0, 0), (2, 4, 0, 0), (2, 4, 0, 0)]
 
 

@@ -171,7 +171,7 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
             if s > end + 1e-12:
                 break
             here = twin.body_at(corners, x, y, theta)
-            places = [timeline_at(0.1 * count + s, *discs[:2], discs.first[k], discs.first[k + 1])[:2] for k in range(4)]
+            places = [timeline_at(0.1 * count + s, discs, k)[:2] for k in range(4)]
             gaps.append([twin.hull_gap(here, np.array([p])) - discs.radius[k] - rounding for k, p in enumerate(places)])
             wall.append(twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding)
             goal.append(math.dist((x, y), aim[:2]) - aim[2])
@@ -183,7 +183,7 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
             assert theta == state[2]
         here = twin.body_at(corners, x, y, theta)
         if what in (HIT_MOVING, HIT_STANDING):
-            place = timeline_at(record.t[count + 1], *discs[:2], discs.first[obstacle], discs.first[obstacle + 1])[:2]
+            place = timeline_at(record.t[count + 1], discs, obstacle)[:2]
             assert abs(twin.hull_gap(here, np.array([place])) - discs.radius[obstacle] - rounding) < 1e-7
         elif what == HIT_WALL:
             assert abs(twin.wall_gap(here, grid.blocked, 0.2, 0.5) - rounding) < 1e-7

@@ -102,7 +102,8 @@ class Timeline:
         """Return places in m and velocities in m/s at time t, float64[K, 2] each."""
         from antway.kernels.base.geometry import timeline_at
 
-        states = [timeline_at(float(t), self.knot_t, self.knot_xy, self.first[k], self.first[k + 1]) for k in range(len(self))]
+        trajectories = self.trajectories
+        states = [timeline_at(float(t), trajectories, k) for k in range(len(self))]
         both = np.array(states, np.float64).reshape(-1, 4)
         return both[:, :2], both[:, 2:]
 

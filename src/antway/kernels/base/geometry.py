@@ -3,9 +3,9 @@
 Two bodies are in contact if they are nearer than the sum of their radii by more than `TOUCH`; touching is legal. All lengths
 of a call have the same unit. Tests against cells use (row, col) points, integers at cell centres, and lengths in cells.
 
-A *timeline* is the piecewise linear motion of a disc. It is at `knot_xy[i]` at the time `knot_t[i]` s (strictly increasing),
-moves straight at constant speed in between, and stands before the first knot and after the last. Several discs share one pair
-of arrays: disc k has the knots `first[k]:first[k + 1]`.
+A *timeline* is the piecewise linear motion of a disc, one of several in a record `Trajectories`. Disc k is at `knot_xy[i]` at
+the time `knot_t[i]` s (strictly increasing) for i in `first[k]:first[k + 1]`, moves straight at constant speed in between, and
+stands before its first knot and after its last.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import inner_kernel, kernel
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.jit import bare_kernel, inner_kernel, kernel
+from antway.kernels.base.records import Terrain, Trajectories
 
 TOUCH = 1e-9  # in the unit of the call; a contact is a distance smaller than the contact radius by more than this
 
@@ -64,21 +64,11 @@ def swept_discs(px: float, py: float, vx: float, vy: float, contact_radius: floa
     return min(max(first, 0.0), when), distance, when
 
 
-@kernel
+@bare_kernel
 def swept_timeline(
-    ax: float,
-    ay: float,
-    bx: float,
-    by: float,
-    t0: float,
-    t1: float,
-    contact_radius: float,
-    knot_t: NDArray[np.float64],
-    knot_xy: NDArray[np.float64],
-    low: int,
-    high: int,
+    ax: float, ay: float, bx: float, by: float, t0: float, t1: float, contact_radius: float, trajectories: Trajectories, k: int
 ) -> tuple[float, float, float]:
-    """Return first contact and closest approach of a timeline and a disc that goes from (ax, ay) at t0 to (bx, by) at t1.
+    """Return first contact and closest approach of timeline k and a disc that goes from (ax, ay) at t0 to (bx, by) at t1.
 
     Parameters
     ----------
@@ -86,8 +76,8 @@ def swept_timeline(
         The straight step at constant speed, t0 <= t1; with t0 == t1 the disc stands at (ax, ay).
     contact_radius : float
         Sum of the radii.
-    knot_t, knot_xy, low, high
-        The timeline: knots low:high, at least one.
+    trajectories, k
+        The timeline.
 
     Returns
     -------
@@ -97,11 +87,11 @@ def swept_timeline(
     span = t1 - t0
     ux, uy = ((bx - ax) / span, (by - ay) / span) if span > 0.0 else (0.0, 0.0)
     first, distance, when = math.inf, math.inf, t0
-    i = low + int(np.searchsorted(knot_t[low:high], t0, side="right"))  # the first knot after t0
+    i = _knot_after(trajectories, k, t0)
     t = t0
     while True:
-        end = min(t1, knot_t[i]) if i < high else t1
-        ox, oy, vx, vy = _place(knot_t, knot_xy, low, high, i, t)
+        end = min(t1, trajectories.knot_t[i]) if i < trajectories.first[k + 1] else t1
+        ox, oy, vx, vy = _place(trajectories, k, i, t)
         step = swept_discs(ox - ax - ux * (t - t0), oy - ay - uy * (t - t0), vx - ux, vy - uy, contact_radius, end - t)
         if step[1] < distance:
             distance, when = step[1], min(t + step[2], end)
@@ -113,11 +103,17 @@ def swept_timeline(
         i += 1
 
 
-@kernel
-def _place(
-    knot_t: NDArray[np.float64], knot_xy: NDArray[np.float64], low: int, high: int, i: int, t: float
-) -> tuple[float, float, float, float]:
-    """Return place and velocity at time t on the part that ends at knot i."""
+@bare_kernel
+def _knot_after(trajectories: Trajectories, k: int, t: float) -> int:
+    """Return the number of the first knot of timeline k after the time t; the number after its last if there is none."""
+    low, high = trajectories.first[k], trajectories.first[k + 1]
+    return int(low + np.searchsorted(trajectories.knot_t[low:high], t, side="right"))
+
+
+@bare_kernel
+def _place(trajectories: Trajectories, k: int, i: int, t: float) -> tuple[float, float, float, float]:
+    """Return place and velocity at time t on the part of timeline k that ends at knot i."""
+    knot_t, knot_xy, low, high = trajectories.knot_t, trajectories.knot_xy, trajectories.first[k], trajectories.first[k + 1]
     if i in (low, high):
         j = min(i, high - 1)
         return knot_xy[j, 0], knot_xy[j, 1], 0.0, 0.0
@@ -128,12 +124,10 @@ def _place(
     return knot_xy[i - 1, 0] + vx * s, knot_xy[i - 1, 1] + vy * s, vx, vy
 
 
-@kernel
-def timeline_at(
-    t: float, knot_t: NDArray[np.float64], knot_xy: NDArray[np.float64], low: int, high: int
-) -> tuple[float, float, float, float]:
-    """Return (x, y, vx, vy) at time t on the timeline with knots low:high; at a knot, of the part that begins there."""
-    return _place(knot_t, knot_xy, low, high, low + int(np.searchsorted(knot_t[low:high], t, side="right")), t)
+@bare_kernel
+def timeline_at(t: float, trajectories: Trajectories, k: int) -> tuple[float, float, float, float]:
+    """Return (x, y, vx, vy) at time t on timeline k; at a knot, of the part that begins there."""
+    return _place(trajectories, k, _knot_after(trajectories, k, t), t)
 
 
 @kernel

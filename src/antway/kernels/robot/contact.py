@@ -57,7 +57,7 @@ def advance(
     clearance : float
         Smallest distance between the edges of robot and obstacles in this step, m; infinite without obstacles.
     """
-    knot_t, knot_xy, first, radius = trajectories
+    radius = trajectories.radius
     vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, robot, dt)
     t0, t1 = t[i], (i + 1) * dt
     h = t1 - t0
@@ -66,7 +66,7 @@ def advance(
     what, obstacle, when, clearance = GOES_ON, -1, t1, math.inf
     for k in range(len(radius)):
         contact_radius = robot[4] + radius[k]
-        hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, contact_radius, knot_t, knot_xy, first[k], first[k + 1])
+        hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, contact_radius, trajectories, k)
         clearance = min(clearance, distance - contact_radius)
         if hit < when or (hit == when and what == GOES_ON):
             when, obstacle = hit, k
@@ -85,7 +85,7 @@ def advance(
         clearance = math.inf
         for k in range(len(radius)):
             contact_radius = robot[4] + radius[k]
-            _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, contact_radius, knot_t, knot_xy, first[k], first[k + 1])
+            _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, contact_radius, trajectories, k)
             clearance = min(clearance, distance - contact_radius)
     t[i + 1] = when
     xy[i + 1, 0], xy[i + 1, 1] = bx, by

@@ -78,7 +78,7 @@ def _first_contact(
     for k in range(len(discs.radius)):
         s = 0.0
         while s < h and s < when:
-            ox, oy, ux, uy = timeline_at(t + s, discs.knot_t, discs.knot_xy, discs.first[k], discs.first[k + 1])
+            ox, oy, ux, uy = timeline_at(t + s, discs, k)
             span = min(_next_knot(discs, k, t + s) - t - s, h - s)
             x, y, _, _, _, _ = pose(m, s)
             away = math.hypot(x - ox, y - oy) - body.radius - discs.radius[k]
@@ -125,7 +125,7 @@ def _nearest(m: Segment, t: float, h: float, body: Body, discs: Trajectories, be
     for k in range(len(discs.radius)):
         s = 0.0
         while True:
-            ox, oy, ux, uy = timeline_at(t + s, discs.knot_t, discs.knot_xy, discs.first[k], discs.first[k + 1])
+            ox, oy, ux, uy = timeline_at(t + s, discs, k)
             span = min(_next_knot(discs, k, t + s) - t - s, h - s)
             disc = Disc(ox, oy, ux, uy, discs.radius[k])
             best = nearest_disc(_later(m, s), span, body.corners, body.rounding, disc, best)

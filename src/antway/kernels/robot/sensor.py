@@ -43,10 +43,10 @@ def scan(
     int
         Number of discs seen.
     """
-    first, radius = trajectories.first, trajectories.radius
+    radius = trajectories.radius
     n = 0
     for k in range(len(radius)):
-        ox, oy, vx, vy = timeline_at(t, trajectories.knot_t, trajectories.knot_xy, first[k], first[k + 1])
+        ox, oy, vx, vy = timeline_at(t, trajectories, k)
         dx, dy = ox - x, oy - y
         distance = math.hypot(dx, dy)
         if distance - radius[k] > sensor_range:

@@ -161,7 +161,7 @@ def _unlink(cell: int, bucket: int, head: NDArray[np.int32], after: NDArray[np.i
 @kernel
 def timeline_segments(trajectories: Trajectories, robot_radius: float, start: float, horizon: float) -> Segments:
     """Return the motion segments (see `segments.py`) of K discs between `start` and `horizon` s."""
-    knot_t, knot_xy, first, radius = trajectories
+    knot_t, first, radius = trajectories.knot_t, trajectories.first, trajectories.radius
     segments = np.empty((len(knot_t) + len(radius), 8))
     n = 0
     for k in range(len(radius)):
@@ -170,7 +170,7 @@ def timeline_segments(trajectories: Trajectories, robot_radius: float, start: fl
             t0 = start if i == low else max(start, knot_t[i - 1])
             t1 = min(horizon, 2 * NEVER if i == high else knot_t[i])
             if t0 < t1:
-                x, y, vx, vy = timeline_at(t0, knot_t, knot_xy, low, high)
+                x, y, vx, vy = timeline_at(t0, trajectories, k)
                 contact_radius = robot_radius + radius[k]
                 segments[n] = (t0, t1, x, y, vx, vy, contact_radius, contact_radius)
                 n += 1

@@ -29,11 +29,11 @@ def first_met(
     The body moves from (ax, ay) at `start` to (bx, by) at `end` s. Tubes are `wider` m wider than their discs. The other
     parameters are those of `first_conflict`.
     """
-    knot_t, knot_xy, first, radius = trajectories
+    radius = trajectories.radius
     when, obstacle = math.inf, -1
     for k in range(len(radius)):
         contact_radius = body + radius[k] + wider
-        hit, _, _ = swept_timeline(ax, ay, bx, by, start, end, contact_radius, knot_t, knot_xy, first[k], first[k + 1])
+        hit, _, _ = swept_timeline(ax, ay, bx, by, start, end, contact_radius, trajectories, k)
         if hit < when:
             when, obstacle = hit, k
     return when, obstacle
