@@ -49,7 +49,6 @@ def _graph(grid: Grid, moves: Moves) -> Graph:
     margin = int(np.abs(moves.offsets).max())
     free = np.pad(~grid.blocked, margin).astype(np.uint8)
     width = free.shape[1]
-    need = {Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 0}
     touched = [[r * width + c for r, c in cells] for cells in moves.touched]
     offsets = (moves.offsets[:, 0].astype(np.int64) * width + moves.offsets[:, 1]).astype(np.int64)
     legal = legal_moves(
@@ -57,7 +56,7 @@ def _graph(grid: Grid, moves: Moves) -> Graph:
         offsets,
         np.array([t for cells in touched for t in cells], dtype=np.int64),
         np.cumsum([0, *(len(cells) for cells in touched)], dtype=np.int64),
-        np.array([min(len(cells), need.get(moves, len(cells))) for cells in touched], dtype=np.int64),
+        np.array([min(len(cells), NEED.get(moves.value, len(cells))) for cells in touched], dtype=np.int64),
     )
     return Graph(legal, offsets, moves.lengths, width, margin)
 

@@ -9,13 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
-from antway.grid import Cell, Moves
+from antway.grid import Cell
+from antway.kernels.search.canonical import NEED
 from antway.kernels.search.dstarlite import EXPANDED, GOAL, INF, START, DStar, change, compute, descend, initialize, move
 from antway.planning import Budget, Plan, Problem, start_clock
+from antway.search.derived import NEIGHBOURS
 from antway.search.result import found_shortest, not_found
 
 STEPS = 1 << 14  # expansions between two looks at the clock
-_NEED = {Moves.FOUR: 0, Moves.EIGHT: 2, Moves.EIGHT_NOSQUEEZE: 1, Moves.EIGHT_CUT: 0}  # free side cells of a diagonal
 
 
 def dstarlite(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> Plan:
@@ -64,7 +65,7 @@ class DStarLite:
 
     Examples
     --------
-    >>> from antway import Grid
+    >>> from antway import Grid, Moves
     >>> robot = DStarLite(Problem(Grid(np.zeros((3, 3), dtype=bool)), (1, 0), (1, 2), Moves.FOUR))
     >>> robot.plan().length
     2.0
@@ -74,15 +75,15 @@ class DStarLite:
     """
 
     def __init__(self, problem: Problem) -> None:
-        if checks.instance("problem", problem, Problem).moves not in _NEED:
-            raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in _NEED)} for D* Lite")
+        if checks.instance("problem", problem, Problem).moves not in NEIGHBOURS:
+            raise BadParameter("moves", problem.moves.value, f"one of {', '.join(m.value for m in NEIGHBOURS)} for D* Lite")
         free = np.pad(~problem.grid.blocked, 1)
         size, self._width = free.size, free.shape[1]
         self._problem, self._stale = problem, False
         start, goal = self._flat("ends", [problem.start, problem.goal])
         g, rhs, place = np.full(size, INF), np.full(size, INF), np.full(size, -1)
         key, queue = np.zeros((size, 2), np.int64), np.empty(size, np.int64)
-        state = np.array([self._width, len(problem.moves.offsets), _NEED[problem.moves], start, goal, 0, 0, 0])
+        state = np.array([self._width, len(problem.moves.offsets), NEED[problem.moves.value], start, goal, 0, 0, 0])
         self._search = DStar(free.ravel(), g, rhs, key, queue, place, state)
         initialize(self._search)
 

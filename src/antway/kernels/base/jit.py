@@ -40,7 +40,8 @@ def shared_kernel(function: F) -> F:
 def bare_kernel(function: F) -> F:
     """Compile `function` as `kernel` does, without reference counts of arrays, which can take half the time of small kernels.
 
-    It is for kernels that only read and write their arguments: Numba refuses to compile an allocation here.
+    With them, each call that hands on a record counts a reference to each of its arrays. This is for kernels that only read and
+    write their arguments: Numba refuses to compile an allocation here.
     """
     return _compiled(function, _nrt=False)
 
