@@ -42,10 +42,10 @@ def jumps_pay(grid: Grid) -> bool:
     On such maps every jump stops after a few cells, while diagonals are long, and beyond about a million cells the lines that
     diagonals look along no longer fit into the cache.
     """
-    return grid.blocked.size <= 1 << 20 or kept(grid, "strewn", lambda: _strewn(grid)) < 0.1
+    return grid.blocked.size <= 1 << 20 or kept(grid, "isolated", lambda: _isolated(grid)) < 0.1
 
 
-def _strewn(grid: Grid) -> float:
+def _isolated(grid: Grid) -> float:
     """Return the share of the blocked cells without a blocked neighbour, in a sample of about half a million cells."""
     every = max(1, grid.blocked.size >> 19)
     above, here, below = (grid.blocked[i : i - 2 or None : every] for i in range(3))
