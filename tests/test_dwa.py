@@ -10,8 +10,8 @@ import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.kernels.base.records import Terrain
-from antway.kernels.baselines.dwa import roll_out, roll_out_twists, stops_clear
-from antway.kernels.robot.motion import drive_cycle
+from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists, stops_clear
+from antway.kernels.robot.motion import RobotState, drive_cycle
 from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
 from common import cases
@@ -26,12 +26,13 @@ def hall(*obstacles: Obstacle, **changes) -> Scenario:
     return Scenario(World(HALL, obstacles), (1.125, 3.125), (9.125, 3.125), **changes)
 
 
-def roll(command, state, limits, dt, steps, blocked, size, radius, discs):
-    out = np.empty((1, 5))
-    roll_out(
-        np.array([command]), np.array(state), np.array(limits), dt, steps, Terrain(blocked, 0.0, 0.0, size), radius,
-        discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy(), out,
-    )  # fmt: skip
+def obstacles(discs):
+    return Obstacles(discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy())
+
+
+def roll(command, state, limits, dt, steps, blocked, size, discs):
+    out, terrain = np.empty((1, 5)), Terrain(blocked, 0.0, 0.0, size)
+    roll_out(np.array([command]), RobotState(*state), limits, dt, steps, terrain, obstacles(discs), out)
     return out[0]
 
 
@@ -44,7 +45,7 @@ def test_rollouts_find_the_first_contact() -> None:
         discs = np.column_stack((rng.uniform(0, 6, (3, 2)), rng.uniform(-1, 1, (3, 2)), np.full(3, 0.5)))
         angle = rng.uniform(-math.pi, math.pi)
         velocity = math.cos(angle), math.sin(angle)
-        done = roll(velocity, (4.0, 4.0, 0.0, 0.0, 0.0), (1.0, math.inf, 2.0, 0.0), 0.1, 30, blocked, 0.2, 0.2, discs)
+        done = roll(velocity, (4.0, 4.0, 0.0, 0.0, 0.0), RobotSpec(radius=0.2).limits, 0.1, 30, blocked, 0.2, discs)
         touch = naive.first_touch((4.0, 4.0), velocity, 3.2, discs, 6.0, 0.2)
         free = naive.first_touch((4.0, 4.0), velocity, 3.2, discs, math.inf, 0.2)
         if done[1] >= 0:
@@ -61,9 +62,10 @@ def test_rollouts_find_the_first_contact() -> None:
 def test_rollouts_obey_the_robots_own_limits() -> None:
     """After one period the robot is where the simulator's rules take it: inertia, and turning before driving."""
     free, none = np.zeros((40, 40), dtype=bool), np.empty((0, 5))
-    slow = roll((1.0, 0.0), (4.0, 4.0, 0.0, 0.0, 0.0), (1.0, 2.0, 2.0, 0.0), 0.1, 1, free, 0.2, 0.2, none)
+    heavy, wheels = RobotSpec(radius=0.2, a_max=2.0).limits, RobotSpec(radius=0.2, drive="differential").limits
+    slow = roll((1.0, 0.0), (4.0, 4.0, 0.0, 0.0, 0.0), heavy, 0.1, 1, free, 0.2, none)
     assert slow[2:] == pytest.approx((0.2, 4.02, 4.0))
-    turning = roll((-1.0, 0.0), (4.0, 4.0, 1.0, 0.0, 0.0), (1.0, math.inf, 2.0, 1.0), 0.1, 1, free, 0.2, 0.2, none)
+    turning = roll((-1.0, 0.0), (4.0, 4.0, 0.0, 1.0, 0.0), wheels, 0.1, 1, free, 0.2, none)
     assert turning[2:] == pytest.approx((0.0, 4.0, 4.0))
 
 
@@ -74,15 +76,13 @@ def test_rollouts_of_twists_are_the_robots_own_arcs() -> None:
     found = 0
     for _ in range(cases(40, 1000)):
         discs = np.column_stack((rng.uniform(1, 6, (3, 2)), rng.uniform(-0.6, 0.6, (3, 2)), np.full(3, 0.5)))
-        state = np.array([4.0, 4.0, rng.uniform(-3, 3), rng.uniform(0, 1), rng.uniform(-1, 1)])
+        state = RobotState(4.0, 4.0, rng.uniform(-3, 3), rng.uniform(0, 1), rng.uniform(-1, 1))
         twist, out = np.array([[rng.uniform(-0.3, 1.0), rng.uniform(-1.9, 1.9)]]), np.empty((1, 7))
-        roll_out_twists(
-            twist, state, WHEELS.limits, 0.1, 30, 10, Terrain(blocked, 0.0, 0.0, 0.2),
-            discs[:, :2].copy(), discs[:, 2:4].copy(), discs[:, 4].copy(), out,
-        )  # fmt: skip
-        now, touch, wall, after = tuple(state.tolist()), math.inf, math.inf, None
+        terrain = Terrain(blocked, 0.0, 0.0, 0.2)
+        roll_out_twists(twist, state, WHEELS.limits, 0.1, 30, 10, terrain, obstacles(discs), out)
+        now, touch, wall, after = state, math.inf, math.inf, None
         for i in range(600):
-            now = drive_cycle(*now, *twist[0].tolist(), WHEELS.limits, 0.005)
+            now = drive_cycle(now, *twist[0].tolist(), WHEELS.limits, 0.005)
             t = 0.005 * (i + 1)
             after = now if i == 199 else after
             if (np.hypot(*(discs[:, :2] + discs[:, 2:4] * t - now[:2]).T) < discs[:, 4]).any():
@@ -161,13 +161,13 @@ def test_a_stop_is_clear_where_dense_steps_find_no_wall() -> None:
     blocked[:, 30:] = True
     both = set()
     for _ in range(cases(200, 3000)):
-        state = np.array([rng.uniform(4.6, 5.7), 4.0, rng.uniform(-1.5, 1.5), rng.uniform(-0.3, 1), rng.uniform(-1.9, 1.9)])
+        state = RobotState(rng.uniform(4.6, 5.7), 4.0, rng.uniform(-1.5, 1.5), rng.uniform(-0.3, 1), rng.uniform(-1.9, 1.9))
         twist = float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.9, 1.9))
         clear = stops_clear(*twist, state, WHEELS.limits, dt, Terrain(blocked, 0.0, 0.0, 0.2))
-        now, gap, t = tuple(state.tolist()), math.inf, 0.0
+        now, gap, t = state, math.inf, 0.0
         while t < dt or abs(now[3]) > 1e-9:
             gap = min(gap, 6.0 - WHEELS.radius - now[0])
-            now = drive_cycle(*now, *(twist if t < dt - 1e-9 else (0.0, twist[1])), WHEELS.limits, 1e-3)
+            now = drive_cycle(now, *(twist if t < dt - 1e-9 else (0.0, twist[1])), WHEELS.limits, 1e-3)
             t += 1e-3
         gap = min(gap, 6.0 - WHEELS.radius - now[0])
         assert not clear or gap >= -1e-9

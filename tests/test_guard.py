@@ -12,6 +12,7 @@ from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
+from antway.kernels.robot.motion import RobotState
 from antway.policies.guard import Guard, Guarded
 from common import cases
 from naive import guard as naive
@@ -70,7 +71,6 @@ def play(
     task = Task(
         Grid(HALL, SIZE), robot, (1.0, 1.0), (9.0, 9.0), obstacle_speed=BOUND, obstacle_surge=surge, obstacle_swerve=accel
     )
-    limits = np.array([V_MAX, a_max, robot.turn_rate, float(kind == "differential")])
     guard = Guard(timeout=0.35)
     announced = {"free": 0, "slowed": 0, "braked": 0, "stepped-aside": 0, "moving": 0}
     for i in range(steps):
@@ -99,7 +99,7 @@ def play(
         announced[guard.did] += 1
         if policy == "none" or t - stamp > guard.timeout:
             assert passed == Command((0.0, 0.0)) and guard.did == "braked"
-        vx, vy, heading = drive(*velocity, heading, *passed.velocity, limits, DT)
+        vx, vy, heading = drive(*velocity, heading, *passed.velocity, robot.limits, DT)
         velocity = np.array([vx, vy])
         moving = math.hypot(vx, vy) > 1e-9
         announced["moving"] += moving
@@ -151,7 +151,8 @@ def test_the_promise_holds_where_tracks_share_numbers(a_max: float, kind: str, n
 def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> None:
     """A free command passes whole, a slowed one is the fastest of ten that sampling finds free, and none is when it brakes."""
     rng = np.random.default_rng(3)
-    limits = np.array([V_MAX, a_max, 2.0, float(kind == "differential")])
+    robot = RobotSpec(radius=RADIUS, v_max=V_MAX, a_max=a_max, drive=kind)
+    limits = V_MAX, a_max, 2.0, kind == "differential"
     did_all = []
     for _ in range(cases(200, 3000)):
         tracks = np.column_stack(
@@ -168,7 +169,7 @@ def test_what_passes_is_what_its_slow_twin_passes(a_max: float, kind: str) -> No
         command = rng.normal(size=2) * rng.choice([0.5, 1.0, 2.0])
         v = (speed * math.cos(heading), speed * math.sin(heading))
         rules, terrain = Rules(DT, 1.5, True), Terrain(HALL, 0.0, 0.0, SIZE)
-        wx, wy, did = guarded(px, py, *v, heading, *command, tracks, np.append(limits, RADIUS), rules, terrain)
+        wx, wy, did = guarded(RobotState(px, py, heading, *v), *command, tracks, robot.limits, rules, terrain)
         did_all.append(did)
         gaps = naive.gaps_of_fractions(px, py, v, heading, command, tracks, RADIUS, limits, DT, HALL, SIZE)
         near = np.abs(gaps) < 2e-3  # too close to call by sampling

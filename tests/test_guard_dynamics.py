@@ -12,10 +12,11 @@ import pytest
 from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.records import Trajectories
 from antway.kernels.robot.brake import Robot
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
-from antway.kernels.robot.cycle import Body, Record, play
-from antway.kernels.robot.motion import delayed
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
+from antway.kernels.robot.cycle import play
+from antway.kernels.robot.motion import RobotState, delayed
 from antway.kernels.robot.passing import when_it_acts
+from antway.kernels.robot.sweep import Body
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guard
 from antway.world.terrain import walls_of
@@ -264,7 +265,7 @@ def test_the_guard_starts_from_the_state_after_the_pending_commands(drive: str) 
         pending = rng.uniform(-1.0, 1.0, (math.ceil(spec.latency / DT - 1e-9), 2))
         state = np.array(when_it_acts(5.0, 5.0, theta, vx, vy, turn, pending, robot))
         own = (vx, vy) if drive == "holonomic" else (speed, turn)
-        expected = np.array(delayed(5.0, 5.0, theta, *own, pending, robot.limits, DT))
+        expected = np.array(delayed(RobotState(5.0, 5.0, theta, *own), pending, robot.limits, DT))
         if drive == "holonomic":
             assert state[2] == theta
             expected[2] = theta

@@ -10,9 +10,10 @@ import pytest
 from antway import Grid
 from antway.kernels.base.geometry import timeline_at
 from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits, Trajectories
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
-from antway.kernels.robot.cycle import Body, Record, play
-from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
+from antway.kernels.robot.cycle import play
+from antway.kernels.robot.motion import RobotState, delayed, drive_cycle, drive_roughly
+from antway.kernels.robot.sweep import Body
 from antway.world.terrain import walls_of
 from antway.world.timeline import Timeline
 from common import cases
@@ -33,15 +34,15 @@ def some_limits(
     return RobotLimits(drive, 1.0, reverse, a_max, brake, 1.9, float(alpha), steering, latency, radius)
 
 
-def some_state(rng: np.random.Generator, limits: RobotLimits) -> tuple[float, float, float, float, float]:
+def some_state(rng: np.random.Generator, limits: RobotLimits) -> RobotState:
     x, y, theta = *rng.uniform(2.0, 4.0, 2), rng.uniform(-math.pi, math.pi)
     if limits.drive == HOLONOMIC:
         speed, angle = rng.uniform(0.0, 1.0), rng.uniform(0.0, 2 * math.pi)
-        return x, y, theta, speed * math.cos(angle), speed * math.sin(angle)
+        return RobotState(x, y, theta, speed * math.cos(angle), speed * math.sin(angle))
     v, w = rng.uniform(-limits.v_reverse, 1.0), rng.uniform(-1.9, 1.9)
     if limits.drive == ACKERMANN:
         w = float(np.clip(w, -abs(v) / limits.turning_radius, abs(v) / limits.turning_radius))
-    return x, y, theta, float(v), float(w)
+    return RobotState(x, y, theta, float(v), float(w))
 
 
 def some_command(rng: np.random.Generator) -> tuple[float, float]:
@@ -58,10 +59,10 @@ def test_a_cycle_ends_where_steps_of_a_millisecond_lead(drive: int) -> None:
     for _ in range(cases(100, 30_000)):
         limits = some_limits(rng, drive, at_once=True)
         state, command, dt = some_state(rng, limits), some_command(rng), float(rng.choice([0.05, 0.1, 0.2]))
-        end = np.array(drive_cycle(*state, *command, limits, dt))
+        end = np.array(drive_cycle(state, *command, limits, dt))
         far = steps(state, command, limits, dt)[-1]
         assert np.abs(end - far)[columns].max() < 1e-6, (limits, state, command, dt)
-        rough = np.array(drive_roughly(*state, *command, limits, dt))
+        rough = np.array(drive_roughly(state, *command, limits, dt))
         assert np.abs(end - rough).max() < (1e-5 if dt <= 0.1 else 1e-3)
 
 
@@ -72,9 +73,9 @@ def test_a_cycle_in_two_parts_is_the_cycle(drive: int) -> None:
     for _ in range(cases(2000, 50_000)):
         limits = some_limits(rng, drive, at_once=True)
         state, command, dt, share = some_state(rng, limits), some_command(rng), rng.uniform(0.05, 0.5), rng.random()
-        whole = np.array(drive_cycle(*state, *command, limits, dt))
-        half = drive_cycle(*state, *command, limits, dt * share)
-        assert np.abs(np.array(drive_cycle(*half, *command, limits, dt - dt * share)) - whole).max() < 1e-9
+        whole = np.array(drive_cycle(state, *command, limits, dt))
+        half = drive_cycle(state, *command, limits, dt * share)
+        assert np.abs(np.array(drive_cycle(half, *command, limits, dt - dt * share)) - whole).max() < 1e-9
 
 
 def test_a_late_command_acts_when_it_arrives() -> None:
@@ -85,10 +86,10 @@ def test_a_late_command_acts_when_it_arrives() -> None:
         pending = rng.uniform(-1.0, 1.0, (math.ceil(latency / 0.1 - 1e-9), 2))
         state = some_state(rng, limits)
         late = latency - 0.1 * (len(pending) - 1)
-        expected = drive_cycle(*state, *pending[0], limits, late)
+        expected = drive_cycle(state, *pending[0], limits, late)
         for command in pending[1:]:
-            expected = drive_cycle(*expected, *command, limits, 0.1)
-        assert np.abs(np.array(delayed(*state, pending, limits, 0.1)) - expected).max() < 1e-12
+            expected = drive_cycle(expected, *command, limits, 0.1)
+        assert np.abs(np.array(delayed(state, pending, limits, 0.1)) - expected).max() < 1e-12
 
 
 SHAPES = {

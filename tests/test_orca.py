@@ -11,7 +11,7 @@ import pytest
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.arena.suites import build, episodes
 from antway.baselines.orca import outlines, tracked
-from antway.kernels.robot.motion import drive_cycle
+from antway.kernels.robot.motion import RobotState, drive_cycle
 from antway.world.motions import BackAndForth
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle
@@ -97,7 +97,7 @@ def test_wheels_track_a_velocity_no_farther_off_than_the_error() -> None:
     for angle in np.linspace(-math.pi / 2, math.pi / 2, 13).tolist():
         for time in (0.3, 0.8):
             v, omega = tracked(1.0, angle, time, 0.1)
-            x, y, theta, _, _ = drive_cycle(0.0, 0.0, 0.0, 0.0, 0.0, v, omega, limits, time)
+            x, y, theta, _, _ = drive_cycle(RobotState(0.0, 0.0, 0.0, 0.0, 0.0), v, omega, limits, time)
             assert theta == pytest.approx(angle, abs=1e-9)
             off = min(math.hypot(x - s * math.cos(angle), y - s * math.sin(angle)) for s in np.linspace(0.0, time, 400))
             assert off <= 0.1 + 1e-3 and v <= 1.0 + 1e-9

@@ -12,6 +12,7 @@ from antway.arena.predict import forecast, left_tubes
 from antway.kernels import sidestep
 from antway.kernels.base.records import Terrain
 from antway.kernels.robot.harm import harm, least_harm
+from antway.kernels.robot.motion import RobotState
 from antway.kernels.tracking import averages, noise
 from antway.kernels.tracking.predict import (
     NAME,
@@ -36,7 +37,7 @@ from antway.world.world import Obstacle
 from common import SHARED, cases, needs_data
 from naive import people as naive
 
-LIMITS = np.array([1.0, math.inf, 2.0, 0.0, 0.3])
+LIMITS = RobotSpec().limits
 OPEN = Terrain(np.zeros((100, 100), np.bool_), 0.0, 0.0, 0.2)
 TRACKS = np.array([0.0, 0.0, 0.0, 0.0, 0.3, 1.5, 2.2, 0.0])
 
@@ -51,13 +52,12 @@ def test_harm_is_what_its_slow_twin_finds() -> None:
     """Expected contacts of a motion among people are those of dense sampling."""
     rng, some = np.random.default_rng(1), 0
     for _ in range(cases(60, 2000)):
-        limits = LIMITS.copy()
-        limits[1] = rng.choice([math.inf, 1.0])
+        limits = LIMITS._replace(a_max=float(rng.choice([math.inf, 1.0])))
         tracks = _rows(*np.column_stack((rng.uniform(-3, 3, (3, 2)), rng.uniform(-1.5, 1.5, (3, 2)))))
         command, until = rng.uniform(-0.7, 0.7, 2), float(rng.uniform(0.0, 2.5))
         path = np.empty((64, 5))
-        found = harm((0.0, 0.0), (0.0, 0.0), 0.0, *command, until, tracks, limits, 0.1, math.inf, path)
-        slow = naive.harm((0.0, 0.0), (0.0, 0.0), 0.0, command, until, tracks, limits, 0.1)
+        found = harm(RobotState(0.0, 0.0, 0.0, 0.0, 0.0), *command, until, tracks, limits, 0.1, math.inf, path)
+        slow = naive.harm((0.0, 0.0), (0.0, 0.0), 0.0, command, until, tracks, (1.0, limits.a_max, 2.0, False, 0.3), 0.1)
         assert found == pytest.approx(slow, abs=5e-3, rel=0.05)
         some += found > 0.1
     assert some > 10
@@ -70,7 +70,7 @@ def test_least_harm_leaves_the_way_of_a_runner_and_of_three_abreast() -> None:
         x, y, rows = 10.0, 10.0, _rows(*people)
         rows[:, :2] += 10.0
         for _ in range(40):
-            vx, vy = least_harm(x, y, 0.0, 0.0, 0.0, 0.0, 0.0, rows, LIMITS, dt, OPEN)
+            vx, vy = least_harm(RobotState(x, y, 0.0, 0.0, 0.0), 0.0, 0.0, rows, LIMITS, dt, OPEN)
             x, y = x + vx * dt, y + vy * dt
             rows[:, :2] += rows[:, 2:4] * dt
             assert np.hypot(rows[:, 0] - x, rows[:, 1] - y).min() > 0.6

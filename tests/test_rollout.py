@@ -14,7 +14,7 @@ from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.rollout import judge, spread_plan
-from antway.kernels.robot.motion import drive_cycle
+from antway.kernels.robot.motion import RobotState, drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import away_from_walls, make_context
@@ -90,9 +90,9 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
         cost = judge(controls, *known, math.inf, path)
         assert cost == pytest.approx(naive.cost_of(controls, *known, robot.footprint or ()), rel=0.02, abs=0.05)
         assert judge(controls, *known, 0.5 * cost, path) == math.inf  # it is sure to be above the limit, sooner or later
-        now = tuple(map(float, colony.state))
+        now = RobotState(*map(float, colony.state))
         for k in range(steps):
-            now = drive_cycle(*now, *controls[k].tolist(), colony.limits, robot.dt)
+            now = drive_cycle(now, *controls[k].tolist(), colony.limits, robot.dt)
         assert path[-1] == pytest.approx(now[:2], abs=2e-3)
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, World
+from antway import BadParameter, Grid, RobotSpec, World
 from antway.kernels.base.geometry import first_wall, wrap
-from antway.kernels.robot.contact import advance
+from antway.kernels.robot.contact import Record, advance
 from antway.kernels.robot.dynamics import drive
 from antway.world.motions import Line
 from antway.world.terrain import terrain_of
@@ -53,10 +54,10 @@ def test_drive_agrees_with_its_twin_and_keeps_the_limits() -> None:
         if rng.random() < 0.1:
             command[0] = rng.choice([math.nan, math.inf])
         heading = rng.uniform(-3, 3)
-        limits = np.array([v_max, a_max, 2.0, 0.0, 0.3])
-        vx, vy, _ = drive(*v, heading, *command, limits, dt)
+        robot = RobotSpec(v_max=v_max, a_max=a_max)
+        vx, vy, _ = drive(*v, heading, *command, robot.limits, dt)
         np.testing.assert_allclose((vx, vy), naive.drive(v, heading, command, v_max, a_max, dt), atol=1e-12)
-        limits[3] = 1.0
+        limits = replace(robot, drive="differential").limits
         speed = rng.uniform(0, v_max)
         vx, vy, new = drive(speed * math.cos(heading), speed * math.sin(heading), heading, *command, limits, dt)
         now = vx * math.cos(new) + vy * math.sin(new)
@@ -69,10 +70,9 @@ def test_no_step_tunnels() -> None:
     world = World(Grid(np.zeros((40, 400), dtype=bool)), [Obstacle(0.2, Line((300.5, 20.0), (0.5, 20.0), speed=100.0))])
     line = world.timeline(0, 10.0)
     t, xy, velocity, heading = np.zeros(2), np.array([[100.5, 20.0], [0, 0]]), np.zeros((2, 2)), np.zeros(2)
-    robot, aim = np.array([100.0, math.inf, 2.0, 0.0, 0.3]), np.array([390.0, 20.0, 0.1])
-    what, obstacle, clearance = advance(
-        0, 100.0, 0.0, 1.5, robot, aim, t, xy, velocity, heading, terrain_of(world.grid), line.trajectories
-    )  # fmt: skip
+    limits, aim = RobotSpec(v_max=100.0).limits, np.array([390.0, 20.0, 0.1])
+    record = Record(t, xy, velocity, heading, np.zeros(2), np.zeros((1, 2)))
+    what, obstacle, clearance = advance(0, 100.0, 0.0, 1.5, limits, aim, record, terrain_of(world.grid), line.trajectories)
     assert (what, obstacle) == (1, 0) and t[1] == pytest.approx((200.0 - 0.5) / 200.0, abs=1e-12)
     assert clearance == pytest.approx(0.0, abs=1e-9) and xy[1, 0] == pytest.approx(100.5 + 100 * t[1])
 

@@ -10,7 +10,7 @@ import numpy as np
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField
 from antway.kernels.controls.seeds import downhill
-from antway.kernels.robot.motion import drive_cycle
+from antway.kernels.robot.motion import RobotState, drive_cycle
 
 Corners = tuple[tuple[float, float], ...]
 
@@ -44,9 +44,9 @@ def cost_of(
     corners: Corners = (),
 ) -> float:
     """The cost as its definition says it, of a robot that drives exactly."""
-    now, cost, harm = tuple(map(float, state)), 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
+    now, cost, harm = RobotState(*map(float, state)), 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
     for k, (ca, cb) in enumerate(controls.tolist()):
-        now = drive_cycle(*now, ca, cb, limits, dt)
+        now = drive_cycle(now, ca, cb, limits, dt)
         x, y, theta, a, b = now
         theta = theta if limits.drive else float(state[2])  # without wheels a footprint keeps its heading
         decay = math.exp(-w.decay * k * dt)
@@ -136,7 +136,7 @@ def least_of_arcs(
     w = w._replace(progress=0.0, decay=0.0, near=w.near / block, risk=w.risk / block, contact=1e6, wall=1e6)
     least = math.inf
     for chosen in itertools.product(range(len(held) + 2), repeat=arcs):
-        controls, now = np.empty((arcs * block, 2)), tuple(map(float, state))
+        controls, now = np.empty((arcs * block, 2)), RobotState(*map(float, state))
         for i, one in enumerate(chosen):
             part = controls[i * block : (i + 1) * block]
             if one < len(held):
@@ -144,7 +144,7 @@ def least_of_arcs(
             else:
                 downhill(part, np.array(now), limits, dt, field, 0.5, limits.v_max / (1 + one - len(held)), 0.0, 0)
             for ca, cb in part.tolist():
-                now = drive_cycle(*now, ca, cb, limits, dt)
+                now = drive_cycle(now, ca, cb, limits, dt)
         cost = cost_of(controls, state, limits, dt, field, outlook, w)
         if cost < 1e5:
             least = min(least, arcs * block * dt + cost)

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from antway import checks
 from antway.baselines.look_ahead import look_ahead
-from antway.baselines.replan import STOP, Follow, now
-from antway.kernels.baselines.dwa import roll_out, roll_out_twists
+from antway.baselines.replan import STOP, Follow, contact_radii, now
+from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists
+from antway.kernels.robot.motion import RobotState
 from antway.world.policy import XY, Command, Observation, Task
-from antway.world.rollouts import RobotState, acting, commanded
+from antway.world.rollouts import acting, commanded
 from antway.world.terrain import terrain_of
 
 
@@ -83,8 +84,7 @@ class Dwa(Follow):
         angle = np.arange(self.directions) * (2 * math.pi / self.directions)
         speed = robot.v_max * np.arange(1, self.speeds + 1) / self.speeds
         self.circles = np.outer(speed, np.exp(1j * angle)).ravel()
-        self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential")])
-        self.terrain = terrain_of(task.grid)
+        self.limits, self.terrain = robot.limits, terrain_of(task.grid)
         self.periods = math.ceil(self.horizon / robot.dt - 1e-9)
         self.rolls = robot.wheels and not robot.stepwise
         self.turning = 0.0
@@ -143,30 +143,23 @@ class Dwa(Follow):
         return np.vstack((np.column_stack((np.full(self.turns, stop), turn)), grid))
 
     def _rolled(self, o: Observation, late: float, state: RobotState, commands: NDArray[np.float64]) -> NDArray[np.float64]:
-        robot, (xy, velocity) = self.task.robot, now(o)
-        xy = xy + late * velocity
-        body = o.tracks.radius + robot.radius
-        gap = np.hypot(xy[:, 0] - state[0], xy[:, 1] - state[1]) - body
-        contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)
-        ends = np.empty((len(commands), 7))
-        aim = max(math.ceil(self.aim / robot.dt - 1e-9), 1)
-        roll_out_twists(
-            commands, np.array(state), robot.limits, robot.dt, max(self.periods, aim), aim,
-            self.terrain, xy, velocity, contact_radius, ends,
-        )  # fmt: skip
+        ends, dt = np.empty((len(commands), 7)), self.task.robot.dt
+        aim = max(math.ceil(self.aim / dt - 1e-9), 1)
+        steps, obstacles = max(self.periods, aim), self._obstacles(o, late, state)
+        roll_out_twists(commands, state, self.limits, dt, steps, aim, self.terrain, obstacles, ends)
         return ends
 
     def _ends(self, o: Observation, commands: NDArray[np.float64]) -> NDArray[np.float64]:
-        robot, (xy, velocity) = self.task.robot, now(o)
-        body = o.tracks.radius + robot.radius
-        gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        contact_radius = body + np.clip(gap - 1e-6, 0.0, self.margin)  # the margin is at most the present gap
-        ends = np.empty((len(commands), 5))
-        roll_out(
-            commands, np.array([*o.xy, *o.velocity, o.heading]), self.limits, robot.dt, self.periods,
-            self.terrain, robot.radius, xy, velocity, contact_radius, ends,
-        )  # fmt: skip
+        ends, state = np.empty((len(commands), 5)), RobotState(*o.xy, o.heading, *o.velocity)
+        obstacles = self._obstacles(o, 0.0, state)
+        roll_out(commands, state, self.limits, self.task.robot.dt, self.periods, self.terrain, obstacles, ends)
         return ends
+
+    def _obstacles(self, o: Observation, late: float, state: RobotState) -> Obstacles:
+        """Return the obstacles as they will be in `late` s, when the robot is in `state`."""
+        xy, velocity = now(o)
+        xy = xy + late * velocity
+        return Obstacles(xy, velocity, contact_radii(o, xy, (state.x, state.y), self.task.robot, self.margin))
 
     def _value(self, o: Observation, target: XY, ends: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
         moved = ends[:, 3:5] - o.xy

@@ -19,6 +19,7 @@ from antway.search.dstarlite import DStarLite as Search
 from antway.search.sipp import NO_SEGMENTS, Sipp as SpaceTime  # isort: skip
 from antway.world.line_of_sight import clear, goal_of_cells, nearest_free
 from antway.world.policy import XY, Command, Decision, Observation, Task
+from antway.world.robots import RobotSpec
 from antway.world.terrain import terrain_of
 
 STOP = Command((0.0, 0.0))
@@ -135,10 +136,7 @@ class Sipp(Follow):
         return STOP
 
     def _segments(self, o: Observation, margin: float) -> NDArray[np.float64]:
-        """Return the predictions as motion segments (kernels/spacetime/segments.py).
-
-        If the robot is already within the margin of an obstacle, the margin is reduced to the present distance.
-        """
+        """Return the predictions as motion segments (kernels/spacetime/segments.py)."""
         robot, horizon = self.task.robot, min(self.horizon, 1e6)
         xy, velocity = now(o)
         n = len(xy)
@@ -150,9 +148,7 @@ class Sipp(Follow):
             self.edges = self.edges and not crosses_edge(seen, terrain)
             margins = TubeMargins(robot.radius, margin, 0.0, 0.0, 0.0, 0.0, math.inf, edges=self.edges)
             return out[: predict(estimates, o.t, 0.0, horizon, *o.xy, margins, terrain, NO_PREDICTIONS, out)]
-        body = o.tracks.radius + robot.radius
-        gap = np.hypot(xy[:, 0] - o.xy[0], xy[:, 1] - o.xy[1]) - body
-        contact_radius = body + np.clip(gap - 1e-6, 0.0, margin)
+        contact_radius = contact_radii(o, xy, o.xy, robot, margin)
         if self.predictions == "frozen":
             velocity = np.zeros_like(velocity)
         span = np.tile((o.t, o.t + horizon), (n, 1))
@@ -238,6 +234,19 @@ def now(o: Observation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places (m) and velocities (m/s) of the tracks, extrapolated to now; an unknown velocity counts as 0."""
     velocity = np.nan_to_num(o.tracks.velocity)
     return o.tracks.xy + velocity * (o.t - o.sensed_at) if len(o.tracks) else o.tracks.xy, velocity
+
+
+def contact_radii(
+    o: Observation, xy: NDArray[np.float64], robot_xy: XY, robot: RobotSpec, margin: float
+) -> NDArray[np.float64]:
+    """Return the distances in m that the centres of robot and obstacles keep, if the obstacles are at `xy`.
+
+    They include the margin or, if an obstacle is nearer than that, its present gap.
+    """
+    body = o.tracks.radius + robot.radius
+    gap = np.hypot(xy[:, 0] - robot_xy[0], xy[:, 1] - robot_xy[1]) - body
+    radii: NDArray[np.float64] = body + np.clip(gap - 1e-6, 0.0, margin)
+    return radii
 
 
 def drive(task: Task, o: Observation, path: TimedPath) -> Command:

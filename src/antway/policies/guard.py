@@ -12,7 +12,6 @@ from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
 from antway.kernels.robot.brake import Robot
-from antway.kernels.robot.cycle import Body
 from antway.kernels.robot.guard import (
     BRAKED,
     FREE,
@@ -24,9 +23,10 @@ from antway.kernels.robot.guard import (
     guarded,
     within_reach,
 )
+from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes, when_it_acts
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, split_at_walls
-from antway.kernels.robot.sweep import Walls
+from antway.kernels.robot.sweep import Body, Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of, walls_of
@@ -129,8 +129,7 @@ class Guard:
 
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
-        robot, self.task, self.terrain = task.robot, task, terrain_of(task.grid)
-        self.limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, float(robot.drive == "differential"), robot.radius])
+        robot, self.task, self.limits, self.terrain = task.robot, task, task.robot.limits, terrain_of(task.grid)
         strict = self.mode == "strict"
         self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode)
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
@@ -138,8 +137,8 @@ class Guard:
         self.bounds = np.array([*declared, 0.0, 0.0, float(strict or not robot.stepwise)])
         self.table, self.count = np.zeros((128, TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((128, 8)), np.zeros(128)
-        numbers, self.rules = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), Rules(robot.dt, self.lookahead, strict)
-        self._kernel = entry(guarded, *numbers, self.tracks[:0], self.limits, self.rules, self.terrain)
+        at_rest, self.rules = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), Rules(robot.dt, self.lookahead, strict)
+        self._kernel = entry(guarded, at_rest, 0.0, 0.0, self.tracks[:0], self.limits, self.rules, self.terrain)
         self.last_stamp = -math.inf
         self.did = ""
 
@@ -183,9 +182,8 @@ class Guard:
             passed, did = self.dynamic.passed(o, asked, tracks, late, self.lookahead)
             self.did = DID[did]
             return passed
-        vx, vy, did = self._kernel(
-            *o.xy, *o.velocity, o.heading, *command.velocity, tracks, self.limits, self.rules, self.terrain
-        )
+        state = RobotState(*o.xy, o.heading, *o.velocity)
+        vx, vy, did = self._kernel(state, *command.velocity, tracks, self.limits, self.rules, self.terrain)
         self.did = DID[did]
         return Command((vx, vy))
 
@@ -270,15 +268,15 @@ class _Dynamic:
         state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
         if len(asked) > 1 and not self.strict:
             # The policy has weighed contacts itself, so a stop would not be better than its best command: only walls count.
-            one, two = asked[first_certified(*state, asked, rows[:0], near, self.record, self.keep)].tolist()
-            one, two, did = passed_command(*state, one, two, rows[:0], near, self.record, 0.0, self.keep)
-            if did == FREE and not passes(*state, one, two, rows[:n], near, self.record, self.keep):
+            one, two = asked[first_certified(state, asked, rows[:0], near, self.record, self.keep)].tolist()
+            one, two, did = passed_command(state, one, two, rows[:0], near, self.record, 0.0, self.keep)
+            if did == FREE and not passes(state, one, two, rows[:n], near, self.record, self.keep):
                 did = LEAST_HARM
             return self._command(o, one, two), did
         if len(asked) > 1:
-            asked = asked[first_certified(*state, asked, rows[:n], near, self.record, self.keep) :]
+            asked = asked[first_certified(state, asked, rows[:n], near, self.record, self.keep) :]
         one, two = asked[0].tolist()
-        one, two, did = passed_command(*state, one, two, rows[:n], near, self.record, lookahead + self.aside, self.keep)
+        one, two, did = passed_command(state, one, two, rows[:n], near, self.record, lookahead + self.aside, self.keep)
         return self._command(o, one, two), did
 
     def stop(self, o: Observation) -> Command:

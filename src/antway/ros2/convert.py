@@ -193,8 +193,7 @@ def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSp
     if robot.wheels and not robot.stepwise:
         (forward, turn), left = command.twist or towards(command.velocity, heading, robot), 0.0
     elif robot.drive == "differential":
-        limits = np.array([robot.v_max, robot.a_max, robot.turn_rate, 1.0])
-        wx, wy, turned = drive(*velocity, heading, vx, vy, limits, robot.dt)
+        wx, wy, turned = drive(*velocity, heading, vx, vy, robot.limits, robot.dt)
         forward, left, turn = wx * math.cos(turned) + wy * math.sin(turned), 0.0, wrap(turned - heading) / robot.dt
     else:
         cos, sin = math.cos(heading), math.sin(heading)

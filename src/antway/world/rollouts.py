@@ -12,7 +12,7 @@ from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
 from antway.kernels.controls.rollout import StaticField
-from antway.kernels.robot.motion import delayed
+from antway.kernels.robot.motion import RobotState, delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -30,8 +30,6 @@ _PARTS = 4  # limit of parts into which the edges of larger cells are divided
 _SWEEPS = 80  # limit of sweeps over all poses
 _DISCS = 8  # limit of discs that cover each side of a footprint
 _FAST = 1e3  # m/s^2, rad/s^2; replaces infinite limits
-
-RobotState = tuple[float, float, float, float, float]
 
 
 def finite_limits(robot: RobotSpec) -> RobotLimits:
@@ -52,10 +50,10 @@ def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Comma
 def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
     """Return the time in s until a command given now acts, and the observation and the robot's state at that time."""
     one, two = (o.speed, o.turn_rate) if robot.wheels else o.velocity
-    state = float(o.xy[0]), float(o.xy[1]), float(o.heading), float(one), float(two)
+    state = RobotState(float(o.xy[0]), float(o.xy[1]), float(o.heading), float(one), float(two))
     if robot.latency == 0.0 or o.pending is None:
         return 0.0, o, state
-    state = delayed(*state, o.pending, robot.limits, robot.dt)
+    state = delayed(state, o.pending, robot.limits, robot.dt)
     return robot.latency, replace(o, t=o.t + robot.latency, xy=state[:2]), state
 
 

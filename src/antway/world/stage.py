@@ -11,9 +11,10 @@ import numpy as np
 from antway import checks
 from antway.errors import BadScenario
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, advance
-from antway.kernels.robot.cycle import Body, Record, play
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_WALL, REACHED, Record, advance
+from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import REST
+from antway.kernels.robot.sweep import Body
 from antway.world.entries import Entries
 from antway.world.policy import Command, Decision, Observation
 from antway.world.pursuit import Pursuit
@@ -60,14 +61,13 @@ class Stage:
         self.n, self.clearance = 0, math.inf
         self._check_start()
         self.pursuit.extend(0, task.start)
-        self.stepwise = spec.stepwise
+        self.limits, self.stepwise = spec.limits, spec.stepwise
+        self.log = Record(self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command)
         if self.stepwise:
-            self.robot = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential"), spec.radius])
             self.terrain = terrain_of(task.grid)
         else:
-            self.limits, self.late = spec.limits, math.ceil(spec.latency / spec.dt - 1e-9)
+            self.late = math.ceil(spec.latency / spec.dt - 1e-9)
             self.body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
-            self.log = Record(self.t, self.xy, self.velocity, self.heading, self.turn_rate, self.command)
             self.walls = walls_of(task.grid)
 
     def _check_start(self) -> None:
@@ -137,8 +137,8 @@ class Stage:
 
     def _drive_straight(self, one: float, two: float) -> tuple[int, int, float]:
         """Drive straight at constant speed; return the same as `_drive_ramps`."""
-        record, dt = (self.t, self.xy, self.velocity, self.heading), self.task.robot.dt
-        arguments = self.n, one, two, dt, self.robot, self.aim, *record, self.terrain, self.timeline.trajectories
+        dt, obstacles = self.task.robot.dt, self.timeline.trajectories
+        arguments = self.n, one, two, dt, self.limits, self.aim, self.log, self.terrain, obstacles
         return entry(advance, *arguments)(*arguments)
 
     def _extend_timeline(self) -> None:

@@ -267,6 +267,15 @@ def first_wall(
 
 
 @kernel
+def wall_ahead(terrain: Terrain, x: float, y: float, dx: float, dy: float, radius: float) -> float:
+    """Return the share of the motion by (dx, dy) at which `first_wall` finds a contact, for places and a radius in m."""
+    size = terrain.resolution
+    row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
+    share, _, _ = first_wall(terrain.blocked, row, col, dy / size, dx / size, radius / size)
+    return share
+
+
+@kernel
 def _first_edge(rows: int, cols: int, row: float, col: float, dr: float, dc: float, r: float) -> tuple[float, float, float]:
     """Return the first contact of a disc of radius r with an edge of the map, as `first_wall`."""
     best, n_row, n_col = math.inf, 0.0, 0.0

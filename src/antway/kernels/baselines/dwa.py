@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,23 +12,28 @@ from antway.kernels.base.geometry import hits_walls, segment_hits_cells, swept_d
 from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import RobotLimits, Terrain
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.motion import REST, drive_roughly
+from antway.kernels.robot.motion import REST, RobotState, drive_roughly
 
 _ROUGH = 1e-5  # m; bound on the error of places after a few periods
+
+
+class Obstacles(NamedTuple):
+    """K obstacles that keep their velocities."""
+
+    xy: NDArray[np.float64]  # float64[K, 2], m; present places
+    velocity: NDArray[np.float64]  # float64[K, 2], m/s
+    contact_radius: NDArray[np.float64]  # float64[K], m; distance of the robot's centre at contact
 
 
 @kernel
 def roll_out(
     candidates: NDArray[np.float64],
-    state: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    state: RobotState,
+    limits: RobotLimits,
     dt: float,
     steps: int,
     terrain: Terrain,
-    radius: float,
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    contact_radius: NDArray[np.float64],
+    obstacles: Obstacles,
     out: NDArray[np.float64],
 ) -> None:
     """Drive each candidate command for `steps` control periods, or to the first contact.
@@ -36,31 +42,25 @@ def roll_out(
     ----------
     candidates : float64[C, 2]
         Commanded velocities, m/s.
-    state : float64[5]
-        x, y, vx, vy, heading of the robot, m, m/s, rad.
-    limits : float64[4]
-        As in `kernels.robot.dynamics.drive`.
+    state : RobotState
+        With the velocity (vx, vy); the robot moves as in `kernels.robot.dynamics.drive`.
     dt, steps
         Control period in s, and the number of periods.
-    terrain, radius
-        The map, and the robot's radius in m.
-    xy, velocity, contact_radius : float64[K, 2], float64[K, 2], float64[K]
-        Obstacles in uniform motion: present place, velocity, contact distance of the centres; m, m/s.
     out : float64[C, 5]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
         wall or none), speed at the end of the first period, and the robot's place after that period.
     """
     size = terrain.resolution
     for c in range(len(candidates)):
-        x, y, vx, vy, heading = state[0], state[1], state[2], state[3], state[4]
+        x, y, heading, vx, vy = state
         contact, obstacle = math.inf, -1
         for i in range(steps):
             vx, vy, heading = drive(vx, vy, heading, candidates[c, 0], candidates[c, 1], limits, dt)
             t = i * dt
-            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, xy, velocity, contact_radius)
+            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, obstacles)
             row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
             to_row, to_col = row + vy * dt / size, col + vx * dt / size
-            if contact > t and segment_hits_cells(terrain.blocked, row, col, to_row, to_col, radius / size, True):
+            if contact > t and segment_hits_cells(terrain.blocked, row, col, to_row, to_col, limits.radius / size, True):
                 contact, obstacle = t, -1
             x, y = x + vx * dt, y + vy * dt
             if i == 0:
@@ -71,18 +71,9 @@ def roll_out(
 
 
 @inner_kernel
-def _first_contact(
-    x: float,
-    y: float,
-    vx: float,
-    vy: float,
-    t: float,
-    dt: float,
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    contact_radius: NDArray[np.float64],
-) -> tuple[float, int]:
+def _first_contact(x: float, y: float, vx: float, vy: float, t: float, dt: float, obstacles: Obstacles) -> tuple[float, int]:
     """Return the time of the first contact in the period that starts at t, or infinity, and the obstacle, or -1."""
+    xy, velocity, contact_radius = obstacles
     contact, obstacle = math.inf, -1
     for k in range(len(contact_radius)):
         px, py = xy[k, 0] + velocity[k, 0] * t - x, xy[k, 1] + velocity[k, 1] * t - y
@@ -95,15 +86,13 @@ def _first_contact(
 @kernel
 def roll_out_twists(
     candidates: NDArray[np.float64],
-    state: NDArray[np.float64],
+    state: RobotState,
     limits: RobotLimits,
     dt: float,
     steps: int,
     aim: int,
     terrain: Terrain,
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    contact_radius: NDArray[np.float64],
+    obstacles: Obstacles,
     out: NDArray[np.float64],
 ) -> None:
     """Drive each candidate twist for `steps` control periods, or to the first contact, by the dynamics of wheels with ramps.
@@ -112,12 +101,9 @@ def roll_out_twists(
     ----------
     candidates : float64[C, 2]
         Speed in m/s, negative in reverse, and turn rate in rad/s.
-    state : float64[5]
-        x, y, heading, speed and turn rate of the robot.
-    limits : RobotLimits
     aim : int
         Number of periods, >= 1, after which place and heading are written.
-    dt, steps, terrain, xy, velocity, contact_radius
+    dt, steps
         As in `roll_out`. Within a period the robot moves along the chord of its arc.
     out : float64[C, 7]
         For each candidate: time of the first contact in s (infinite if none), the index of the obstacle then touched (-1: a
@@ -125,19 +111,18 @@ def roll_out_twists(
         whether a period of the command followed by braking with its turn rate keeps clear of walls (`stops_clear`).
     """
     for c in range(len(candidates)):
-        x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
-        contact, obstacle = math.inf, -1
+        now, contact, obstacle = state, math.inf, -1
         for i in range(steps):
-            x1, y1, theta, a, b = drive_roughly(x, y, theta, a, b, candidates[c, 0], candidates[c, 1], limits, dt)
-            t, vx, vy = i * dt, (x1 - x) / dt, (y1 - y) / dt
-            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, xy, velocity, contact_radius)
-            if contact > t and hits_walls(terrain, x, y, x1, y1, limits.radius, True):
+            later = drive_roughly(now, candidates[c, 0], candidates[c, 1], limits, dt)
+            x, y, t, vx, vy = now.x, now.y, i * dt, (later.x - now.x) / dt, (later.y - now.y) / dt
+            contact, obstacle = _first_contact(x, y, vx, vy, t, dt, obstacles)
+            if contact > t and hits_walls(terrain, x, y, later.x, later.y, limits.radius, True):
                 contact, obstacle = t, -1
-            x, y = x1, y1
+            now = later
             if i == 0:
-                out[c, 2] = a
+                out[c, 2] = now.a
             if i < aim:
-                out[c, 3], out[c, 4], out[c, 5] = x, y, theta
+                out[c, 3], out[c, 4], out[c, 5] = now.x, now.y, now.theta
             if contact < math.inf:
                 break
         out[c, 0], out[c, 1] = contact, obstacle
@@ -145,19 +130,18 @@ def roll_out_twists(
 
 
 @kernel
-def stops_clear(cv: float, cw: float, state: NDArray[np.float64], limits: RobotLimits, dt: float, terrain: Terrain) -> bool:
+def stops_clear(cv: float, cw: float, state: RobotState, limits: RobotLimits, dt: float, terrain: Terrain) -> bool:
     """Tell whether a period of the command (cv, cw), followed by (0, cw) until the robot stands, keeps clear of walls.
 
     The disc that is tested along the chord of each period is enlarged by the distance of the arc from its chord. After such a
     command (0, cw) is safe, so a robot that uses only such commands never drives into a wall.
     """
-    x, y, theta, a, b = state[0], state[1], state[2], state[3], state[4]
     first = True
-    while first or abs(a) > REST:
-        fastest = max(abs(a), abs(cv)) if first else abs(a)
-        x1, y1, theta, a, b = drive_roughly(x, y, theta, a, b, cv if first else 0.0, cw, limits, dt)
+    while first or abs(state.a) > REST:
+        fastest = max(abs(state.a), abs(cv)) if first else abs(state.a)
+        later = drive_roughly(state, cv if first else 0.0, cw, limits, dt)
         bulge = fastest * limits.turn_rate * dt * dt / 8.0 + (_ROUGH if fastest > REST else 0.0)
-        if hits_walls(terrain, x, y, x1, y1, limits.radius + bulge, True):
+        if hits_walls(terrain, state.x, state.y, later.x, later.y, limits.radius + bulge, True):
             return False
-        x, y, first = x1, y1, False
+        state, first = later, False
     return True

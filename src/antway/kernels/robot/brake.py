@@ -18,12 +18,24 @@ from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.base.rows import copy_row
-from antway.kernels.robot.cycle import Body, next_segment
-from antway.kernels.robot.motion import REST, drive_roughly
+from antway.kernels.robot.cycle import next_segment
+from antway.kernels.robot.motion import REST, RobotState, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
-from antway.kernels.robot.sweep import Segment, Walls, axis_gap, disc_axis, free_distance, meets_wall, pose, straight
+from antway.kernels.robot.sweep import (
+    Body,
+    Segment,
+    Walls,
+    axis_gap,
+    disc_axis,
+    enlarged,
+    free_distance,
+    meets_wall,
+    pose,
+    straight,
+)
 
 TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the kept stop, its cycles left, last side taken
+STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as driving straight on
 _CLOSE = 1e-12  # m; a smaller gap is a contact
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
 
@@ -37,6 +49,16 @@ class Robot(NamedTuple):
     dt: float  # s
     margin: float  # m; distance kept from walls
     strict: bool  # whether steps aside are certified against obstacles too, not only against walls
+
+
+class Situation(NamedTuple):
+    """Everything by which a command is certified."""
+
+    state: RobotState  # of the robot when the command begins to act, one latency from now
+    robot: Robot
+    margin: float  # m; distance kept from walls: `robot.margin`, or less where the robot starts nearer to a wall
+    near: NDArray[np.float64]  # float64[N, 8]; the obstacles that are near enough to matter, as in kernels/robot/reach.py
+    keep: NDArray[np.float64]  # float64[3]; the guard's state from cycle to cycle: the certified stop and the last side taken
 
 
 @bare_kernel
@@ -70,56 +92,37 @@ def _stays_clear(m: Segment, t: float, h: float, body: Body, row: NDArray[np.flo
 
 
 @bare_kernel
-def certified(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
-    ca: float,
-    cb: float,
-    turn: float,
-    cycles: int,
-    robot: Robot,
-    margin: float,
-    rows: NDArray[np.float64],
-) -> bool:
-    """Tell whether the command (ca, cb) followed by a stop is certified.
+def _segment_is_clear(m: Segment, t: float, h: float, situation: Situation) -> bool:
+    """Tell whether the body, on a segment of `h` s that begins t s from now, keeps clear of obstacles and walls."""
+    body = situation.robot.body
+    for k in range(len(situation.near)):
+        if not _stays_clear(m, t, h, body, situation.near[k]):
+            return False
+    return meets_wall(m, h, enlarged(body, situation.margin), situation.robot.walls) == math.inf
 
-    Parameters
-    ----------
-    x, y, theta, a, b : float
-        State of the robot when the command begins to act, one latency from now.
-    turn, cycles : float, int
-        The stop: the command (0, turn) for `cycles` cycles, then (0, 0).
-    margin : float
-        Distance kept from walls, m; `robot.margin`, or less where the robot starts nearer to a wall.
-    rows : float64[K, 8]
-        The obstacles that are near enough to matter, as in `kernels/robot/reach.py`.
+
+@bare_kernel
+def certified(situation: Situation, ca: float, cb: float, turn: float, cycles: int) -> bool:
+    """Tell whether the command (ca, cb) is certified together with the stop that follows it.
+
+    The stop is the command (0, turn) for `cycles` cycles, then (0, 0).
     """
-    limits, body, t = robot.limits, robot.body, robot.limits.latency
+    robot = situation.robot
+    limits, t, (x, y, theta, a, b) = robot.limits, robot.limits.latency, situation.state
     holonomic, disc = limits.drive == HOLONOMIC, len(robot.body.corners) == 1
-    for phase in range(3):
-        if phase == 1 and cycles == 0:
-            continue
-        left = robot.dt if phase == 0 else cycles * robot.dt if phase == 1 else math.inf
+    for phase in range(3):  # the command, the stop while it turns, the stop without turning
+        left = (robot.dt, cycles * robot.dt, math.inf)[phase]
         one, two = (ca, cb) if phase == 0 else (0.0, turn if phase == 1 else 0.0)
         while left > 0.0:
             if phase > 0:
                 still = math.hypot(a, b) <= REST if holonomic else abs(a) <= REST and (disc or (phase == 2 and abs(b) <= REST))
                 if still:
-                    if phase == 2 or disc:
-                        return True
-                    if abs(b - turn) <= REST and abs(b) <= REST:
-                        break
-            m, h, a1, b1 = next_segment(x, y, theta, a, b, one, two, limits, min(left, 3600.0))
+                    return True
+            m, h, a1, b1 = next_segment(RobotState(x, y, theta, a, b), one, two, limits, min(left, 3600.0))
             moves = m.curved or abs(m.vx) + abs(m.vy) + abs(m.ax) + abs(m.ay) > REST
-            if moves and not (disc and m.curved and abs(m.v) + abs(m.v + m.a * h) <= REST):
-                for k in range(len(rows)):
-                    if not _stays_clear(m, t, h, body, rows[k]):
-                        return False
-                if meets_wall(m, h, body.corners, body.rounding + margin, body.radius + margin, robot.walls) < math.inf:
-                    return False
+            turns_in_place = disc and m.curved and abs(m.v) + abs(m.v + m.a * h) <= REST
+            if moves and not turns_in_place and not _segment_is_clear(m, t, h, situation):
+                return False
             x, y, theta, _, _, _ = pose(m, h)
             a, b = a1, b1
             t += h
@@ -128,50 +131,39 @@ def certified(
 
 
 @bare_kernel
-def stop_for(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
-    ca: float,
-    cb: float,
-    robot: Robot,
-    margin: float,
-    rows: NDArray[np.float64],
-    keep: NDArray[np.float64],
-) -> bool:
-    """Find a stop that certifies the command (ca, cb), and keep it in `keep`, float64[3].
+def stop_for(situation: Situation, ca: float, cb: float) -> bool:
+    """Tell whether some stop certifies the command (ca, cb), and keep that stop in `situation.keep`.
 
-    The stops tried brake with a turn rate of 0, the present turn rate, full left and full right.
+    The stops tried brake with a turn rate of 0 and, for wheels, with the present turn rate, full left and full right.
     """
-    limits = robot.limits
-    if limits.drive == HOLONOMIC:
-        if certified(x, y, theta, a, b, ca, cb, 0.0, 0, robot, margin, rows):
-            keep[TURN], keep[CYCLES] = 0.0, 0.0
-            return True
-        return False
-    _, _, _, v, w = drive_roughly(x, y, theta, a, b, ca, cb, limits, robot.dt)
-    cycles = math.ceil(abs(v) / (limits.brake_max * robot.dt) - 1e-9) if abs(v) > REST else 0
+    state, limits, dt, keep = situation.state, situation.robot.limits, situation.robot.dt, situation.keep
+    cycles, w = 0, 0.0
+    if limits.drive != HOLONOMIC:
+        _, _, _, v, w = drive_roughly(state, ca, cb, limits, dt)
+        cycles = math.ceil(abs(v) / (limits.brake_max * dt) - 1e-9) if abs(v) > REST else 0
     for kind in range(4 if cycles > 0 else 1):
-        turn = 0.0
-        if kind == 1:
-            turn = w
-        elif kind > 1:
-            turn = limits.turn_rate if kind == 2 else -limits.turn_rate
-        if kind == 1 and abs(w) < 0.01:
+        turn = (0.0, w, limits.turn_rate, -limits.turn_rate)[kind]
+        if kind == 1 and abs(w) < STRAIGHT:
             continue
         count = cycles if kind > 0 else 0
-        if certified(x, y, theta, a, b, ca, cb, turn, count, robot, margin, rows):
+        if certified(situation, ca, cb, turn, count):
             keep[TURN], keep[CYCLES] = turn, float(count)
             return True
     return False
 
 
 @bare_kernel
-def nearby(x: float, y: float, a: float, b: float, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
+def situation_of(
+    state: RobotState, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64], keep: NDArray[np.float64]
+) -> Situation:
+    """Return the robot's situation among all known obstacles, `tracks`; `rows` is scratch memory for those that are near."""
+    return Situation(state, robot, _margin_left(state, robot), rows[: _nearby(state, robot, tracks, rows)], keep)
+
+
+@bare_kernel
+def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
     """Copy the obstacles that a cycle and a stop could come near to `rows`; return how many there are."""
-    limits, n = robot.limits, 0
+    (x, y, _, a, b), limits, n = state, robot.limits, 0
     speed = math.hypot(a, b) if limits.drive == HOLONOMIC else abs(a)
     accelerates = limits.a_max < math.inf
     fastest = min(speed + limits.a_max * robot.dt, limits.v_max) if accelerates else limits.v_max
@@ -190,26 +182,26 @@ def nearby(x: float, y: float, a: float, b: float, robot: Robot, tracks: NDArray
 
 
 @bare_kernel
-def margin_left(x: float, y: float, theta: float, robot: Robot) -> float:
+def _margin_left(state: RobotState, robot: Robot) -> float:
     """Return the distance to walls that a robot at rest has, within [0, `robot.margin`], m."""
-    low, high = 0.0, robot.margin
-    if free_distance(robot.walls, x, y) >= robot.body.radius + robot.margin:
+    if free_distance(robot.walls, state.x, state.y) >= robot.body.radius + robot.margin:
         return robot.margin
+    low, high = 0.0, robot.margin
     for _ in range(6):
         middle = 0.5 * (low + high)
-        if _clear_of_walls(x, y, theta, robot, middle):
+        if _clear_of_walls(state, robot, middle):
             low = middle
         else:
             high = middle
-    return low if low < high or low > 0.0 else 0.0
+    return low
 
 
 @bare_kernel
-def _clear_of_walls(x: float, y: float, theta: float, robot: Robot, margin: float) -> bool:
+def _clear_of_walls(state: RobotState, robot: Robot, margin: float) -> bool:
     """Tell whether the body, enlarged by the margin, touches no wall: creeping in any direction meets none at once."""
     for side in range(4):
         ux, uy = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))[side]
-        m = straight(x, y, theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0)
-        if meets_wall(m, 1e-3, robot.body.corners, robot.body.rounding + margin, robot.body.radius + margin, robot.walls) < 1.0:
+        m = straight(state.x, state.y, state.theta, 1e-6 * ux, 1e-6 * uy, 0.0, 0.0)
+        if meets_wall(m, 1e-3, enlarged(robot.body, margin), robot.walls) < 1.0:
             return False
     return True

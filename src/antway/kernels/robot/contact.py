@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import first_wall, swept_discs, swept_timeline
+from antway.kernels.base.geometry import swept_discs, swept_timeline, wall_ahead
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.base.records import Terrain, Trajectories
+from antway.kernels.base.records import RobotLimits, Terrain, Trajectories
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST
 
 # What ended a step, in the order by which ties are decided.
 GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED = 0, 1, 2, 3, 4
+
+
+class Record(NamedTuple):
+    """The robot's record of an episode, with a row for the start of each cycle and one for the end."""
+
+    t: NDArray[np.float64]  # float64[N + 1], s
+    xy: NDArray[np.float64]  # float64[N + 1, 2], m
+    velocity: NDArray[np.float64]  # float64[N + 1, 2], m/s
+    heading: NDArray[np.float64]  # float64[N + 1], rad
+    turn_rate: NDArray[np.float64]  # float64[N + 1], rad/s
+    command: NDArray[np.float64]  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
 
 
 @bare_kernel
@@ -23,28 +35,23 @@ def advance(
     cx: float,
     cy: float,
     dt: float,
-    robot: NDArray[np.float64],
+    limits: RobotLimits,
     aim: NDArray[np.float64],
-    t: NDArray[np.float64],
-    xy: NDArray[np.float64],
-    velocity: NDArray[np.float64],
-    heading: NDArray[np.float64],
+    record: Record,
     terrain: Terrain,
     trajectories: Trajectories,
 ) -> tuple[int, int, float]:
     """Drive control step i under the command (cx, cy) and write row i + 1 of the robot's record.
 
-    The robot moves straight at constant speed from t[i] to (i + 1) dt, or until it meets an obstacle, a wall or the goal. Row
-    i + 1 holds the state at that time.
+    The robot moves straight at constant speed from `record.t[i]` to (i + 1) dt, or until it meets an obstacle, a wall or the
+    goal. Row i + 1 holds the state at that time.
 
     Parameters
     ----------
-    robot : float64[5]
-        Limits as in `drive`, then the robot's radius in m.
     aim : float64[3]
         Goal x, y and tolerance, m.
-    t, xy, velocity, heading
-        The record; rows up to i are given.
+    record : Record
+        Rows up to i are given.
     terrain, trajectories
         The map and the obstacles.
 
@@ -57,23 +64,22 @@ def advance(
     clearance : float
         Smallest distance between the edges of robot and obstacles in this step, m; infinite without obstacles.
     """
+    t, xy, velocity, heading, _, _ = record
     radius = trajectories.radius
-    vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, robot, dt)
+    vx, vy, new_heading = drive(velocity[i, 0], velocity[i, 1], heading[i], cx, cy, limits, dt)
     t0, t1 = t[i], (i + 1) * dt
     h = t1 - t0
     ax, ay = xy[i, 0], xy[i, 1]
     bx, by = ax + vx * h, ay + vy * h
     what, obstacle, when, clearance = GOES_ON, -1, t1, math.inf
     for k in range(len(radius)):
-        contact_radius = robot[4] + radius[k]
+        contact_radius = limits.radius + radius[k]
         hit, distance, _ = swept_timeline(ax, ay, bx, by, t0, t1, contact_radius, trajectories, k)
         clearance = min(clearance, distance - contact_radius)
         if hit < when or (hit == when and what == GOES_ON):
             when, obstacle = hit, k
             what = HIT_MOVING if math.hypot(vx, vy) > REST else HIT_STANDING
-    s = terrain.resolution
-    row0, col0 = (ay - terrain.y0) / s - 0.5, (ax - terrain.x0) / s - 0.5
-    wall, _, _ = first_wall(terrain.blocked, row0, col0, vy * h / s, vx * h / s, robot[4] / s)
+    wall = wall_ahead(terrain, ax, ay, vx * h, vy * h, limits.radius)
     if t0 + wall * h < when:
         what, obstacle, when = HIT_WALL, -1, t0 + wall * h
     arrival, _, _ = swept_discs(aim[0] - ax, aim[1] - ay, -vx, -vy, aim[2], h)
@@ -84,7 +90,7 @@ def advance(
         bx, by = ax + vx * (when - t0), ay + vy * (when - t0)
         clearance = math.inf
         for k in range(len(radius)):
-            contact_radius = robot[4] + radius[k]
+            contact_radius = limits.radius + radius[k]
             _, distance, _ = swept_timeline(ax, ay, bx, by, t0, when, contact_radius, trajectories, k)
             clearance = min(clearance, distance - contact_radius)
     t[i + 1] = when

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +10,10 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import timeline_at, wrap
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, Trajectories
-from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED
-from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, holonomic_ramp, wheels_segment
+from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
+from antway.kernels.robot.motion import REST, RobotState, clipped, holonomic_ramp, wheels_segment
 from antway.kernels.robot.sweep import (
+    Body,
     Disc,
     Segment,
     Walls,
@@ -27,43 +27,23 @@ from antway.kernels.robot.sweep import (
 )
 
 
-class Body(NamedTuple):
-    """The robot's shape: the convex hull of its corners, rounded."""
-
-    corners: NDArray[np.float64]  # float64[N, 2], m, in the robot's frame, counterclockwise; a disc has one at (0, 0)
-    rounding: float  # m; the radius of a disc, 0 of a polygon
-    radius: float  # m; radius of the disc around (0, 0) that contains it
-    centre: NDArray[np.float64]  # float64[1, 2] of zeros
-
-
-class Record(NamedTuple):
-    """The robot's record of an episode, with a row for the start of each cycle and one for the end."""
-
-    t: NDArray[np.float64]  # float64[N + 1], s
-    xy: NDArray[np.float64]  # float64[N + 1, 2], m
-    velocity: NDArray[np.float64]  # float64[N + 1, 2], m/s
-    heading: NDArray[np.float64]  # float64[N + 1], rad
-    turn_rate: NDArray[np.float64]  # float64[N + 1], rad/s
-    command: NDArray[np.float64]  # float64[N, 2]: (vx, vy), or (v, omega) for wheels
-
-
 @bare_kernel
 def next_segment(
-    x: float, y: float, theta: float, a: float, b: float, ca: float, cb: float, limits: RobotLimits, left: float
+    state: RobotState, ca: float, cb: float, limits: RobotLimits, left: float
 ) -> tuple[Segment, float, float, float]:
     """Return the first segment under a command, its length, and the speeds (v, omega) or (vx, vy) at its end.
 
     The command is clipped to the limits; it acts for another `left` s.
     """
+    x, y, theta, a, b = state
+    ca, cb = clipped(ca, cb, limits)
     if limits.drive == HOLONOMIC:
-        ca, cb = clip_velocity(ca, cb, limits)
         ax, ay, time = holonomic_ramp(a, b, ca, cb, limits)
         if time <= 0.0:
             return straight(x, y, theta, ca, cb, 0.0, 0.0), left, ca, cb
         if time <= left:
             return straight(x, y, theta, a, b, ax, ay), time, ca, cb
         return straight(x, y, theta, a, b, ax, ay), left, a + ax * left, b + ay * left
-    ca, cb = clip_twist(ca, cb, limits)
     h, v, acceleration, w, alpha, v_end, w_end = wheels_segment(a, b, ca, cb, limits, left)
     return rolling(x, y, theta, v, acceleration, w, alpha, h), h, v_end, w_end
 
@@ -80,15 +60,14 @@ def _first_contact(
         while s < h and s < when:
             ox, oy, ux, uy = timeline_at(t + s, discs, k)
             span = min(_next_knot(discs, k, t + s) - t - s, h - s)
-            x, y, _, _, _, _ = pose(m, s)
-            away = math.hypot(x - ox, y - oy) - body.radius - discs.radius[k]
+            at = pose(m, s)
+            away = math.hypot(at.x - ox, at.y - oy) - body.radius - discs.radius[k]
             if away <= (fastest + math.hypot(ux, uy)) * span:
-                disc = Disc(ox, oy, ux, uy, discs.radius[k])
-                hit = meets_disc(_later(m, s), span, body.corners, body.rounding, disc)
+                hit = meets_disc(_later(m, s), span, body, Disc(ox, oy, ux, uy, discs.radius[k]))
                 if s + hit < when:
                     what, obstacle, when = HIT_MOVING, k, s + hit
             s += max(span, 1e-12)
-    wall = meets_wall(m, min(h, when), body.corners, body.rounding, body.radius, walls)
+    wall = meets_wall(m, min(h, when), body, walls)
     if wall < when:
         what, obstacle, when = HIT_WALL, -1, wall
     x, y = m.x - aim[0], m.y - aim[1]
@@ -96,7 +75,8 @@ def _first_contact(
     if away < 0.0:  # the robot is there already
         return REACHED, -1, 0.0
     if away <= fastest * h:
-        arrival = meets_disc(m, min(h, when), body.centre, 0.0, Disc(aim[0], aim[1], 0.0, 0.0, aim[2]))
+        centre = Body(body.centre, 0.0, 0.0, body.centre)
+        arrival = meets_disc(m, min(h, when), centre, Disc(aim[0], aim[1], 0.0, 0.0, aim[2]))
         if arrival < when:
             what, obstacle, when = REACHED, -1, arrival
     return what, obstacle, when
@@ -128,7 +108,7 @@ def _nearest(m: Segment, t: float, h: float, body: Body, discs: Trajectories, be
             ox, oy, ux, uy = timeline_at(t + s, discs, k)
             span = min(_next_knot(discs, k, t + s) - t - s, h - s)
             disc = Disc(ox, oy, ux, uy, discs.radius[k])
-            best = nearest_disc(_later(m, s), span, body.corners, body.rounding, disc, best)
+            best = nearest_disc(_later(m, s), span, body, disc, best)
             s += max(span, 1e-12)
             if s >= h:
                 break
@@ -182,7 +162,7 @@ def play(
         j = i - whole - 1 + part
         ca, cb = (record.command[j, 0], record.command[j, 1]) if j >= 0 else (0.0, 0.0)
         while left > 0.0 and what == GOES_ON:
-            m, h, a1, b1 = next_segment(x, y, theta, a, b, ca, cb, limits, left)
+            m, h, a1, b1 = next_segment(RobotState(x, y, theta, a, b), ca, cb, limits, left)
             what, obstacle, when = _first_contact(m, t, h, body, discs, walls, aim)
             s = min(when, h)
             least = _nearest(m, t, s, body, discs, least)

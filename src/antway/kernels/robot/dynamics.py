@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import kernel
+from antway.kernels.base.records import DIFFERENTIAL, RobotLimits
 from antway.kernels.robot.motion import REST
 
 
 @kernel
 def drive(
-    vx: float, vy: float, heading: float, cx: float, cy: float, limits: NDArray[np.float64], dt: float
+    vx: float, vy: float, heading: float, cx: float, cy: float, limits: RobotLimits, dt: float
 ) -> tuple[float, float, float]:
     """Return velocity and heading in the next step: the commanded velocity (cx, cy) as far as the limits allow.
 
@@ -28,18 +26,18 @@ def drive(
         Present velocity in m/s and heading in rad.
     cx, cy : float
         Command, m/s.
-    limits : float64[4]
-        v_max in m/s, a_max in m/s^2, turn_rate in rad/s, 1 for a differential drive and 0 for a holonomic one.
+    limits : RobotLimits
+        Of these v_max, a_max (for braking, too), turn_rate and drive count.
     dt : float
         Control period, s.
     """
-    v_max, gain = limits[0], limits[1] * dt
+    v_max, gain = limits.v_max, limits.a_max * dt
     if not (math.isfinite(cx) and math.isfinite(cy)):
         cx, cy = 0.0, 0.0
     asked = math.hypot(cx, cy)
     if asked > v_max:
         cx, cy, asked = cx * (v_max / asked), cy * (v_max / asked), v_max
-    if limits[3] == 0.0:
+    if limits.drive != DIFFERENTIAL:
         dx, dy = cx - vx, cy - vy
         change = math.hypot(dx, dy)
         if change > gain:
@@ -49,7 +47,7 @@ def drive(
         return cx, cy, heading
     speed = vx * math.cos(heading) + vy * math.sin(heading)
     if asked > REST:
-        most = limits[2] * dt
+        most = limits.turn_rate * dt
         turn = wrap(math.atan2(cy, cx) - heading)
         heading = wrap(heading + min(max(turn, -most), most))
     wanted = max(cx * math.cos(heading) + cy * math.sin(heading), 0.0)

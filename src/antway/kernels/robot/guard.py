@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH, first_wall, hits_walls, swept_discs, wrap
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.records import DIFFERENTIAL, RobotLimits, Terrain
 from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.harm import least_harm
+from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, reach_gap_along
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 
@@ -159,7 +160,7 @@ def brakes_free(
     wx: float,
     wy: float,
     tracks: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    limits: RobotLimits,
     dt: float,
     terrain: Terrain,
 ) -> bool:
@@ -171,18 +172,17 @@ def brakes_free(
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
         return True
-    a_max, radius = limits[1], limits[4]
     t, x, y = 0.0, px, py
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
-            if reach_gap_along(tracks[k], x, y, ux * speed, uy * speed, t, t + dt) < radius - TOUCH:
+            if reach_gap_along(tracks[k], x, y, ux * speed, uy * speed, t, t + dt) < limits.radius - TOUCH:
                 return False
         x += ux * speed * dt
         y += uy * speed * dt
         t += dt
-        speed -= a_max * dt
-    return not hits_walls(terrain, px, py, x, y, radius, True)
+        speed -= limits.a_max * dt
+    return not hits_walls(terrain, px, py, x, y, limits.radius, True)
 
 
 @kernel
@@ -223,15 +223,11 @@ def _aside(
 
 @kernel
 def guarded(
-    px: float,
-    py: float,
-    vx: float,
-    vy: float,
-    heading: float,
+    state: RobotState,
     cx: float,
     cy: float,
     tracks: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    limits: RobotLimits,
     rules: Rules,
     terrain: Terrain,
 ) -> tuple[float, float, int]:
@@ -240,10 +236,10 @@ def guarded(
     The commanded velocity (cx, cy) passes if the robot's braking path after it is free; else the fastest velocity in the same
     direction whose braking path is free; else the robot stands. If a track would touch the standing robot within `lookahead` s,
     the robot steps aside, if that delays the contact; where `rules.strict` is false, it takes the command of `least_harm`
-    instead, certain or not. Wheels at rest turn towards the command.
-    `limits` is float64[5]: those of `drive`, then the robot's radius.
+    instead, certain or not. Wheels at rest turn towards the command. The state has the velocity (vx, vy), whatever the drive.
     """
-    v_max, radius, resolution, (dt, lookahead, strict) = limits[0], limits[4], terrain.resolution, rules
+    px, py, heading, vx, vy = state
+    v_max, radius, resolution, (dt, lookahead, strict) = limits.v_max, limits.radius, terrain.resolution, rules
     speed = math.hypot(cx, cy)
     if speed > v_max:
         cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
@@ -256,7 +252,7 @@ def guarded(
             return tx, ty, FREE if k == _FRACTIONS else SLOWED
     best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
     if not strict and best <= lookahead:
-        sx, sy = least_harm(px, py, vx, vy, heading, cx, cy, tracks, limits, dt, terrain)
+        sx, sy = least_harm(state, cx, cy, tracks, limits, dt, terrain)
         return sx, sy, LEAST_HARM if sx != 0.0 or sy != 0.0 else BRAKED if speed > TOUCH else FREE
     sx, sy = 0.0, 0.0
     for k in range(_SIDES if best <= lookahead else 0):
@@ -269,9 +265,9 @@ def guarded(
             best, sx, sy = value, tx, ty
     if sx == 0.0 and sy == 0.0:
         turn = wrap(math.atan2(cy, cx) - heading)
-        if limits[3] != 0.0 and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits[2] * dt:
+        if limits.drive == DIFFERENTIAL and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits.turn_rate * dt:
             # A right angle to the heading after the turn: the robot turns without driving.
-            side = heading + math.copysign(limits[2] * dt + math.pi / 2, turn)
+            side = heading + math.copysign(limits.turn_rate * dt + math.pi / 2, turn)
             return speed * math.cos(side), speed * math.sin(side), BRAKED
         return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
     return sx, sy, STEPPED_ASIDE

@@ -10,10 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import TOUCH, first_wall
+from antway.kernels.base.geometry import TOUCH, wall_ahead
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.records import RobotLimits, Terrain
 from antway.kernels.robot.dynamics import drive
+from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 
 _SIDES = 16  # number of directions tried
@@ -30,14 +31,12 @@ _PROGRESS = 0.02  # expected contacts that full speed in the commanded direction
 
 @kernel
 def harm(
-    xy: tuple[float, float],
-    velocity: tuple[float, float],
-    heading: float,
+    state: RobotState,
     tx: float,
     ty: float,
     until: float,
     tracks: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    limits: RobotLimits,
     dt: float,
     enough: float,
     path: NDArray[np.float64],
@@ -48,6 +47,8 @@ def harm(
 
     Parameters
     ----------
+    state : RobotState
+        With the velocity (vx, vy), whatever the drive.
     tracks : float64[K, 8]
         Rows of kernels/robot/reach.py. Each track keeps its velocity, and its place becomes less certain with time.
     enough : float
@@ -55,20 +56,19 @@ def harm(
     path : float64[S, 5]
         Scratch memory for the robot's path.
     """
-    (px, py), (vx, vy) = xy, velocity
     steps = min(round(_AHEAD / dt + 0.5), len(path))
-    x, y, wx, wy, angle = px, py, vx, vy, heading
+    x, y, angle, wx, wy = state
     for i in range(steps):
         goes = i * dt < until - TOUCH
         wx, wy, angle = drive(wx, wy, angle, tx if goes else 0.0, ty if goes else 0.0, limits, dt)
-        path[i, 0], path[i, 1], path[i, 2], path[i, 3], path[i, 4] = x, y, wx, wy, math.hypot(wx, wy) / limits[0]
+        path[i, 0], path[i, 1], path[i, 2], path[i, 3], path[i, 4] = x, y, wx, wy, math.hypot(wx, wy) / limits.v_max
         x, y = x + wx * dt, y + wy * dt
     total = 0.0
     for k in range(len(tracks)):
         ux, uy = tracks[k, VX], tracks[k, VY]
         ax, ay = tracks[k, X] + ux * tracks[k, AGE], tracks[k, Y] + uy * tracks[k, AGE]
-        body = limits[4] + tracks[k, RADIUS]
-        if math.hypot(ax - px, ay - py) - body > (limits[0] + math.hypot(ux, uy)) * _AHEAD:
+        body = limits.radius + tracks[k, RADIUS]
+        if math.hypot(ax - state.x, ay - state.y) - body > (limits.v_max + math.hypot(ux, uy)) * _AHEAD:
             continue
         low, ratio, when, fast = math.inf, 0.0, 0.0, 0.0
         for i in range(steps):
@@ -94,27 +94,23 @@ def harm(
 
 @kernel
 def least_harm(
-    px: float,
-    py: float,
-    vx: float,
-    vy: float,
-    heading: float,
+    state: RobotState,
     cx: float,
     cy: float,
     tracks: NDArray[np.float64],
-    limits: NDArray[np.float64],
+    limits: RobotLimits,
     dt: float,
     terrain: Terrain,
 ) -> tuple[float, float]:
     """Return the command (vx, vy) of least `harm` that is clear of walls.
 
-    The candidates are standing still, the command (cx, cy), and `_SIDES` directions at `_SPEEDS` speeds.
+    The candidates are standing still, the command (cx, cy), and `_SIDES` directions at `_SPEEDS` speeds. The other parameters
+    are those of `harm`.
     """
-    v_max, a_max, radius, resolution, blocked = limits[0], limits[1], limits[4], terrain.resolution, terrain.blocked
+    (x, y, heading, vx, vy), v_max, a_max, radius = state, limits.v_max, limits.a_max, limits.radius
     path = np.empty((_STEPS, 5))
-    best, bx, by = harm((px, py), (vx, vy), heading, 0.0, 0.0, 0.0, tracks, limits, dt, math.inf, path), 0.0, 0.0
+    best, bx, by = harm(state, 0.0, 0.0, 0.0, tracks, limits, dt, math.inf, path), 0.0, 0.0
     asked = max(math.hypot(cx, cy), TOUCH)
-    row, col = (py - terrain.y0) / resolution - 0.5, (px - terrain.x0) / resolution - 0.5
     for k in range(_SIDES * _SPEEDS + 1):
         speed, angle = v_max * (1 + k % _SPEEDS) / _SPEEDS, 2 * math.pi * (k // _SPEEDS) / _SIDES
         tx, ty = speed * math.cos(angle), speed * math.sin(angle)
@@ -124,27 +120,19 @@ def least_harm(
             continue
         braking = 0.5 * speed * speed / a_max
         ahead = speed * _LASTS[-1] + braking
-        share, _, _ = first_wall(
-            blocked, row, col, ty / speed * ahead / resolution, tx / speed * ahead / resolution, radius / resolution
-        )
+        share = wall_ahead(terrain, x, y, tx / speed * ahead, ty / speed * ahead, radius)
         clear_time = (min(share, 1.0) * ahead - braking) / speed  # s
         if clear_time < dt:
             continue
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
         reaches = math.hypot(wx, wy)
         far = reaches * dt + 0.5 * reaches * reaches / a_max
-        if reaches > TOUCH:  # wheels drive along their heading, which may differ from the commanded direction
-            share, _, _ = first_wall(
-                blocked, row, col, wy / reaches * far / resolution, wx / reaches * far / resolution, radius / resolution
-            )
-            if share <= 1.0:
-                continue
+        # Wheels drive along their heading, which may differ from the commanded direction.
+        if reaches > TOUCH and wall_ahead(terrain, x, y, wx / reaches * far, wy / reaches * far, radius) <= 1.0:
+            continue
         progress = _PROGRESS * (tx * cx + ty * cy) / (asked * v_max)
         for lasts in _LASTS:
-            value = (
-                harm((px, py), (vx, vy), heading, tx, ty, min(lasts, clear_time), tracks, limits, dt, best + progress, path)
-                - progress
-            )
+            value = harm(state, tx, ty, min(lasts, clear_time), tracks, limits, dt, best + progress, path) - progress
             if value < best - TOUCH:
                 best, bx, by = value, tx, ty
             if lasts >= clear_time:

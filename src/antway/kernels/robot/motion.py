@@ -1,10 +1,9 @@
 """How a robot moves under a command: speeds ramp within a control cycle, and the resulting place is exact.
 
-The state of wheels is (x, y, theta, v, omega): speed along the heading, negative in reverse, and turn rate. The state of a
-holonomic robot is (x, y, theta, vx, vy) in the world's frame. A command is (v, omega) or (vx, vy). Under a constant command
-both speeds are linear in time on a few *segments*. There the heading is quadratic in time, and the place is an integral
-without a closed form, computed by Gauss-Legendre quadrature. Nothing depends on how a cycle is divided: driven in two parts it
-ends where it does in one.
+A command is (v, omega) for wheels and (vx, vy) for a holonomic robot, as the speeds in `RobotState` are. Under a constant
+command both speeds are linear in time on a few *segments*. There the heading is quadratic in time, and the place is an
+integral without a closed form, computed by Gauss-Legendre quadrature. Nothing depends on how a cycle is divided: driven in two
+parts it ends where it does in one.
 
 A command acts `latency` s after it was given. To look ahead, first drive the commands that do not act yet (`delayed`); after
 that the robot follows new commands at once.
@@ -13,6 +12,7 @@ that the robot follows new commands at once.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,19 @@ _SNAP = 1e-12  # rad/s; a turn rate this near to its bound is on it, so that no 
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
 _WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
+
+
+class RobotState(NamedTuple):
+    """Where a robot is and how fast it moves.
+
+    For the dynamics "steps" (kernels/robot/dynamics.py) a and b are vx and vy, whatever the drive.
+    """
+
+    x: float  # m
+    y: float  # m
+    theta: float  # rad; heading
+    a: float  # m/s; vx of a holonomic robot; of wheels the speed v along the heading, negative in reverse
+    b: float  # vy of a holonomic robot, m/s; the turn rate omega of wheels, rad/s
 
 
 @bare_kernel
@@ -157,22 +170,12 @@ def along_roughly(theta: float, v: float, a: float, w: float, b: float, h: float
 
 
 @bare_kernel
-def wheels_cycle(
-    x: float,
-    y: float,
-    theta: float,
-    v: float,
-    omega: float,
-    cv: float,
-    cw: float,
-    limits: RobotLimits,
-    dt: float,
-    roughly: bool,
-) -> tuple[float, float, float, float, float]:
+def wheels_cycle(state: RobotState, cv: float, cw: float, limits: RobotLimits, dt: float, roughly: bool) -> RobotState:
     """Return the state of wheels after dt s under the command (cv, cw); theta is not wrapped.
 
     The place is exact to 1e-10 m by `along`, or computed by `along_roughly`.
     """
+    x, y, theta, v, omega = state
     cv, cw = clip_twist(cv, cw, limits)
     left = dt
     while left > 0.0:
@@ -182,7 +185,7 @@ def wheels_cycle(
         y += dy
         theta += (w0 + 0.5 * b * h) * h
         left -= h
-    return x, y, theta, v, omega
+    return RobotState(x, y, theta, v, omega)
 
 
 @bare_kernel
@@ -194,6 +197,12 @@ def clip_velocity(cx: float, cy: float, limits: RobotLimits) -> tuple[float, flo
     if asked > limits.v_max:
         return cx * (limits.v_max / asked), cy * (limits.v_max / asked)
     return cx, cy
+
+
+@bare_kernel
+def clipped(ca: float, cb: float, limits: RobotLimits) -> tuple[float, float]:
+    """Return a command of any robot clipped to its limits; a command that is not finite means stop."""
+    return clip_velocity(ca, cb, limits) if limits.drive == HOLONOMIC else clip_twist(ca, cb, limits)
 
 
 @bare_kernel
@@ -211,10 +220,9 @@ def holonomic_ramp(vx: float, vy: float, cx: float, cy: float, limits: RobotLimi
 
 
 @bare_kernel
-def holonomic_cycle(
-    x: float, y: float, theta: float, vx: float, vy: float, cx: float, cy: float, limits: RobotLimits, dt: float
-) -> tuple[float, float, float, float, float]:
+def holonomic_cycle(state: RobotState, cx: float, cy: float, limits: RobotLimits, dt: float) -> RobotState:
     """Return the exact state of a holonomic robot after dt s; theta is its direction of motion, and is kept at rest."""
+    x, y, theta, vx, vy = state
     cx, cy = clip_velocity(cx, cy, limits)
     ax, ay, time = holonomic_ramp(vx, vy, cx, cy, limits)
     h = min(time, dt)
@@ -229,39 +237,33 @@ def holonomic_cycle(
         vy += ay * h
     if math.hypot(vx, vy) > REST:
         theta = math.atan2(vy, vx)
-    return x, y, theta, vx, vy
+    return RobotState(x, y, theta, vx, vy)
 
 
 @bare_kernel
-def drive_cycle(
-    x: float, y: float, theta: float, a: float, b: float, command_a: float, command_b: float, limits: RobotLimits, dt: float
-) -> tuple[float, float, float, float, float]:
-    """Return the state of any robot after dt s under a command: (v, omega) for wheels, (vx, vy) for a holonomic robot."""
+def drive_cycle(state: RobotState, ca: float, cb: float, limits: RobotLimits, dt: float) -> RobotState:
+    """Return the state of any robot after dt s under the command (ca, cb)."""
     if limits.drive == HOLONOMIC:
-        return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
-    return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt, False)
+        return holonomic_cycle(state, ca, cb, limits, dt)
+    return wheels_cycle(state, ca, cb, limits, dt, False)
 
 
 @bare_kernel
-def drive_roughly(
-    x: float, y: float, theta: float, a: float, b: float, command_a: float, command_b: float, limits: RobotLimits, dt: float
-) -> tuple[float, float, float, float, float]:
+def drive_roughly(state: RobotState, ca: float, cb: float, limits: RobotLimits, dt: float) -> RobotState:
     """Do as `drive_cycle`, within 1e-6 m for a cycle of 0.1 s: for rollouts."""
     if limits.drive == HOLONOMIC:
-        return holonomic_cycle(x, y, theta, a, b, command_a, command_b, limits, dt)
-    return wheels_cycle(x, y, theta, a, b, command_a, command_b, limits, dt, True)
+        return holonomic_cycle(state, ca, cb, limits, dt)
+    return wheels_cycle(state, ca, cb, limits, dt, True)
 
 
 @bare_kernel
-def delayed(
-    x: float, y: float, theta: float, a: float, b: float, pending: NDArray[np.float64], limits: RobotLimits, dt: float
-) -> tuple[float, float, float, float, float]:
+def delayed(state: RobotState, pending: NDArray[np.float64], limits: RobotLimits, dt: float) -> RobotState:
     """Return the state of the robot `latency` s from now, after the commands that do not act yet.
 
     Parameters
     ----------
-    x, y, theta, a, b : float
-        State now, at the start of a cycle of dt s.
+    state : RobotState
+        Now, at the start of a cycle of dt s.
     pending : float64[M, 2]
         The last M = ceil(latency / dt) commands, oldest first; the oldest acts now, until the next one does.
     """
@@ -269,6 +271,6 @@ def delayed(
     left = limits.latency
     for i in range(count):
         h = left - (count - 1 - i) * dt
-        x, y, theta, a, b = drive_cycle(x, y, theta, a, b, pending[i, 0], pending[i, 1], limits, h)
+        state = drive_cycle(state, pending[i, 0], pending[i, 1], limits, h)
         left -= h
-    return x, y, theta, a, b
+    return state

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
 from antway.kernels.base.records import HOLONOMIC
-from antway.kernels.robot.brake import CYCLES, SIDE, TURN, Robot, margin_left, nearby, stop_for
+from antway.kernels.robot.brake import CYCLES, SIDE, STRAIGHT, TURN, Robot, Situation, situation_of, stop_for
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, time_to_contact
-from antway.kernels.robot.motion import REST, clip_twist, clip_velocity, delayed, drive_roughly
+from antway.kernels.robot.motion import REST, RobotState, clipped, delayed, drive_roughly
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 from antway.kernels.robot.sweep import free_distance
 
@@ -24,106 +24,78 @@ _SPEEDS = 3  # number of speeds tried for a step aside on wheels
 _TURNS = 5  # number of turn rates tried with each of these speeds
 _SIDES = 16  # number of directions tried for a step aside without wheels
 _KEEP = 0.3  # s; the value of a step aside grows by this if it keeps to the side taken last
+_DRIVES = 0.6  # share of the time looked ahead for which a robot drives when it steps aside, before it stands
 
 
 @bare_kernel
 def _safe_for(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
-    ca: float,
-    cb: float,
-    robot: Robot,
-    tracks: NDArray[np.float64],
-    until: float,
-    horizon: float,
+    state: RobotState, ca: float, cb: float, robot: Robot, tracks: NDArray[np.float64], until: float, horizon: float
 ) -> float:
     """Return the time of the robot's first contact with any track if all tracks keep their velocities, s, at most `horizon`.
 
     The robot drives under the command (ca, cb) for `until` s, or up to a wall, and then stands. Contacts are tested once in a
     control cycle.
     """
-    limits, radius = robot.limits, robot.body.radius
-    t = limits.latency
+    radius = robot.body.radius
+    t = robot.limits.latency
     standing = False
     while t < horizon:
         if not standing:
             if t > until:
                 ca, cb = 0.0, 0.0
-            x1, y1, theta1, a1, b1 = drive_roughly(x, y, theta, a, b, ca, cb, limits, robot.dt)
-            if free_distance(robot.walls, x1, y1) < radius and math.hypot(x1 - x, y1 - y) > TOUCH:
+            later = drive_roughly(state, ca, cb, robot.limits, robot.dt)
+            moved = math.hypot(later.x - state.x, later.y - state.y)
+            if free_distance(robot.walls, later.x, later.y) < radius and moved > TOUCH:
                 standing = True
             else:
-                x, y, theta, a, b = x1, y1, theta1, a1, b1
-                standing = t > until and math.hypot(a, b) <= REST
+                state = later
+                standing = t > until and math.hypot(state.a, state.b) <= REST
         t += robot.dt
         for k in range(len(tracks)):
-            later = t + tracks[k, AGE]
-            dx, dy = tracks[k, X] + tracks[k, VX] * later - x, tracks[k, Y] + tracks[k, VY] * later - y
+            age = t + tracks[k, AGE]
+            dx, dy = tracks[k, X] + tracks[k, VX] * age - state.x, tracks[k, Y] + tracks[k, VY] * age - state.y
             if math.hypot(dx, dy) < radius + tracks[k, RADIUS]:
                 return t
     return horizon
 
 
 @bare_kernel
-def _aside(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
-    robot: Robot,
-    margin: float,
-    tracks: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    lookahead: float,
-    keep: NDArray[np.float64],
-) -> tuple[float, float, bool]:
+def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) -> tuple[float, float, bool]:
     """Return a command that steps aside for a track that would touch the standing robot, and whether there is one.
 
     Wheels try arcs forward and backward; other robots try all directions. Of the commands that can be certified, the one whose
     first contact comes latest is taken. The side taken last is preferred a little, so that the robot does not sway.
     """
+    state, robot, keep = situation.state, situation.robot, situation.keep
     limits = robot.limits
     wheels = limits.drive != HOLONOMIC
-    still = time_to_contact(x, y, 0.0, 0.0, tracks, robot.body.radius)
+    still = time_to_contact(state.x, state.y, 0.0, 0.0, tracks, robot.body.radius)
     if still > lookahead:
         return 0.0, 0.0, False
-    horizon = 2.0 * lookahead
     best, one, two, chosen = still + robot.dt, 0.0, 0.0, -1.0
-    count = _SPEEDS * _TURNS if wheels else _SIDES
-    for k in range(count):
+    for k in range(_SPEEDS * _TURNS if wheels else _SIDES):
         if wheels:
-            speed = (limits.v_max, 0.4 * limits.v_max, -limits.v_reverse)[k // _TURNS]
-            turn = limits.turn_rate * (k % _TURNS - _TURNS // 2) / (_TURNS // 2)
-            if speed == 0.0:
+            ca = (limits.v_max, 0.4 * limits.v_max, -limits.v_reverse)[k // _TURNS]
+            cb = limits.turn_rate * (k % _TURNS - _TURNS // 2) / (_TURNS // 2)
+            if ca == 0.0:
                 continue
-            ca, cb = speed, turn
         else:
             ca, cb = limits.v_max * math.cos(2.0 * math.pi * k / _SIDES), limits.v_max * math.sin(2.0 * math.pi * k / _SIDES)
-        worth = _safe_for(x, y, theta, a, b, ca, cb, robot, tracks, 0.6 * lookahead, horizon)
+        worth = _safe_for(state, ca, cb, robot, tracks, _DRIVES * lookahead, 2.0 * lookahead)
         if keep[SIDE] == k:
             worth += _KEEP
-        if worth > best and stop_for(x, y, theta, a, b, ca, cb, robot, margin, rows, keep):
+        if worth > best and stop_for(situation, ca, cb):
             best, one, two, chosen = worth, ca, cb, float(k)
     if chosen < 0.0:
         return 0.0, 0.0, False
-    stop_for(
-        x, y, theta, a, b, one, two, robot, margin, rows, keep
-    )  # `keep` must hold the stop after the best command, and the last one tried may be another
+    stop_for(situation, one, two)  # `keep` must hold the stop after the best command, and the last one tried may be another
     keep[SIDE] = chosen
     return one, two, True
 
 
 @bare_kernel
 def passed_command(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
+    state: RobotState,
     ca: float,
     cb: float,
     tracks: NDArray[np.float64],
@@ -136,8 +108,8 @@ def passed_command(
 
     Parameters
     ----------
-    x, y, theta, a, b : float
-        State of the robot when the command begins to act.
+    state : RobotState
+        Of the robot when the command begins to act.
     ca, cb : float
         The command; one that is not finite means stop.
     tracks, rows : float64[K, 8], float64[>= K, 8]
@@ -147,45 +119,39 @@ def passed_command(
     keep : float64[3]
         The guard's state from cycle to cycle: the certified stop and the side taken last.
     """
-    limits = robot.limits
-    wheels = limits.drive != HOLONOMIC
-    ca, cb = clip_twist(ca, cb, limits) if wheels else clip_velocity(ca, cb, limits)
-    near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
-    free = near if robot.strict else near[:0]
-    margin = margin_left(x, y, theta, robot)
-    asked = abs(ca) if wheels else math.hypot(ca, cb)
-    if asked > REST and stop_for(x, y, theta, a, b, ca, cb, robot, margin, near, keep):
-        keep[SIDE] = -1.0
-        return ca, cb, FREE
-    if asked > REST:
+    wheels = robot.limits.drive != HOLONOMIC
+    ca, cb = clipped(ca, cb, robot.limits)
+    situation = situation_of(state, robot, tracks, rows, keep)
+    aside = situation if robot.strict else Situation(state, robot, situation.margin, situation.near[:0], keep)
+    moves = (abs(ca) if wheels else math.hypot(ca, cb)) > REST
+    if moves:
+        if stop_for(situation, ca, cb):
+            keep[SIDE] = -1.0
+            return ca, cb, FREE
         for k in range(_FRACTIONS - 1, -1 if wheels else 0, -1):
             share = k / _FRACTIONS
-            for kind in range(2 if wheels and abs(cb) > 0.01 and k > 0 else 1):
+            for kind in range(2 if wheels and abs(cb) > STRAIGHT and k > 0 else 1):
                 one, two = ca * share, cb * share if kind == 1 or not wheels else cb
-                if stop_for(x, y, theta, a, b, one, two, robot, margin, near, keep):
+                if stop_for(situation, one, two):
                     if abs(one) <= REST and wheels:
-                        oa, ob, stepped = _aside(x, y, theta, a, b, robot, margin, tracks, free, lookahead, keep)
+                        oa, ob, stepped = _aside(aside, tracks, lookahead)
                         if stepped:
                             return oa, ob, STEPPED_ASIDE
-                        stop_for(x, y, theta, a, b, one, two, robot, margin, near, keep)
+                        stop_for(situation, one, two)  # once more: `keep` holds the stop that was tried last
                     return one, two, SLOWED
-    one, two, stepped = _aside(x, y, theta, a, b, robot, margin, tracks, free, lookahead, keep)
+    one, two, stepped = _aside(aside, tracks, lookahead)
     if stepped:
         return one, two, STEPPED_ASIDE
-    if asked <= REST and stop_for(x, y, theta, a, b, ca, cb, robot, margin, near, keep):
+    if not moves and stop_for(situation, ca, cb):
         return ca, cb, FREE
-    if stop_for(x, y, theta, a, b, 0.0, 0.0, robot, margin, near, keep):
+    if stop_for(situation, 0.0, 0.0):
         return 0.0, 0.0, BRAKED
     return fallback(keep, wheels)
 
 
 @bare_kernel
 def first_certified(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
+    state: RobotState,
     commands: NDArray[np.float64],
     tracks: NDArray[np.float64],
     rows: NDArray[np.float64],
@@ -196,26 +162,17 @@ def first_certified(
 
     The other parameters are those of `passed_command`.
     """
-    wheels = robot.limits.drive != HOLONOMIC
-    near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
-    margin = margin_left(x, y, theta, robot)
+    situation = situation_of(state, robot, tracks, rows, keep)
     for i in range(len(commands)):
-        if wheels:
-            ca, cb = clip_twist(commands[i, 0], commands[i, 1], robot.limits)
-        else:
-            ca, cb = clip_velocity(commands[i, 0], commands[i, 1], robot.limits)
-        if stop_for(x, y, theta, a, b, ca, cb, robot, margin, near, keep):
+        ca, cb = clipped(commands[i, 0], commands[i, 1], robot.limits)
+        if stop_for(situation, ca, cb):
             return i
     return 0
 
 
 @bare_kernel
 def passes(
-    x: float,
-    y: float,
-    theta: float,
-    a: float,
-    b: float,
+    state: RobotState,
     ca: float,
     cb: float,
     tracks: NDArray[np.float64],
@@ -224,8 +181,7 @@ def passes(
     keep: NDArray[np.float64],
 ) -> bool:
     """Tell whether a command within the robot's limits passes unchanged; the parameters are those of `passed_command`."""
-    near = rows[: nearby(x, y, a, b, robot, tracks, rows)]
-    return stop_for(x, y, theta, a, b, ca, cb, robot, margin_left(x, y, theta, robot), near, keep)
+    return stop_for(situation_of(state, robot, tracks, rows, keep), ca, cb)
 
 
 @bare_kernel
@@ -247,12 +203,12 @@ def when_it_acts(
     turn_rate: float,
     pending: NDArray[np.float64],
     robot: Robot,
-) -> tuple[float, float, float, float, float]:
+) -> RobotState:
     """Return the state of the robot when a command given now begins to act.
 
     It is that of `delayed` (kernels/robot/motion.py), but the footprint of a holonomic robot keeps its heading.
     """
     wheels = robot.limits.drive != HOLONOMIC
     a, b = (vx * math.cos(theta) + vy * math.sin(theta), turn_rate) if wheels else (vx, vy)
-    x, y, pointing, a, b = delayed(x, y, theta, a, b, pending, robot.limits, robot.dt)
-    return x, y, pointing if wheels else theta, a, b
+    later = delayed(RobotState(x, y, theta, a, b), pending, robot.limits, robot.dt)
+    return later if wheels else RobotState(later.x, later.y, theta, later.a, later.b)

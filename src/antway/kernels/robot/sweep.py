@@ -24,6 +24,32 @@ _DIP = 1e-3  # m; by how much the gap between two samples may be smaller than at
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
 
 
+class Body(NamedTuple):
+    """The robot's shape: the convex hull of its corners, rounded."""
+
+    corners: NDArray[np.float64]  # float64[N, 2], m, in the robot's frame, counterclockwise; a disc has one at (0, 0)
+    rounding: float  # m; the radius of a disc, 0 of a polygon
+    radius: float  # m; radius of the disc around (0, 0) that contains it
+    centre: NDArray[np.float64]  # float64[1, 2] of zeros
+
+
+@bare_kernel
+def enlarged(body: Body, margin: float) -> Body:
+    """Return the body with a margin in m around it."""
+    return Body(body.corners, body.rounding + margin, body.radius + margin, body.centre)
+
+
+class Pose(NamedTuple):
+    """Where a body is at an instant of its motion, and how fast it moves."""
+
+    x: float  # m
+    y: float  # m
+    theta: float  # rad
+    vx: float  # m/s
+    vy: float  # m/s
+    w: float  # rad/s; turn rate
+
+
 class Segment(NamedTuple):
     """A part of motion from (x, y, theta): straight with a constant acceleration, or an arc (kernels/robot/motion.py)."""
 
@@ -61,14 +87,14 @@ def rolling(x: float, y: float, theta: float, v: float, a: float, w: float, b: f
 
 
 @bare_kernel
-def pose(m: Segment, s: float) -> tuple[float, float, float, float, float, float]:
-    """Return place, heading, velocity and turn rate (x, y, theta, vx, vy, w) after s s."""
+def pose(m: Segment, s: float) -> Pose:
+    """Return place, heading, velocity and turn rate after s s."""
     if not m.curved:
         x, y = m.x + (m.vx + 0.5 * m.ax * s) * s, m.y + (m.vy + 0.5 * m.ay * s) * s
-        return x, y, m.theta, m.vx + m.ax * s, m.vy + m.ay * s, 0.0
+        return Pose(x, y, m.theta, m.vx + m.ax * s, m.vy + m.ay * s, 0.0)
     dx, dy = along(m.theta, m.v, m.a, m.w, m.b, s)
     theta, speed = m.theta + (m.w + 0.5 * m.b * s) * s, m.v + m.a * s
-    return m.x + dx, m.y + dy, theta, speed * math.cos(theta), speed * math.sin(theta), m.w + m.b * s
+    return Pose(m.x + dx, m.y + dy, theta, speed * math.cos(theta), speed * math.sin(theta), m.w + m.b * s)
 
 
 @bare_kernel
@@ -91,20 +117,13 @@ def when_lost(d: float, c: float, q: float) -> float:
 
 @bare_kernel
 def axis_gap(
-    m: Segment,
-    at: tuple[float, float, float, float, float, float],
-    corners: NDArray[np.float64],
-    nx: float,
-    ny: float,
-    level: float,
-    rate: float,
-    growth: float,
+    m: Segment, at: Pose, corners: NDArray[np.float64], nx: float, ny: float, level: float, rate: float, growth: float
 ) -> tuple[float, float, float]:
     """Return the gap of the body from the half plane n.p <= level, its rate, and for how long it surely stays above 0.
 
     Parameters
     ----------
-    m, at : Segment, tuple
+    m, at : Segment, Pose
         The motion, and its `pose` now.
     nx, ny, level : float
         Unit axis from the obstacle to the body; how far the obstacle and the body's rounding extend along it, m.
@@ -132,11 +151,9 @@ def axis_gap(
 
 
 @bare_kernel
-def disc_axis(
-    at: tuple[float, float, float, float, float, float], corners: NDArray[np.float64], ox: float, oy: float
-) -> tuple[float, float]:
+def disc_axis(at: Pose, corners: NDArray[np.float64], ox: float, oy: float) -> tuple[float, float]:
     """Return the unit axis along which the hull of the corners is farthest from the point (ox, oy)."""
-    x, y, theta = at[0], at[1], at[2]
+    x, y, theta = at.x, at.y, at.theta
     n = len(corners)
     if n == 1:
         dx, dy = x - ox, y - oy
@@ -166,11 +183,9 @@ def disc_axis(
 
 
 @bare_kernel
-def square_axis(
-    at: tuple[float, float, float, float, float, float], corners: NDArray[np.float64], cx: float, cy: float, half: float
-) -> tuple[float, float]:
+def square_axis(at: Pose, corners: NDArray[np.float64], cx: float, cy: float, half: float) -> tuple[float, float]:
     """Return the unit axis along which the hull of the corners is farthest from the square around (cx, cy)."""
-    x, y, theta = at[0], at[1], at[2]
+    x, y, theta = at.x, at.y, at.theta
     n = len(corners)
     if n == 1:
         dx, dy = x - cx, y - cy
@@ -227,15 +242,15 @@ class Disc(NamedTuple):
 
 
 @bare_kernel
-def meets_disc(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, disc: Disc) -> float:
+def meets_disc(m: Segment, h: float, body: Body, disc: Disc) -> float:
     """Return the time in s of the first contact with a disc on a segment, `h` s long; infinite if there is none."""
     s = 0.0
     while s <= h:
         at = pose(m, s)
         px, py = disc.x + disc.vx * s, disc.y + disc.vy * s
-        nx, ny = disc_axis(at, corners, px, py)
-        level = nx * px + ny * py + disc.radius + rounding - TOUCH
-        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, nx * disc.vx + ny * disc.vy, 0.0)
+        nx, ny = disc_axis(at, body.corners, px, py)
+        level = nx * px + ny * py + disc.radius + body.rounding - TOUCH
+        gap, opening, time = axis_gap(m, at, body.corners, nx, ny, level, nx * disc.vx + ny * disc.vy, 0.0)
         if gap <= _CLOSE and opening < 0.0:
             return s
         s += max(time, _LEAST)
@@ -243,13 +258,14 @@ def meets_disc(m: Segment, h: float, corners: NDArray[np.float64], rounding: flo
 
 
 @bare_kernel
-def nearest_disc(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, disc: Disc, best: float) -> float:
+def nearest_disc(m: Segment, h: float, body: Body, disc: Disc, best: float) -> float:
     """Return the smallest gap in m to a disc on a segment, or `best` if that is smaller.
 
     The segment, `h` s long, is sampled every 4 ms wherever the gap may be smaller than the best so far. Around each local
     minimum of the samples the minimum is refined.
     """
-    apart, around = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST), disc.radius + rounding
+    corners, around = body.corners, disc.radius + body.rounding
+    apart = max(h / math.ceil(max(h / 0.004, 1.0)), _LEAST)
     s, last, before, last_gap, gap_before = 0.0, 0.0, 0.0, math.inf, math.inf
     while True:
         s = min(s, h)
@@ -317,25 +333,19 @@ def free_distance(walls: Walls, x: float, y: float) -> float:
 
 
 @bare_kernel
-def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: float, radius: float, walls: Walls) -> float:
-    """Return the time in s of the first contact with a blocked cell or the map's edge on a segment, `h` s long; else infinity.
-
-    Parameters
-    ----------
-    radius : float
-        Radius of the disc around the body's centre that contains the body and its rounding, m.
-    """
+def meets_wall(m: Segment, h: float, body: Body, walls: Walls) -> float:
+    """Return the time in s of the first contact with a wall or the map's edge on a segment, `h` s long; else infinity."""
     fastest = top_speed(m, h)
     window = max(walls.resolution, 0.05)  # m; length of the part of the path that is tested against nearby walls at once
     s = 0.0
     while s < h:
-        x, y, _, _, _, _ = pose(m, s)
-        free = free_distance(walls, x, y) - radius
+        at = pose(m, s)
+        free = free_distance(walls, at.x, at.y) - body.radius
         if free > 0.25 * window:
             s += free / fastest if fastest > 0.0 else math.inf
             continue
         end = min(s + window / fastest, h) if fastest > 0.0 else h
-        first = _meets_near(m, s, end, corners, rounding, radius + fastest * (end - s), walls, x, y)
+        first = _meets_near(m, at, s, end, body, body.radius + fastest * (end - s), walls)
         if first < math.inf:
             return first
         s = end
@@ -343,18 +353,9 @@ def meets_wall(m: Segment, h: float, corners: NDArray[np.float64], rounding: flo
 
 
 @bare_kernel
-def _meets_near(
-    m: Segment,
-    start: float,
-    end: float,
-    corners: NDArray[np.float64],
-    rounding: float,
-    nearby: float,
-    walls: Walls,
-    x: float,
-    y: float,
-) -> float:
-    """Return the first contact in [start, end] with the map's edges and with cells within `nearby` m of (x, y)."""
+def _meets_near(m: Segment, at: Pose, start: float, end: float, body: Body, nearby: float, walls: Walls) -> float:
+    """Return the first contact in [start, end] with the map's edges and with cells within `nearby` m of the pose at `start`."""
+    x, y = at.x, at.y
     rows, cols = walls.blocked.shape
     size = walls.resolution
     best = math.inf
@@ -365,7 +366,7 @@ def _meets_near(
             continue
         s, last = start, min(end, best)
         while s <= last:
-            gap, opening, time = axis_gap(m, pose(m, s), corners, nx, ny, edge + rounding - TOUCH, 0.0, 0.0)
+            gap, opening, time = axis_gap(m, pose(m, s), body.corners, nx, ny, edge + body.rounding - TOUCH, 0.0, 0.0)
             if gap <= _CLOSE and opening < 0.0:
                 best = s
                 break
@@ -376,20 +377,19 @@ def _meets_near(
         for j in range(max(math.floor(left), 0), min(math.floor(right), cols - 1) + 1):
             if walls.blocked[i, j]:
                 cx, cy = walls.x0 + (j + 0.5) * size, walls.y0 + (i + 0.5) * size
-                best = min(best, _meets_square(m, start, min(end, best), corners, rounding, cx, cy, 0.5 * size))
+                best = min(best, _meets_square(m, start, min(end, best), body, cx, cy, 0.5 * size))
     return best
 
 
 @bare_kernel
-def _meets_square(
-    m: Segment, start: float, end: float, corners: NDArray[np.float64], rounding: float, cx: float, cy: float, half: float
-) -> float:
+def _meets_square(m: Segment, start: float, end: float, body: Body, cx: float, cy: float, half: float) -> float:
+    """Return the first contact in [start, end] with the square around (cx, cy) whose edges are 2 `half` m long."""
     s = start
     while s <= end:
         at = pose(m, s)
-        nx, ny = square_axis(at, corners, cx, cy, half)
-        level = nx * cx + ny * cy + half * (abs(nx) + abs(ny)) + rounding - TOUCH
-        gap, opening, time = axis_gap(m, at, corners, nx, ny, level, 0.0, 0.0)
+        nx, ny = square_axis(at, body.corners, cx, cy, half)
+        level = nx * cx + ny * cy + half * (abs(nx) + abs(ny)) + body.rounding - TOUCH
+        gap, opening, time = axis_gap(m, at, body.corners, nx, ny, level, 0.0, 0.0)
         if gap <= _CLOSE and opening < 0.0:
             return s
         s += max(time, _LEAST)

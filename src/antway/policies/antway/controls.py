@@ -14,11 +14,12 @@ from antway.kernels.controls.colony import Archive, ColonySettings, forage, shif
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
+from antway.kernels.robot.motion import RobotState
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import RobotState, commanded, finite_limits, static_field, static_time
+from antway.world.rollouts import commanded, finite_limits, static_field, static_time
 
 _DISCS = 64  # at most, near one another at one time; of more tracks some share an entry of what they cost
 _AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Cell, Grid, Moves
+from antway.kernels.base.jit import entry
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.motion import REST
 from antway.kernels.search.distance_field import STRAIGHT
@@ -181,12 +182,13 @@ class Routes:
     def driven(self, seen: Observation, velocity: XY, push: float) -> TimedPath | None:
         """Return the motion of a robot that drives at `velocity` for `push` s and then stops; None if it meets a wall."""
         spec = self.task.robot
-        limits = np.array([spec.v_max, spec.a_max, spec.turn_rate, float(spec.drive == "differential")])
         (x, y), (vx, vy), heading, n = seen.xy, seen.velocity, seen.heading, 0
+        limits = spec.limits
+        step = entry(drive, 0.0, 0.0, 0.0, 0.0, 0.0, limits, spec.dt)
         points = [seen.xy]
         while n * spec.dt < push or math.hypot(vx, vy) > REST:
             cx, cy = velocity if n * spec.dt < push else (0.0, 0.0)
-            vx, vy, heading = drive(vx, vy, heading, cx, cy, limits, spec.dt)
+            vx, vy, heading = step(vx, vy, heading, cx, cy, limits, spec.dt)
             x, y, n = x + vx * spec.dt, y + vy * spec.dt, n + 1
             if not self.clear(points[-1], (x, y)):
                 return None
