@@ -116,9 +116,9 @@ def test_time_to_contact_is_the_first() -> None:
                 np.ones((3, 3)) * (1.0, np.inf, 0.0),
             )
         )
-        v = rng.uniform(-1, 1, 2)
-        found = time_to_contact(0.0, 0.0, v[0], v[1], tracks, 0.3)
-        gap = [np.hypot(k[0] + (k[2] - v[0]) * s, k[1] + (k[3] - v[1]) * s) - k[4] - 0.3 for k in tracks]
+        tracks[:, 2:4] -= rng.uniform(-1, 1, 2)
+        found = time_to_contact(0.0, 0.0, tracks, 0.3)
+        gap = [np.hypot(k[0] + k[2] * s, k[1] + k[3] * s) - k[4] - 0.3 for k in tracks]
         hit = s[(np.min(gap, axis=0) <= 0.0)]
         if found < 19.9 and len(hit):
             assert abs(hit[0] - found) < 0.002

@@ -201,9 +201,9 @@ def test_tracks_that_count_are_those_of_its_slow_twin() -> None:
         velocity[rng.random(len(name)) < 0.2] = math.nan
         radius, spread = rng.uniform(0.1, 0.4, len(name)), rng.uniform(0, 0.1, len(name)) * (rng.random(len(name)) < 0.5)
         scan = (name, xy, velocity, radius, spread)
-        count, n = within_reach(table, count, now, now - age, 0.5, *scan, bounds, out)
+        count = within_reach(table, count, now, now - age, 0.5, *scan, bounds, out)
         expected = slow.take(now, now - age, 0.5, name, xy, velocity, radius, spread, told, 0.3)
-        rows = out[:n][np.lexsort(out[:n].T)]
+        rows = out[:count][np.lexsort(out[:count].T)]
         np.testing.assert_allclose(rows, expected[np.lexsort(expected.T)], atol=1e-12)
 
 

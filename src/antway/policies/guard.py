@@ -25,13 +25,15 @@ from antway.kernels.robot.guard import (
 )
 from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes, when_it_acts
-from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, split_at_walls
+from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Body, Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task
 from antway.world.terrain import terrain_of, walls_of
 
 _MARGIN = 0.01  # m; distance that robots with inertia keep from walls
+_TRACKS = 128  # number of tracks for which there is memory at first
+_NOW = 1e-9  # s; a track that is no older was seen in the last scan, and that was now
 DID = ("free", "slowed", "braked", "stepped-aside", "least-harm")
 MODES = ("strict", "least-harm")
 PEOPLE_ACCEL = 2.2  # m/s^2; 99.9 % of the changes of velocity in the recordings zara01 and students01 are smaller
@@ -135,8 +137,8 @@ class Guard:
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
         declared = task.obstacle_speed, task.obstacle_surge, assumed_accel(task, self.mode)
         self.bounds = np.array([*declared, 0.0, 0.0, float(strict or not robot.stepwise)])
-        self.table, self.count = np.zeros((128, TABLE_COLUMNS)), 0
-        self.tracks, self.spread = np.empty((128, 8)), np.zeros(128)
+        self.table, self.count = np.zeros((_TRACKS, TABLE_COLUMNS)), 0
+        self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
         at_rest, self.rules = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), Rules(robot.dt, self.lookahead, strict)
         self._kernel = entry(guarded, at_rest, 0.0, 0.0, self.tracks[:0], self.limits, self.rules, self.terrain)
         self.last_stamp = -math.inf
@@ -178,8 +180,7 @@ class Guard:
             asked = np.array([command.acts(o, robot)])
             if others is not None:
                 asked = np.vstack((asked, others))
-            late = o.t - self.table[: len(tracks), 1]
-            passed, did = self.dynamic.passed(o, asked, tracks, late, self.lookahead)
+            passed, did = self.dynamic.passed(o, asked, tracks, self.lookahead)
             self.did = DID[did]
             return passed
         state = RobotState(*o.xy, o.heading, *o.velocity)
@@ -197,21 +198,21 @@ class Guard:
         most = self.count + len(t)
         if most > len(self.table):
             self.table = np.resize(self.table, (2 * most, TABLE_COLUMNS))
-            self.tracks, self.spread = np.empty((2 * most, 8)), np.zeros(2 * most)
+            self.tracks, self.spread = np.empty((2 * most, COLUMNS)), np.zeros(2 * most)
         if t.covariance is not None:
             self.spread[: len(t)] = 2.0 * np.sqrt(t.covariance[:, 0, 0])
         else:
             self.spread[: len(t)] = 0.0
         self.bounds[STOPPING_TIME], scan = stopping, (t.id, t.xy, t.velocity, t.radius)
-        self.count, n = within_reach(
+        n = self.count = within_reach(
             self.table, self.count, o.t, stamp, self.hold, *scan, self.spread, self.bounds, self.tracks
         )
         swerve = self.task.obstacle_swerve
         if self.walls is None or t.covariance is not None or swerve == math.inf:
             return self.tracks[:n]
-        rows = np.empty((2 * n, 8))
+        rows = np.empty((2 * n, COLUMNS))
         rows[:n] = self.tracks[:n]
-        return rows[: _bounded(rows, n, rows[:n, AGE] < 1e-9, swerve, self.walls, stopping)]
+        return rows[: _bounded(rows, n, rows[:n, AGE] < _NOW, swerve, self.walls, stopping)]
 
 
 def _bounded(rows: NDArray[np.float64], n: int, seen: NDArray[np.bool_], swerve: float, walls: Walls, stopping: float) -> int:
@@ -235,7 +236,7 @@ class _Dynamic:
         self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN, self.strict)
         self.keep = np.array([0.0, 0.0, -1.0])
         self.sent = np.zeros((self.late, 2))
-        self.rows = np.empty((128, 8)), np.empty((128, 8))
+        self.rows, self.near = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS))  # scratch memory
         turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
         # The longest time until the end of any certified manoeuvre.
         self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
@@ -244,26 +245,18 @@ class _Dynamic:
         self.aside = robot.latency + aside + 2.0 * math.sqrt(2.0 * robot.radius / robot.a_max)
 
     def passed(
-        self,
-        o: Observation,
-        asked: NDArray[np.float64],
-        tracks: NDArray[np.float64],
-        late: NDArray[np.float64],
-        lookahead: float,
+        self, o: Observation, asked: NDArray[np.float64], tracks: NDArray[np.float64], lookahead: float
     ) -> tuple[Command, int]:
-        """Return the first of the given commands that passes, or another one, and what was done.
-
-        `late` is the age of the tracks, s.
-        """
-        if 2 * len(tracks) > len(self.rows[0]):
-            self.rows = np.empty((4 * len(tracks), 8)), np.empty((4 * len(tracks), 8))
-        (rows, near), n = self.rows, len(tracks)
-        known = rows[:n]
-        known[:] = tracks
-        known[:, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
-        known[:, ACCEL], known[:, AGE] = math.inf, 0.0
+        """Return the first of the given commands that passes, or another one, and what was done."""
+        if 2 * len(tracks) > len(self.rows):
+            self.rows, self.near = np.empty((4 * len(tracks), COLUMNS)), np.empty((4 * len(tracks), COLUMNS))
+        rows, near, n = self.rows, self.near, len(tracks)
+        # A track that was seen some time ago becomes one that is seen now: a disc of all places that it can have reached.
+        rows[:n] = tracks
+        rows[:n, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
+        rows[:n, ACCEL], rows[:n, AGE] = math.inf, 0.0
         if o.tracks.covariance is None and self.swerve < math.inf:
-            n = _bounded(rows, n, late < 1e-9, self.swerve, self.record.walls, self.stopping)
+            n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping)
         pending = self.sent if o.pending is None else o.pending
         state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
         if len(asked) > 1 and not self.strict:

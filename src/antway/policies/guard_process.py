@@ -38,7 +38,7 @@ import numpy as np
 
 from antway import checks
 from antway.errors import BadInput, BadParameter
-from antway.policies.guard import DID, Guard
+from antway.policies.guard import Guard
 from antway.policies.guard_memory import SIDES, SIZE, Answer, Link
 from antway.world.policy import Command, Observation, Policy, Task, Tracks
 
@@ -227,8 +227,7 @@ class _Server:
                 break
         try:
             passed = self.guard.limit(seen, command)
-        except BadInput:  # an invalid observation
-            self.guard.did = DID[2]
+        except BadInput:  # an invalid observation: brake
             passed = self.guard.passed(replace(seen, stamp=-math.inf, heading=0.0), None)
         self.give(passed)
 

@@ -71,18 +71,14 @@ def shunt(
     """
     rows, cols = x.shape
     change = 0.0
-    for i in range(1, rows - 1):
-        row = i if order & 1 == 0 else rows - 1 - i
-        for j in range(1, cols - 1):
-            col = j if order & 2 == 0 else cols - 1 - j
+    for row in range(1, rows - 1) if order & 1 == 0 else range(rows - 2, 0, -1):
+        for col in range(1, cols - 1) if order & 2 == 0 else range(cols - 2, 0, -1):
             excited = mu * _around(x, kind, row, col, DIAGONAL) + (drive if kind[row, col] == TARGET else 0.0)
             inhibited = drive if kind[row, col] == CLOSED else 0.0
             rate = decay + excited + inhibited
             rest = (upper * excited - lower * inhibited) / rate
             new = rest + (x[row, col] - rest) * math.exp(-rate * span)
-            if new != x[row, col]:
-                change = max(change, abs(new - x[row, col]) / max(abs(new), abs(x[row, col])))
-                x[row, col] = new
+            change = max(change, _set(x, row, col, new))
     return change
 
 
@@ -94,17 +90,22 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagona
     """
     rows, cols = x.shape
     change = 0.0
-    for i in range(1, rows - 1):
-        row = i if order & 1 == 0 else rows - 1 - i
-        for j in range(1, cols - 1):
-            col = j if order & 2 == 0 else cols - 1 - j
+    for row in range(1, rows - 1) if order & 1 == 0 else range(rows - 2, 0, -1):
+        for col in range(1, cols - 1) if order & 2 == 0 else range(cols - 2, 0, -1):
             if kind[row, col] == TARGET:
                 new = 1.0
             else:
                 new = 0.0 if kind[row, col] == CLOSED else slope * _around(x, kind, row, col, diagonal)
-            if new != x[row, col]:
-                change = max(change, abs(new - x[row, col]) / max(new, x[row, col]))
-                x[row, col] = new
+            change = max(change, _set(x, row, col, new))
+    return change
+
+
+@kernel
+def _set(x: NDArray[np.float64], row: int, col: int, new: float) -> float:
+    """Set one activity, and return its change relative to the larger of both values."""
+    old = x[row, col]
+    x[row, col] = new
+    change: float = abs(new - old) / max(abs(new), abs(old)) if new != old else 0.0
     return change
 
 

@@ -36,6 +36,7 @@ from antway.kernels.robot.sweep import (
 
 TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the kept stop, its cycles left, last side taken
 STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as driving straight on
+_SLACK = 0.01  # m; obstacles beyond the farthest place of a manoeuvre by more than this are left out
 _CLOSE = 1e-12  # m; a smaller gap is a contact
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
 
@@ -172,7 +173,7 @@ def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64], rows: 
     stop = fastest / limits.brake_max if limits.brake_max < math.inf else 0.0
     turning = limits.turn_rate / limits.alpha_max if len(robot.body.corners) > 1 and limits.alpha_max < math.inf else 0.0
     time = limits.latency + 2.0 * robot.dt + max(stop, turning) + turning
-    far = fastest * (robot.dt + stop) + robot.body.radius + 0.01
+    far = fastest * (robot.dt + stop) + robot.body.radius + _SLACK
     for k in range(len(tracks)):
         away = math.hypot(tracks[k, X] - x, tracks[k, Y] - y) - tracks[k, RADIUS]
         if away - tracks[k, SPEED] * (tracks[k, AGE] + time) <= far:

@@ -92,13 +92,13 @@ def within_reach(
     spread: NDArray[np.float64],
     bounds: NDArray[np.float64],
     out: NDArray[np.float64],
-) -> tuple[int, int]:
-    """Write the rows (kernels/robot/reach.py) of the tracks of this scan and of those that were lost recently.
+) -> int:
+    """Write the rows (kernels/robot/reach.py) of the tracks of this scan and of those that were lost recently; return how many.
 
     Parameters
     ----------
     table : float64[M, TABLE_COLUMNS]
-        The recent tracks are the first `count` rows; M is at least `count` + K.
+        The recent tracks, in the first `count` rows, are brought up to date; M is at least `count` + K.
     now, stamp, hold : float
         Time now, time of the scan, and how long a lost track still counts, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
@@ -109,12 +109,9 @@ def within_reach(
         See BOUND_SPEED and the others above. bounds[BOUND_KIND] rises slowly to the fastest speed seen. Observations of a track
         raise its own bounds at once.
     out : float64[M, 8]
-
-    Returns
-    -------
-    count, rows : int
+        Filled with a row for each recent track.
     """
-    n, top, stopping_time = 0, bounds[BOUND_KIND], bounds[STOPPING_TIME]
+    top, stopping_time = bounds[BOUND_KIND], bounds[STOPPING_TIME]
     for k in range(len(name)):
         vx, vy = velocity[k, 0], velocity[k, 1]
         speed = math.hypot(vx, vy)
@@ -143,20 +140,20 @@ def within_reach(
         if table[i, _SEEN] < stamp and age > hold:
             continue
         copy_row(table[i], table[kept])
-        copy_row(table[i, _X:_SPEED], out[n, :SPEED])
+        copy_row(table[i, _X:_SPEED], out[kept, :SPEED])
         fastest, speed = max(bounds[BOUND_SPEED], bounds[BOUND_KIND], table[i, _FASTEST]), table[i, _SPEED]
         growth = max(bounds[BOUND_GROWTH], table[i, _GROWTH]) * (age + stopping_time)
-        out[n, SPEED] = min(fastest, speed + growth) if speed >= 0.0 else fastest
+        out[kept, SPEED] = min(fastest, speed + growth) if speed >= 0.0 else fastest
         change = max(bounds[BOUND_CHANGE], table[i, _CHANGE]) if bounds[STRICT] > 0.0 else bounds[BOUND_CHANGE]
-        out[n, ACCEL], out[n, AGE] = change if speed >= 0.0 else math.inf, age
-        kept, n = kept + 1, n + 1
-    return kept, n
+        out[kept, ACCEL], out[kept, AGE] = change if speed >= 0.0 else math.inf, age
+        kept += 1
+    return kept
 
 
 @kernel
 def brakes_free(
-    px: float,
-    py: float,
+    x: float,
+    y: float,
     wx: float,
     wy: float,
     tracks: NDArray[np.float64],
@@ -164,7 +161,7 @@ def brakes_free(
     dt: float,
     terrain: Terrain,
 ) -> bool:
-    """Tell whether a robot at (px, py) can drive one period with (wx, wy) and then brake, straight, to a stand.
+    """Tell whether a robot at (x, y) can drive one period with (wx, wy) and then brake, straight, to a stand.
 
     `tracks` is float64[K, 8], as in kernels/robot/reach.py. Until the robot stands, no obstacle that stays within its bounds
     may touch it, however it moves, and no wall may.
@@ -172,7 +169,7 @@ def brakes_free(
     speed = math.hypot(wx, wy)
     if speed <= TOUCH:
         return True
-    t, x, y = 0.0, px, py
+    t, start_x, start_y = 0.0, x, y
     ux, uy = wx / speed, wy / speed
     while speed > TOUCH:
         for k in range(len(tracks)):
@@ -182,16 +179,16 @@ def brakes_free(
         y += uy * speed * dt
         t += dt
         speed -= limits.a_max * dt
-    return not hits_walls(terrain, px, py, x, y, limits.radius, True)
+    return not hits_walls(terrain, start_x, start_y, x, y, limits.radius, True)
 
 
 @kernel
-def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np.float64], radius: float) -> float:
-    """Return the first contact in s of the robot at (x, y) with any track if all keep their velocities; else infinity."""
+def time_to_contact(x: float, y: float, tracks: NDArray[np.float64], radius: float) -> float:
+    """Return when the first track touches a robot that stands at (x, y) if all keep their velocities, s; else infinity."""
     earliest = math.inf
     for k in range(len(tracks)):
-        ax, ay = tracks[k, X] + tracks[k, VX] * tracks[k, AGE] - x, tracks[k, Y] + tracks[k, VY] * tracks[k, AGE] - y
-        ux, uy = tracks[k, VX] - vx, tracks[k, VY] - vy
+        ux, uy = tracks[k, VX], tracks[k, VY]
+        ax, ay = tracks[k, X] + ux * tracks[k, AGE] - x, tracks[k, Y] + uy * tracks[k, AGE] - y
         reach = radius + tracks[k, RADIUS]
         closing = ax * ux + ay * uy
         slack = ax * ax + ay * ay - reach * reach
@@ -205,7 +202,7 @@ def time_to_contact(x: float, y: float, vx: float, vy: float, tracks: NDArray[np
 
 
 @kernel
-def _aside(
+def _time_to_contact_after(
     x: float, y: float, vx: float, vy: float, until: float, horizon: float, tracks: NDArray[np.float64], radius: float
 ) -> float:
     """Return the time of the first contact, at most `horizon`, of a robot that drives until `until` and then stands, s."""
@@ -219,6 +216,33 @@ def _aside(
         first, _, _ = swept_discs(ax, ay, ux, uy, radius + tracks[k, RADIUS], horizon - until)
         earliest = min(earliest, until + first)
     return earliest
+
+
+@kernel
+def _aside(
+    state: RobotState,
+    standing: float,
+    tracks: NDArray[np.float64],
+    limits: RobotLimits,
+    rules: Rules,
+    terrain: Terrain,
+) -> tuple[float, float]:
+    """Return the velocity of the step aside with the latest contact, if that is later than `standing` s, else (0, 0).
+
+    The robot drives at full speed for `rules.lookahead` s, or up to a wall, and then stands. Its braking path must be free.
+    """
+    (x, y, heading, vx, vy), v_max, radius, size = state, limits.v_max, limits.radius, terrain.resolution
+    best, ax, ay = standing, 0.0, 0.0
+    row, col, ahead = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5, rules.lookahead / size
+    for k in range(_SIDES):
+        tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)
+        wall, _, _ = first_wall(terrain.blocked, row, col, ty * ahead, tx * ahead, radius / size)
+        until = min(wall, 1.0) * rules.lookahead
+        contact = _time_to_contact_after(x, y, tx, ty, until, 2 * rules.lookahead, tracks, radius)
+        wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, rules.dt)
+        if contact > best + TOUCH and brakes_free(x, y, wx, wy, tracks, limits, rules.dt, terrain):
+            best, ax, ay = contact, tx, ty
+    return ax, ay
 
 
 @kernel
@@ -238,8 +262,7 @@ def guarded(
     the robot steps aside, if that delays the contact; where `rules.strict` is false, it takes the command of `least_harm`
     instead, certain or not. Wheels at rest turn towards the command. The state has the velocity (vx, vy), whatever the drive.
     """
-    px, py, heading, vx, vy = state
-    v_max, radius, resolution, (dt, lookahead, strict) = limits.v_max, limits.radius, terrain.resolution, rules
+    (x, y, heading, vx, vy), v_max, dt = state, limits.v_max, rules.dt
     speed = math.hypot(cx, cy)
     if speed > v_max:
         cx, cy, speed = cx * v_max / speed, cy * v_max / speed, v_max
@@ -248,26 +271,19 @@ def guarded(
             break
         tx, ty = cx * k / _FRACTIONS, cy * k / _FRACTIONS
         wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
-        if brakes_free(px, py, wx, wy, tracks, limits, dt, terrain):
+        if brakes_free(x, y, wx, wy, tracks, limits, dt, terrain):
             return tx, ty, FREE if k == _FRACTIONS else SLOWED
-    best = time_to_contact(px, py, 0.0, 0.0, tracks, radius)
-    if not strict and best <= lookahead:
-        sx, sy = least_harm(state, cx, cy, tracks, limits, dt, terrain)
-        return sx, sy, LEAST_HARM if sx != 0.0 or sy != 0.0 else BRAKED if speed > TOUCH else FREE
-    sx, sy = 0.0, 0.0
-    for k in range(_SIDES if best <= lookahead else 0):
-        tx, ty = v_max * math.cos(2 * math.pi * k / _SIDES), v_max * math.sin(2 * math.pi * k / _SIDES)
-        wx, wy, _ = drive(vx, vy, heading, tx, ty, limits, dt)
-        row, col, ahead = (py - terrain.y0) / resolution - 0.5, (px - terrain.x0) / resolution - 0.5, lookahead / resolution
-        wall, _, _ = first_wall(terrain.blocked, row, col, ty * ahead, tx * ahead, radius / resolution)
-        value = _aside(px, py, tx, ty, min(wall, 1.0) * lookahead, 2 * lookahead, tracks, radius)
-        if value > best + TOUCH and brakes_free(px, py, wx, wy, tracks, limits, dt, terrain):
-            best, sx, sy = value, tx, ty
-    if sx == 0.0 and sy == 0.0:
-        turn = wrap(math.atan2(cy, cx) - heading)
-        if limits.drive == DIFFERENTIAL and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits.turn_rate * dt:
-            # A right angle to the heading after the turn: the robot turns without driving.
-            side = heading + math.copysign(limits.turn_rate * dt + math.pi / 2, turn)
-            return speed * math.cos(side), speed * math.sin(side), BRAKED
-        return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED
-    return sx, sy, STEPPED_ASIDE
+    standing = time_to_contact(x, y, tracks, limits.radius)
+    if standing <= rules.lookahead:
+        if not rules.strict:
+            ax, ay = least_harm(state, cx, cy, tracks, limits, dt, terrain)
+            return ax, ay, LEAST_HARM if ax != 0.0 or ay != 0.0 else BRAKED if speed > TOUCH else FREE
+        ax, ay = _aside(state, standing, tracks, limits, rules, terrain)
+        if ax != 0.0 or ay != 0.0:
+            return ax, ay, STEPPED_ASIDE
+    turn = wrap(math.atan2(cy, cx) - heading)
+    if limits.drive == DIFFERENTIAL and speed > TOUCH and math.hypot(vx, vy) <= TOUCH and abs(turn) > limits.turn_rate * dt:
+        # A right angle to the heading after the turn: the robot turns without driving.
+        side = heading + math.copysign(limits.turn_rate * dt + math.pi / 2, turn)
+        return speed * math.cos(side), speed * math.sin(side), BRAKED
+    return 0.0, 0.0, FREE if speed <= TOUCH else BRAKED

@@ -69,7 +69,7 @@ def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) 
     state, robot, keep = situation.state, situation.robot, situation.keep
     limits = robot.limits
     wheels = limits.drive != HOLONOMIC
-    still = time_to_contact(state.x, state.y, 0.0, 0.0, tracks, robot.body.radius)
+    still = time_to_contact(state.x, state.y, tracks, robot.body.radius)
     if still > lookahead:
         return 0.0, 0.0, False
     best, one, two, chosen = still + robot.dt, 0.0, 0.0, -1.0
