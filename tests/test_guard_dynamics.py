@@ -11,7 +11,6 @@ import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.records import Trajectories
-from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import RobotState, delayed
@@ -258,14 +257,12 @@ def test_the_guard_starts_from_the_state_after_the_pending_commands(drive: str) 
     rng = np.random.default_rng(7)
     for _ in range(cases(100, 5000)):
         spec = some_robot(rng, drive, False)
-        body = Body(spec.corners, spec.rounding, spec.radius, np.zeros((1, 2)))
-        robot = Robot(spec.limits, body, walls_of(MAPS[0]), DT, 0.0, True)
         theta, speed, turn = rng.uniform(-3.0, 3.0), rng.uniform(0.0, spec.v_max), rng.uniform(-0.5, 0.5)
         vx, vy = speed * math.cos(theta), speed * math.sin(theta)
         pending = rng.uniform(-1.0, 1.0, (math.ceil(spec.latency / DT - 1e-9), 2))
-        state = np.array(when_it_acts(5.0, 5.0, theta, vx, vy, turn, pending, robot))
+        state = np.array(when_it_acts(5.0, 5.0, theta, vx, vy, turn, pending, spec.limits, DT))
         own = (vx, vy) if drive == "holonomic" else (speed, turn)
-        expected = np.array(delayed(RobotState(5.0, 5.0, theta, *own), pending, robot.limits, DT))
+        expected = np.array(delayed(RobotState(5.0, 5.0, theta, *own), pending, spec.limits, DT))
         if drive == "holonomic":
             assert state[2] == theta
             expected[2] = theta

@@ -38,6 +38,7 @@ DID = ("free", "slowed", "braked", "stepped-aside", "least-harm")
 MODES = ("strict", "least-harm")
 PEOPLE_ACCEL = 2.2  # m/s^2; 99.9 % of the changes of velocity in the recordings zara01 and students01 are smaller
 _STOP = Command((0.0, 0.0))
+_AT_REST = RobotState(0.0, 0.0, 0.0, 0.0, 0.0)
 _FAULTS = ("observation.xy, velocity, heading", "tracks.xy", "tracks.velocity", "tracks.radius")
 _ALLOWED = (
     f"finite; places up to {MAX_PLACE:g} m, speeds up to {MAX_SPEED:g} m/s",
@@ -139,8 +140,8 @@ class Guard:
         self.bounds = np.array([*declared, 0.0, 0.0, float(strict or not robot.stepwise)])
         self.table, self.count = np.zeros((_TRACKS, TABLE_COLUMNS)), 0
         self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
-        at_rest, self.rules = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), Rules(robot.dt, self.lookahead, strict)
-        self._kernel = entry(guarded, at_rest, 0.0, 0.0, self.tracks[:0], self.limits, self.rules, self.terrain)
+        self.rules = Rules(robot.dt, self.lookahead, strict)
+        self._kernel = entry(guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.limits, self.rules, self.terrain)
         self.last_stamp = -math.inf
         self.did = ""
 
@@ -237,6 +238,8 @@ class _Dynamic:
         self.keep = np.array([0.0, 0.0, -1.0])
         self.sent = np.zeros((self.late, 2))
         self.rows, self.near = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS))  # scratch memory
+        known = self.rows[:0], self.near, self.record
+        self._passed_command = entry(passed_command, _AT_REST, 0.0, 0.0, *known, 0.0, self.keep)
         turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
         # The longest time until the end of any certified manoeuvre.
         self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
@@ -258,18 +261,18 @@ class _Dynamic:
         if o.tracks.covariance is None and self.swerve < math.inf:
             n = _bounded(rows, n, tracks[:, AGE] < _NOW, self.swerve, self.record.walls, self.stopping)
         pending = self.sent if o.pending is None else o.pending
-        state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record)
+        state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record.limits, self.robot.dt)
         if len(asked) > 1 and not self.strict:
             # The policy has weighed contacts itself, so a stop would not be better than its best command: only walls count.
             one, two = asked[first_certified(state, asked, rows[:0], near, self.record, self.keep)].tolist()
-            one, two, did = passed_command(state, one, two, rows[:0], near, self.record, 0.0, self.keep)
+            one, two, did = self._passed_command(state, one, two, rows[:0], near, self.record, 0.0, self.keep)
             if did == FREE and not passes(state, one, two, rows[:n], near, self.record, self.keep):
                 did = LEAST_HARM
             return self._command(o, one, two), did
         if len(asked) > 1:
             asked = asked[first_certified(state, asked, rows[:n], near, self.record, self.keep) :]
         one, two = asked[0].tolist()
-        one, two, did = passed_command(state, one, two, rows[:n], near, self.record, lookahead + self.aside, self.keep)
+        one, two, did = self._passed_command(state, one, two, rows[:n], near, self.record, lookahead + self.aside, self.keep)
         return self._command(o, one, two), did
 
     def stop(self, o: Observation) -> Command:

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 
 FREE, CLOSED, TARGET = 0, 1, 2
 DIAGONAL = 1.0 / math.sqrt(2.0)
@@ -71,8 +71,10 @@ def shunt(
     """
     rows, cols = x.shape
     change = 0.0
-    for row in range(1, rows - 1) if order & 1 == 0 else range(rows - 2, 0, -1):
-        for col in range(1, cols - 1) if order & 2 == 0 else range(cols - 2, 0, -1):
+    for i in range(1, rows - 1):
+        row = i if order & 1 == 0 else rows - 1 - i
+        for j in range(1, cols - 1):
+            col = j if order & 2 == 0 else cols - 1 - j
             excited = mu * _around(x, kind, row, col, DIAGONAL) + (drive if kind[row, col] == TARGET else 0.0)
             inhibited = drive if kind[row, col] == CLOSED else 0.0
             rate = decay + excited + inhibited
@@ -90,8 +92,10 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagona
     """
     rows, cols = x.shape
     change = 0.0
-    for row in range(1, rows - 1) if order & 1 == 0 else range(rows - 2, 0, -1):
-        for col in range(1, cols - 1) if order & 2 == 0 else range(cols - 2, 0, -1):
+    for i in range(1, rows - 1):
+        row = i if order & 1 == 0 else rows - 1 - i
+        for j in range(1, cols - 1):
+            col = j if order & 2 == 0 else cols - 1 - j
             if kind[row, col] == TARGET:
                 new = 1.0
             else:
@@ -100,13 +104,14 @@ def relax(x: NDArray[np.float64], kind: NDArray[np.uint8], slope: float, diagona
     return change
 
 
-@kernel
+@inner_kernel
 def _set(x: NDArray[np.float64], row: int, col: int, new: float) -> float:
     """Set one activity, and return its change relative to the larger of both values."""
-    old = x[row, col]
+    old: float = x[row, col]
+    if new == old:
+        return 0.0
     x[row, col] = new
-    change: float = abs(new - old) / max(abs(new), abs(old)) if new != old else 0.0
-    return change
+    return abs(new - old) / max(abs(new), abs(old))
 
 
 @kernel

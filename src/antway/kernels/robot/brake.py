@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.cycle import next_segment
@@ -92,7 +92,7 @@ def _stays_clear(m: Segment, t: float, h: float, body: Body, row: NDArray[np.flo
     return True
 
 
-@bare_kernel
+@inner_kernel
 def _segment_is_clear(m: Segment, t: float, h: float, situation: Situation) -> bool:
     """Tell whether the body, on a segment of `h` s that begins t s from now, keeps clear of obstacles and walls."""
     body = situation.robot.body

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.base.records import HOLONOMIC
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.robot.brake import CYCLES, SIDE, STRAIGHT, TURN, Robot, Situation, situation_of, stop_for
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, time_to_contact
 from antway.kernels.robot.motion import REST, RobotState, clipped, delayed, drive_roughly
@@ -202,13 +202,14 @@ def when_it_acts(
     vy: float,
     turn_rate: float,
     pending: NDArray[np.float64],
-    robot: Robot,
+    limits: RobotLimits,
+    dt: float,
 ) -> RobotState:
     """Return the state of the robot when a command given now begins to act.
 
     It is that of `delayed` (kernels/robot/motion.py), but the footprint of a holonomic robot keeps its heading.
     """
-    wheels = robot.limits.drive != HOLONOMIC
+    wheels = limits.drive != HOLONOMIC
     a, b = (vx * math.cos(theta) + vy * math.sin(theta), turn_rate) if wheels else (vx, vy)
-    later = delayed(RobotState(x, y, theta, a, b), pending, robot.limits, robot.dt)
+    later = delayed(RobotState(x, y, theta, a, b), pending, limits, dt)
     return later if wheels else RobotState(later.x, later.y, theta, later.a, later.b)

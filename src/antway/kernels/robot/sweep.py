@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH
-from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.robot.motion import along
 
 _CLOSE = 1e-12  # m; a smaller gap that is closing is a contact
@@ -33,7 +33,7 @@ class Body(NamedTuple):
     centre: NDArray[np.float64]  # float64[1, 2] of zeros
 
 
-@bare_kernel
+@inner_kernel
 def enlarged(body: Body, margin: float) -> Body:
     """Return the body with a margin in m around it."""
     return Body(body.corners, body.rounding + margin, body.radius + margin, body.centre)
