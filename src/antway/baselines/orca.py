@@ -62,17 +62,17 @@ class Orca(Follow):
         """Set up the simulation: the robot and the walls."""
         super().reset(task, seed)
         robot = task.robot
-        self.mind: Any = self.simulator(
+        self.simulation: Any = self.simulator(
             robot.dt, 10.0, 10, self.horizon, self.wall_horizon, robot.radius + self.margin, robot.v_max
         )
         for polygon in outlines(task.grid):
-            self.mind.add_obstacle(polygon)
-        self.mind.process_obstacles()
-        self.mind.add_agent(task.start)
+            self.simulation.add_obstacle(polygon)
+        self.simulation.process_obstacles()
+        self.simulation.add_agent(task.start)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
-        o, robot, mind = observation, self.task.robot, self.mind
+        o, robot, simulation = observation, self.task.robot, self.simulation
         path = self.path(o)
         if not len(path.t):
             self.decide("stuck", "the map has no path for this robot")
@@ -83,16 +83,16 @@ class Orca(Follow):
         preferred = dx * robot.v_max / distance, dy * robot.v_max / distance
         self._place(0, o.xy, o.velocity, robot.radius, preferred)
         xy, velocity = now(o)
-        for k in range(max(len(o.tracks), mind.get_num_agents() - 1)):
-            if k + 1 == mind.get_num_agents():
-                mind.add_agent((AWAY, AWAY))
+        for k in range(max(len(o.tracks), simulation.get_num_agents() - 1)):
+            if k + 1 == simulation.get_num_agents():
+                simulation.add_agent((AWAY, AWAY))
             if k < len(o.tracks):
                 (x, y), (vx, vy) = xy[k].tolist(), velocity[k].tolist()
                 self._place(k + 1, (x, y), (vx, vy), float(o.tracks.radius[k]), (0.0, 0.0))
             else:
-                mind.set_agent_position(k + 1, (AWAY, AWAY + AWAY * k))
-        mind.do_step()
-        found = mind.get_agent_velocity(0)
+                simulation.set_agent_position(k + 1, (AWAY, AWAY + AWAY * k))
+        simulation.do_step()
+        found = simulation.get_agent_velocity(0)
         if math.dist((found.x, found.y), preferred) < 1e-3:
             self.decide("follow", "the preferred velocity is free")
         else:
@@ -100,10 +100,10 @@ class Orca(Follow):
         return Command((float(found.x), float(found.y)))
 
     def _place(self, k: int, xy: XY, velocity: XY, radius: float, preferred: XY) -> None:
-        self.mind.set_agent_position(k, xy)
-        self.mind.set_agent_velocity(k, velocity)
-        self.mind.set_agent_radius(k, radius + self.margin)
-        self.mind.set_agent_pref_velocity(k, preferred)
+        self.simulation.set_agent_position(k, xy)
+        self.simulation.set_agent_velocity(k, velocity)
+        self.simulation.set_agent_radius(k, radius + self.margin)
+        self.simulation.set_agent_pref_velocity(k, preferred)
 
 
 class NhOrca(Orca):

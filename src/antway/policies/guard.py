@@ -28,7 +28,7 @@ from antway.kernels.robot.passing import fallback, first_certified, passed_comma
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Body, Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
-from antway.world.policy import Command, Decision, Observation, Policy, Task
+from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks
 from antway.world.terrain import terrain_of, walls_of
 
 _MARGIN = 0.01  # m; distance that robots with inertia keep from walls
@@ -61,8 +61,7 @@ def check_observation(o: Observation) -> Observation:
         For more tracks than the limit.
     """
     t, n = o.tracks, len(o.tracks)
-    if t.id.shape != (n,) or t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
-        raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
+    check_lengths(t)
     if n > MAX_TRACKS:
         raise TooLarge("tracks", n, f"at most {MAX_TRACKS}")
     what = fault(*o.xy, *o.velocity, o.heading, t.id, t.xy, t.velocity, t.radius)
@@ -80,6 +79,13 @@ def check_observation(o: Observation) -> Observation:
         if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all():
             raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite variances >= 0")
     return o if what != _TWICE else replace(o, tracks=t.distinct())
+
+
+def check_lengths(t: Tracks) -> None:
+    """Raise `BadParameter` if the arrays of tracks differ in length."""
+    n = len(t)
+    if t.id.shape != (n,) or t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
+        raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
 
 
 def assumed_accel(task: Task, mode: str) -> float:
@@ -232,14 +238,12 @@ class _Dynamic:
     def __init__(self, task: Task, mode: str) -> None:
         robot = self.robot = task.robot
         self.strict, self.swerve = mode == "strict", assumed_swerve(task, mode)
-        self.late = math.ceil(robot.latency / robot.dt - 1e-9)
+        self.late = math.ceil(robot.latency / robot.dt - 1e-9)  # number of commands that do not act yet
         body = Body(robot.corners, robot.rounding, robot.radius, np.zeros((1, 2)))
-        self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN, self.strict)
-        self.keep = np.array([0.0, 0.0, -1.0])
+        self.rows, near, self.keep = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS)), np.array([0.0, 0.0, -1.0])
+        self.record = Robot(robot.limits, body, walls_of(task.grid), robot.dt, _MARGIN, self.strict, near, self.keep)
+        self._passed_command = entry(passed_command, _AT_REST, 0.0, 0.0, self.rows[:0], self.record, 0.0)
         self.sent = np.zeros((self.late, 2))
-        self.rows, self.near = np.empty((_TRACKS, COLUMNS)), np.empty((_TRACKS, COLUMNS))  # scratch memory
-        known = self.rows[:0], self.near, self.record
-        self._passed_command = entry(passed_command, _AT_REST, 0.0, 0.0, *known, 0.0, self.keep)
         turning = 0.0 if robot.footprint is None else 2.0 * robot.turn_rate / robot.alpha_max
         # The longest time until the end of any certified manoeuvre.
         self.stopping = robot.latency + 2.0 * robot.dt + max(robot.stop_time, turning) + turning
@@ -252,8 +256,9 @@ class _Dynamic:
     ) -> tuple[Command, int]:
         """Return the first of the given commands that passes, or another one, and what was done."""
         if 2 * len(tracks) > len(self.rows):
-            self.rows, self.near = np.empty((4 * len(tracks), COLUMNS)), np.empty((4 * len(tracks), COLUMNS))
-        rows, near, n = self.rows, self.near, len(tracks)
+            self.rows = np.empty((4 * len(tracks), COLUMNS))
+            self.record = self.record._replace(rows=np.empty((4 * len(tracks), COLUMNS)))
+        rows, n = self.rows, len(tracks)
         # A track that was seen some time ago becomes one that is seen now: a disc of all places that it can have reached.
         rows[:n] = tracks
         rows[:n, RADIUS] += tracks[:, SPEED] * tracks[:, AGE]
@@ -264,15 +269,15 @@ class _Dynamic:
         state = when_it_acts(*o.xy, o.heading, *o.velocity, o.turn_rate, pending, self.record.limits, self.robot.dt)
         if len(asked) > 1 and not self.strict:
             # The policy has weighed contacts itself, so a stop would not be better than its best command: only walls count.
-            one, two = asked[first_certified(state, asked, rows[:0], near, self.record, self.keep)].tolist()
-            one, two, did = self._passed_command(state, one, two, rows[:0], near, self.record, 0.0, self.keep)
-            if did == FREE and not passes(state, one, two, rows[:n], near, self.record, self.keep):
+            one, two = asked[first_certified(state, asked, rows[:0], self.record)].tolist()
+            one, two, did = self._passed_command(state, one, two, rows[:0], self.record, 0.0)
+            if did == FREE and not passes(state, one, two, rows[:n], self.record):
                 did = LEAST_HARM
             return self._command(o, one, two), did
         if len(asked) > 1:
-            asked = asked[first_certified(state, asked, rows[:n], near, self.record, self.keep) :]
+            asked = asked[first_certified(state, asked, rows[:n], self.record) :]
         one, two = asked[0].tolist()
-        one, two, did = self._passed_command(state, one, two, rows[:n], near, self.record, lookahead + self.aside, self.keep)
+        one, two, did = self._passed_command(state, one, two, rows[:n], self.record, lookahead + self.aside)
         return self._command(o, one, two), did
 
     def stop(self, o: Observation) -> Command:

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from antway.errors import BadParameter, TooLarge
-from antway.policies.guard import DID
+from antway.errors import TooLarge
+from antway.policies.guard import DID, check_lengths
 from antway.world.policy import Command, Observation, Tracks
 
 MAX_TRACKS = 1024  # limit of tracks in an observation
@@ -133,8 +133,7 @@ class Link:
         pending = 0 if o.pending is None else len(o.pending)
         if n > MAX_TRACKS or pending > _PENDING:
             raise TooLarge("tracks, pending", (n, pending), f"at most {MAX_TRACKS} and {_PENDING}")
-        if t.xy.shape != (n, 2) or t.velocity.shape != (n, 2) or t.radius.shape != (n,):
-            raise BadParameter("tracks", (t.xy.shape, t.velocity.shape, t.radius.shape), f"of {n} tracks each, as id is")
+        check_lengths(t)
         view, views = self._cleared("observation"), self.views
         names, xy, velocity, radius = _arrays(n, self.memory, _TRACKS)
         names[:], xy[:], velocity[:], radius[:] = t.id, t.xy, t.velocity, t.radius

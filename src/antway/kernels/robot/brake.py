@@ -42,7 +42,7 @@ _LEAST = 1e-9  # s; the shortest step of conservative advancement
 
 
 class Robot(NamedTuple):
-    """What the guard knows about the robot and its map."""
+    """What the guard knows about the robot and its map, and what it keeps from cycle to cycle."""
 
     limits: RobotLimits
     body: Body
@@ -50,6 +50,8 @@ class Robot(NamedTuple):
     dt: float  # s
     margin: float  # m; distance kept from walls
     strict: bool  # whether steps aside are certified against obstacles too, not only against walls
+    rows: NDArray[np.float64]  # float64[N, 8]; scratch memory for the obstacles that are near, at least as many as there are
+    keep: NDArray[np.float64]  # float64[3]; the guard's state from cycle to cycle: the certified stop and the last side taken
 
 
 class Situation(NamedTuple):
@@ -59,7 +61,6 @@ class Situation(NamedTuple):
     robot: Robot
     margin: float  # m; distance kept from walls: `robot.margin`, or less where the robot starts nearer to a wall
     near: NDArray[np.float64]  # float64[N, 8]; the obstacles that are near enough to matter, as in kernels/robot/reach.py
-    keep: NDArray[np.float64]  # float64[3]; the guard's state from cycle to cycle: the certified stop and the last side taken
 
 
 @bare_kernel
@@ -108,24 +109,24 @@ def certified(situation: Situation, ca: float, cb: float, turn: float, cycles: i
 
     The stop is the command (0, turn) for `cycles` cycles, then (0, 0).
     """
-    robot = situation.robot
-    limits, t, (x, y, theta, a, b) = robot.limits, robot.limits.latency, situation.state
+    state, robot = situation.state, situation.robot
+    limits, t = robot.limits, robot.limits.latency
     holonomic, disc = limits.drive == HOLONOMIC, len(robot.body.corners) == 1
     for phase in range(3):  # the command, the stop while it turns, the stop without turning
         left = (robot.dt, cycles * robot.dt, math.inf)[phase]
         one, two = (ca, cb) if phase == 0 else (0.0, turn if phase == 1 else 0.0)
         while left > 0.0:
             if phase > 0:
-                still = math.hypot(a, b) <= REST if holonomic else abs(a) <= REST and (disc or (phase == 2 and abs(b) <= REST))
-                if still:
+                turn_ends = disc or (phase == 2 and abs(state.b) <= REST)  # a disc may go on turning in place
+                if math.hypot(state.a, state.b) <= REST if holonomic else abs(state.a) <= REST and turn_ends:
                     return True
-            m, h, a1, b1 = next_segment(RobotState(x, y, theta, a, b), one, two, limits, min(left, 3600.0))
+            m, h, a, b = next_segment(state, one, two, limits, min(left, 3600.0))
             moves = m.curved or abs(m.vx) + abs(m.vy) + abs(m.ax) + abs(m.ay) > REST
             turns_in_place = disc and m.curved and abs(m.v) + abs(m.v + m.a * h) <= REST
             if moves and not turns_in_place and not _segment_is_clear(m, t, h, situation):
                 return False
-            x, y, theta, _, _, _ = pose(m, h)
-            a, b = a1, b1
+            end = pose(m, h)
+            state = RobotState(end.x, end.y, end.theta, a, b)
             t += h
             left -= h
     return True
@@ -133,37 +134,35 @@ def certified(situation: Situation, ca: float, cb: float, turn: float, cycles: i
 
 @bare_kernel
 def stop_for(situation: Situation, ca: float, cb: float) -> bool:
-    """Tell whether some stop certifies the command (ca, cb), and keep that stop in `situation.keep`.
+    """Tell whether some stop certifies the command (ca, cb), and keep that stop in `robot.keep`.
 
     The stops tried brake with a turn rate of 0 and, for wheels, with the present turn rate, full left and full right.
     """
-    state, limits, dt, keep = situation.state, situation.robot.limits, situation.robot.dt, situation.keep
-    cycles, w = 0, 0.0
+    robot = situation.robot
+    limits, cycles, w = robot.limits, 0, 0.0
     if limits.drive != HOLONOMIC:
-        _, _, _, v, w = drive_roughly(state, ca, cb, limits, dt)
-        cycles = math.ceil(abs(v) / (limits.brake_max * dt) - 1e-9) if abs(v) > REST else 0
+        _, _, _, v, w = drive_roughly(situation.state, ca, cb, limits, robot.dt)
+        cycles = math.ceil(abs(v) / (limits.brake_max * robot.dt) - 1e-9) if abs(v) > REST else 0
     for kind in range(4 if cycles > 0 else 1):
         turn = (0.0, w, limits.turn_rate, -limits.turn_rate)[kind]
         if kind == 1 and abs(w) < STRAIGHT:
             continue
         count = cycles if kind > 0 else 0
         if certified(situation, ca, cb, turn, count):
-            keep[TURN], keep[CYCLES] = turn, float(count)
+            robot.keep[TURN], robot.keep[CYCLES] = turn, float(count)
             return True
     return False
 
 
 @bare_kernel
-def situation_of(
-    state: RobotState, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64], keep: NDArray[np.float64]
-) -> Situation:
-    """Return the robot's situation among all known obstacles, `tracks`; `rows` is scratch memory for those that are near."""
-    return Situation(state, robot, _margin_left(state, robot), rows[: _nearby(state, robot, tracks, rows)], keep)
+def situation_of(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> Situation:
+    """Return the robot's situation among all known obstacles."""
+    return Situation(state, robot, _margin_left(state, robot), robot.rows[: _nearby(state, robot, tracks)])
 
 
 @bare_kernel
-def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64], rows: NDArray[np.float64]) -> int:
-    """Copy the obstacles that a cycle and a stop could come near to `rows`; return how many there are."""
+def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64]) -> int:
+    """Copy the obstacles that a cycle and a stop could come near to `robot.rows`; return how many there are."""
     (x, y, _, a, b), limits, n = state, robot.limits, 0
     speed = math.hypot(a, b) if limits.drive == HOLONOMIC else abs(a)
     accelerates = limits.a_max < math.inf
@@ -177,7 +176,7 @@ def _nearby(state: RobotState, robot: Robot, tracks: NDArray[np.float64], rows: 
     for k in range(len(tracks)):
         away = math.hypot(tracks[k, X] - x, tracks[k, Y] - y) - tracks[k, RADIUS]
         if away - tracks[k, SPEED] * (tracks[k, AGE] + time) <= far:
-            copy_row(tracks[k], rows[n])
+            copy_row(tracks[k], robot.rows[n])
             n += 1
     return n
 

@@ -21,6 +21,7 @@ from antway.kernels.robot.sweep import free_distance
 
 _FRACTIONS = 5  # number of speeds tried below the commanded one
 _SPEEDS = 3  # number of speeds tried for a step aside on wheels
+_SLOW = 0.4  # share of the full speed of the slower ones forward
 _TURNS = 5  # number of turn rates tried with each of these speeds
 _SIDES = 16  # number of directions tried for a step aside without wheels
 _KEEP = 0.3  # s; the value of a step aside grows by this if it keeps to the side taken last
@@ -66,8 +67,8 @@ def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) 
     Wheels try arcs forward and backward; other robots try all directions. Of the commands that can be certified, the one whose
     first contact comes latest is taken. The side taken last is preferred a little, so that the robot does not sway.
     """
-    state, robot, keep = situation.state, situation.robot, situation.keep
-    limits = robot.limits
+    state, robot = situation.state, situation.robot
+    limits, keep = robot.limits, robot.keep
     wheels = limits.drive != HOLONOMIC
     still = time_to_contact(state.x, state.y, tracks, robot.body.radius)
     if still > lookahead:
@@ -75,7 +76,7 @@ def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) 
     best, one, two, chosen = still + robot.dt, 0.0, 0.0, -1.0
     for k in range(_SPEEDS * _TURNS if wheels else _SIDES):
         if wheels:
-            ca = (limits.v_max, 0.4 * limits.v_max, -limits.v_reverse)[k // _TURNS]
+            ca = (limits.v_max, _SLOW * limits.v_max, -limits.v_reverse)[k // _TURNS]
             cb = limits.turn_rate * (k % _TURNS - _TURNS // 2) / (_TURNS // 2)
             if ca == 0.0:
                 continue
@@ -94,15 +95,24 @@ def _aside(situation: Situation, tracks: NDArray[np.float64], lookahead: float) 
 
 
 @bare_kernel
+def _slower(situation: Situation, ca: float, cb: float) -> tuple[float, float, bool]:
+    """Return the fastest of the slower commands that is certified, and whether there is one.
+
+    Wheels keep the commanded turn rate or else the commanded arc, and at last only turn.
+    """
+    wheels = situation.robot.limits.drive != HOLONOMIC
+    for k in range(_FRACTIONS - 1, -1 if wheels else 0, -1):
+        share = k / _FRACTIONS
+        for kind in range(2 if wheels and abs(cb) > STRAIGHT and k > 0 else 1):
+            one, two = ca * share, cb if wheels and kind == 0 else cb * share
+            if stop_for(situation, one, two):
+                return one, two, True
+    return 0.0, 0.0, False
+
+
+@bare_kernel
 def passed_command(
-    state: RobotState,
-    ca: float,
-    cb: float,
-    tracks: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    robot: Robot,
-    lookahead: float,
-    keep: NDArray[np.float64],
+    state: RobotState, ca: float, cb: float, tracks: NDArray[np.float64], robot: Robot, lookahead: float
 ) -> tuple[float, float, int]:
     """Return the command that passes the guard, and what the guard did (FREE and the others).
 
@@ -112,57 +122,43 @@ def passed_command(
         Of the robot when the command begins to act.
     ca, cb : float
         The command; one that is not finite means stop.
-    tracks, rows : float64[K, 8], float64[>= K, 8]
-        All known obstacles (kernels/robot/reach.py), and scratch memory for those that are near.
+    tracks : float64[K, 8]
+        All known obstacles (kernels/robot/reach.py).
     lookahead : float
         The robot steps aside if an obstacle would touch it at rest within this time, s.
-    keep : float64[3]
-        The guard's state from cycle to cycle: the certified stop and the side taken last.
     """
     wheels = robot.limits.drive != HOLONOMIC
     ca, cb = clipped(ca, cb, robot.limits)
-    situation = situation_of(state, robot, tracks, rows, keep)
-    aside = situation if robot.strict else Situation(state, robot, situation.margin, situation.near[:0], keep)
+    situation = situation_of(state, robot, tracks)
+    aside = situation if robot.strict else Situation(state, robot, situation.margin, situation.near[:0])
     moves = (abs(ca) if wheels else math.hypot(ca, cb)) > REST
+    one, two, slowed = 0.0, 0.0, False
     if moves:
         if stop_for(situation, ca, cb):
-            keep[SIDE] = -1.0
+            robot.keep[SIDE] = -1.0
             return ca, cb, FREE
-        for k in range(_FRACTIONS - 1, -1 if wheels else 0, -1):
-            share = k / _FRACTIONS
-            for kind in range(2 if wheels and abs(cb) > STRAIGHT and k > 0 else 1):
-                one, two = ca * share, cb * share if kind == 1 or not wheels else cb
-                if stop_for(situation, one, two):
-                    if abs(one) <= REST and wheels:
-                        oa, ob, stepped = _aside(aside, tracks, lookahead)
-                        if stepped:
-                            return oa, ob, STEPPED_ASIDE
-                        stop_for(situation, one, two)  # once more: `keep` holds the stop that was tried last
-                    return one, two, SLOWED
-    one, two, stepped = _aside(aside, tracks, lookahead)
+        one, two, slowed = _slower(situation, ca, cb)
+        if slowed and not (wheels and abs(one) <= REST):
+            return one, two, SLOWED
+    side_a, side_b, stepped = _aside(aside, tracks, lookahead)
     if stepped:
-        return one, two, STEPPED_ASIDE
+        return side_a, side_b, STEPPED_ASIDE
+    if slowed and stop_for(situation, one, two):  # once more, because `keep` holds the stop that was tried last
+        return one, two, SLOWED
     if not moves and stop_for(situation, ca, cb):
         return ca, cb, FREE
     if stop_for(situation, 0.0, 0.0):
         return 0.0, 0.0, BRAKED
-    return fallback(keep, wheels)
+    return fallback(robot.keep, wheels)
 
 
 @bare_kernel
-def first_certified(
-    state: RobotState,
-    commands: NDArray[np.float64],
-    tracks: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    robot: Robot,
-    keep: NDArray[np.float64],
-) -> int:
+def first_certified(state: RobotState, commands: NDArray[np.float64], tracks: NDArray[np.float64], robot: Robot) -> int:
     """Return the index of the first of `commands`, float64[N, 2], that passes unchanged, or 0 if none does.
 
     The other parameters are those of `passed_command`.
     """
-    situation = situation_of(state, robot, tracks, rows, keep)
+    situation = situation_of(state, robot, tracks)
     for i in range(len(commands)):
         ca, cb = clipped(commands[i, 0], commands[i, 1], robot.limits)
         if stop_for(situation, ca, cb):
@@ -171,17 +167,9 @@ def first_certified(
 
 
 @bare_kernel
-def passes(
-    state: RobotState,
-    ca: float,
-    cb: float,
-    tracks: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    robot: Robot,
-    keep: NDArray[np.float64],
-) -> bool:
+def passes(state: RobotState, ca: float, cb: float, tracks: NDArray[np.float64], robot: Robot) -> bool:
     """Tell whether a command within the robot's limits passes unchanged; the parameters are those of `passed_command`."""
-    return stop_for(situation_of(state, robot, tracks, rows, keep), ca, cb)
+    return stop_for(situation_of(state, robot, tracks), ca, cb)
 
 
 @bare_kernel
