@@ -35,7 +35,7 @@ from antway.kernels.robot.sweep import (
 )
 
 TURN, CYCLES, SIDE = range(3)  # entries of the guard's state: turn rate of the kept stop, its cycles left, last side taken
-STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as driving straight on
+STRAIGHT = 0.01  # rad/s; a smaller turn rate counts as none
 _SLACK = 0.01  # m; obstacles beyond the farthest place of a manoeuvre by more than this are left out
 _CLOSE = 1e-12  # m; a smaller gap is a contact
 _LEAST = 1e-9  # s; the shortest step of conservative advancement
