@@ -29,14 +29,14 @@ def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
     task = Task(Grid(blocked, 0.2), robot, (1.1, 4.1), (3.9, 7.1))
     context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
     colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), 3, None)
-    colony.state[:] = 2.5, 4.1, rng.uniform(-3.0, 3.0), 0.4, 0.2
+    colony.problem.start[:] = 2.5, 4.1, rng.uniform(-3.0, 3.0), 0.4, 0.2
     x, y, vx, vy = rng.uniform((2.5, 5.0, -0.5, -0.5), (3.7, 6.0, 0.5, 0.5), (3, 4)).T
-    colony.outlook.near[:] = 3
-    for k in range(len(colony.outlook.near)):
+    colony.problem.outlook.near[:] = 3
+    for k in range(len(colony.problem.outlook.near)):
         for i in range(3):
             at = x[i] + 0.1 * k * vx[i], y[i] + 0.1 * k * vy[i]
-            colony.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i
-    colony.weights = colony.weights._replace(**FIRM)
+            colony.problem.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i
+    colony.problem = colony.problem._replace(weights=colony.problem.weights._replace(**FIRM))
     return colony
 
 
@@ -44,12 +44,11 @@ def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
 @pytest.mark.parametrize("seed", range(cases(3)))
 def test_the_search_is_best_first(robot: RobotSpec, seed: int) -> None:
     colony = _colony(robot, np.random.default_rng(seed))
-    known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights
     for arcs in (1, 3, 6):
         ant = np.empty((arcs * 5, 2))
-        bound = least_bound(colony.lattice.held, 5, arcs, *known)
+        bound = least_bound(colony.lattice.held, 5, arcs, colony.problem)
         nodes = colony.lattice._replace(expansions=10_000 if arcs < 6 else 100)
-        found = best_arcs(ant, nodes, *known)
+        found = best_arcs(ant, nodes, colony.problem)
         assert found == pytest.approx(bound, abs=1e-9) or (arcs == 6 and found == math.inf)
 
 
@@ -58,35 +57,33 @@ def test_the_search_is_best_first(robot: RobotSpec, seed: int) -> None:
 def test_what_is_found_costs_what_its_definition_says(robot: RobotSpec, seed: int) -> None:
     """No sequence of two arcs costs less than the least of all."""
     colony = _colony(robot, np.random.default_rng(seed))
-    held, block = colony.lattice.held[seed % 4 :: 4], colony.settings.block
+    held, block = colony.lattice.held[seed % 4 :: 4], colony.archive.block
     lattice, ant = colony.lattice._replace(held=held), np.empty((2 * block, 2))
-    known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights
-    found = best_arcs(ant, lattice, *known)
-    assert found >= least_of_arcs(held, block, 2, *known) - 0.05
-    w = colony.weights._replace(risk=colony.weights.risk / block)
-    alone = colony.outlook._replace(harm=np.empty(0))
-    assert 2 * block * robot.dt + cost_of(ant, *known[:4], alone, w) == pytest.approx(found, abs=0.05)
+    found = best_arcs(ant, lattice, colony.problem)
+    assert found >= least_of_arcs(held, block, 2, colony.problem) - 0.05
+    problem = colony.problem
+    w = problem.weights._replace(risk=problem.weights.risk / block)
+    summed = problem._replace(outlook=problem.outlook._replace(harm=np.empty(0)), weights=w)
+    assert 2 * block * robot.dt + cost_of(ant, summed) == pytest.approx(found, abs=0.05)
 
 
 def test_without_expansions_it_is_the_longest_so_far_and_then_a_stop() -> None:
     colony = _colony(WHEELS, np.random.default_rng(1))
-    known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
     for expansions, arcs in ((0, 0), (1, 1), (2, 2)):
         ant = np.ones((30, 2))
-        assert best_arcs(ant, colony.lattice._replace(expansions=expansions), *known) == math.inf
+        assert best_arcs(ant, colony.lattice._replace(expansions=expansions), colony.problem) == math.inf
         driven = np.flatnonzero(ant.any(axis=1))
         assert len(driven) == 5 * arcs and (driven == np.arange(5 * arcs)).all()
 
 
 def test_where_all_arcs_touch_it_is_a_stop() -> None:
     colony = _colony(WHEELS, np.random.default_rng(1))
-    colony.outlook.disc[:, 0, :2] = colony.state[:2]
+    colony.problem.outlook.disc[:, 0, :2] = colony.problem.start[:2]
     ant = np.ones((30, 2))
-    known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
-    assert best_arcs(ant, colony.lattice, *known) == math.inf
+    assert best_arcs(ant, colony.lattice, colony.problem) == math.inf
     assert (ant == 0.0).all()
 
 
-def test_arcs_of_who_turns_at_once_are_finite() -> None:
+def test_arcs_of_a_robot_that_turns_at_once_are_finite() -> None:
     colony = _colony(RobotSpec(drive="differential", turn_rate=math.inf), np.random.default_rng(1))
     assert np.isfinite(colony.lattice.held).all() and np.ptp(colony.lattice.held[:, 1]) == pytest.approx(4.0 * math.pi)

@@ -26,13 +26,12 @@ def test_the_mean_is_what_its_definition_says(robot: RobotSpec) -> None:
     """Each sample costs what its rollout says; the mean weighs them by exp(-cost / temperature); noise has its spread."""
     policy = make_policy("mppi", samples=400, temperature=0.3)
     policy.reset(hall(robot=robot).task, 1)
-    policy.state[:] = 2.0, 3.0, 0.2, 0.4, 0.1
+    policy.problem.start[:] = 2.0, 3.0, 0.2, 0.4, 0.1
     policy.nominal[:] = (0.5, 0.2)
-    known = policy.state, policy.limits, robot.dt, policy.field, policy.outlook, policy.weights
-    path_integral(policy.nominal, policy.sampling, *known, policy.random)
+    path_integral(policy.nominal, policy.sampling, policy.problem, policy.random)
     drawn, cost = policy.sampling.drawn, policy.sampling.cost
     for i in (0, 1, 17, 399):
-        assert cost[i] == judge(drawn[i], *known, math.inf, np.empty((0, 2)))
+        assert cost[i] == judge(drawn[i], policy.problem, math.inf, np.empty((0, 2)))
     weight = np.exp(-(cost - cost.min()) / 0.3)
     assert policy.nominal == pytest.approx(np.tensordot(weight / weight.sum(), drawn, 1), abs=1e-9)
     assert (drawn[0] == (0.5, 0.2)).all() and not drawn[1].any()

@@ -13,7 +13,8 @@ from antway.arena.suites import Episode, build
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.others import average, restart
-from antway.kernels.controls.rollout import judge, spread_plan
+from antway.kernels.controls.outlook import spread_plan
+from antway.kernels.controls.rollout import judge
 from antway.kernels.robot.motion import RobotState, drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
@@ -43,14 +44,14 @@ def _colony(robot: RobotSpec, seed: int = 3) -> ControlColony:
     task = _task(robot)
     context = make_context(task.grid, robot, task.grid.cell_at(task.goal))
     colony = ControlColony(ControlOptions(), task, context.field.reshape(task.grid.shape), seed, swerve=0.1)
-    colony.state[:] = 1.1, 4.1, 0.3, 0.4, 0.2
+    colony.problem.start[:] = 1.1, 4.1, 0.3, 0.4, 0.2
     return colony
 
 
 @pytest.mark.parametrize("robot", [LONG, BOXES], ids=["wheels", "holonomic"])
 def test_discs_cover_the_footprint_and_are_no_larger_than_they_must(robot: RobotSpec) -> None:
     """Each point of the footprint is in a disc; none reaches beyond the footprint by more than a tenth of a metre."""
-    field = _colony(robot).field
+    field = _colony(robot).problem.field
     radius = robot.radius - field.discs[:, 2]
     body = np.stack(np.meshgrid(np.linspace(-0.3, 0.5, 41), np.linspace(-0.2, 0.2, 21)), -1).reshape(-1, 2)
     away = np.hypot(*(body[:, None] - field.discs[:, :2]).transpose(2, 0, 1))
@@ -63,17 +64,17 @@ def test_discs_cover_the_footprint_and_are_no_larger_than_they_must(robot: Robot
 )
 def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     colony, rng = _colony(robot), np.random.default_rng(5)
-    steps = len(colony.outlook.near)
+    steps = len(colony.problem.outlook.near)
     for trial in range(20):
         speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
         controls = np.repeat(speeds, 5, axis=0)[:steps]
-        colony.outlook.near[:] = 2 * (trial % 2)
+        colony.problem.outlook.near[:] = 2 * (trial % 2)
         for k in range(steps):
             for i in range(2):
                 contact = rng.uniform(0.4, 0.8)
                 xy = rng.uniform((0.5, 3.0), (3.0, 5.0))
                 velocity = rng.uniform(-0.6, 0.6, 2)
-                colony.outlook.disc[k, i] = (
+                colony.problem.outlook.disc[k, i] = (
                     *xy,
                     contact,
                     contact + 0.1,
@@ -83,32 +84,29 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
                     contact + rng.uniform(0.05, 0.4),
                     i,
                 )
-        colony.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
-        weights = colony.weights._replace(swerve=0.1)
-        known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, weights
+        colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
         path = np.zeros((steps, 2))
-        cost = judge(controls, *known, math.inf, path)
-        assert cost == pytest.approx(naive.cost_of(controls, *known, robot.footprint or ()), rel=0.02, abs=0.05)
-        assert judge(controls, *known, 0.5 * cost, path) == math.inf  # it is sure to be above the limit, sooner or later
-        now = RobotState(*map(float, colony.state))
+        cost = judge(controls, colony.problem, math.inf, path)
+        assert cost == pytest.approx(naive.cost_of(controls, colony.problem, robot.footprint or ()), rel=0.02, abs=0.05)
+        assert judge(controls, colony.problem, 0.5 * cost, path) == math.inf  # sooner or later it is sure to be above the limit
+        now = RobotState(*map(float, colony.problem.start))
         for k in range(steps):
-            now = drive_cycle(now, *controls[k].tolist(), colony.limits, robot.dt)
+            now = drive_cycle(now, *controls[k].tolist(), colony.problem.limits, robot.dt)
         assert path[-1] == pytest.approx(now[:2], abs=2e-3)
 
 
 def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dear_and_no_sooner() -> None:
     colony, rng = _colony(WHEELS), np.random.default_rng(8)
-    steps = len(colony.outlook.near)
+    steps = len(colony.problem.outlook.near)
     for arrival in (9.0, 14.0, 30.0):  # 8 s away: the plan waits for 1, 6 and 22 s
         knots = np.array([(0.0, 1.1, 4.1), (arrival - 7.0, 1.1, 4.1), (arrival, 8.9, 4.1)])
-        spread_plan(knots, 3, 0.0, WHEELS.dt, arrival, 0.3, colony.outlook.plan)
-        known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
+        spread_plan(knots, 0.0, WHEELS.dt, arrival, 0.3, colony.problem.outlook.plan)
         for _ in range(20):
             controls = np.repeat(rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)), 5, axis=0)[:steps]
-            cost = judge(controls, *known, math.inf, np.empty((0, 2)))
-            assert judge(controls, *known, cost + 1e-6, np.empty((0, 2))) == cost
+            cost = judge(controls, colony.problem, math.inf, np.empty((0, 2)))
+            assert judge(controls, colony.problem, cost + 1e-6, np.empty((0, 2))) == cost
         path = np.zeros((steps, 2))
-        assert judge(controls, *known, arrival - 0.3 - WHEELS.dt * steps, path) == math.inf
+        assert judge(controls, colony.problem, arrival - 0.3 - WHEELS.dt * steps, path) == math.inf
         assert not path[1:].any()
 
 
@@ -116,31 +114,31 @@ def test_a_rollout_is_given_up_as_soon_as_the_plan_shows_that_it_must_be_too_dea
 def test_a_rollout_that_reaches_the_goal_sooner_costs_so_much_less(robot: RobotSpec) -> None:
     """A second is a second, before the end of the rollout too: else robots dawdle in front of the goal."""
     colony = _colony(robot)
-    colony.state[:] = 7.7, 4.1, 0.0, 0.5, 0.0
-    known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights._replace(progress=0.0)
-    fast, slow = (np.full((len(colony.outlook.near), 2), (speed, 0.0)) for speed in (1.0, 0.5))
-    costs = [judge(one, *known, math.inf, np.empty((0, 2))) for one in (fast, slow)]
+    colony.problem.start[:] = 7.7, 4.1, 0.0, 0.5, 0.0
+    problem = colony.problem._replace(weights=colony.problem.weights._replace(progress=0.0))
+    fast, slow = (np.full((len(colony.problem.outlook.near), 2), (speed, 0.0)) for speed in (1.0, 0.5))
+    costs = [judge(one, problem, math.inf, np.empty((0, 2))) for one in (fast, slow)]
     assert costs[1] - costs[0] == pytest.approx(1.0 / 0.5 - (1.0 + 0.125), abs=robot.dt)  # 1 m to go
-    assert costs == pytest.approx([naive.cost_of(one, *known) for one in (fast, slow)])
+    assert costs == pytest.approx([naive.cost_of(one, problem) for one in (fast, slow)])
 
 
 @pytest.mark.parametrize("robot", [WHEELS, HOLONOMIC], ids=["wheels", "holonomic"])
 def test_a_rollout_that_could_not_stop_behind_the_goal_costs_more(robot: RobotSpec) -> None:
     """Who reaches a goal before a wall too fast is stopped by the guard, and a car that swerves misses the goal."""
     colony = _colony(robot)
-    colony.state[:] = 8.0, 4.1, 0.0, 0.5, 0.0
-    edge = (colony.field.wall.shape[1] - 1) / colony.field.wall_frame[2] - robot.radius
-    field = colony.field._replace(goal=np.array([edge - 0.15, 4.1, 0.2]))
-    known = colony.state, colony.limits, robot.dt, field, colony.outlook, colony.weights._replace(progress=0.0)
+    colony.problem.start[:] = 8.0, 4.1, 0.0, 0.5, 0.0
+    field, weights = colony.problem.field, colony.problem.weights._replace(progress=0.0)
+    edge = (field.wall.shape[1] - 1) / field.wall_frame[2] - robot.radius
+    problem = colony.problem._replace(field=field._replace(goal=np.array([edge - 0.15, 4.1, 0.2])), weights=weights)
     for speed in (0.4, 0.7, 1.0):
-        controls, path = np.full((len(colony.outlook.near), 2), (speed, 0.0)), np.zeros((60, 2))
-        cost = judge(controls, *known, math.inf, path)
+        controls, path = np.full((len(colony.problem.outlook.near), 2), (speed, 0.0)), np.zeros((60, 2))
+        cost = judge(controls, problem, math.inf, path)
         arrived = int((path[:, 0] > edge - 0.35).argmax())
         span, ahead = speed**2 / (2.0 * robot.braking), edge - path[arrived, 0]
         share = max(1.0 - ahead / span, 0.0)
-        late = math.exp(-known[-1].decay * (arrived + 1) * robot.dt)
+        late = math.exp(-weights.decay * (arrived + 1) * robot.dt)
         in_time = -(len(controls) - 1 - arrived) * robot.dt
-        assert cost == pytest.approx(in_time + late * known[-1].wall * share, abs=late * known[-1].wall * 0.02 / span)
+        assert cost == pytest.approx(in_time + late * weights.wall * share, abs=late * weights.wall * 0.02 / span)
         assert (share > 0.0) == (speed > 0.9)
 
 
@@ -231,13 +229,12 @@ def test_the_archive_stays_sorted_and_never_loses_the_best(robot: RobotSpec) -> 
     settings = colony.settings._replace(rounds=1, ants=20)
     best = math.inf
     for _ in range(6):
-        known = colony.state, colony.limits, robot.dt, colony.field, colony.outlook, colony.weights, colony.random
-        cost = forage(a, colony.lattice, settings, *known)
+        cost = forage(a, colony.lattice, settings, colony.problem, colony.random)
         costs = a.cost[a.order[: a.used[0]]]
         assert (np.diff(costs) >= 0.0).all()
         assert sorted(a.order[: a.used[0]].tolist()) == list(range(int(a.used[0])))
         assert cost == costs[0] <= best
-        judged = judge(a.sequence[a.order[0]], *known[:-1], math.inf, np.empty((0, 2)))
+        judged = judge(a.sequence[a.order[0]], colony.problem, math.inf, np.empty((0, 2)))
         assert judged == pytest.approx(cost)
         best = cost
     before = a.sequence[a.order[0]].copy()
@@ -252,21 +249,21 @@ def test_what_ants_are_compared_with_spends_the_same_rollouts(search: str) -> No
     context = make_context(task.grid, WHEELS, task.grid.cell_at(task.goal))
     options = ControlOptions(search=search, rounds=1, ants=50)
     colony = ControlColony(options, task, context.field.reshape(task.grid.shape), 3, swerve=None)
-    colony.state[:] = 1.1, 4.1, 0.3, 0.4, 0.2
+    colony.problem.start[:] = 1.1, 4.1, 0.3, 0.4, 0.2
     a, how = colony.archive, colony.averaging
     assert how is not None
-    known = colony.state, colony.limits, WHEELS.dt, colony.field, colony.outlook, colony.weights
+    known = a, colony.lattice, colony.settings, colony.problem, colony.random, how
     before = math.inf
     for _ in range(3):
-        cost = (restart if search == "random" else average)(a, colony.lattice, colony.settings, how, *known, colony.random)
+        cost = (restart if search == "random" else average)(*known)
         kept = a.sequence[a.order[0]]
         assert a.used[0] == 1
-        assert cost == pytest.approx(judge(kept, *known, math.inf, np.empty((0, 2))))
+        assert cost == pytest.approx(judge(kept, colony.problem, math.inf, np.empty((0, 2))))
         if search == "random":
             assert cost <= before + 1e-9
             before = cost
             continue
-        assert how.cost[0] == judge(how.drawn[0], *known, math.inf, np.empty((0, 2)))
+        assert how.cost[0] == judge(how.drawn[0], colony.problem, math.inf, np.empty((0, 2)))
         share = np.exp(-(how.cost - how.cost.min()) / how.temperature)
         if search == "cem":
             share = (np.argsort(np.argsort(how.cost)) < how.elite).astype(float)
@@ -326,10 +323,12 @@ def test_slow_robots_keep_more_room() -> None:
         task = _task(replace(WHEELS, v_max=v_max, v_reverse=0.0))
         field = make_context(task.grid, task.robot, task.grid.cell_at(task.goal)).field.reshape(task.grid.shape)
         colony = ControlColony(ControlOptions(), task, field, 3, None)
-        kept[v_max] = colony.margins, colony.weights.risk, colony.weights.decay
+        kept[v_max] = colony.margins, colony.problem.weights.risk, colony.problem.weights.decay
     assert kept[2.0] == kept[0.8]
     (fast, risk, decay), (slow, great, slowly) = kept[0.8], kept[0.2]
-    assert (slow.spread, slow.until, slow.late) == pytest.approx((2.0 * fast.spread, 4.0 * fast.until, 4.0 * fast.late))
+    assert (slow.spread, slow.spread_time, slow.late) == pytest.approx(
+        (2.0 * fast.spread, 4.0 * fast.spread_time, 4.0 * fast.late)
+    )
     assert (great, slowly) == pytest.approx((16.0 * risk, decay / 4.0))
 
 

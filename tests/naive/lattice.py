@@ -8,38 +8,25 @@ import math
 import numpy as np
 
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.controls.rollout import (
-    CostWeights,
-    Outlook,
-    StaticField,
-    clearance,
-    lost_time,
-    met,
-    sample,
-    step,
-    turning_loss,
-)
+from antway.kernels.controls.lookup import clearance, sample, turning_loss
+from antway.kernels.controls.motion import MotionState, step
+from antway.kernels.controls.problem import ControlProblem, StaticField
+from antway.kernels.controls.rollout import lost_time, obstacle_cost
 from antway.kernels.controls.seeds import downhill
-
-Pose = tuple[float, float, float, float, float, float]  # x, y, cosine and sine of the heading, and two speeds
 
 
 def least_bound(
     held: np.ndarray,
     block: int,
     arcs: int,
-    start: np.ndarray,
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    w: CostWeights,
+    problem: ControlProblem,
 ) -> float:
     """The bound on the time to the goal of the first sequence of arcs that is complete."""
-    outlook = outlook._replace(harm=np.empty(0))
-    x, y, heading, a, b = start.tolist()
-    heap: list[tuple[float, int, Pose, int, float, bool]] = [
-        (0.0, 0, (x, y, math.cos(heading), math.sin(heading), a, b), 0, 0.0, False)
+    problem = problem._replace(outlook=problem.outlook._replace(harm=np.empty(0)))
+    limits, dt, field = problem.limits, problem.dt, problem.field
+    x, y, heading, a, b = problem.start.tolist()
+    heap: list[tuple[float, int, MotionState, int, float, bool]] = [
+        (0.0, 0, MotionState(x, y, math.cos(heading), math.sin(heading), a, b), 0, 0.0, False)
     ]
     least: dict[tuple[int, ...], float] = {}
     pushed = 0
@@ -52,9 +39,9 @@ def least_bound(
             if i < len(held):
                 commands[:] = held[i]
             else:
-                state = np.array([at[0], at[1], math.atan2(at[3], at[2]), at[4], at[5]])
-                downhill(commands, state, limits, dt, field, 0.5, limits.v_max / (1 + i - len(held)), 0.0, 0)
-            driven = _drive(commands, at, n * block, limits, dt, field, outlook, w)
+                here = problem._replace(start=np.array([at.x, at.y, math.atan2(at.sin, at.cos), at.a, at.b]))
+                downhill(commands, here, 0.5, limits.v_max / (1 + i - len(held)), 0.0, 0)
+            driven = _drive(commands, at, n * block, problem)
             if driven is None:
                 continue
             pose, harm, spent, there = driven
@@ -70,36 +57,27 @@ def least_bound(
 
 
 def _drive(
-    commands: np.ndarray,
-    at: Pose,
-    first: int,
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    w: CostWeights,
-) -> tuple[Pose, float, int, bool] | None:
+    commands: np.ndarray, at: MotionState, first: int, problem: ControlProblem
+) -> tuple[MotionState, float, int, bool] | None:
     """Where an arc ends, what obstacles cost, how many periods it takes, and whether that is the goal; None: it touches."""
-    harm = 0.0
+    harm, field, w = 0.0, problem.field, problem.weights
     for q, (ca, cb) in enumerate(commands.tolist()):
-        at = step(*at, ca, cb, limits, dt)
-        x, y, c, s, a, b = at
-        here = met(x, y, c, s, a, b, limits, first + q, 1.0, field, outlook, w)
-        if clearance(x, y, c, s, w.wall_margin, field) < w.wall_margin or here >= w.contact:
+        at = step(at, ca, cb, problem.limits, problem.dt)
+        here = obstacle_cost(at, first + q, 1.0, problem)
+        if clearance(field, at, w.wall_margin) < w.wall_margin or here >= w.contact:
             return None
         harm += here
-        if math.hypot(x - field.goal[0], y - field.goal[1]) < field.goal[2]:
+        if math.hypot(at.x - field.goal[0], at.y - field.goal[1]) < field.goal[2]:
             return at, harm, q + 1, True
     return at, harm, len(commands), False
 
 
-def _rest(pose: Pose, limits: RobotLimits, field: StaticField) -> float:
-    x, y, c, s, a, b = pose
-    to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
-    return to_go + lost_time(x, y, c, s, a, b, to_go, field, limits) + turning_loss(field, x, y, c, s)
+def _rest(pose: MotionState, limits: RobotLimits, field: StaticField) -> float:
+    to_go = max(sample(field.time, pose.x, pose.y, field.time_frame), 0.0)
+    return to_go + lost_time(pose, to_go, field, limits) + turning_loss(field, pose)
 
 
-def _alike(pose: Pose, limits: RobotLimits, longest: float) -> tuple[int, ...]:
+def _alike(pose: MotionState, limits: RobotLimits, longest: float) -> tuple[int, ...]:
     x, y, c, s, a, b = pose
     parts = b / limits.turn_rate if limits.drive != HOLONOMIC else 3.0 * b / limits.v_max
     numbers = x / (0.4 * longest), y / (0.4 * longest), 3.0 * a / limits.v_max + 0.5, parts + 0.5

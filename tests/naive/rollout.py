@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from antway.kernels.base.records import RobotLimits
-from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField
+from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.seeds import downhill
 from antway.kernels.robot.motion import RobotState, drive_cycle
 
@@ -33,17 +33,9 @@ def _from_footprint(point: np.ndarray, corners: Corners) -> float:
     return min(math.dist(point, p + share * (q - p)) for share, (p, q) in zip(along, edges))
 
 
-def cost_of(
-    controls: np.ndarray,
-    state: np.ndarray,
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    w: CostWeights,
-    corners: Corners = (),
-) -> float:
+def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()) -> float:
     """The cost as its definition says it, of a robot that drives exactly."""
+    state, limits, dt, field, outlook, w = problem
     now, cost, harm = RobotState(*map(float, state)), 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
     for k, (ca, cb) in enumerate(controls.tolist()):
         now = drive_cycle(now, ca, cb, limits, dt)
@@ -67,16 +59,16 @@ def cost_of(
         )
         stands = np.array([x, y]) + course * speed**2 / (2.0 * limits.brake_max)
         late = w.stopping_time + speed / limits.brake_max
-        for cx, cy, contact, wished, top, vx, vy, straight, likely, owner in outlook.disc[k, : outlook.near[k]].tolist():
+        for cx, cy, contact, preferred, top, vx, vy, straight, risky, owner in outlook.disc[k, : outlook.near[k]].tolist():
             away = math.hypot(x - cx, y - cy)
             if len(field.discs):
                 away = _from_footprint(turn @ [cx - x, cy - y], corners) + field.box[4]
-            cost += w.near * max(wished - away, 0.0)
+            cost += w.near * max(preferred - away, 0.0)
             danger = 0.0
-            if away < likely:
-                danger += decay * w.risk * min((likely - away) / (likely - contact), 1.0) ** 2
+            if away < risky:
+                danger += decay * w.risk * min((risky - away) / (risky - contact), 1.0) ** 2
             if away < contact:
-                danger += decay * (w.contact + w.depth * (contact - away))
+                danger += decay * w.contact * (1.0 + contact - away)
             harm[owner] = max(harm[owner], danger) if len(outlook.harm) else harm.get(0, 0.0) + danger
             t = min(late, straight)
             far = math.hypot(stands[0] - cx, stands[1] - cy)
@@ -120,20 +112,12 @@ def lost_of(state: tuple[float, ...], limits: RobotLimits, field: StaticField) -
     return min(lost)
 
 
-def least_of_arcs(
-    held: np.ndarray,
-    block: int,
-    arcs: int,
-    state: np.ndarray,
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    w: CostWeights,
-) -> float:
+def least_of_arcs(held: np.ndarray, block: int, arcs: int, problem: ControlProblem) -> float:
     """The least time to the goal of all sequences of arcs, each with a command held or down the field; none may touch."""
+    state, limits, dt, _, outlook, w = problem
     outlook = outlook._replace(harm=np.empty(0))
     w = w._replace(progress=0.0, decay=0.0, near=w.near / block, risk=w.risk / block, contact=1e6, wall=1e6)
+    problem = problem._replace(outlook=outlook, weights=w)
     least = math.inf
     for chosen in itertools.product(range(len(held) + 2), repeat=arcs):
         controls, now = np.empty((arcs * block, 2)), RobotState(*map(float, state))
@@ -142,10 +126,11 @@ def least_of_arcs(
             if one < len(held):
                 part[:] = held[one]
             else:
-                downhill(part, np.array(now), limits, dt, field, 0.5, limits.v_max / (1 + one - len(held)), 0.0, 0)
+                here = problem._replace(start=np.array(now))
+                downhill(part, here, 0.5, limits.v_max / (1 + one - len(held)), 0.0, 0)
             for ca, cb in part.tolist():
                 now = drive_cycle(now, ca, cb, limits, dt)
-        cost = cost_of(controls, state, limits, dt, field, outlook, w)
+        cost = cost_of(controls, problem)
         if cost < 1e5:
             least = min(least, arcs * block * dt + cost)
     return least

@@ -11,11 +11,10 @@ from antway.baselines.replan import Follow, now
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.baselines.mppi import Sampling, path_integral
-from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, look_ahead
+from antway.kernels.controls.outlook import Margins, look_ahead
+from antway.kernels.controls.problem import ControlProblem, CostWeights
 from antway.world.policy import Command, Observation, Task
-from antway.world.rollouts import acting, commanded, finite_limits, static_field
-
-_DISCS = 64  # limit of discs that are near one another at a time
+from antway.world.rollouts import acting, commanded, empty_outlook, finite_limits, static_field
 
 
 class Mppi(Follow):
@@ -71,8 +70,6 @@ class Mppi(Follow):
         """Prepare the fields of the map and the arrays of samples."""
         super().reset(task, seed)
         robot = task.robot
-        self.limits = finite_limits(robot)
-        self.field = static_field(task.grid, robot, self.search.field, task.goal, task.goal_tolerance)
         steps = max(math.ceil(min(self.horizon / robot.dt, 1000.0) - 1e-9), 2)
         turn = robot.turn_rate if robot.wheels else robot.v_max
         self.sampling = Sampling(
@@ -83,13 +80,9 @@ class Mppi(Follow):
             np.zeros((self.samples, steps, 2)),
             np.zeros(self.samples),
         )
-        discs, added = np.zeros((steps, _DISCS, 10)), np.empty(0)
-        self.outlook = Outlook(np.zeros(steps, np.int64), discs, added, np.full((steps, 3), -math.inf))
-        self.outlook.plan[:, :2] = 0.0
-        self.weights = CostWeights(
+        weights = CostWeights(
             progress=0.02,
             contact=30.0,
-            depth=30.0,
             decay=0.3,
             near=0.2,
             risk=0.0,
@@ -100,25 +93,33 @@ class Mppi(Follow):
             stopping_time=0.0,
             swerve=math.inf,
         )
-        self.nominal, self.state = np.zeros((steps, 2)), np.zeros(5)
+        self.problem = ControlProblem(
+            np.zeros(5),
+            finite_limits(robot),
+            robot.dt,
+            static_field(task.grid, robot, self.search.field, task.goal, task.goal_tolerance),
+            empty_outlook(steps, summed=True),
+            weights,
+        )
+        self.margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0)
+        self.nominal = np.zeros((steps, 2))
         self.random = np.array([stream(np.uint64(seed), np.uint64(2))], np.uint64)
 
     def act(self, observation: Observation) -> Command:
         """Return the command for the next control period."""
         robot = self.task.robot
-        late, o, self.state[:] = acting(observation, robot)
+        late, o, self.problem.start[:] = acting(observation, robot)
         xy, velocity = now(observation)
         segments = np.zeros((len(xy), 8))
         segments[:, 0], segments[:, 1] = o.t, math.inf
         segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
         segments[:, 6] = observation.tracks.radius + robot.radius
-        margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0)
         sigma = np.zeros((len(xy), 2))
-        look = segments, sigma, o.t, robot.dt, self.state, robot.v_max, 0.0, margins, 0.0, 0.0, self.outlook
+        look = segments, sigma, o.t, self.margins, 0.0, 0.0, 0.0, self.problem
         entry(look_ahead, *look)(*look)
         self.nominal[:-1] = self.nominal[1:]
-        known = self.state, self.limits, robot.dt, self.field, self.outlook, self.weights, self.random
-        entry(path_integral, self.nominal, self.sampling, *known)(self.nominal, self.sampling, *known)
+        arguments = self.nominal, self.sampling, self.problem, self.random
+        entry(path_integral, *arguments)(*arguments)
         self.decide("follow", "the mean of what leads there best")
         one, two = self.nominal[0].tolist()
         return commanded(one, two, observation.heading, robot)

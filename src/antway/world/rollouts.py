@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
-from antway.kernels.controls.rollout import StaticField
+from antway.kernels.controls.problem import COLUMNS, Outlook, StaticField
 from antway.kernels.robot.motion import RobotState, delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
@@ -30,6 +30,7 @@ _PARTS = 4  # limit of parts into which the edges of larger cells are divided
 _SWEEPS = 80  # limit of sweeps over all poses
 _DISCS = 8  # limit of discs that cover each side of a footprint
 _FAST = 1e3  # m/s^2, rad/s^2; replaces infinite limits
+_OBSTACLES = 64  # limit of obstacles that an outlook holds at one step
 
 
 def finite_limits(robot: RobotSpec) -> RobotLimits:
@@ -79,6 +80,17 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
         *_body(robot),
         *_by_heading(near, grid, robot),
     )
+
+
+def empty_outlook(steps: int, summed: bool = False) -> Outlook:
+    """Return an outlook on `steps` steps without obstacles and without a plan.
+
+    If `summed`, the costs of an obstacle are added up over all steps; else its worst step counts.
+    """
+    plan = np.full((steps, 3), -math.inf)
+    plan[:, :2] = 0.0
+    discs, harm = np.zeros((steps, _OBSTACLES, COLUMNS)), np.zeros(0 if summed else _OBSTACLES)
+    return Outlook(np.zeros(steps, np.int64), discs, harm, plan)
 
 
 def _by_heading(

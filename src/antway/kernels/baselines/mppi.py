@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.base.rng import State
 from antway.kernels.controls.colony import normal
-from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
+from antway.kernels.controls.motion import within_limits
+from antway.kernels.controls.problem import ControlProblem
+from antway.kernels.controls.rollout import cost_below
 
 
 class Sampling(NamedTuple):
@@ -27,26 +28,12 @@ class Sampling(NamedTuple):
 
 
 @kernel
-def path_integral(
-    nominal: NDArray[np.float64],
-    sampling: Sampling,
-    start: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    weights: CostWeights,
-    state: State,
-) -> None:
+def path_integral(nominal: NDArray[np.float64], sampling: Sampling, problem: ControlProblem, state: State) -> None:
     """Replace `nominal`, float64[S, 2], by the mean of its noisy copies, each with the weight exp(-cost / temperature).
 
-    One copy is without noise and one is a stop. The other parameters are those of `forage` in kernels/controls/colony.py.
+    One copy is without noise and one is a stop.
     """
     count, steps = sampling.drawn.shape[0], len(nominal)
-    holonomic = limits.drive == HOLONOMIC
-    slowest = -limits.v_max if holonomic else -limits.v_reverse
-    turn = limits.v_max if holonomic else limits.turn_rate
-    nothing = np.empty((0, 2))
     least = math.inf
     for i in range(count):
         da, db = 0.0, 0.0
@@ -54,9 +41,10 @@ def path_integral(
         for k in range(steps):
             if k % sampling.block == 0 and i > 1:
                 da, db = normal(state) * sampling.spread_a, normal(state) * sampling.spread_b
-            one[k, 0] = min(max(nominal[k, 0] + da, slowest), limits.v_max) if i != 1 else 0.0
-            one[k, 1] = min(max(nominal[k, 1] + db, -turn), turn) if i != 1 else 0.0
-        sampling.cost[i] = judge(one, start, limits, dt, field, outlook, weights, math.inf, nothing)
+            one[k, 0], one[k, 1] = within_limits(nominal[k, 0] + da, nominal[k, 1] + db, problem.limits)
+        if i == 1:
+            one[:] = 0.0
+        sampling.cost[i] = cost_below(math.inf, one, problem)
         least = min(least, sampling.cost[i])
     nominal[:] = 0.0
     total = 0.0

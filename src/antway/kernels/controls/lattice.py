@@ -16,22 +16,10 @@ from numpy.typing import NDArray
 from antway.kernels.base.heap import pop, push
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.controls.rollout import (
-    HEADING,
-    SX,
-    SY,
-    A,
-    B,
-    CostWeights,
-    Outlook,
-    StaticField,
-    clearance,
-    lost_time,
-    met,
-    sample,
-    step,
-    turning_loss,
-)
+from antway.kernels.controls.lookup import at_goal, clearance, time_to_go, turning_loss
+from antway.kernels.controls.motion import HEADING, SX, SY, A, B, MotionState, motion_state, step
+from antway.kernels.controls.problem import ControlProblem, Outlook
+from antway.kernels.controls.rollout import lost_time, obstacle_cost
 from antway.kernels.controls.seeds import downhill
 
 DOWNHILL = 2  # number of arcs that follow the field down, at full and at half speed, besides those of a constant command
@@ -61,51 +49,53 @@ class Lattice(NamedTuple):
 
 
 @inner_kernel
-def _drive(
-    lattice: Lattice,
-    at: int,
-    new: int,
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    w: CostWeights,
-) -> bool:
-    """Drive the arc from node `at` to node `new`, and fill the new row; tell whether it touches no wall and no obstacle."""
-    one, other, commands = lattice.node[at], lattice.node[new], lattice.command[new]
-    x, y, c, s, a, b, cost = one[X], one[Y], one[COS], one[SIN], one[SPEED], one[SPIN], one[COST]
+def _state_at(row: NDArray[np.float64]) -> MotionState:
+    """Return the motion state of a node."""
+    return MotionState(row[X], row[Y], row[COS], row[SIN], row[SPEED], row[SPIN])
+
+
+@inner_kernel
+def _store(row: NDArray[np.float64], at: MotionState, cost: float) -> None:
+    """Write a node."""
+    row[X], row[Y], row[COS], row[SIN], row[SPEED], row[SPIN] = at
+    row[COST] = cost
+
+
+@inner_kernel
+def _drive(lattice: Lattice, parent: int, new: int, problem: ControlProblem) -> bool:
+    """Drive the arc from node `parent` to node `new`, and fill the new row; tell whether it touches no wall and no obstacle."""
+    commands, link, w = lattice.command[new], lattice.link, problem.weights
+    at, cost = _state_at(lattice.node[parent]), lattice.node[parent, COST]
     block = len(commands)
-    first = lattice.link[at, ARCS] * block
-    lattice.link[new, PARENT], lattice.link[new, ARCS], lattice.link[new, DONE] = at, lattice.link[at, ARCS] + 1, 0
+    first = link[parent, ARCS] * block
+    link[new, PARENT], link[new, ARCS], link[new, DONE] = parent, link[parent, ARCS] + 1, 0
     for q in range(block):
-        x, y, c, s, a, b = step(x, y, c, s, a, b, commands[q, 0], commands[q, 1], limits, dt)
-        if clearance(x, y, c, s, w.wall_margin, field) < w.wall_margin:
+        at = step(at, commands[q, 0], commands[q, 1], problem.limits, problem.dt)
+        if clearance(problem.field, at, w.wall_margin) < w.wall_margin:
             return False
-        if outlook.near[first + q] > 0:
-            harm = met(x, y, c, s, a, b, limits, first + q, 1.0, field, outlook, w)
+        if problem.outlook.near[first + q] > 0:
+            harm = obstacle_cost(at, first + q, 1.0, problem)
             if harm >= w.contact:
                 return False
             cost += harm / block
-        gx, gy = x - field.goal[0], y - field.goal[1]
-        if gx * gx + gy * gy < field.goal[2] * field.goal[2]:
-            lattice.link[new, DONE] = 1
-            cost -= (block - 1 - q) * dt
+        if at_goal(problem.field, at):
+            link[new, DONE] = 1
+            cost -= (block - 1 - q) * problem.dt
             break
-    other[X], other[Y], other[COS], other[SIN], other[SPEED], other[SPIN], other[COST] = x, y, c, s, a, b, cost + block * dt
+    _store(lattice.node[new], at, cost + block * problem.dt)
     return True
 
 
 @inner_kernel
-def _bound(lattice: Lattice, node: int, field: StaticField, limits: RobotLimits) -> float:
+def _bound(lattice: Lattice, node: int, problem: ControlProblem) -> float:
     """Return the time from the start to the goal through a node, without moving obstacles beyond the node, s."""
-    row = lattice.node[node]
-    x, y, c, s = row[X], row[Y], row[COS], row[SIN]
+    at, cost = _state_at(lattice.node[node]), lattice.node[node, COST]
     if lattice.link[node, DONE] == 1:
-        done: float = row[COST]
+        done: float = cost
         return done
-    to_go = max(sample(field.time, x, y, field.time_frame), 0.0)
-    lost = turning_loss(field, x, y, c, s) + lost_time(x, y, c, s, row[SPEED], row[SPIN], to_go, field, limits)
-    bound: float = row[COST] + to_go + lost
+    to_go = time_to_go(problem.field, at)
+    lost = turning_loss(problem.field, at) + lost_time(at, to_go, problem.field, problem.limits)
+    bound: float = cost + to_go + lost
     return bound
 
 
@@ -137,16 +127,7 @@ def _better(lattice: Lattice, node: int, bound: float, limits: RobotLimits, long
 
 
 @bare_kernel
-def best_arcs(
-    ant: NDArray[np.float64],
-    lattice: Lattice,
-    start: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    w: CostWeights,
-) -> float:
+def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProblem) -> float:
     """Write the best sequence of arcs to `ant`; the rest of `ant` is a stop.
 
     If the expansions are used up first, it is the best of the longest sequences found. Returns the time to the goal, without
@@ -155,23 +136,17 @@ def best_arcs(
     Parameters
     ----------
     ant : float64[S, 2]
-        Speed and turn rate, or vx and vy, commanded in each period of `dt` s.
-    start : float64[5]
-        State of the robot.
+        Speed and turn rate, or vx and vy, commanded in each period.
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
-    alone = Outlook(outlook.near, outlook.disc, lattice.harm, outlook.plan)
+    limits, dt, outlook = problem.limits, problem.dt, problem.outlook
+    summed = Outlook(outlook.near, outlook.disc, lattice.harm, outlook.plan)
+    from_node = ControlProblem(lattice.state, limits, dt, problem.field, summed, problem.weights)
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)
     longest = limits.v_max * block * dt
     lattice.search[0] += 1
-    node[0, X], node[0, Y], node[0, COS], node[0, SIN] = (
-        start[SX],
-        start[SY],
-        math.cos(start[HEADING]),
-        math.sin(start[HEADING]),
-    )
-    node[0, SPEED], node[0, SPIN], node[0, COST] = start[A], start[B], 0.0
+    _store(node[0], motion_state(problem.start), 0.0)
     link[0, PARENT], link[0, ARCS], link[0, DONE] = -1, 0, 0
     used, size, last, found = 1, push(heap, 0, 0.0, 0), 0, math.inf
     left = lattice.expansions
@@ -194,10 +169,9 @@ def best_arcs(
                 for q in range(block):
                     command[used, q, 0], command[used, q, 1] = lattice.held[i, 0], lattice.held[i, 1]
             else:
-                speed = limits.v_max if i == held else 0.5 * limits.v_max
-                downhill(command[used], lattice.state, limits, dt, field, _LOOK, speed, 0.0, 0)
-            if _drive(lattice, at, used, limits, dt, field, alone, w):
-                bound = _bound(lattice, used, field, limits)
+                downhill(command[used], from_node, _LOOK, limits.v_max if i == held else 0.5 * limits.v_max, 0.0, 0)
+            if _drive(lattice, at, used, from_node):
+                bound = _bound(lattice, used, from_node)
                 if _better(lattice, used, bound, limits, longest):
                     size = push(heap, size, bound, used)
                     used += 1

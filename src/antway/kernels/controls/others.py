@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import RobotLimits
 from antway.kernels.base.rng import State, below
-from antway.kernels.controls.colony import Archive, ColonySettings, insert, take, take_seeds, vary
+from antway.kernels.controls.colony import Archive, ColonySettings, insert, refill, vary
 from antway.kernels.controls.lattice import Lattice
-from antway.kernels.controls.rollout import CostWeights, Outlook, StaticField, judge
+from antway.kernels.controls.problem import ControlProblem
+from antway.kernels.controls.rollout import cost_below
 
 
 class Averaging(NamedTuple):
@@ -28,57 +28,30 @@ class Averaging(NamedTuple):
 
 
 @kernel
-def _seed(
-    archive: Archive,
-    lattice: Lattice,
-    block: int,
-    start: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    weights: CostWeights,
-) -> None:
-    """Empty the archive, then insert its former best sequence and the seeds."""
-    last, n = archive.sequence[archive.order[0]].copy(), archive.used[0]
-    archive.used[0] = 0
-    if n > 0:
-        archive.ant[:] = last
-        take(archive, block, start, limits, dt, field, outlook, weights)
-    take_seeds(archive, lattice, block, start, limits, dt, field, outlook, weights)
-
-
-@kernel
 def average(
     archive: Archive,
     lattice: Lattice,
     colony: ColonySettings,
-    averaging: Averaging,
-    start: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    weights: CostWeights,
+    problem: ControlProblem,
     state: State,
+    averaging: Averaging,
 ) -> float:
     """Do as `forage`, but keep only a mean: each round draws sequences around it and averages them.
 
     The first mean is the best of the seeds and the last mean. With `averaging.elite` = 0 this is MPPI (Williams and others
     2018). Otherwise it is the cross-entropy method (Rubinstein and Kroese 2004), which draws with the spread of the elite.
     """
-    mean, spread, block = averaging.mean, averaging.spread, colony.block
-    _seed(archive, lattice, block, start, limits, dt, field, outlook, weights)
+    mean, spread, block = averaging.mean, averaging.spread, archive.block
+    refill(archive, lattice, problem, 1)
     mean[:] = archive.sequence[archive.order[0]]
-    spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
+    spread[:, 0], spread[:, 1] = colony.wide
     for _ in range(colony.rounds):
         for i in range(colony.ants):
             if i == 0:
                 averaging.drawn[i] = mean
             else:
-                vary(averaging.drawn[i], mean, spread, 1.0, (0.0, 0.0), block, limits, state)
-            known = start, limits, dt, field, outlook, weights, math.inf, archive.nothing
-            averaging.cost[i] = judge(averaging.drawn[i], *known)
+                vary(averaging.drawn[i], mean, spread, 1.0, (0.0, 0.0), block, problem.limits, state)
+            averaging.cost[i] = cost_below(math.inf, averaging.drawn[i], problem)
         order = np.argsort(averaging.cost[: colony.ants])
         share = np.zeros(colony.ants)
         if averaging.elite > 0:
@@ -98,11 +71,11 @@ def average(
                     square = 0.0
                     for i in order[: averaging.elite]:
                         square += (averaging.drawn[i, k, j] - mean[k, j]) ** 2
-                    spread[b, j] = max(math.sqrt(square / averaging.elite), colony.least_a if j == 0 else colony.least_b)
+                    spread[b, j] = max(math.sqrt(square / averaging.elite), colony.least[j])
     archive.used[0] = 0
     archive.ant[:] = mean
-    cost = judge(mean, start, limits, dt, field, outlook, weights, math.inf, archive.nothing)
-    insert(archive, cost, block)
+    cost = cost_below(math.inf, mean, problem)
+    insert(archive, cost)
     return cost
 
 
@@ -111,29 +84,24 @@ def restart(
     archive: Archive,
     lattice: Lattice,
     colony: ColonySettings,
-    averaging: Averaging,
-    start: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    outlook: Outlook,
-    weights: CostWeights,
+    problem: ControlProblem,
     state: State,
+    averaging: Averaging,
 ) -> float:
     """Do as `forage`, but without an archive: each sequence is drawn around a random seed, and the best of all is kept."""
-    spread, block = averaging.spread, colony.block
-    _seed(archive, lattice, block, start, limits, dt, field, outlook, weights)
-    spread[:, 0], spread[:, 1] = colony.wide_a, colony.wide_b
+    spread = averaging.spread
+    refill(archive, lattice, problem, 1)
+    spread[:, 0], spread[:, 1] = colony.wide
     best = archive.cost[archive.order[0]]
     averaging.mean[:] = archive.sequence[archive.order[0]]
     for _ in range(colony.rounds * colony.ants):
         guide = archive.sequence[archive.order[below(state, archive.used[0])]]
-        vary(archive.ant, guide, spread, 1.0, (0.0, 0.0), block, limits, state)
-        cost = judge(archive.ant, start, limits, dt, field, outlook, weights, best, archive.nothing)
+        vary(archive.ant, guide, spread, 1.0, (0.0, 0.0), archive.block, problem.limits, state)
+        cost = cost_below(best, archive.ant, problem)
         if cost < best:
             best = cost
             averaging.mean[:] = archive.ant
     archive.used[0] = 0
     archive.ant[:] = averaging.mean
-    insert(archive, best, block)
+    insert(archive, best)
     return float(best)

@@ -1,4 +1,4 @@
-"""Seeds for the colony in the space of controls: sequences that turn and go, follow the field down, or follow a plan."""
+"""Seeds for the colony in the space of controls: sequences that turn and go, descend the field, or follow the plan."""
 
 from __future__ import annotations
 
@@ -9,39 +9,52 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.controls.rollout import HEADING, SX, SY, A, B, Outlook, StaticField, slope
+from antway.kernels.controls.lookup import slope
+from antway.kernels.controls.motion import HEADING, SX, SY, A, B, RobotState
+from antway.kernels.controls.problem import ControlProblem
+
+SEEDS = 42  # number of seeds that `write_seed` knows
+_ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more turns on the spot
+_NO_TURN = 0.05  # m; a robot on wheels does not turn to a target nearer than this
+_E = 0.1  # m; length of a step down the field
 
 
 @inner_kernel
-def _off(angle: float) -> float:
+def _wrapped(angle: float) -> float:
     """Return the angle wrapped to [-pi, pi), rad."""
     return angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi) + 0.5)
 
 
 @inner_kernel
-def _turning(off: float, b: float, limits: RobotLimits, dt: float, soft: float) -> float:
-    """Return the next turn rate of the fastest turn by `off` rad that does not overshoot and takes at least `soft` s, rad/s."""
-    target = min(limits.turn_rate, math.sqrt(1.6 * limits.alpha_max * abs(off)), abs(off) / max(soft, dt))
-    gain = limits.alpha_max * dt
-    return min(max(math.copysign(target, off), b - gain), b + gain)
+def _turn_rate(off: float, b: float, limits: RobotLimits, dt: float, least: float) -> float:
+    """Return the next turn rate, after b, of the fastest turn by `off` rad without overshoot, in `least` s or more, rad/s."""
+    target = min(limits.turn_rate, math.sqrt(1.6 * limits.alpha_max * abs(off)), abs(off) / max(least, dt))
+    change = limits.alpha_max * dt
+    return min(max(math.copysign(target, off), b - change), b + change)
 
 
 @inner_kernel
-def _follow(
-    x: float, y: float, heading: float, a: float, b: float, tx: float, ty: float, speed: float, limits: RobotLimits, dt: float
-) -> tuple[float, float, float, float, float]:
+def _speed_off(off: float) -> float:
+    """Return the part of its speed at which a robot on wheels drives while it still has to turn by `off` rad."""
+    return max(1.0 - (off / _ON_THE_SPOT) * (off / _ON_THE_SPOT), 0.0)
+
+
+@inner_kernel
+def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: ControlProblem) -> RobotState:
     """Return the state after a period of steering to (tx, ty) at `speed` m/s; its last two entries are also the command."""
+    limits, dt = problem.limits, problem.dt
+    x, y, heading, a, b = state
     dx, dy = tx - x, ty - y
-    span = math.hypot(dx, dy)
+    distance = math.hypot(dx, dy)
     if limits.drive == HOLONOMIC:
-        ca, cb = (speed * dx / span, speed * dy / span) if span > 1e-9 else (0.0, 0.0)
-        change = math.hypot(ca - a, cb - b)
+        vx, vy = (speed * dx / distance, speed * dy / distance) if distance > 1e-9 else (0.0, 0.0)
+        change = math.hypot(vx - a, vy - b)
         if change > limits.a_max * dt:
-            ca, cb = a + (ca - a) * limits.a_max * dt / change, b + (cb - b) * limits.a_max * dt / change
-        return x + 0.5 * (a + ca) * dt, y + 0.5 * (b + cb) * dt, heading, ca, cb
-    off = _off(math.atan2(dy, dx) - heading) if span > 0.05 else 0.0
-    turn = _turning(off, b, limits, dt, 2.0 * dt)
-    go = speed * max(1.0 - (off / 1.2) * (off / 1.2), 0.0)
+            vx, vy = a + (vx - a) * limits.a_max * dt / change, b + (vy - b) * limits.a_max * dt / change
+        return x + 0.5 * (a + vx) * dt, y + 0.5 * (b + vy) * dt, heading, vx, vy
+    off = _wrapped(math.atan2(dy, dx) - heading) if distance > _NO_TURN else 0.0
+    turn = _turn_rate(off, b, limits, dt, 2.0 * dt)
+    go = speed * _speed_off(off)
     go = min(max(go, a - limits.brake_max * dt), a + limits.a_max * dt)
     middle = heading + 0.25 * (b + turn) * dt
     x += 0.5 * (a + go) * dt * math.cos(middle)
@@ -49,72 +62,97 @@ def _follow(
     return x, y, heading + 0.5 * (b + turn) * dt, go, turn
 
 
+@inner_kernel
+def _start(problem: ControlProblem) -> RobotState:
+    """Return the state in which the robot starts."""
+    start = problem.start
+    return start[SX], start[SY], start[HEADING], start[A], start[B]
+
+
 @bare_kernel
-def turn_and_go(
-    ant: NDArray[np.float64], state: NDArray[np.float64], limits: RobotLimits, dt: float, bearing: float, speed: float
-) -> None:
+def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: float, speed: float) -> None:
     """Write the sequence that turns to a bearing in rad and then goes straight at `speed` m/s; below 0 it goes backwards."""
+    limits, dt = problem.limits, problem.dt
     if limits.drive == HOLONOMIC:
         for k in range(len(ant)):
             ant[k, 0], ant[k, 1] = speed * math.cos(bearing), speed * math.sin(bearing)
         return
-    off = _off(bearing - state[HEADING] + (math.pi if speed < 0.0 else 0.0))
-    b = state[B]
+    off = _wrapped(bearing - problem.start[HEADING] + (math.pi if speed < 0.0 else 0.0))
+    b = problem.start[B]
     for k in range(len(ant)):
-        turn = _turning(off, b, limits, dt, dt)
+        turn = _turn_rate(off, b, limits, dt, dt)
         off -= 0.5 * (b + turn) * dt
         b = turn
-        ant[k, 0], ant[k, 1] = speed * max(1.0 - (off / 1.2) * (off / 1.2), 0.0), turn
+        ant[k, 0], ant[k, 1] = speed * _speed_off(off), turn
 
 
 @bare_kernel
 def downhill(
-    ant: NDArray[np.float64],
-    state: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    field: StaticField,
-    distance: float,
-    speed: float,
-    aside: float,
-    until: int,
+    ant: NDArray[np.float64], problem: ControlProblem, distance: float, speed: float, aside: float, until: int
 ) -> None:
-    """Write the sequence that follows the time-to-goal field down, steering to the point `distance` m down the field.
+    """Write the sequence that descends the time to the goal, steering to the point `distance` m down the field.
 
     In the first `until` steps it steers to a point `aside` m to the left of that; a negative value is to the right.
     """
-    x, y, heading, a, b = state[SX], state[SY], state[HEADING], state[A], state[B]
-    e = 0.1
+    state = _start(problem)
     for k in range(len(ant)):
+        x, y = state[0], state[1]
         px, py, gone = x, y, 0.0
         while gone < distance:
-            gx, gy, steep = slope(field, px, py, e)
+            gx, gy, steep = slope(problem.field, px, py, _E)
             if steep < 1e-9:
                 break
-            px, py, gone = px - e * gx / steep, py - e * gy / steep, gone + e
+            px, py, gone = px - _E * gx / steep, py - _E * gy / steep, gone + _E
         if k < until and gone > 0.0:
             dx, dy = (px - x) / gone, (py - y) / gone
             px, py = px - aside * dy, py + aside * dx
-        x, y, heading, a, b = _follow(x, y, heading, a, b, px, py, speed, limits, dt)
-        ant[k, 0], ant[k, 1] = a, b
+        state = _steer(state, px, py, speed, problem)
+        ant[k, 0], ant[k, 1] = state[3], state[4]
 
 
 @bare_kernel
-def along_plan(
-    ant: NDArray[np.float64],
-    state: NDArray[np.float64],
-    limits: RobotLimits,
-    dt: float,
-    outlook: Outlook,
-    lead: int,
-    late: int,
-) -> None:
-    """Write the sequence that follows the plan `late` steps behind it, steering to the place `lead` steps ahead."""
-    x, y, heading, a, b = state[SX], state[SY], state[HEADING], state[A], state[B]
-    last = len(outlook.plan) - 1
+def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, late: int) -> None:
+    """Write the sequence that follows the plan `late` steps behind it, steering to its place `lead` steps ahead."""
+    plan, state = problem.outlook.plan, _start(problem)
+    last = len(plan) - 1
     for k in range(len(ant)):
         j = min(max(k + lead - late, 0), last)
-        tx, ty = outlook.plan[j, 0], outlook.plan[j, 1]
-        speed = min(math.hypot(tx - x, ty - y) / (lead * dt), limits.v_max)
-        x, y, heading, a, b = _follow(x, y, heading, a, b, tx, ty, speed, limits, dt)
-        ant[k, 0], ant[k, 1] = a, b
+        tx, ty = plan[j, 0], plan[j, 1]
+        speed = min(math.hypot(tx - state[0], ty - state[1]) / (lead * problem.dt), problem.limits.v_max)
+        state = _steer(state, tx, ty, speed, problem)
+        ant[k, 0], ant[k, 1] = state[3], state[4]
+
+
+@inner_kernel
+def write_seed(ant: NDArray[np.float64], problem: ControlProblem, i: int) -> bool:
+    """Write seed i, 0 to SEEDS - 1, to `ant`, float64[S, 2]; return False if this problem has no such seed.
+
+    ======== =========================================================================================================
+    0 to 23  turn to one of 12 bearings and go, at full or half speed
+    24 to 26 turn the back to one of three bearings and go in reverse, on wheels
+    27       stop
+    28, 29   descend the field, at full or 0.6 of full speed
+    30 to 35 descend the field, and at first pass an obstacle on its left or right
+    36 to 41 follow the plan, 3 or 6 steps ahead, and 0, 4 or 8 steps late
+    ======== =========================================================================================================
+    """
+    limits, heading, steps = problem.limits, problem.start[HEADING], len(ant)
+    if i < 24:
+        turn_and_go(ant, problem, heading + (i // 2) * math.pi / 6.0, limits.v_max if i % 2 == 0 else 0.5 * limits.v_max)
+    elif i < 27:
+        if limits.drive == HOLONOMIC or limits.v_reverse == 0.0:
+            return False
+        turn_and_go(ant, problem, heading + math.pi + (i - 25) * 0.5, -limits.v_reverse)
+    elif i == 27:
+        ant[:] = 0.0
+    elif i < 30:
+        downhill(ant, problem, 0.5, limits.v_max if i == 28 else 0.6 * limits.v_max, 0.0, 0)
+    elif i < 36:
+        aside = 0.25 if i < 34 else 0.7
+        until = steps // 2 if 32 <= i < 34 else steps // 4
+        downhill(ant, problem, 0.5, limits.v_max, aside if i % 2 == 0 else -aside, until)
+    else:
+        if problem.outlook.plan[0, 2] == -math.inf:
+            return False
+        along_plan(ant, problem, 3 if i < 39 else 6, 4 * (i % 3))
+    return True

@@ -1,4 +1,4 @@
-"""The colony in the space of controls at work: what a robot with inertia or wheels drives, on top of its plan."""
+"""The colony in the space of controls at work: it drives robots with inertia or wheels, on top of the plan."""
 
 from __future__ import annotations
 
@@ -13,60 +13,96 @@ from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
-from antway.kernels.controls.rollout import CostWeights, Margins, Outlook, judge, look_ahead, spread_plan
+from antway.kernels.controls.outlook import Margins, look_ahead, spread_plan
+from antway.kernels.controls.problem import ControlProblem, CostWeights
+from antway.kernels.controls.rollout import judge
 from antway.kernels.robot.motion import RobotState
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import commanded, finite_limits, static_field, static_time
+from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time
 
-_DISCS = 64  # at most, near one another at one time; of more tracks some share an entry of what they cost
-_AHEAD = 1.5  # m; a slow robot looks so far ahead, to get out of the way of what is faster
-_NIMBLE = 0.8  # m/s; a robot slower than this takes so much longer to get out of somebody's way
-_ALIKE = 0.3  # m; paths no farther apart are one
-_BEARINGS = 12  # directions in which a robot without wheels sets out
-_EXPANSIONS = 100  # of the search over arcs, at most, in a cycle
-_STALL = 10.0  # s; for each such span, but the first, without coming nearer to the goal a robot fears risks half as much
+_FAST = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
+_LEAST_PATH = 1.5  # m; sequences last until a robot at full speed has driven this far, up to twice `horizon`
+_WALL_COST = 100.0  # s; cost of a step at which the robot is nearer to a wall than `wall_margin`
+_ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
+_BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
+_EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
+_STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
 @dataclass(frozen=True, slots=True)
 class ControlOptions:
-    """Numbers of the colony in the space of controls; times in s, lengths in m.
+    """Numbers of the colony in the space of controls (ACO_R, Socha and Dorigo 2008) and of the costs of its sequences.
+
+    All costs are in seconds. A robot whose top speed is n times lower than 0.8 m/s needs n times as long to get out of the way.
+    For it `spread_time` and `late` are n times longer, `risk` is n^2 times larger, `spread` is the square root of n times
+    larger, and `decay` is n times smaller than given here.
 
     Attributes
     ----------
-    horizon, block : float
-        Length of a sequence, longer for robots slower than 0.5 m/s, and of the spans in it that share a draw.
-    archive, rounds, ants : int
-        Sequences kept; rounds a cycle, and ants a round.
-    choosiness, breath, curious : float
-        Guides are picked by rank with a spread of `choosiness` times the archive; ants leave them by `breath` times the
-        archive's mean distance; the share `curious` of them farther.
-    progress, off_plan, trust : float
-        Weight of the time to go at each step; s for each m off the plan; by how much s the plan's arrival may be bettered.
+    horizon : float
+        s; duration of a sequence of controls. It is up to twice as long for robots that drive less than 1.5 m in this time.
+    block : float
+        s; the random change of a control is the same for steps within this time.
+    archive : int
+        Size k of the archive of good sequences.
+    rounds : int
+        Number of iterations of the colony in a control cycle.
+    ants : int
+        Number of ants in an iteration.
+    locality : float
+        Locality q of the search. An ant picks its guide from the archive with a normal weight of the rank, whose standard
+        deviation is q k. The smaller q is, the more the best sequences are preferred.
+    xi : float
+        Speed of convergence. An ant draws around its guide with a standard deviation of xi times the mean distance of the guide
+        from the other sequences of the archive. As with the evaporation of pheromone, the colony converges more slowly and
+        explores more if xi is large.
+    exploration : float
+        Share of the ants, 0 to 1, whose standard deviations are at least 0.35 of the robot's limits. For the others these are
+        at least 0.03 of the limits.
+    progress : float
+        Cost, for each step, of a second that is still to go at the end of the step.
+    off_plan : float
+        s/m; a robot beside the plan is taken to need this much longer to the goal than the plan, for each metre.
+    trust : float
+        s; the robot is taken to be able to arrive this much earlier than the plan.
     unsure : float
-        Velocities of obstacles that may swerve are taken to be wrong by at least this share of their speed, however well they
-        were foretold.
-    margin, wished, near : float
-        Room kept to obstacles, room wished for beyond, and s for each m less at each step.
-    risk, spread, spread_time, late : float
-        s where contact begins, for each obstacle at the step where it is worst; it falls with the square to nothing at so many
-        standard deviations of where a track will be (kernels/tracking/foretold.py). Those grow for `spread_time`, and are taken
-        as they will be `late` s after, for a robot with inertia cannot answer at once. A robot that is n times as slow as 0.8
-        m/s takes n times as long to get out of the way: both times are n times as long, the risk n**2 times as great, and it
-        reaches n**0.5 times as far.
+        Least standard deviation of an obstacle's predicted velocity, as a share of its speed, however well earlier predictions
+        have held. It is 0 if the scenario limits how obstacles swerve.
+    margin : float
+        m; is added to the distance of the centres at which contact begins.
+    preferred_gap : float
+        m; gap to an obstacle, beyond `margin`, below which `near` is charged.
+    near : float
+        s/m; cost, for each step, of each metre that is missing to the preferred gap.
+    risk : float
+        s; cost of being so near to where an obstacle is expected that contact begins. It is charged once for each obstacle, at
+        the step where it is largest. It decreases with the square of the distance, to zero at `spread`.
+    spread : float
+        Distance from where contact begins, in standard deviations of the obstacle's predicted place
+        (kernels/tracking/foretold.py).
+    spread_time : float
+        s; the standard deviation of a predicted place grows for this time ahead and then stays.
+    late : float
+        s; standard deviations are those of a time this much later, because a robot with inertia cannot respond at once.
     wall_margin : float
-        Room kept to walls.
-    contact, decay : float
-        s for a contact foreseen, once for each obstacle, fading by 1/s, for such slow robots n times as slowly.
+        m; distance to keep from walls.
+    contact : float
+        s; cost of a predicted contact, and of each metre of its depth. It is charged once for each obstacle.
+    decay : float
+        1/s; rate at which the costs of contacts, risks and walls decrease with the time ahead.
     stop : float
-        s for each m by which a stop could be cut off that the guard would not allow.
+        s/m; cost of each metre by which an obstacle could enter the stopping distance of the robot. Such a motion would not
+        pass the guard in mode "strict"; in the other mode this cost is not used.
     search : str
-        "ants" (ACO_R), or what they are compared with on the same rollouts and as many of them: "mppi", "cem" (each keeps a
-        mean) or "random" (restarts around the seeds, without an archive).
-    temperature, elite : float, int
-        Of "mppi", s, and of "cem", sequences of a round that count.
+        "ants" (ACO_R), or what it is compared with on the same rollouts and as many of them: "mppi" and "cem" (the
+        cross-entropy method), which keep only a mean, or "random" (restarts around the seeds, without an archive).
+    temperature : float
+        s; temperature of the weights of "mppi".
+    elite : int
+        Number of best sequences in an iteration whose mean "cem" keeps.
     """
 
     horizon: float = 3.0
@@ -74,15 +110,15 @@ class ControlOptions:
     archive: int = 24
     rounds: int = 8
     ants: int = 60
-    choosiness: float = 0.15
-    breath: float = 0.85
-    curious: float = 0.15
+    locality: float = 0.15
+    xi: float = 0.85
+    exploration: float = 0.15
     progress: float = 0.02
     off_plan: float = 0.5
     trust: float = 0.3
     unsure: float = 0.12
     margin: float = 0.01
-    wished: float = 0.05
+    preferred_gap: float = 0.05
     near: float = 0.2
     risk: float = 6.0
     spread: float = 2.0
@@ -98,92 +134,62 @@ class ControlOptions:
 
 
 class ControlColony:
-    """Turns predictions and a plan into the command of the next period."""
+    """Turns predictions and a plan into the command of the next period.
+
+    `swerve` in m/s^2 is the bound on the change of obstacles' velocities by which the guard judges stops; None if it does not.
+    """
 
     def __init__(
         self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, swerve: float | None
     ) -> None:
         robot, o = task.robot, options
         self.options, self.robot = o, robot
-        self.limits = finite_limits(robot)
-        self.field = static_field(task.grid, robot, time_to_goal, task.goal, task.goal_tolerance)
-        horizon = max(o.horizon, min(_AHEAD / robot.v_max, 2.0 * o.horizon))
+        horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        discs, harm = np.zeros((steps, _DISCS, 10)), np.zeros(_DISCS)
-        self.outlook = Outlook(np.zeros(steps, np.int64), discs, harm, np.full((steps, 3), -math.inf))
-        self.outlook.plan[:, :2] = 0.0
-        self.archive = Archive(
-            np.zeros((o.archive, steps, 2)),
-            np.full(o.archive, math.inf),
-            np.zeros(o.archive, np.int64),
-            np.zeros((o.archive, -(-steps // block), 2)),
-            np.zeros(1, np.int64),
-            np.zeros((steps, 2)),
-            np.empty((0, 2)),
+        slowness = max(_FAST / robot.v_max, 1.0)
+        self.problem = ControlProblem(
+            np.zeros(5),
+            finite_limits(robot),
+            robot.dt,
+            static_field(task.grid, robot, time_to_goal, task.goal, task.goal_tolerance),
+            empty_outlook(steps),
+            _weights(o, robot, slowness, swerve),
         )
+        self.archive = _archive(o.archive, steps, block)
         self.lattice = _lattice(robot, block)
-        turn = robot.turn_rate if robot.wheels else robot.v_max
+        limits = np.array([robot.v_max, robot.turn_rate if robot.wheels else robot.v_max])
         self.settings = ColonySettings(
             rounds=o.rounds,
             ants=o.ants,
-            block=block,
-            choosiness=o.choosiness,
-            breath=o.breath,
-            least_a=0.03 * robot.v_max,
-            least_b=0.03 * turn,
-            curious=o.curious,
-            wide_a=0.35 * robot.v_max,
-            wide_b=0.35 * turn,
+            locality=o.locality,
+            xi=o.xi,
+            least=tuple((0.03 * limits).tolist()),
+            exploration=o.exploration,
+            wide=tuple((0.35 * limits).tolist()),
         )
-        slowness = max(_NIMBLE / robot.v_max, 1.0)
         times = slowness * o.spread_time, slowness * o.late
-        self.margins = Margins(o.margin, o.wished, math.sqrt(slowness) * o.spread, *times)
+        self.margins = Margins(o.margin, o.preferred_gap, math.sqrt(slowness) * o.spread, *times)
         self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
-        self.averaging = None
-        if o.search != "ants":
-            self.averaging = Averaging(
-                o.elite if o.search == "cem" else 0,
-                o.temperature,
-                np.zeros((o.ants, steps, 2)),
-                np.zeros(o.ants),
-                np.zeros((steps, 2)),
-                np.zeros((-(-steps // block), 2)),
-            )
-        self.reaction = robot.latency + robot.dt
-        self.weights = CostWeights(
-            progress=o.progress,
-            contact=o.contact,
-            depth=o.contact,
-            decay=o.decay / slowness,
-            near=o.near,
-            risk=o.risk * slowness**2,
-            wall=100.0,
-            wall_margin=o.wall_margin,
-            off_plan=o.off_plan,
-            stop=0.0 if swerve is None else o.stop,
-            stopping_time=self.reaction,
-            swerve=math.inf if swerve is None else swerve,
-        )
-        self.braking = self.reaction + robot.v_max / self.limits.brake_max
-        self.growth = min(float(task.obstacle_surge) * self.braking, 1e3)
+        self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
+        self.stopping_time = self.problem.weights.stopping_time + robot.v_max / self.problem.limits.brake_max
+        self.speed_growth = min(float(task.obstacle_surge) * self.stopping_time, 1e3)
         self.speed_bound = float(task.obstacle_speed)
         self.random = np.array([stream(np.uint64(seed), np.uint64(1))], np.uint64)
         self.xy = np.zeros((steps, 2))
         self.path: TimedPath | None = None
-        self.state = np.zeros(5)
-        self.start = 0.0
-        self.nearest, self.since = math.inf, 0.0  # the least time to the goal so far, s, and when it was that
+        self.began = 0.0  # s; when the last command begins to act
+        self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
 
-    def spread(self, estimates: NDArray[np.float64], wrong: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how wrong places (m) and velocities (m/s) of the tracks are, float64[K, 2].
+    def deviations(self, estimates: NDArray[np.float64], wrong: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the standard deviations of the tracks' places (m) and velocities (m/s), float64[K, 2].
 
         Parameters
         ----------
         estimates : float64[K, 8]
             Of kernels/tracking/predict.py.
         wrong : float64[K]
-            Of kernels/tracking/foretold.py.
+            Standard deviations of predicted velocities, m/s, of kernels/tracking/foretold.py.
         """
         speed = np.hypot(estimates[:, VX], estimates[:, VY])
         return np.column_stack((estimates[:, SIGMA], np.maximum(wrong, self.unsure * speed)))
@@ -203,7 +209,7 @@ class ControlColony:
         Parameters
         ----------
         observation : Observation
-            Whose heading turns a twist into a velocity.
+            Its heading turns a twist into a velocity.
         start : float
         state : x, y, heading, and (v, omega) or (vx, vy)
         segments : float64[P, 8]
@@ -215,71 +221,101 @@ class ControlColony:
         arrival : float
             Of the plan, s.
         """
-        self.state[:], self.start = state, start
-        dt, o = self.robot.dt, self.options
-        look = (
-            segments,
-            sigma,
-            start,
-            dt,
-            self.state,
-            self.robot.v_max,
-            self.braking,
-            self.margins,
-            self.speed_bound,
-            self.growth,
-        )
-        entry(look_ahead, *look, self.outlook)(*look, self.outlook)
+        self.problem.start[:], self.began = state, start
+        look = segments, sigma, start, self.margins, self.stopping_time, self.speed_bound, self.speed_growth, self.problem
+        entry(look_ahead, *look)(*look)
         if len(knots):
-            plan = knots, len(knots), start, dt, arrival, o.trust, self.outlook.plan
+            plan = knots, start, self.robot.dt, arrival, self.options.trust, self.problem.outlook.plan
             entry(spread_plan, *plan)(*plan)
         else:
-            self.outlook.plan[:, 2] = -math.inf
+            self.problem.outlook.plan[:, 2] = -math.inf
         shift(self.archive)
-        weights = self._impatient(start, state)
-        known = self.state, self.limits, dt, self.field, self.outlook, weights, self.random
+        problem = self.problem._replace(weights=self._relaxed_weights(start, state))
+        arguments = self.archive, self.lattice, self.settings, problem, self.random
         if self.averaging is None:
-            arguments = self.archive, self.lattice, self.settings, *known
             entry(forage, *arguments)(*arguments)
         else:
-            search = restart if o.search == "random" else average
-            search(self.archive, self.lattice, self.settings, self.averaging, *known)
+            search = restart if self.options.search == "random" else average
+            search(*arguments, self.averaging)
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
         return commanded(one, two, observation.heading, self.robot)
 
-    def _impatient(self, now: float, state: RobotState) -> CostWeights:
-        """Return what rollouts cost: who comes no nearer to the goal takes more and more risk, or he would never arrive.
+    def _relaxed_weights(self, now: float, state: RobotState) -> CostWeights:
+        """Return the weights of costs, with a lower one of risks if the robot has not got nearer to the goal for long.
 
-        Beside a place where somebody stands whose velocity is not known well, to wait would be better for ever.
+        Otherwise a robot might wait forever beside an obstacle that stands and whose velocity is not known well.
         """
-        to_go, (x, y, tolerance) = static_time(self.field, state), self.field.goal
+        field, weights = self.problem.field, self.problem.weights
+        to_go, (x, y, tolerance) = static_time(field, state), field.goal
         if to_go < self.nearest - self.robot.dt or math.dist((x, y), state[:2]) <= tolerance:
             self.nearest, self.since = to_go, now
-        return self.weights._replace(risk=self.weights.risk * 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0))
+        return weights._replace(risk=weights.risk * 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0))
 
     def others(self) -> NDArray[np.float64]:
-        """Return the first commands of all other sequences kept, best first, float64[N, 2]."""
+        """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""
         n = int(self.archive.used[0])
         others: NDArray[np.float64] = self.archive.sequence[self.archive.order[1:n], 0]
         return others
 
     def same_path(self) -> bool:
-        """Tell whether the best ant goes where `path` does; if not, `path` is what it does from now on."""
+        """Tell whether the best sequence leads along `path`; if not, `path` becomes where it leads."""
         best = self.archive.sequence[self.archive.order[0]]
-        known = self.state, self.limits, self.robot.dt, self.field, self.outlook, self.weights, math.inf
-        judge(best, *known, self.xy)
-        t = self.start + self.robot.dt * np.arange(len(best) + 1.0)
-        path = TimedPath(t, np.vstack((self.state[:2], self.xy)))
+        arguments = best, self.problem, math.inf, self.xy
+        entry(judge, *arguments)(*arguments)
+        t = self.began + self.robot.dt * np.arange(len(best) + 1.0)
+        path = TimedPath(t, np.vstack((self.problem.start[:2], self.xy)))
         if self.path is not None and _alike(self.path, path):
             return True
         self.path = path
         return False
 
 
+def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float | None) -> CostWeights:
+    """Return what rollouts cost."""
+    return CostWeights(
+        progress=o.progress,
+        contact=o.contact,
+        decay=o.decay / slowness,
+        near=o.near,
+        risk=o.risk * slowness**2,
+        wall=_WALL_COST,
+        wall_margin=o.wall_margin,
+        off_plan=o.off_plan,
+        stop=0.0 if swerve is None else o.stop,
+        stopping_time=robot.latency + robot.dt,
+        swerve=math.inf if swerve is None else swerve,
+    )
+
+
+def _archive(size: int, steps: int, block: int) -> Archive:
+    """Return an empty archive for sequences of `steps` steps, of which `block` at a time share a draw."""
+    return Archive(
+        np.zeros((size, steps, 2)),
+        np.full(size, math.inf),
+        np.zeros(size, np.int64),
+        np.zeros((size, math.ceil(steps / block), 2)),
+        np.zeros(1, np.int64),
+        np.zeros((steps, 2)),
+        block,
+    )
+
+
+def _averaging(o: ControlOptions, steps: int, block: int) -> Averaging:
+    """Return what a search that averages works with."""
+    return Averaging(
+        o.elite if o.search == "cem" else 0,
+        o.temperature,
+        np.zeros((o.ants, steps, 2)),
+        np.zeros(o.ants),
+        np.zeros((steps, 2)),
+        np.zeros((math.ceil(steps / block), 2)),
+    )
+
+
 def _lattice(robot: RobotSpec, block: int) -> Lattice:
-    """Return the commands that are held for `block` periods, and room for a search over them."""
+    """Return the commands that are held for `block` periods, and memory for a search over them."""
     if robot.wheels:
-        half = math.pi / (block * robot.dt)  # half a turn in an arc is enough for who could turn at once
+        half = math.pi / (block * robot.dt)  # rad/s; half a turn in an arc is enough for robots that could turn faster
         turn = min(robot.turn_rate, robot.v_max / max(robot.turning_radius, 1e-9), half)
         speeds = [robot.v_max, 0.5 * robot.v_max, 0.0] + [-robot.v_reverse] * (robot.v_reverse > 0.0)
         held = np.array([(v, turn * part) for v in speeds for part in (-1.0, -0.35, 0.0, 0.35, 1.0)])
@@ -304,7 +340,7 @@ def _lattice(robot: RobotSpec, block: int) -> Lattice:
 
 
 def _alike(one: TimedPath, other: TimedPath) -> bool:
-    """Tell whether two paths are near each other for as long as both last, and for a second at least."""
+    """Tell whether two paths are near each other while both last, which must be for a second or more."""
     start, end = max(one.t[0], other.t[0]), min(one.t[-1], other.t[-1])
     if end < start + 1.0:
         return False

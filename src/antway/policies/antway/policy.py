@@ -285,7 +285,7 @@ class AntwayPolicy:
             late, seen, state = acting(observation, s.task.robot)
             _, _, what, arrival, bound = self._predict_and_plan(s, seen, known, age + late)
             n, m = int(s.plan.state[COUNT]), int(s.plan.state[FORESEEN])
-            sigma = s.controls.spread(s.estimates[:known], s.crowd.wrong[:known])
+            sigma = s.controls.deviations(s.estimates[:known], s.crowd.wrong[:known])
             command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
             command, did = self._guarded(s, observation, known, command)
             what = KEPT if s.controls.same_path() else NEW

@@ -1,0 +1,94 @@
+"""The map as rollouts look it up: the distance to walls, and the time to the goal."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import inner_kernel
+from antway.kernels.controls.motion import MotionState
+from antway.kernels.controls.problem import StaticField
+
+_SHORT_TURN = 1.0  # s; a loss to the turning radius up to this is not counted, because rollouts and `lost_time` see short turns
+
+
+@inner_kernel
+def sample(field: NDArray[np.float32], x: float, y: float, frame: NDArray[np.float64]) -> float:
+    """Return the bilinear value of a field at (x, y); outside the map the value at its edge."""
+    c = min(max((x - frame[0]) * frame[2], 0.0), field.shape[1] - 1.001)
+    r = min(max((y - frame[1]) * frame[2], 0.0), field.shape[0] - 1.001)
+    i, j = int(r), int(c)
+    u, w = r - i, c - j
+    low = field[i, j] + w * (field[i, j + 1] - field[i, j])
+    high = field[i + 1, j] + w * (field[i + 1, j + 1] - field[i + 1, j])
+    value: float = low + u * (high - low)
+    return value
+
+
+@inner_kernel
+def slope(field: StaticField, x: float, y: float, e: float) -> tuple[float, float, float]:
+    """Return the central differences of the time to the goal over 2 e m along x and along y, and their norm, s."""
+    gx = sample(field.time, x + e, y, field.time_frame) - sample(field.time, x - e, y, field.time_frame)
+    gy = sample(field.time, x, y + e, field.time_frame) - sample(field.time, x, y - e, field.time_frame)
+    return gx, gy, math.hypot(gx, gy)
+
+
+@inner_kernel
+def time_to_go(field: StaticField, at: MotionState) -> float:
+    """Return the time to the goal of a robot that turns and accelerates at once, s."""
+    return max(sample(field.time, at.x, at.y, field.time_frame), 0.0)
+
+
+@inner_kernel
+def at_goal(field: StaticField, at: MotionState) -> bool:
+    """Tell whether the robot's centre is within the goal's tolerance."""
+    dx, dy = at.x - field.goal[0], at.y - field.goal[1]
+    return bool(dx * dx + dy * dy < field.goal[2] * field.goal[2])
+
+
+@inner_kernel
+def turning_loss(field: StaticField, at: MotionState) -> float:
+    """Return the time that a car loses to its turning radius, without the first `_SHORT_TURN` s, s."""
+    headings = len(field.turning) - 1
+    if headings < 1:
+        return 0.0
+    k = math.atan2(at.sin, at.cos) * headings / (2.0 * math.pi)
+    low = math.floor(k)
+    one, other = field.turning[int(low) % headings], field.turning[int(low + 1.0) % headings]
+    turned = sample(one, at.x, at.y, field.turning_frame)
+    turned += (k - low) * (sample(other, at.x, at.y, field.turning_frame) - turned)
+    return max(turned - sample(field.turning[headings], at.x, at.y, field.turning_frame) - _SHORT_TURN, 0.0)
+
+
+@inner_kernel
+def clearance(field: StaticField, at: MotionState, enough: float) -> float:
+    """Return the distance from the robot to walls, m.
+
+    It is the distance from the robot's disc. If that is below `enough` and the smaller discs of the footprint are farther from
+    walls, it is the distance from these.
+    """
+    wall = sample(field.wall, at.x, at.y, field.wall_frame)
+    if wall >= enough or len(field.discs) == 0:
+        return wall
+    least = math.inf
+    for i in range(len(field.discs)):
+        dx, dy = field.discs[i, 0], field.discs[i, 1]
+        x, y = at.x + at.cos * dx - at.sin * dy, at.y + at.sin * dx + at.cos * dy
+        least = min(least, sample(field.wall, x, y, field.wall_frame) + field.discs[i, 2])
+    return max(wall, least)
+
+
+@inner_kernel
+def footprint_distance(field: StaticField, at: MotionState, dx: float, dy: float) -> float:
+    """Return the distance from the robot's box to the point (-dx, -dy) from its centre, plus the radius of its disc, m.
+
+    Obstacles keep the distances of centres that hold for the disc, so that the footprint is judged by the same numbers.
+    """
+    box = field.box
+    ahead, left = -(at.cos * dx + at.sin * dy), at.sin * dx - at.cos * dy
+    out = max(box[0] - ahead, ahead - box[1], 0.0)
+    side = max(box[2] - left, left - box[3], 0.0)
+    distance: float = math.hypot(out, side) + box[4]
+    return distance

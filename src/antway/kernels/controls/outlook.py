@@ -1,0 +1,129 @@
+"""What is expected during a rollout: where obstacles will be at the end of each step, and where the plan leads by then."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base import records
+from antway.kernels.base.jit import kernel
+from antway.kernels.controls.motion import SX, SY
+from antway.kernels.controls.problem import (
+    CENTRE_X,
+    CENTRE_Y,
+    CONTACT,
+    OWNER,
+    PREFERRED,
+    RISKY,
+    SPEED,
+    STRAIGHT,
+    VX,
+    VY,
+    ControlProblem,
+)
+
+
+class Margins(NamedTuple):
+    """Distances to keep from obstacles, and how uncertain their places become."""
+
+    margin: float  # m; is added to the contact radius
+    preferred_gap: float  # m; a gap beyond that which costs nothing
+    spread: float  # 1; the risk of contact begins at this many standard deviations of the place
+    spread_time: float  # s; the standard deviation grows with the time predicted up to this
+    late: float  # s; and is larger from the start by its growth in this time, in which a robot with inertia cannot respond
+
+
+@kernel
+def look_ahead(
+    segments: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    now: float,
+    margins: Margins,
+    stopping_time: float,
+    speed_bound: float,
+    speed_growth: float,
+    problem: ControlProblem,
+) -> None:
+    """Fill the problem's outlook with the obstacles of motion segments that the robot could come near to.
+
+    Parameters
+    ----------
+    segments : float64[P, 8]
+        Those of one obstacle after those of another (kernels/spacetime/segments.py), each in the order of time.
+    sigma : float64[K, 2]
+        Standard deviations of each obstacle's place (m) and velocity (m/s).
+    now : float
+        s; step k ends at now + (k + 1) dt.
+    margins : Margins
+    stopping_time : float
+        Longest time from the end of a step until the robot can stand, s.
+    speed_bound, speed_growth : float
+        No obstacle becomes faster than `speed_bound`, nor faster than it is now by more than `speed_growth`, m/s.
+    problem : ControlProblem
+    """
+    outlook, start, dt, v_max = problem.outlook, problem.start, problem.dt, problem.limits.v_max
+    steps, size = len(outlook.near), outlook.disc.shape[1]
+    outlook.near[:] = 0
+    obstacle = -1
+    for p in range(len(segments)):
+        segment = segments[p]
+        t0, t1 = segment[records.T0], segment[records.T1]
+        vx, vy = segment[records.VX], segment[records.VY]
+        if p == 0 or t0 < segments[p - 1, records.T1]:
+            obstacle += 1
+        speed = min(math.hypot(vx, vy) + speed_growth, speed_bound)
+        turns = p + 1 < len(segments) and segments[p + 1, records.T0] == t1
+        turns = turns and (segments[p + 1, records.VX] != vx or segments[p + 1, records.VY] != vy)
+        for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps):
+            t = now + (k + 1) * dt
+            if t >= t1:
+                break
+            if t < t0 - 1e-9:
+                continue
+            x, y = segment[records.X] + vx * (t - t0), segment[records.Y] + vy * (t - t0)
+            grown = sigma[obstacle, 1] * (margins.late + min(t - now, margins.spread_time))
+            uncertain = margins.spread * math.sqrt(sigma[obstacle, 0] ** 2 + grown * grown)
+            contact = segment[records.CONTACT_RADIUS] + margins.margin
+            while_stopping = speed * stopping_time + 0.5 * v_max * stopping_time
+            far = contact + max(margins.preferred_gap, uncertain, while_stopping) + v_max * (k + 1) * dt + 0.01
+            dx, dy = x - start[SX], y - start[SY]
+            if dx * dx + dy * dy < far * far and outlook.near[k] < size:
+                disc = outlook.disc[k, outlook.near[k]]
+                disc[CENTRE_X], disc[CENTRE_Y], disc[VX], disc[VY], disc[SPEED] = x, y, vx, vy, speed
+                disc[CONTACT], disc[PREFERRED], disc[RISKY] = contact, contact + margins.preferred_gap, contact + uncertain
+                disc[STRAIGHT] = t1 - t if turns else math.inf
+                disc[OWNER] = obstacle % max(len(outlook.harm), 1)
+                outlook.near[k] += 1
+
+
+@kernel
+def spread_plan(
+    knots: NDArray[np.float64], now: float, dt: float, arrival: float, trust: float, plan: NDArray[np.float64]
+) -> None:
+    """Write to `plan`, float64[S, 3], where the plan is at the end of each step, and the time that it still takes.
+
+    Parameters
+    ----------
+    knots : float64[N, 3]
+        The plan (t, x, y), at least one row.
+    now, dt : float
+        s; step k ends at now + (k + 1) dt.
+    arrival, trust : float
+        When the plan arrives, and by how much the robot may be able to arrive before that, s.
+    """
+    i, n = 0, len(knots)
+    for k in range(len(plan)):
+        t = now + (k + 1) * dt
+        while i < n and knots[i, 0] <= t:
+            i += 1
+        if i == 0 or i == n:
+            j = 0 if i == 0 else n - 1
+            plan[k, 0], plan[k, 1] = knots[j, 1], knots[j, 2]
+        else:
+            u = (t - knots[i - 1, 0]) / (knots[i, 0] - knots[i - 1, 0])
+            plan[k, 0] = knots[i - 1, 1] + u * (knots[i, 1] - knots[i - 1, 1])
+            plan[k, 1] = knots[i - 1, 2] + u * (knots[i, 2] - knots[i - 1, 2])
+        plan[k, 2] = arrival - t - trust

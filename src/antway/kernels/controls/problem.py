@@ -1,0 +1,69 @@
+"""The problem of optimal control that is solved in each control cycle, and the records it is made of."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.records import RobotLimits
+
+# Columns of an obstacle at the end of a step: its place in m; the distances of the centres in m at which contact begins and up
+# to which a greater distance is preferred; the bound on its speed in m/s; its velocity in m/s; the time in s until a wall
+# changes its velocity; the distance of the centres in m at which the risk of contact begins; and its entry in `Outlook.harm`.
+CENTRE_X, CENTRE_Y, CONTACT, PREFERRED, SPEED, VX, VY, STRAIGHT, RISKY, OWNER = range(10)
+COLUMNS = 10
+
+
+class StaticField(NamedTuple):
+    """The map for the centre of a robot. A frame is the x and y in m of a field's node (0, 0), and its nodes a metre."""
+
+    wall: NDArray[np.float32]  # [h, w] m; distance from the robot's disc to walls, exact at the nodes; below 0 in contact
+    wall_frame: NDArray[np.float64]  # [3]
+    time: NDArray[np.float32]  # [H, W] s; time to the goal from the centres of cells
+    time_frame: NDArray[np.float64]  # [3]
+    goal: NDArray[np.float64]  # [3] m; x, y and tolerance
+    box: NDArray[np.float64]  # [5] m; a box around the footprint, low and high x and y in the robot's frame; the disc's radius
+    discs: NDArray[np.float64]  # [D, 3] m; discs that cover that box: x, y, and how much smaller than the robot's disc each is;
+    # there are none for a robot that is a disc
+    turning: NDArray[np.float32]  # [K + 1, H', W'] s; time to the goal of a car with the heading 2 pi k / K, and last that of
+    # a robot that turns on the spot; empty for robots without a turning radius
+    turning_frame: NDArray[np.float64]  # [3]
+
+
+class Outlook(NamedTuple):
+    """Obstacles that the robot could come near to, at the end of each step of a rollout, and the plan in space and time."""
+
+    near: NDArray[np.int64]  # [S] number of obstacles
+    disc: NDArray[np.float64]  # [S, N, COLUMNS]
+    harm: NDArray[np.float64]  # [M] s; what each obstacle costs the rollout that is judged, at its worst step; if it is empty,
+    # the costs of all steps are added up
+    plan: NDArray[np.float64]  # [S, 3] x and y of the plan, m, and the time that it still takes from there, s
+
+
+class CostWeights(NamedTuple):
+    """What a rollout costs, in seconds."""
+
+    progress: float  # 1; for each second to go at the end of each step
+    contact: float  # s; for a predicted contact, and s/m for its depth; see `Outlook.harm`
+    decay: float  # 1/s; rate at which the weight of contacts, risks, stops and walls falls with the time ahead
+    near: float  # s/m; at each step, for each metre that is missing to the preferred distance
+    risk: float  # s; where contact begins; falls with the square to nothing where the risk begins; see `Outlook.harm`
+    wall: float  # s; at each step at which the robot is nearer to a wall than `wall_margin`
+    wall_margin: float  # m
+    off_plan: float  # s/m; added to the time that the plan still takes, for each metre between the robot and the plan
+    stop: float  # s/m; at each step, for the depth to which an obstacle could enter the robot's stop from there
+    stopping_time: float  # s; delay before a stop begins
+    swerve: float  # m/s^2; bound on the change of obstacles' velocities, but where walls change them
+
+
+class ControlProblem(NamedTuple):
+    """A problem of optimal control: where the robot starts, how it moves, and what a rollout of its controls costs."""
+
+    start: NDArray[np.float64]  # [5] state of the robot, see SX in kernels/controls/motion.py
+    limits: RobotLimits
+    dt: float  # s; each control is held for one period
+    field: StaticField
+    outlook: Outlook
+    weights: CostWeights
