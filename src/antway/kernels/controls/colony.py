@@ -75,12 +75,12 @@ def _spread(archive: Archive, place: int) -> None:
 
 
 @inner_kernel
-def insert(archive: Archive, cost: float) -> bool:
-    """Insert the ant if the archive has space or the ant is better than the worst; return whether it is now the best."""
+def insert(archive: Archive, cost: float) -> None:
+    """Insert the ant with its cost in s if the archive has space or the ant is better than the worst."""
     n, most = archive.used[0], len(archive.cost)
     if n == most:
         if cost >= archive.cost[archive.order[n - 1]]:
-            return False
+            return
         n -= 1
         place = archive.order[n]
     else:
@@ -95,7 +95,6 @@ def insert(archive: Archive, cost: float) -> bool:
         archive.sequence[place, k, 0], archive.sequence[place, k, 1] = archive.ant[k, 0], archive.ant[k, 1]
     archive.used[0] = n + 1
     _spread(archive, place)
-    return bool(i == 0)
 
 
 @inner_kernel

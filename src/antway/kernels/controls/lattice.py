@@ -45,7 +45,6 @@ class Lattice(NamedTuple):
     search: NDArray[np.int64]  # [1] number of the last search
     expansions: int  # most nodes that are expanded
     state: NDArray[np.float64]  # [5] scratch for the pose from which an arc begins
-    harm: NDArray[np.float64]  # [0] empty, so that contact costs are summed over all steps near an obstacle
 
 
 @inner_kernel
@@ -140,7 +139,7 @@ def best_arcs(ant: NDArray[np.float64], lattice: Lattice, problem: ControlProble
     """
     node, link, command, heap = lattice.node, lattice.link, lattice.command, lattice.heap
     limits, dt, outlook = problem.limits, problem.dt, problem.outlook
-    summed = Outlook(outlook.near, outlook.disc, lattice.harm, outlook.plan)
+    summed = Outlook(outlook.near, outlook.disc, outlook.harm[:0], outlook.plan)  # adds up the costs of all steps
     from_node = ControlProblem(lattice.state, limits, dt, problem.field, summed, problem.weights)
     block = command.shape[1]
     arcs, held = len(ant) // block, len(lattice.held)

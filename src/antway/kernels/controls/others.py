@@ -28,6 +28,32 @@ class Averaging(NamedTuple):
 
 
 @kernel
+def _average_of_round(averaging: Averaging, block: int, least: tuple[float, float]) -> None:
+    """Compute the mean of the sequences drawn, and in the cross-entropy method their spread, which is at least `least`."""
+    mean, spread, drawn, cost = averaging.mean, averaging.spread, averaging.drawn, averaging.cost
+    order, share = np.argsort(cost), np.zeros(len(cost))
+    elite = order[: averaging.elite]
+    if averaging.elite > 0:
+        share[elite] = 1.0
+    else:
+        for i in range(len(cost)):
+            share[i] = math.exp(-(cost[i] - cost[order[0]]) / averaging.temperature)
+    share /= share.sum()
+    mean[:] = 0.0
+    for i in range(len(cost)):
+        if share[i] > 1e-12:
+            mean += share[i] * drawn[i]
+    if averaging.elite > 0:
+        for b in range(len(spread)):
+            k = min(b * block + block // 2, len(mean) - 1)
+            for j in range(2):
+                square = 0.0
+                for i in elite:
+                    square += (drawn[i, k, j] - mean[k, j]) ** 2
+                spread[b, j] = max(math.sqrt(square / averaging.elite), least[j])
+
+
+@kernel
 def average(
     archive: Archive,
     lattice: Lattice,
@@ -52,26 +78,7 @@ def average(
             else:
                 vary(averaging.drawn[i], mean, spread, 1.0, (0.0, 0.0), block, problem.limits, state)
             averaging.cost[i] = cost_below(math.inf, averaging.drawn[i], problem)
-        order = np.argsort(averaging.cost[: colony.ants])
-        share = np.zeros(colony.ants)
-        if averaging.elite > 0:
-            share[order[: averaging.elite]] = 1.0
-        else:
-            for i in range(colony.ants):
-                share[i] = math.exp(-(averaging.cost[i] - averaging.cost[order[0]]) / averaging.temperature)
-        share /= share.sum()
-        mean[:] = 0.0
-        for i in range(colony.ants):
-            if share[i] > 1e-12:
-                mean += share[i] * averaging.drawn[i]
-        if averaging.elite > 0:
-            for b in range(len(spread)):
-                k = min(b * block + block // 2, len(mean) - 1)
-                for j in range(2):
-                    square = 0.0
-                    for i in order[: averaging.elite]:
-                        square += (averaging.drawn[i, k, j] - mean[k, j]) ** 2
-                    spread[b, j] = max(math.sqrt(square / averaging.elite), colony.least[j])
+        _average_of_round(averaging, block, colony.least)
     archive.used[0] = 0
     archive.ant[:] = mean
     cost = cost_below(math.inf, mean, problem)

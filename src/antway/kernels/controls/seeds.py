@@ -15,8 +15,9 @@ from antway.kernels.controls.problem import ControlProblem
 
 SEEDS = 42  # number of seeds that `write_seed` knows
 _ON_THE_SPOT = 1.2  # rad; a robot on wheels that has to turn by this or more turns on the spot
+_SAFE = 1.6  # 1; the fastest turn that stops at its target has 2 here, which would overshoot in periods of a finite length
 _NO_TURN = 0.05  # m; a robot on wheels does not turn to a target nearer than this
-_E = 0.1  # m; length of a step down the field
+_E = 0.1  # m; length of a step down the field, and half the distance over which its slope is taken
 
 
 @inner_kernel
@@ -28,7 +29,7 @@ def _wrapped(angle: float) -> float:
 @inner_kernel
 def _turn_rate(off: float, b: float, limits: RobotLimits, dt: float, least: float) -> float:
     """Return the next turn rate, after b, of the fastest turn by `off` rad without overshoot, in `least` s or more, rad/s."""
-    target = min(limits.turn_rate, math.sqrt(1.6 * limits.alpha_max * abs(off)), abs(off) / max(least, dt))
+    target = min(limits.turn_rate, math.sqrt(_SAFE * limits.alpha_max * abs(off)), abs(off) / max(least, dt))
     change = limits.alpha_max * dt
     return min(max(math.copysign(target, off), b - change), b + change)
 

@@ -23,7 +23,7 @@ from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time
 
-_FAST = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
+_AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _LEAST_PATH = 1.5  # m; sequences last until a robot at full speed has driven this far, up to twice `horizon`
 _WALL_COST = 100.0  # s; cost of a step at which the robot is nearer to a wall than `wall_margin`
 _ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
@@ -53,35 +53,35 @@ class ControlOptions:
     ants : int
         Number of ants in an iteration.
     locality : float
-        Locality q of the search. An ant picks its guide from the archive with a normal weight of the rank, whose standard
-        deviation is q k. The smaller q is, the more the best sequences are preferred.
+        1; locality q of the search. An ant picks its guide from the archive by rank, with normal weights whose standard
+        deviation is q k ranks. The smaller q is, the more the best sequences are preferred.
     xi : float
-        Speed of convergence. An ant draws around its guide with a standard deviation of xi times the mean distance of the guide
-        from the other sequences of the archive. As with the evaporation of pheromone, the colony converges more slowly and
-        explores more if xi is large.
+        1; speed of convergence. An ant draws around its guide with a standard deviation of xi times the mean distance of the
+        guide from the other sequences of the archive. With a larger xi the colony explores more and converges more slowly,
+        as with a higher rate of evaporation.
     exploration : float
-        Share of the ants, 0 to 1, whose standard deviations are at least 0.35 of the robot's limits. For the others these are
+        1; share of the ants, 0 to 1, whose standard deviations are at least 0.35 of the robot's limits. Those of the others are
         at least 0.03 of the limits.
     progress : float
-        Cost, for each step, of a second that is still to go at the end of the step.
+        1; cost, at each step, of each second that is still to go at the end of the step.
     off_plan : float
-        s/m; a robot beside the plan is taken to need this much longer to the goal than the plan, for each metre.
+        s/m; for each metre beside the plan, the robot is taken to need this much longer to the goal than the plan.
     trust : float
         s; the robot is taken to be able to arrive this much earlier than the plan.
     unsure : float
-        Least standard deviation of an obstacle's predicted velocity, as a share of its speed, however well earlier predictions
-        have held. It is 0 if the scenario limits how obstacles swerve.
+        1; least standard deviation of an obstacle's predicted velocity, as a share of its speed, however well earlier
+        predictions have held. It is 0 if the scenario limits how obstacles swerve.
     margin : float
         m; is added to the distance of the centres at which contact begins.
     preferred_gap : float
         m; gap to an obstacle, beyond `margin`, below which `near` is charged.
     near : float
-        s/m; cost, for each step, of each metre that is missing to the preferred gap.
+        s/m; cost, at each step, of each metre that is missing to the preferred gap.
     risk : float
         s; cost of being so near to where an obstacle is expected that contact begins. It is charged once for each obstacle, at
         the step where it is largest. It decreases with the square of the distance, to zero at `spread`.
     spread : float
-        Distance from where contact begins, in standard deviations of the obstacle's predicted place
+        1; distance from where contact begins, in standard deviations of the obstacle's predicted place
         (kernels/tracking/foretold.py).
     spread_time : float
         s; the standard deviation of a predicted place grows for this time ahead and then stays.
@@ -147,7 +147,7 @@ class ControlColony:
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        slowness = max(_FAST / robot.v_max, 1.0)
+        slowness = max(_AGILE / robot.v_max, 1.0)
         self.problem = ControlProblem(
             np.zeros(5),
             finite_limits(robot),
@@ -335,7 +335,6 @@ def _lattice(robot: RobotSpec, block: int) -> Lattice:
         np.zeros(1, np.int64),
         _EXPANSIONS,
         np.zeros(5),
-        np.zeros(0),
     )
 
 
