@@ -11,7 +11,7 @@ from antway.baselines.replan import Follow, now
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
 from antway.kernels.baselines.mppi import Sampling, path_integral
-from antway.kernels.controls.outlook import Margins, look_ahead
+from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import ControlProblem, CostWeights
 from antway.world.policy import Command, Observation, Task
 from antway.world.rollouts import acting, commanded, empty_outlook, finite_limits, static_field
@@ -102,6 +102,7 @@ class Mppi(Follow):
             weights,
         )
         self.margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0)
+        self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)
         self.nominal = np.zeros((steps, 2))
         self.random = np.array([stream(np.uint64(seed), np.uint64(2))], np.uint64)
 
@@ -115,7 +116,7 @@ class Mppi(Follow):
         segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
         segments[:, 6] = observation.tracks.radius + robot.radius
         sigma = np.zeros((len(xy), 2))
-        look = segments, sigma, o.t, self.margins, 0.0, 0.0, 0.0, self.problem
+        look = segments, sigma, o.t, robot.dt, self.problem.start, self.bounds, self.margins, self.problem.outlook
         entry(look_ahead, *look)(*look)
         self.nominal[:-1] = self.nominal[1:]
         arguments = self.nominal, self.sampling, self.problem, self.random

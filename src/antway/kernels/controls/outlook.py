@@ -22,7 +22,7 @@ from antway.kernels.controls.problem import (
     STRAIGHT,
     VX,
     VY,
-    ControlProblem,
+    Outlook,
 )
 
 
@@ -36,18 +36,27 @@ class Margins(NamedTuple):
     late: float  # s; and is larger from the start by its growth in this time, in which a robot with inertia cannot respond
 
 
+class SpeedBounds(NamedTuple):
+    """How fast the robot and obstacles can be."""
+
+    v_max: float  # m/s; top speed of the robot
+    stopping_time: float  # s; longest time from the end of a step until the robot can stand
+    obstacle: float  # m/s; no obstacle becomes faster than this,
+    growth: float  # m/s; nor faster by more than this than it is now
+
+
 @kernel
 def look_ahead(
     segments: NDArray[np.float64],
     sigma: NDArray[np.float64],
     now: float,
+    dt: float,
+    start: NDArray[np.float64],
+    bounds: SpeedBounds,
     margins: Margins,
-    stopping_time: float,
-    speed_bound: float,
-    speed_growth: float,
-    problem: ControlProblem,
+    outlook: Outlook,
 ) -> None:
-    """Fill the problem's outlook with the obstacles of motion segments that the robot could come near to.
+    """Fill `outlook` with the obstacles of motion segments that the robot could come near to.
 
     Parameters
     ----------
@@ -55,16 +64,14 @@ def look_ahead(
         Those of one obstacle after those of another (kernels/spacetime/segments.py), each in the order of time.
     sigma : float64[K, 2]
         Standard deviations of each obstacle's place (m) and velocity (m/s).
-    now : float
+    now, dt : float
         s; step k ends at now + (k + 1) dt.
+    start : float64[5]
+        State of the robot.
+    bounds : SpeedBounds
     margins : Margins
-    stopping_time : float
-        Longest time from the end of a step until the robot can stand, s.
-    speed_bound, speed_growth : float
-        No obstacle becomes faster than `speed_bound`, nor faster than it is now by more than `speed_growth`, m/s.
-    problem : ControlProblem
     """
-    outlook, start, dt, v_max = problem.outlook, problem.start, problem.dt, problem.limits.v_max
+    v_max, stopping_time = bounds.v_max, bounds.stopping_time
     steps, size = len(outlook.near), outlook.disc.shape[1]
     outlook.near[:] = 0
     obstacle = -1
@@ -74,7 +81,7 @@ def look_ahead(
         vx, vy = segment[records.VX], segment[records.VY]
         if p == 0 or t0 < segments[p - 1, records.T1]:
             obstacle += 1
-        speed = min(math.hypot(vx, vy) + speed_growth, speed_bound)
+        speed = min(math.hypot(vx, vy) + bounds.growth, bounds.obstacle)
         turns = p + 1 < len(segments) and segments[p + 1, records.T0] == t1
         turns = turns and (segments[p + 1, records.VX] != vx or segments[p + 1, records.VY] != vy)
         for k in range(max(math.ceil((t0 - now) / dt - 1e-9) - 1, 0), steps):

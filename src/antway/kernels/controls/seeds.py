@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import bare_kernel, inner_kernel
+from antway.kernels.base.jit import inner_kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.controls.lookup import slope
 from antway.kernels.controls.motion import HEADING, SX, SY, A, B, RobotState
@@ -70,7 +70,7 @@ def _start(problem: ControlProblem) -> RobotState:
     return start[SX], start[SY], start[HEADING], start[A], start[B]
 
 
-@bare_kernel
+@inner_kernel
 def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: float, speed: float) -> None:
     """Write the sequence that turns to a bearing in rad and then goes straight at `speed` m/s; below 0 it goes backwards."""
     limits, dt = problem.limits, problem.dt
@@ -87,7 +87,7 @@ def turn_and_go(ant: NDArray[np.float64], problem: ControlProblem, bearing: floa
         ant[k, 0], ant[k, 1] = speed * _speed_off(off), turn
 
 
-@bare_kernel
+@inner_kernel
 def downhill(
     ant: NDArray[np.float64], problem: ControlProblem, distance: float, speed: float, aside: float, until: int
 ) -> None:
@@ -111,7 +111,7 @@ def downhill(
         ant[k, 0], ant[k, 1] = state[3], state[4]
 
 
-@bare_kernel
+@inner_kernel
 def along_plan(ant: NDArray[np.float64], problem: ControlProblem, lead: int, late: int) -> None:
     """Write the sequence that follows the plan `late` steps behind it, steering to its place `lead` steps ahead."""
     plan, state = problem.outlook.plan, _start(problem)

@@ -13,7 +13,7 @@ from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
 from antway.kernels.controls.others import Averaging, average, restart
-from antway.kernels.controls.outlook import Margins, look_ahead, spread_plan
+from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.problem import ControlProblem, CostWeights
 from antway.kernels.controls.rollout import judge
 from antway.kernels.robot.motion import RobotState
@@ -172,9 +172,9 @@ class ControlColony:
         self.margins = Margins(o.margin, o.preferred_gap, math.sqrt(slowness) * o.spread, *times)
         self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
         self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
-        self.stopping_time = self.problem.weights.stopping_time + robot.v_max / self.problem.limits.brake_max
-        self.speed_growth = min(float(task.obstacle_surge) * self.stopping_time, 1e3)
-        self.speed_bound = float(task.obstacle_speed)
+        stopping_time = self.problem.weights.stopping_time + robot.v_max / self.problem.limits.brake_max
+        growth = min(float(task.obstacle_surge) * stopping_time, 1e3)
+        self.bounds = SpeedBounds(robot.v_max, stopping_time, float(task.obstacle_speed), growth)
         self.random = np.array([stream(np.uint64(seed), np.uint64(1))], np.uint64)
         self.xy = np.zeros((steps, 2))
         self.path: TimedPath | None = None
@@ -221,16 +221,16 @@ class ControlColony:
         arrival : float
             Of the plan, s.
         """
-        self.problem.start[:], self.began = state, start
-        look = segments, sigma, start, self.margins, self.stopping_time, self.speed_bound, self.speed_growth, self.problem
+        problem = self.problem._replace(weights=self._relaxed_weights(start, state))
+        problem.start[:], self.began = state, start
+        look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, problem.outlook
         entry(look_ahead, *look)(*look)
         if len(knots):
-            plan = knots, start, self.robot.dt, arrival, self.options.trust, self.problem.outlook.plan
+            plan = knots, start, problem.dt, arrival, self.options.trust, problem.outlook.plan
             entry(spread_plan, *plan)(*plan)
         else:
-            self.problem.outlook.plan[:, 2] = -math.inf
+            problem.outlook.plan[:, 2] = -math.inf
         shift(self.archive)
-        problem = self.problem._replace(weights=self._relaxed_weights(start, state))
         arguments = self.archive, self.lattice, self.settings, problem, self.random
         if self.averaging is None:
             entry(forage, *arguments)(*arguments)
