@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists, stops_clear
-from antway.kernels.robot.motion import RobotState, drive_cycle
+from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth, Line
 from antway.world.world import Obstacle
 from common import cases

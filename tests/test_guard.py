@@ -9,10 +9,9 @@ import pytest
 
 from antway import BadParameter, Command, Decision, Grid, Observation, RobotSpec, Task, Tracks
 from antway.kernels.base.geometry import segment_hits_cells, swept_discs
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
-from antway.kernels.robot.motion import RobotState
 from antway.policies.guard import Guard, Guarded
 from common import cases
 from naive import guard as naive

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Task, Tracks
-from antway.kernels.base.records import Trajectories
+from antway.kernels.base.records import RobotState, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
-from antway.kernels.robot.motion import RobotState, delayed
+from antway.kernels.robot.motion import delayed
 from antway.kernels.robot.passing import when_it_acts
 from antway.kernels.robot.sweep import Body
 from antway.policies.antway.policy import AntwayPolicy

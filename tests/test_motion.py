@@ -9,10 +9,10 @@ import pytest
 
 from antway import Grid
 from antway.kernels.base.geometry import timeline_at
-from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits, Trajectories
+from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, RobotLimits, RobotState, Trajectories
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
-from antway.kernels.robot.motion import RobotState, delayed, drive_cycle, drive_roughly
+from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
 from antway.kernels.robot.sweep import Body
 from antway.world.terrain import walls_of
 from antway.world.timeline import Timeline

@@ -11,7 +11,8 @@ import pytest
 from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
 from antway.arena.suites import build, episodes
 from antway.baselines.orca import outlines, tracked
-from antway.kernels.robot.motion import RobotState, drive_cycle
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.motion import drive_cycle
 from antway.world.motions import BackAndForth
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle

@@ -10,9 +10,8 @@ import pytest
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.arena.predict import forecast, left_tubes
 from antway.kernels import sidestep
-from antway.kernels.base.records import Terrain
+from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.harm import harm, least_harm
-from antway.kernels.robot.motion import RobotState
 from antway.kernels.tracking import averages, noise
 from antway.kernels.tracking.predict import (
     NAME,

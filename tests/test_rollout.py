@@ -10,12 +10,13 @@ import pytest
 
 from antway import BadParameter, Grid, Moves, Outcome, RobotSpec, Scenario, World, check_episode, load_scenario, run
 from antway.arena.suites import Episode, build
+from antway.kernels.base.records import RobotState
 from antway.kernels.controls.colony import forage, shift
 from antway.kernels.controls.fields import beyond_walls, wall_distance
 from antway.kernels.controls.others import average, restart
 from antway.kernels.controls.outlook import spread_plan
 from antway.kernels.controls.rollout import judge
-from antway.kernels.robot.motion import RobotState, drive_cycle
+from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import away_from_walls, make_context

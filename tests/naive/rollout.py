@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.problem import ControlProblem, StaticField
 from antway.kernels.controls.seeds import downhill
-from antway.kernels.robot.motion import RobotState, drive_cycle
+from antway.kernels.robot.motion import drive_cycle
 
 Corners = tuple[tuple[float, float], ...]
 

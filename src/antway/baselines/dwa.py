@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.baselines.look_ahead import look_ahead
 from antway.baselines.replan import STOP, Follow, contact_radii, now
+from antway.kernels.base.records import RobotState
 from antway.kernels.baselines.dwa import Obstacles, roll_out, roll_out_twists
-from antway.kernels.robot.motion import RobotState
 from antway.world.policy import XY, Command, Observation, Task
 from antway.world.rollouts import acting, commanded
 from antway.world.terrain import terrain_of

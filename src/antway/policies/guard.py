@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, TooLarge
 from antway.kernels.base.jit import entry
+from antway.kernels.base.records import RobotState
 from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.guard import (
     BRAKED,
@@ -23,7 +24,6 @@ from antway.kernels.robot.guard import (
     guarded,
     within_reach,
 )
-from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.passing import fallback, first_certified, passed_command, passes, when_it_acts
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Body, Walls

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.grid import Grid
-from antway.kernels.base.records import RobotLimits
+from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
 from antway.kernels.controls.problem import COLUMNS, Outlook, StaticField
-from antway.kernels.robot.motion import RobotState, delayed
+from antway.kernels.robot.motion import delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
 

@@ -25,6 +25,19 @@ class RobotLimits(NamedTuple):
     radius: float  # m; radius of the smallest disc around the robot's centre that contains the robot
 
 
+class RobotState(NamedTuple):
+    """Where a robot is and how fast it moves.
+
+    For the dynamics "steps" (kernels/robot/dynamics.py) a and b are vx and vy, whatever the drive.
+    """
+
+    x: float  # m
+    y: float  # m
+    theta: float  # rad; heading
+    a: float  # m/s; vx of a holonomic robot; of wheels the speed v along the heading, negative in reverse
+    b: float  # vy of a holonomic robot, m/s; the turn rate omega of wheels, rad/s
+
+
 class Terrain(NamedTuple):
     """A map of blocked cells and where it lies in the world."""
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import hits_walls, segment_hits_cells, swept_discs
 from antway.kernels.base.jit import inner_kernel, kernel
-from antway.kernels.base.records import RobotLimits, Terrain
+from antway.kernels.base.records import RobotLimits, RobotState, Terrain
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.motion import REST, RobotState, drive_roughly
+from antway.kernels.robot.motion import REST, drive_roughly
 
 _ROUGH = 1e-5  # m; bound on the error of places after a few periods
 

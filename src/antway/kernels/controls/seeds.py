@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import inner_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.controls.lookup import slope
-from antway.kernels.controls.motion import HEADING, SX, SY, A, B, RobotState
+from antway.kernels.controls.motion import HEADING, SX, SY, A, B
 from antway.kernels.controls.problem import ControlProblem
 
 SEEDS = 42  # number of seeds that `write_seed` knows
@@ -52,7 +52,7 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
         change = math.hypot(vx - a, vy - b)
         if change > limits.a_max * dt:
             vx, vy = a + (vx - a) * limits.a_max * dt / change, b + (vy - b) * limits.a_max * dt / change
-        return x + 0.5 * (a + vx) * dt, y + 0.5 * (b + vy) * dt, heading, vx, vy
+        return RobotState(x + 0.5 * (a + vx) * dt, y + 0.5 * (b + vy) * dt, heading, vx, vy)
     off = _wrapped(math.atan2(dy, dx) - heading) if distance > _NO_TURN else 0.0
     turn = _turn_rate(off, b, limits, dt, 2.0 * dt)
     go = speed * _speed_off(off)
@@ -60,14 +60,14 @@ def _steer(state: RobotState, tx: float, ty: float, speed: float, problem: Contr
     middle = heading + 0.25 * (b + turn) * dt
     x += 0.5 * (a + go) * dt * math.cos(middle)
     y += 0.5 * (a + go) * dt * math.sin(middle)
-    return x, y, heading + 0.5 * (b + turn) * dt, go, turn
+    return RobotState(x, y, heading + 0.5 * (b + turn) * dt, go, turn)
 
 
 @inner_kernel
 def _start(problem: ControlProblem) -> RobotState:
     """Return the state in which the robot starts."""
     start = problem.start
-    return start[SX], start[SY], start[HEADING], start[A], start[B]
+    return RobotState(start[SX], start[SY], start[HEADING], start[A], start[B])
 
 
 @inner_kernel

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH
 from antway.kernels.base.jit import bare_kernel, inner_kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.cycle import next_segment
-from antway.kernels.robot.motion import REST, RobotState, drive_roughly
+from antway.kernels.robot.motion import REST, drive_roughly
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y
 from antway.kernels.robot.sweep import (
     Body,

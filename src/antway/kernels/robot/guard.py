@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH, first_wall, hits_walls, swept_discs, wrap
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import DIFFERENTIAL, RobotLimits, Terrain
+from antway.kernels.base.records import DIFFERENTIAL, RobotLimits, RobotState, Terrain
 from antway.kernels.base.rows import copy_row
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.harm import least_harm
-from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.reach import ACCEL, AGE, RADIUS, SPEED, VX, VY, X, Y, reach_gap_along
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 

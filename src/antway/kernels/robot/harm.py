@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import TOUCH, wall_ahead
 from antway.kernels.base.jit import kernel
-from antway.kernels.base.records import RobotLimits, Terrain
+from antway.kernels.base.records import RobotLimits, RobotState, Terrain
 from antway.kernels.robot.dynamics import drive
-from antway.kernels.robot.motion import RobotState
 from antway.kernels.robot.reach import AGE, RADIUS, VX, VY, X, Y
 
 _SIDES = 16  # number of directions tried

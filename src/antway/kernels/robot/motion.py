@@ -12,13 +12,12 @@ that the robot follows new commands at once.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel
-from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits
+from antway.kernels.base.records import ACKERMANN, HOLONOMIC, RobotLimits, RobotState
 
 REST = 1e-9  # m/s; a slower robot is at rest
 _TURN = 0.8  # rad; largest turn of a part on which four nodes give the place to 1e-10 of its length
@@ -28,19 +27,6 @@ _SNAP = 1e-12  # rad/s; a turn rate this near to its bound is on it, so that no 
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
 _WEIGHT1, _WEIGHT2 = 0.6521451548625461, 0.3478548451374538
-
-
-class RobotState(NamedTuple):
-    """Where a robot is and how fast it moves.
-
-    For the dynamics "steps" (kernels/robot/dynamics.py) a and b are vx and vy, whatever the drive.
-    """
-
-    x: float  # m
-    y: float  # m
-    theta: float  # rad; heading
-    a: float  # m/s; vx of a holonomic robot; of wheels the speed v along the heading, negative in reverse
-    b: float  # vy of a holonomic robot, m/s; the turn rate omega of wheels, rad/s
 
 
 @bare_kernel

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import entry
+from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import stream
 from antway.kernels.controls.colony import Archive, ColonySettings, forage, shift
 from antway.kernels.controls.lattice import DOWNHILL, Lattice
@@ -16,7 +17,6 @@ from antway.kernels.controls.others import Averaging, average, restart
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead, spread_plan
 from antway.kernels.controls.problem import ControlProblem, CostWeights
 from antway.kernels.controls.rollout import judge
-from antway.kernels.robot.motion import RobotState
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
 from antway.world.policy import Command, Observation, Task
