@@ -371,7 +371,8 @@ def test_a_cycle_plans_keeps_and_gives_up() -> None:
             assert vx == vy == 0.0 and arrival == math.inf
             continue
         made += 1
-        n, predicted = int(s.plan.state[crossing.COUNT]), s.plan.segments[: int(s.plan.state[crossing.FORESEEN])].copy()
+        n, m = int(s.plan.state[crossing.KNOT_COUNT]), int(s.plan.state[crossing.SEGMENT_COUNT])
+        predicted = s.plan.segments[:m].copy()
         knots = s.plan.knots[:n].copy()
         assert what == crossing.NEW and naive.closest(knots, predicted) > -1e-6
         assert math.isfinite(bound) and arrival >= math.dist(xy, grid.centre(goal)) - 1e-9

@@ -9,7 +9,7 @@ import pytest
 
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import crowd, orca
-from antway.kernels.tracking.predict import LATER, STEP_TIME, TubeMargins, predict
+from antway.kernels.tracking.predict import FAR_AHEAD, STEP_TIME, TubeMargins, predict
 from antway.world.timeline import Timeline
 from common import cases
 from naive import crowd as naive
@@ -153,10 +153,12 @@ def test_courses_are_followed_with_less_room_later_on(speed: float) -> None:
         if start >= 5.0 - 1e-9:
             i = round((start - 5.0) / STEP_TIME)
             assert (x, y) == pytest.approx(tuple(paths[i]), abs=1e-9)
-            assert end - start == pytest.approx(STEP_TIME if speed else LATER if start < 5.0 + LATER else 6.0 - LATER)
+            assert end - start == pytest.approx(
+                STEP_TIME if speed else FAR_AHEAD if start < 5.0 + FAR_AHEAD else 6.0 - FAR_AHEAD
+            )
             assert (vx, vy) == pytest.approx(tuple(trajectory[0, i]))
         assert stand == pytest.approx(0.61)
-        assert drive == pytest.approx(0.86 if speed == 0.0 or start < 5.0 + LATER - 1e-9 else 0.76)
+        assert drive == pytest.approx(0.86 if speed == 0.0 or start < 5.0 + FAR_AHEAD - 1e-9 else 0.76)
 
 
 def test_the_nameless_have_no_past() -> None:

@@ -312,8 +312,8 @@ def test_margins_are_narrow_where_nobody_sways() -> None:
             velocity = held + rng.normal(0.0, sway, (5, 2))
             policy.act(Observation(0.1 * k, (2.0, 2.0), (0.0, 0.0), 0.0, Tracks(np.arange(5), xy, velocity, np.full(5, 0.3))))
             xy = xy + 0.1 * velocity
-        known = policy.state.crowd.averaged[:5]
-        assert (known[:, SIGMA_V].max() < 0.02) == narrow == np.array_equal(known[:, :4], policy.state.estimates[:5, :4])
+        known, filtered = policy.state.crowd.averaged[:5], policy.state.tracker.estimates[:5]
+        assert (known[:, SIGMA_V].max() < 0.02) == narrow == np.array_equal(known[:, :4], filtered[:, :4])
         wrong.append(float(known[:, SIGMA_V].mean()))
     assert wrong == sorted(wrong)
 
@@ -332,12 +332,12 @@ def test_a_track_out_of_sight_crosses_no_edge() -> None:
 
 def test_room_to_spare_grows_with_time_and_is_never_more_than_there_is() -> None:
     """Of 3 s times 0.1 m/s a third is kept for 0.5 s, two thirds for 1 s, then all; near the robot what there is."""
-    plain, swaying, roomy = _segments(7.0, 0.1), _segments(7.0, 0.1, sway=0.2), _segments(7.0, 0.1, extra=3.0)
+    plain, swaying, roomy = _segments(7.0, 0.1), _segments(7.0, 0.1, drift_time=0.2), _segments(7.0, 0.1, extra_drift_time=3.0)
     assert (swaying[:, 6] - plain[:, 6]).tolist() == pytest.approx([0.02, 0.02, 0.02])
     assert (roomy[:, 6] - plain[:, 6]).tolist() == pytest.approx([0.1, 0.2, 0.3])
     estimates, out = np.array([[1.8, 1.0, 0.0, 0.0, 0.3, 0.0, 0.1, 1.0]]), np.empty((32, 8))
     for extra in (0.0, 0.1, 0.5):
-        margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, extra=10.0 * extra)
+        margins = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf, extra_drift_time=10.0 * extra)
         n = predict(estimates, 0.0, 0.0, 4.0, 1.0, 1.0, margins, OPEN_EDGES, NO_PREDICTIONS, out)
         assert out[n - 1, 6] == pytest.approx(0.6 + min(extra, 0.2), abs=1e-5)
 

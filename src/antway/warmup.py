@@ -95,10 +95,10 @@ def late() -> None:
     build_mesh(task.grid.blocked)  # meanwhile the episode compiles the moves on the map
     policy.reset(task, 0)
     s = policy._state
-    estimates, foretold = s.estimates[:1].copy(), s.crowd.prediction[:1].copy()
-    estimates[0, :2], foretold[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # an obstacle that is predicted to stand
+    estimates, prediction = s.crowd.averaged[:1].copy(), s.crowd.prediction[:1].copy()
+    estimates[0, :2], prediction[:] = (task.start[0] + 2.0, task.start[1]), 0.0  # an obstacle that is predicted to stand
     situation = Situation(
-        s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, foretold, s.plan.segments[:0].copy()
+        s.context, s.settings, s.terrain, 0.0, 0.0, task.start, estimates, prediction, s.plan.segments[:0].copy()
     )
     path, segments = situation.straight(), situation.segments_of(0)
     if path is not None and len(segments):
@@ -110,7 +110,8 @@ def late() -> None:
     Routes(task)
     stage = Episode(load_scenario("office"), policy, seed=0).stage
     seen = stage.observe()
-    policy._aside(s, seen, 1, 0.0, (0.0, 0.0))
+    s.tracker.estimates = estimates
+    policy._aside(seen, 0.0, (0.0, 0.0))
     crosses_edge(estimates, s.terrain)
     stage.drive(0.0, 0.0)
     policy.pheromone()

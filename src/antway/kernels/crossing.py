@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import records
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.jit import inner_kernel, kernel
 from antway.kernels.base.records import Predictions, Terrain
 from antway.kernels.base.rng import State
 from antway.kernels.base.rows import copy_row
@@ -19,22 +19,22 @@ from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
 from antway.kernels.tracking.crowd import foresee
-from antway.kernels.tracking.foretold import compared, foretell
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
+from antway.kernels.tracking.prediction_error import compare_predictions, store_predictions
 
 KEPT, NEW, IMPROVED, NONE = 0, 1, 2, 3  # what a cycle did with the plan
 # Entries of `Plan.state`: the number of knots, the arrival at the goal in s, the number of cycles in which a plan was made, the
-# time in s before which no better plan is looked for while the obstacles move as predicted, the last lower bound on any arrival
-# in s, the number of predicted motion segments, and the time in s that was recently given up for additional clearance.
-COUNT, ARRIVAL, PLANNED, LOOK, BOUND, FORESEEN, SPENT = range(7)
-_LITTLE = 0.01  # s; additional clearance worth less than this is not looked for
+# time in s before which no better plan is searched for while the obstacles move as predicted, the last lower bound on any
+# arrival in s, the number of predicted motion segments, and the time in s that was recently given up for additional clearance.
+KNOT_COUNT, ARRIVAL, PLANNED, NEXT_SEARCH, BOUND, SEGMENT_COUNT, DELAY_SPENT = range(7)
+_LITTLE = 0.01  # s; additional clearance worth less than this is not searched for
 _FORGETS = 0.1  # 1; the time given up for clearance is forgotten at this rate, in s a second
-_PAUSE = 0.25  # s; the colony looks for a better plan at this interval while the obstacles move as predicted
+_PAUSE = 0.25  # s; the colony searches for a better plan at this interval while the obstacles move as predicted
 _SAME = 1e-3  # m and m/s; an obstacle moves as predicted if its place and its velocity differ by less than this
-_GRAZE = 0.05  # m; a plan grazes an obstacle if it lacks at most this much of its clearance radius
-_SOON = 0.5  # s; a plan that grazes an obstacle sooner than this is given up
+_TOLERATED = 0.05  # m; a plan that lacks at most this much of its clearance radius may be kept for now
+_SOON = 0.5  # s; a plan that lacks clearance sooner than this is given up
 _LAST = 4  # the search for a plan without margins may take the expansions divided by this
-_GRACE = 0.3  # s; a grazing plan is replaced by one that arrives up to this much later
+_GRACE = 0.3  # s; a plan that lacks clearance is replaced by one that arrives up to this much later
 
 
 class Settings(NamedTuple):
@@ -42,20 +42,20 @@ class Settings(NamedTuple):
 
     dt: float  # s
     horizon: float  # s
-    judged: bool  # whether predictions are stored and later compared with what happened
+    stores_predictions: bool  # whether predictions are stored and later compared with what happened
     preferred_speed: float  # m/s
     hysteresis: float  # s
     tracking_tolerance: float  # m
     expansions: int  # most moves tested where there is no plan
     improvement_expansions: int  # most moves tested where there is a plan
-    low: float  # least persistence of the pheromone
-    high: float  # greatest persistence of the pheromone
+    least_persistence: float  # 1; of the pheromone
+    greatest_persistence: float  # 1
     goal_x: float  # m
     goal_y: float  # m
     tubes: TubeMargins
-    bare: TubeMargins  # margins of the last search, if no path keeps `tubes`; a robot radius of 0 means that there is none
-    roomy: TubeMargins  # margins of the search for additional clearance; a robot radius of 0 means that there is none
-    spare_worth: float  # s^2/m; a plan with additional clearance may arrive later by this times the mean velocity error
+    narrow_tubes: TubeMargins  # of the last search, if no path keeps clear of `tubes`; a robot radius of 0 means no such search
+    wide_tubes: TubeMargins  # of the search for additional clearance; a robot radius of 0 means that there is none
+    delay_per_error: float  # s^2/m; for additional clearance a plan may arrive later by this times the mean velocity error
     colony: ColonySettings
 
 
@@ -63,12 +63,12 @@ class Crowd(NamedTuple):
     """Estimates and predictions of obstacles; kernels/tracking/crowd.py predicts people who avoid one another."""
 
     rows: NDArray[np.float64]  # [M, COLUMNS]
-    known: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `foretold` in use
+    counts: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `stored` in use
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
-    foretold: NDArray[np.float64]  # [M, foretold.COLUMNS] stored predictions and their errors, see kernels/tracking/foretold.py
-    pool: NDArray[np.float64]  # [2] errors of all tracks together
-    wrong: NDArray[np.float64]  # [M] m/s; standard deviation of the velocity of each track
+    stored: NDArray[np.float64]  # [M, prediction_error.COLUMNS] stored predictions and their errors
+    pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
+    velocity_error: NDArray[np.float64]  # [M] m/s; standard deviation of the predicted velocity of each track
 
 
 class Plan(NamedTuple):
@@ -76,73 +76,98 @@ class Plan(NamedTuple):
 
     knots: NDArray[np.float64]  # [N, 3] rows (t, x, y)
     segments: NDArray[np.float64]  # [P, 8]
-    state: NDArray[np.float64]  # [7] see COUNT and the others above
+    state: NDArray[np.float64]  # [7] see KNOT_COUNT and the others above
 
 
-@kernel
-def _as_foreseen(estimates: NDArray[np.float64], now: float, age: float, segments: NDArray[np.float64]) -> bool:
-    """Tell whether all obstacles of an earlier prediction are now at their predicted places with their predicted velocities.
+class _Cycle(NamedTuple):
+    """What the steps of one control cycle share."""
+
+    context: PlanningContext
+    terrain: Terrain
+    settings: Settings
+    plan: Plan
+    estimates: NDArray[np.float64]  # [K, 8] with the velocities and errors that are predicted
+    trajectories: NDArray[np.float64]  # [K, STEPS, 2] m/s; predicted velocities
+    now: float  # s
+    age: float  # s, of the estimates
+    x: float  # m, of the robot
+    y: float  # m
+
+
+@inner_kernel
+def _as_predicted(c: _Cycle) -> bool:
+    """Tell whether all obstacles of the last prediction are now at their predicted places with their predicted velocities.
 
     New obstacles do not count, because they make no path faster.
     """
-    for p in range(len(segments)):
+    segments, estimates = c.plan.segments, c.estimates
+    for p in range(int(c.plan.state[SEGMENT_COUNT])):
         since = segments[p, records.T0]
-        if since <= now < segments[p, records.T1]:
+        if since <= c.now < segments[p, records.T1]:
             ux, uy = segments[p, records.VX], segments[p, records.VY]
-            x, y = segments[p, records.X] + ux * (now - since), segments[p, records.Y] + uy * (now - since)
+            x, y = segments[p, records.X] + ux * (c.now - since), segments[p, records.Y] + uy * (c.now - since)
             for k in range(len(estimates)):
                 vx, vy = estimates[k, VX], estimates[k, VY]
-                off = max(abs(estimates[k, X] + vx * age - x), abs(estimates[k, Y] + vy * age - y))
-                if max(off, abs(vx - ux), abs(vy - uy)) < _SAME:
+                distance = max(abs(estimates[k, X] + vx * c.age - x), abs(estimates[k, Y] + vy * c.age - y))
+                if max(distance, abs(vx - ux), abs(vy - uy)) < _SAME:
                     break
             else:
                 return False
     return True
 
 
-@kernel
-def _grazes(knots: NDArray[np.float64], now: float, predictions: Predictions) -> bool:
-    """Tell whether a plan in conflict only lacks up to _GRAZE m of clearance, and not within _SOON s.
+@inner_kernel
+def _predict(c: _Cycle, margins: TubeMargins, out: NDArray[np.float64]) -> int:
+    """Write the motion segments of the obstacles in tubes with these margins to `out`; return how many there are."""
+    return predict(c.estimates, c.now, c.age, c.settings.horizon, c.x, c.y, margins, c.terrain, c.trajectories, out)
 
-    The prediction may well have changed by then, so such a plan can be kept for now.
+
+@kernel
+def _with_less_clearance(predictions: Predictions, now: float) -> Predictions:
+    """Return the predictions with clearance radii that are smaller by up to _TOLERATED m from _SOON s on.
+
+    The prediction may well have changed by then, so a plan that is clear of these can be kept for now.
     """
-    spared = predictions.segments.copy()
-    for p in range(len(spared)):
-        if spared[p, records.T0] > now + _SOON - 1e-9:
-            narrow = spared[p, records.CLEARANCE_RADIUS] - _GRAZE
-            spared[p, records.CLEARANCE_RADIUS] = max(narrow, spared[p, records.CONTACT_RADIUS])
-    return first_conflict(knots, now, Predictions(spared, predictions.stopping_time, predictions.work)) == math.inf
+    segments = predictions.segments.copy()
+    for p in range(len(segments)):
+        if segments[p, records.T0] > now + _SOON - 1e-9:
+            less = segments[p, records.CLEARANCE_RADIUS] - _TOLERATED
+            segments[p, records.CLEARANCE_RADIUS] = max(less, segments[p, records.CONTACT_RADIUS])
+    return Predictions(segments, predictions.stopping_time, predictions.work)
 
 
-@kernel
-def _still_good(settings: Settings, plan: Plan, predictions: Predictions, now: float, x: float, y: float) -> tuple[bool, bool]:
-    """Tell whether the plan in use is free of conflicts, and if not, whether it only grazes an obstacle."""
-    n = int(plan.state[COUNT])
-    far = plan.knots[n - 1, 0] if n > 0 else now
-    if far <= now + settings.dt or (far <= now + settings.horizon - 1e-6 and far <= plan.state[ARRIVAL] - 1e-6):
-        return False, False  # the plan has ended, or ends before the horizon without reaching the goal
-    px, py, _ = place_at(plan.knots, n, now)
-    if math.hypot(px - x, py - y) > settings.tracking_tolerance:
-        return False, False
-    if first_conflict(plan.knots[:n], now, predictions) == math.inf:
-        return True, False
-    return False, _grazes(plan.knots[:n], now, predictions)
+@inner_kernel
+def _can_be_followed(c: _Cycle) -> bool:
+    """Tell whether the robot is on the plan in use, and the plan leads to the goal or on until the horizon."""
+    n = int(c.plan.state[KNOT_COUNT])
+    end = c.plan.knots[n - 1, 0] if n > 0 else c.now
+    if end <= c.now + c.settings.dt or (end <= c.now + c.settings.horizon - 1e-6 and end <= c.plan.state[ARRIVAL] - 1e-6):
+        return False
+    px, py, _ = place_at(c.plan.knots, n, c.now)
+    return bool(math.hypot(px - c.x, py - c.y) <= c.settings.tracking_tolerance)
 
 
-@kernel
-def _follow(context: PlanningContext, settings: Settings, plan: Plan, now: float, x: float, y: float) -> tuple[float, float]:
+@inner_kernel
+def _is_clear(c: _Cycle, predictions: Predictions) -> bool:
+    """Tell whether the plan in use is free of conflicts with the predictions."""
+    return first_conflict(c.plan.knots[: int(c.plan.state[KNOT_COUNT])], c.now, predictions) == math.inf
+
+
+@inner_kernel
+def _follow(c: _Cycle) -> tuple[float, float]:
     """Return the velocity (vx, vy) that brings the robot onto the plan within one control period."""
-    n, dt = int(plan.state[COUNT]), settings.dt
-    tx, ty, knot = place_at(plan.knots, n, now + dt)
-    end, ex, ey = plan.knots[n - 1, 0] - settings.colony.stay, plan.knots[n - 1, 1], plan.knots[n - 1, 2]
+    context, settings, knots, now, x, y = c.context, c.settings, c.plan.knots, c.now, c.x, c.y
+    n, dt = int(c.plan.state[KNOT_COUNT]), settings.dt
+    tx, ty, knot = place_at(knots, n, now + dt)
+    end, ex, ey = knots[n - 1, 0] - settings.colony.stay, knots[n - 1, 1], knots[n - 1, 2]
     # The plan ends at the centre of the goal's cell. Go straight to the goal from there, or earlier if the centre is a detour.
     beyond = math.hypot(ex - settings.goal_x, ey - settings.goal_y)
     back = math.hypot(x - settings.goal_x, y - settings.goal_y) < beyond < 3.0 * context.resolution
     if end <= now + dt or (back and end <= now + dt + math.hypot(ex - x, ey - y) / context.speed):
         tx, ty = settings.goal_x, settings.goal_y
     if not clear(context, x, y, tx, ty):  # the chord would cut a corner at a wall, so go to the corner first
-        _, _, knot = place_at(plan.knots, n, now)
-        tx, ty = plan.knots[knot, 1], plan.knots[knot, 2]
+        _, _, knot = place_at(knots, n, now)
+        tx, ty = knots[knot, 1], knots[knot, 2]
     vx, vy = (tx - x) / dt, (ty - y) / dt
     speed = math.hypot(vx, vy)
     if speed > context.speed:
@@ -151,55 +176,89 @@ def _follow(context: PlanningContext, settings: Settings, plan: Plan, now: float
 
 
 @kernel
-def _look(
-    memory: Memory,
-    trails: Trails,
-    context: PlanningContext,
-    settings: Settings,
-    plan: Plan,
-    predictions: Predictions,
-    now: float,
-    xy: tuple[float, float],
-    limit: float,
-    budget: int,
-    state: State,
+def _search(
+    memory: Memory, trails: Trails, c: _Cycle, predictions: Predictions, limit: float, budget: int, state: State
 ) -> bool:
-    """Let the ants look for a plan that costs less than `limit` s; if they find one, it becomes the plan in use."""
-    (x, y), horizon = xy, now + settings.horizon
+    """Let the ants search for a plan that costs less than `limit` s; if they find one, it becomes the plan in use."""
+    context, settings, plan, horizon = c.context, c.settings, c.plan, c.now + c.settings.horizon
     end, cost, plan.state[BOUND] = search(
-        memory, trails, context, predictions, settings.colony, x, y, now, horizon, limit, budget, state
+        memory, trails, context, predictions, settings.colony, c.x, c.y, c.now, horizon, limit, budget, state
     )
     if end < 0:
         return False
-    m = trace_back(memory, context, predictions, x, y, end, horizon, horizon + settings.horizon, memory.knots)
-    late = memory.knots[m - 1, 0]
+    m = trace_back(memory, context, predictions, c.x, c.y, end, horizon, horizon + settings.horizon, memory.knots)
+    traced_end = memory.knots[m - 1, 0]
     arrival = cost
     if settings.colony.distance_weight > 0.0:
         rest = context.field[memory.cell[end]]
-        arrival -= memory.toll[end] + settings.colony.distance_weight * context.speed * rest
+        arrival -= memory.distance_cost[end] + settings.colony.distance_weight * context.speed * rest
     n = shorten(context, predictions, memory.knots, m, plan.knots)
-    plan.state[COUNT], plan.state[ARRIVAL] = n, arrival - (late - plan.knots[n - 1, 0])
+    plan.state[KNOT_COUNT], plan.state[ARRIVAL] = n, arrival - (traced_end - plan.knots[n - 1, 0])
     if settings.colony.stay > 0.0 and memory.cell[end] == context.goal and n < len(plan.knots):
         copy_row(plan.knots[n - 1], plan.knots[n])
         plan.knots[n, 0] += settings.colony.stay
-        plan.state[COUNT] += 1
+        plan.state[KNOT_COUNT] += 1
     plan.state[PLANNED] += 1
-    evaporate(trails, now, settings.low, settings.high, plan.state[PLANNED])
+    evaporate(trails, c.now, settings.least_persistence, settings.greatest_persistence, plan.state[PLANNED])
     return True
 
 
-@kernel
-def _owed(context: PlanningContext, settings: Settings, plan: Plan, now: float) -> float:
+@inner_kernel
+def _distance_cost(c: _Cycle) -> float:
     """Return the cost of the remaining distance of the plan in use to the goal, in addition to its time, s."""
-    n = int(plan.state[COUNT])
-    if settings.colony.distance_weight == 0.0 or n == 0:
+    plan, weight = c.plan, c.settings.colony.distance_weight
+    n = int(plan.state[KNOT_COUNT])
+    if weight == 0.0 or n == 0:
         return 0.0
-    x, y, knot = place_at(plan.knots, n, now)
-    metres = max(plan.state[ARRIVAL] - plan.knots[n - 1, 0], 0.0) * context.speed
+    x, y, knot = place_at(plan.knots, n, c.now)
+    metres = max(plan.state[ARRIVAL] - plan.knots[n - 1, 0], 0.0) * c.context.speed
     for i in range(knot, n):
         metres += math.hypot(plan.knots[i, 1] - x, plan.knots[i, 2] - y)
         x, y = plan.knots[i, 1], plan.knots[i, 2]
-    return float(settings.colony.distance_weight * metres)
+    return float(weight * metres)
+
+
+@kernel
+def _replan(
+    memory: Memory,
+    trails: Trails,
+    c: _Cycle,
+    predictions: Predictions,
+    valid: bool,
+    most_delay: float,
+    state: State,
+) -> int:
+    """Search for a plan better than the one in use, which may be `valid`; return what was done with the plan.
+
+    The ants search first for a plan with additional clearance, which may arrive up to `most_delay` s later, then for one that
+    keeps the margins, and last, if there is no plan, for one without margins.
+    """
+    s, plan = c.settings, c.plan
+    on_plan = _can_be_followed(c)
+    usable = valid or (on_plan and _is_clear(c, _with_less_clearance(predictions, c.now)))
+    found, is_wide, budget = False, False, s.improvement_expansions if valid else s.expansions
+    if most_delay > _LITTLE and len(predictions.segments) > 0:
+        count = _predict(c, s.wide_tubes, memory.segments)
+        wide = Predictions(memory.segments[:count], time_shift(s.wide_tubes), predictions.work)
+        is_wide = on_plan and _is_clear(c, wide)
+        limit, before = math.inf, plan.state[ARRIVAL]
+        if usable:
+            limit = before + (-s.hysteresis if is_wide else max(most_delay - plan.state[DELAY_SPENT], 0.0))
+        found = _search(memory, trails, c, wide, limit + _distance_cost(c), budget, state)
+        if found and usable:
+            plan.state[DELAY_SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
+    limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if usable else math.inf
+    if found or is_wide:
+        limit, budget = plan.state[ARRIVAL] - most_delay, s.improvement_expansions
+    if _search(memory, trails, c, predictions, limit + _distance_cost(c), budget, state):
+        found = True
+    plan.state[NEXT_SEARCH] = c.now + _PAUSE
+    if not (found or usable) and s.narrow_tubes.robot_radius > 0.0:
+        count = _predict(c, s.narrow_tubes, plan.segments)
+        plan.state[SEGMENT_COUNT] = count
+        narrow = Predictions(plan.segments[:count], time_shift(s.narrow_tubes), predictions.work)
+        found = _search(memory, trails, c, narrow, math.inf, s.expansions // _LAST, state)
+    return IMPROVED if found and valid else NEW if found else KEPT if usable else NONE
 
 
 @kernel
@@ -221,53 +280,31 @@ def cycle(
 
     Arrivals are absolute times in s. The `estimates` are those of kernels/tracking/kalman.py, `age` s old.
     """
-    s, (x, y), averaged = settings, xy, crowd.averaged[: len(estimates)]
-    # Compare earlier predictions with what happened, and predict all obstacles.
-    wrong, seen = crowd.wrong[: len(estimates)], now - age
-    crowd.known[1] = compared(crowd.foretold, crowd.known[1], crowd.pool, averaged, seen, wrong)
-    worth = 0.0
-    if s.roomy.robot_radius > 0.0 and len(estimates) > 0:
-        copy_row(wrong, averaged[:, SIGMA_V])
-        worth = s.spare_worth * wrong.mean()
-    crowd.known[0] = foresee(crowd.rows, crowd.known[0], estimates, seen, s.preferred_speed, crowd.prediction)
-    foreseen = _as_foreseen(averaged, now, age, plan.segments[: int(plan.state[FORESEEN])])
-    trajectories = crowd.prediction[: len(estimates)]
-    count = predict(averaged, now, age, s.horizon, x, y, s.tubes, terrain, trajectories, plan.segments)
-    if s.judged:
-        foretell(crowd.foretold, crowd.known[1], estimates, seen, plan.segments[:count])
-    plan.state[FORESEEN] = count
+    s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
+    averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
+    # Compare earlier predictions with what happened.
+    crowd.counts[1] = compare_predictions(crowd.stored, crowd.counts[1], crowd.pool, averaged, scanned, velocity_error)
+    if s.wide_tubes.robot_radius > 0.0 and n > 0:
+        copy_row(velocity_error, averaged[:, SIGMA_V])
+        most_delay = s.delay_per_error * velocity_error.mean()
+    # Predict all obstacles.
+    crowd.counts[0] = foresee(crowd.rows, crowd.counts[0], estimates, scanned, s.preferred_speed, crowd.prediction)
+    c = _Cycle(context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
+    as_predicted = _as_predicted(c)
+    count = _predict(c, s.tubes, plan.segments)
+    plan.state[SEGMENT_COUNT] = count
     predictions = Predictions(plan.segments[:count], time_shift(s.tubes), np.empty(2))
-    # Test the plan in use. Look for a better one: first with additional clearance, then with the margins, last without them.
-    valid, grazes = _still_good(s, plan, predictions, now, x, y)
-    found, memory.counter[EXPANSIONS] = False, 0
-    plan.state[SPENT] = max(plan.state[SPENT] - _FORGETS * s.dt, 0.0)
-    if not (valid and foreseen and now < plan.state[LOOK] - 1e-9):
-        spare, budget = False, s.improvement_expansions if valid else s.expansions
-        if worth > _LITTLE and count > 0:
-            count = predict(averaged, now, age, s.horizon, x, y, s.roomy, terrain, trajectories, memory.segments)
-            roomy = Predictions(memory.segments[:count], time_shift(s.roomy), np.empty(2))
-            spare, _ = _still_good(s, plan, roomy, now, x, y)
-            before, left = plan.state[ARRIVAL], max(worth - plan.state[SPENT], 0.0)
-            limit = before + (-s.hysteresis if spare else left) if valid or grazes else math.inf
-            limit += _owed(context, s, plan, now)
-            found = _look(memory, trails, context, s, plan, roomy, now, xy, limit, budget, state)
-            if found and (valid or grazes):
-                plan.state[SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
-        limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if grazes else math.inf
-        if found or spare:
-            limit, budget = plan.state[ARRIVAL] - worth, s.improvement_expansions
-        limit += _owed(context, s, plan, now)
-        if _look(memory, trails, context, s, plan, predictions, now, xy, limit, budget, state):
-            found = True
-        plan.state[LOOK] = now + _PAUSE
-        if not (found or valid or grazes) and s.bare.robot_radius > 0.0:
-            count = predict(averaged, now, age, s.horizon, x, y, s.bare, terrain, trajectories, plan.segments)
-            plan.state[FORESEEN] = count
-            bare, budget = Predictions(plan.segments[:count], time_shift(s.bare), np.empty(2)), s.expansions // _LAST
-            found = _look(memory, trails, context, s, plan, bare, now, xy, math.inf, budget, state)
-    what = IMPROVED if found and valid else NEW if found else KEPT if valid or grazes else NONE
+    if s.stores_predictions:
+        store_predictions(crowd.stored, crowd.counts[1], estimates, scanned, predictions.segments)
+    # Keep the plan or search for a better one, and follow it.
+    valid = _can_be_followed(c) and _is_clear(c, predictions)
+    memory.counter[EXPANSIONS] = 0
+    plan.state[DELAY_SPENT] = max(plan.state[DELAY_SPENT] - _FORGETS * s.dt, 0.0)
+    what = KEPT
+    if not (valid and as_predicted and now < plan.state[NEXT_SEARCH] - 1e-9):
+        what = _replan(memory, trails, c, predictions, valid, most_delay, state)
     if what == NONE:
-        plan.state[COUNT], plan.state[ARRIVAL] = 0, math.inf
+        plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
         return 0.0, 0.0, NONE, math.inf, plan.state[BOUND]
-    vx, vy = _follow(context, s, plan, now, x, y)
+    vx, vy = _follow(c)
     return vx, vy, what, plan.state[ARRIVAL], plan.state[BOUND]

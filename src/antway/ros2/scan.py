@@ -179,10 +179,10 @@ class Tracker:
             self.estimates,
         )
         table, estimate = self.table[:known], self.estimates[:known]
-        fresh = np.flatnonzero(table[:, track.ID] < 0.0)
-        table[fresh, track.ID] = np.arange(self.named, self.named + len(fresh))
+        fresh = np.flatnonzero(table[:, NAME] < 0.0)
+        table[fresh, NAME] = np.arange(self.named, self.named + len(fresh))
         self.named += len(fresh)
-        estimate[:, NAME] = table[:, track.ID]
+        estimate[:, NAME] = table[:, NAME]
         covariance = np.zeros((known, 4, 4))
         age = t - table[:, track.T]
         for place, speed in ((0, 2), (1, 3)):

@@ -64,7 +64,7 @@ class _Origin(NamedTuple):
     here: float  # s; time to the goal without moving obstacles
     legs: np.uint64  # bits of the first moves
     longest_move: float  # m
-    toll: float  # 1; cost of a second of driving in addition to its time: the weight of a metre times the speed
+    cost_rate: float  # 1; cost of a second of driving in addition to its time: the weight of a metre times the speed
     time: NDArray[np.float64]  # [K] s; duration of each move
 
 
@@ -75,7 +75,7 @@ class _Steps(NamedTuple):
     offset: NDArray[np.int64]  # [K]
     time: NDArray[np.float64]  # [K]
     spent: float  # s; cost of the distance so far
-    toll: float  # see `_Origin`
+    cost_rate: float  # see `_Origin`
 
 
 class _Choices(NamedTuple):
@@ -109,29 +109,29 @@ def _expand(
     memory.counter[EXPANSIONS] += 1
     vx, vy = ((gx - x) / duration, (gy - y) / duration) if duration > 0.0 else (0.0, 0.0)
     since = memory.arrival[s]
-    limit, toll = min(memory.high[s], origin.horizon), memory.toll[s] + origin.toll * duration
+    limit, distance_cost = min(memory.high[s], origin.horizon), memory.distance_cost[s] + origin.cost_rate * duration
     for c in range(memory.first[cell], memory.first[cell] + memory.intervals[cell]):
         if memory.high[c] <= since + duration:
             continue
         soon = max(since, memory.low[c] - duration)
         if soon > limit:
             break
-        known = memory.arrival[c] + memory.toll[c]
-        if soon + duration + toll >= known - TOUCH:
+        known = memory.arrival[c] + memory.distance_cost[c]
+        if soon + duration + distance_cost >= known - TOUCH:
             continue
         depart = leave(memory, memory.cell[s], x, y, vx, vy, duration, soon, limit, predictions)
         if depart == math.inf:
             break
         arrival = depart + duration
-        if arrival < memory.high[c] and arrival + toll < known - TOUCH:
+        if arrival < memory.high[c] and arrival + distance_cost < known - TOUCH:
             if arrival > memory.arrival[c] and not keep_earlier(memory, c):
                 continue
             memory.arrival[c], memory.depart[c], memory.parent[c] = arrival, depart, s
-            memory.tried[c], memory.toll[c] = np.uint64(0), toll
-            push(memory, arrival + context.field[cell] + (toll + origin.toll * context.field[cell]), c)
+            memory.tried[c], memory.distance_cost[c] = np.uint64(0), distance_cost
+            push(memory, arrival + context.field[cell] + (distance_cost + origin.cost_rate * context.field[cell]), c)
             if soonest < 0:
                 soonest = c
-    if soonest >= 0 and origin.toll == 0.0:  # with a toll, a later arrival may be cheaper
+    if soonest >= 0 and origin.cost_rate == 0.0:  # if distance costs, a later arrival may be cheaper
         memory.latest[cell] = memory.arrival[memory.first[cell] : memory.first[cell] + memory.intervals[cell]].max()
     return soonest
 
@@ -177,7 +177,7 @@ def _weigh(
     promised: float,
     beta: float,
     limit: float,
-    scented: bool,
+    has_pheromone: bool,
     choices: _Choices,
 ) -> tuple[int, float]:
     """Write those of `moves` (bits) that promise a cost below `limit`, with their promises and their weights by Eq. (1).
@@ -192,13 +192,13 @@ def _weigh(
         k = ctz(moves)
         moves &= moves - np.uint64(1)
         target, then = base + offset[k], now + time[k]
-        move[n], cost[n] = k, then + context.field[target] + (steps.spent + steps.toll * (time[k] + context.field[target]))
+        move[n], cost[n] = k, then + context.field[target] + (steps.spent + steps.cost_rate * (time[k] + context.field[target]))
         if (cost[n] < limit) & ((memory.stamp[target] != memory.counter[GENERATION]) | (then < memory.latest[target])):
             n += 1
     trail = edge(trails, int(base), 0, now)
     for m in range(n):
         likely = float(_EXP[min(int(max(beta * (cost[m] - promised), 0.0) * 64.0), 1023)])
-        if scented:
+        if has_pheromone:
             i = slot(trails, trail + move[m])
             likely *= 1.0 + trails.tau[i] if i >= 0 and trails.key[i] >= 0 else 1.0
         weight[m] = likely
@@ -239,13 +239,13 @@ def _step(
     cell, now = memory.cell[s], memory.arrival[s]
     memory.counter[ANT_STEPS] += 1
     if s == 0:
-        steps = _Steps(np.int64(0), memory.leg_cell, memory.leg_time, 0.0, origin.toll)
-        promised, untried = now + origin.here + origin.toll * origin.here, origin.legs & ~memory.tried[0]
+        steps = _Steps(np.int64(0), memory.leg_cell, memory.leg_time, 0.0, origin.cost_rate)
+        promised, untried = now + origin.here + origin.cost_rate * origin.here, origin.legs & ~memory.tried[0]
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, False, choices)
     else:
-        steps = _Steps(np.int64(cell), context.offset, origin.time, memory.toll[s], origin.toll)
+        steps = _Steps(np.int64(cell), context.offset, origin.time, memory.distance_cost[s], origin.cost_rate)
         untried, field = context.legal[cell] & ~memory.tried[s], context.field[cell]
-        promised = now + field + (memory.toll[s] + origin.toll * field)
+        promised = now + field + (memory.distance_cost[s] + origin.cost_rate * field)
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, trails.mark[cell], choices)
     x, y = (origin.x, origin.y) if s == 0 else centre(context, cell)
     then = -1
@@ -321,8 +321,8 @@ def search(
     here = math.inf
     for k in range(legs):
         here = min(here, memory.leg_time[k] + context.field[memory.leg_cell[k]])
-    toll = settings.distance_weight * context.speed
-    least = t0 + here + toll * here
+    cost_rate = settings.distance_weight * context.speed
+    least = t0 + here + cost_rate * here
     if here == math.inf or least >= limit - settings.minimum_improvement:
         return -1, limit, least
     # Step 2: find the intervals in which the robot can stand at its place.
@@ -333,7 +333,7 @@ def search(
         return -1, math.inf, least
     choices = _Choices(np.empty(LEGS, np.int64), np.empty(LEGS), np.empty(LEGS))
     time, bits = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, toll, time)
+    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, cost_rate, time)
     memory.counter[STATE_COUNT] = 1  # later intervals of the start cannot be reached by waiting there
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, least, 0)
@@ -353,8 +353,10 @@ def search(
             cell, now = memory.cell[s], memory.arrival[s]
             # A robot that may stand here until the horizon can follow the field from there.
             arrived = cell == context.goal and memory.high[s] >= now + settings.stay
-            done = now if arrived else max(now, horizon) if memory.high[s] >= horizon else math.inf
-            cost = done + context.field[cell] + (memory.toll[s] + toll * context.field[cell]) if cell >= 0 else math.inf
+            cost = math.inf
+            if cell >= 0:
+                done = now if arrived else max(now, horizon) if memory.high[s] >= horizon else math.inf
+                cost = done + context.field[cell] + (memory.distance_cost[s] + cost_rate * context.field[cell])
             if cost < best_cost - settings.minimum_improvement:
                 best, best_cost = s, cost
                 deposit(memory, trails, context, s, settings.amount / (best_cost - t0))  # Eq. (2)
@@ -377,4 +379,4 @@ def search(
                 break
             s = then
     # Paths that improve by less than the minimum improvement were left out, so the bound is lower by that much.
-    return best, best_cost, max(min(bound, best_cost - settings.minimum_improvement), least) if toll == 0.0 else least
+    return best, best_cost, max(min(bound, best_cost - settings.minimum_improvement), least) if cost_rate == 0.0 else least

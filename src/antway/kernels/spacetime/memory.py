@@ -39,7 +39,7 @@ class Memory(NamedTuple):
     high: NDArray[np.float64]
     arrival: NDArray[np.float64]  # [STATES] s; earliest arrival so far
     depart: NDArray[np.float64]  # [STATES] s; departure from the parent
-    toll: NDArray[np.float64]  # [STATES] s; cost of the distance of the path in addition to its time
+    distance_cost: NDArray[np.float64]  # [STATES] s; cost of the distance of the path in addition to its time
     parent: NDArray[np.int32]  # [STATES]
     tried: NDArray[np.uint64]  # [STATES] bits of the moves tried at the present arrival
     key: NDArray[np.float64]  # [STATES] s; least promise of its untried moves, infinite if there are none
@@ -116,7 +116,7 @@ def open_cell(
             s = memory.counter[STATE_COUNT]
             memory.cell[s], memory.low[s], memory.high[s] = cell, since, until
             memory.arrival[s] = memory.key[s] = math.inf
-            memory.tried[s], memory.toll[s] = np.uint64(0), 0.0
+            memory.tried[s], memory.distance_cost[s] = np.uint64(0), 0.0
             memory.counter[STATE_COUNT] += 1
         if i < n:
             since = max(since, highs[i])
@@ -136,8 +136,8 @@ def keep_earlier(memory: Memory, s: int) -> bool:
         return False
     memory.counter[STATE_COUNT] += 1
     memory.cell[new], memory.low[new], memory.high[new] = memory.cell[s], memory.low[s], memory.high[s]
-    memory.arrival[new], memory.depart[new], memory.toll[new] = memory.arrival[s], memory.depart[s], memory.toll[s]
-    memory.parent[new], memory.tried[new] = memory.parent[s], memory.tried[s]
+    memory.arrival[new], memory.depart[new], memory.parent[new] = memory.arrival[s], memory.depart[s], memory.parent[s]
+    memory.distance_cost[new], memory.tried[new] = memory.distance_cost[s], memory.tried[s]
     for other in range(new):
         if memory.parent[other] == s:
             memory.parent[other] = new

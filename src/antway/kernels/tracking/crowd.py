@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
-from antway.kernels.tracking.predict import LATER, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
+from antway.kernels.tracking.predict import FAR_AHEAD, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
+from antway.kernels.tracking.table import row_of
 
 # Columns of a row after those of a track estimate: the time of the estimate, the goal, the information matrix of the goal, the
 # next velocity as predicted, and the summed squared errors of constant velocity and of this prediction.
-_SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _DIRECT, _TURNING = range(8, 18)
+_SEEN, _GX, _GY, _A11, _A12, _A22, _PX, _PY, _CONSTANT_ERROR, _ORCA_ERROR = range(8, 18)
 COLUMNS = 18  # of a row
 STEPS = 36  # number of steps of a predicted trajectory
 _HORIZON = 5.0  # s; people avoid contacts within this time
@@ -35,9 +36,24 @@ _SURE = 0.01  # rad; standard deviation of a bearing that is known exactly
 _ON = 0.005  # m/s; a velocity this near to a line lies on it
 _EXACT = 4  # number of first steps of a predicted trajectory that are not straightened
 _DEVIATION = 0.01  # m; straightening moves a person no farther than this from the predicted place
-_SPARED = round(LATER / STEP_TIME)  # the clearance radius shrinks at this step, so no straight stretch crosses it
+_FAR_STEP = round(FAR_AHEAD / STEP_TIME)  # the clearance radius shrinks at this step, so no straight stretch crosses it
 _BETTER = 0.8  # 1; the prediction is used if its squared errors are below this share of those of constant velocity
 _DECAY = 0.8  # 1; share of the sum of squared errors that is left after each scan
+
+
+@bare_kernel
+def _near(rows: NDArray[np.float64], k: int, j: int) -> bool:
+    """Tell whether the people k and j are near enough to avoid each other."""
+    ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
+    return bool(ax * ax + ay * ay <= _NEAR * _NEAR)
+
+
+@bare_kernel
+def _half_plane(rows: NDArray[np.float64], k: int, j: int, step: float) -> tuple[float, float, float, float]:
+    """Return the line that person j imposes on the velocity of person k, relative to that velocity."""
+    ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
+    contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
+    return half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], contact_radius, _HORIZON, step)
 
 
 @bare_kernel
@@ -45,11 +61,9 @@ def _lines(rows: NDArray[np.float64], k: int, step: float, lines: NDArray[np.flo
     """Write the lines that restrict the velocity of person k among all of `rows`; return how many there are."""
     n = 0
     for j in range(len(rows)):
-        ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
-        if j == k or ax * ax + ay * ay > _NEAR * _NEAR:
+        if j == k or not _near(rows, k, j):
             continue
-        contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
-        x, y, dx, dy = half_plane(ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], contact_radius, _HORIZON, step)
+        x, y, dx, dy = _half_plane(rows, k, j, step)
         lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
         n += 1
     return n
@@ -64,13 +78,9 @@ def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64
     count[:] = 0
     for k in range(len(rows)):
         for j in range(k + 1, len(rows)):
-            ax, ay = rows[j, X] - rows[k, X], rows[j, Y] - rows[k, Y]
-            if ax * ax + ay * ay > _NEAR * _NEAR:
+            if not _near(rows, k, j):
                 continue
-            contact_radius = rows[k, RADIUS] + rows[j, RADIUS] + 2 * _SKIN
-            x, y, dx, dy = half_plane(
-                ax, ay, rows[k, VX] - rows[j, VX], rows[k, VY] - rows[j, VY], contact_radius, _HORIZON, step
-            )
+            x, y, dx, dy = _half_plane(rows, k, j, step)
             n, m = count[k], count[j]
             lines[k, n, 0], lines[k, n, 1], lines[k, n, 2], lines[k, n, 3] = rows[k, VX] + x, rows[k, VY] + y, dx, dy
             lines[j, m, 0], lines[j, m, 1], lines[j, m, 2], lines[j, m, 3] = rows[j, VX] - x, rows[j, VY] - y, -dx, -dy
@@ -78,30 +88,33 @@ def _all_lines(rows: NDArray[np.float64], step: float, lines: NDArray[np.float64
 
 
 @bare_kernel
-def _turn(angle: float) -> float:
+def _wrapped(angle: float) -> float:
+    """Return an angle in [-pi, pi), rad."""
     return angle - 2 * math.pi * math.floor(angle / (2 * math.pi) + 0.5)
 
 
 @bare_kernel
-def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: float, lines: NDArray[np.float64], n: int) -> None:
+def _learn_goal(
+    row: NDArray[np.float64], vx: float, vy: float, preferred_speed: float, lines: NDArray[np.float64], n: int
+) -> None:
     """Update the goal of a person at `row` that took the velocity (vx, vy) under lines[:n]."""
-    speed, own, on, low, high = math.hypot(vx, vy), math.atan2(vy, vx), 0, 0.0, 0.0
+    speed, own, active, low, high = math.hypot(vx, vy), math.atan2(vy, vx), 0, 0.0, 0.0
     for i in range(n):
-        off = beyond(lines, i, vx, vy)
-        if off > _ON:
+        violation = beyond(lines, i, vx, vy)
+        if violation > _ON:
             return  # the velocity is not allowed, so it tells nothing about the preferred one
-        if off > -_ON:
+        if violation > -_ON:
             nx, ny = lines[i, 3], -lines[i, 2]
             along = vx * nx + vy * ny
             root = along * along - speed * speed + preferred_speed * preferred_speed
             more = max(math.sqrt(root) - along, 0.0) if root > 0.0 else 0.0
-            turn = _turn(math.atan2(vy + more * ny, vx + more * nx) - own)
-            low, high = (min(low, turn), max(high, turn)) if on else (turn, turn)
-            on += 1
-    if on and speed > preferred_speed - 0.001:  # at full speed the preferred velocity may lie anywhere in the arc
+            turn = _wrapped(math.atan2(vy + more * ny, vx + more * nx) - own)
+            low, high = (min(low, turn), max(high, turn)) if active else (turn, turn)
+            active += 1
+    if active and speed > preferred_speed - 0.001:  # at full speed the preferred velocity may lie anywhere in the arc
         low, high = min(low, 0.0), max(high, 0.0)
     information, gx, gy = row[_A11] + row[_A22], row[_GX], row[_GY]
-    if not on and speed < preferred_speed - 0.01:  # a slow person on no line is arriving at its goal
+    if not active and speed < preferred_speed - 0.01:  # a slow person on no line is arriving at its goal
         row[_GX], row[_GY] = row[X] + _EASE * vx, row[Y] + _EASE * vy
         row[_A11] = row[_A22] = 1.0 / (10 * _SURE) ** 2
         row[_A12] = 0.0
@@ -113,17 +126,16 @@ def _learn(row: NDArray[np.float64], vx: float, vy: float, preferred_speed: floa
         bearing, across, along = own + 0.5 * (low + high), math.hypot(_SURE, (high - low) / math.sqrt(12.0)), _DOUBT
     else:
         far = max(math.hypot(gx - row[X], gy - row[Y]), 1.0)
-        turn = _turn(math.atan2(gy - row[Y], gx - row[X]) - own)
+        turn = _wrapped(math.atan2(gy - row[Y], gx - row[X]) - own)
         if low + _SURE < turn < high - _SURE:
             return  # the observation agrees with the goal
         bearing = own + min(max(turn, low), high)
     dx, dy = math.cos(bearing), math.sin(bearing)
-    if (
-        information > 0.0 and high - low > 2 * _SURE
-    ):  # move the goal to its likeliest place at the end of the arc; keep the information
+    if information > 0.0 and high - low > 2 * _SURE:
+        # Move the goal to its likeliest place at the end of the arc, and keep the information.
         qx, qy = -row[_A22] * dy - row[_A12] * dx, row[_A12] * dy + row[_A11] * dx
-        off = (dx * (gy - row[Y]) - dy * (gx - row[X])) / (dx * qy - dy * qx)
-        row[_GX], row[_GY] = gx - qx * off, gy - qy * off
+        shift = (dx * (gy - row[Y]) - dy * (gx - row[X])) / (dx * qy - dy * qx)
+        row[_GX], row[_GY] = gx - qx * shift, gy - qy * shift
         return
     p, q = 1.0 / (across * far) ** 2, 1.0 / (along * far) ** 2 if along > 0.0 else 0.0
     px, py = row[X] + (far * dx if along > 0.0 else 0.0), row[Y] + (far * dy if along > 0.0 else 0.0)
@@ -148,11 +160,11 @@ def _straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
             for s in range(first, until + 1):
                 mx, my = mx + prediction[s, 0], my + prediction[s, 1]
             mx, my = mx / (until + 1 - first), my / (until + 1 - first)
-            dx, dy, off = 0.0, 0.0, 0.0
+            dx, dy, deviation = 0.0, 0.0, 0.0
             for s in range(first, until):
                 dx, dy = dx + (prediction[s, 0] - mx) * STEP_TIME, dy + (prediction[s, 1] - my) * STEP_TIME
-                off = max(off, math.hypot(dx, dy))
-            if off > _DEVIATION:
+                deviation = max(deviation, math.hypot(dx, dy))
+            if deviation > _DEVIATION:
                 break
             until += 1
         mx, my = 0.0, 0.0
@@ -192,57 +204,76 @@ def foresee(
     prediction[:n, 0, 0] = math.nan
     if n > _MOST:
         return 0
-    fresh, lines, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, count), 4)), np.empty((n, 4)), np.empty(2)
-    binding, many = np.empty((n, n, 4)), np.empty(n, np.int64)
+    people, work, out = np.zeros((n, COLUMNS)), np.empty((max(n, count), 4)), np.empty(2)
+    _update(rows, count, estimates, t, preferred_speed, work, people)
     for k in range(n):
-        row = fresh[k]
-        before = -1
-        for i in range(count):
-            if rows[i, NAME] == estimates[k, NAME] and rows[i, NAME] >= 0.0:
-                before = i
-        if before >= 0:
+        copy_row(people[k], rows[k])
+    avoiding = people[:, _ORCA_ERROR].sum() < _BETTER * people[:, _CONSTANT_ERROR].sum()
+    lines, line_count, after = np.empty((n, n, 4)), np.empty(n, np.int64), people.copy()
+    for s in range(STEPS if avoiding else 1):
+        _all_lines(people, STEP_TIME, lines, line_count)
+        for k in range(n):
+            _avoid(people[k], preferred_speed, lines[k], line_count[k], out, work)
+            if s == 0:
+                rows[k, _PX], rows[k, _PY] = out[0], out[1]
+            if avoiding:
+                prediction[k, s, 0], prediction[k, s, 1] = out[0], out[1]
+                after[k, VX], after[k, VY] = out[0], out[1]
+                after[k, X], after[k, Y] = people[k, X] + out[0] * STEP_TIME, people[k, Y] + out[1] * STEP_TIME
+        people, after = after, people
+    if avoiding:
+        for k in range(n):
+            _straighten(prediction[k], _EXACT, _FAR_STEP)
+            _straighten(prediction[k], _FAR_STEP, STEPS)
+    return n
+
+
+@bare_kernel
+def _update(
+    rows: NDArray[np.float64],
+    count: int,
+    estimates: NDArray[np.float64],
+    t: float,
+    preferred_speed: float,
+    lines: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Write to `out` the rows of the people of one scan, updated from rows[:count] before it; `lines` is scratch."""
+    for k in range(len(estimates)):
+        row = out[k]
+        before = row_of(rows, count, NAME, estimates[k, NAME]) if estimates[k, NAME] >= 0.0 else count
+        if before < count:
             copy_row(rows[before], row)
             dt = t - row[_SEEN]
             if dt > 0.0:
                 vx, vy = estimates[k, VX], estimates[k, VY]
-                bound = _lines(rows[:count], before, max(dt, 0.01), lines)
+                n = _lines(rows[:count], before, max(dt, 0.01), lines)
                 if row[_A11] + row[_A22] > 0.0:  # only predictions with a known goal are compared
-                    row[_DIRECT] = _DECAY * row[_DIRECT] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
-                    row[_TURNING] = _DECAY * row[_TURNING] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
-                _learn(row, vx, vy, preferred_speed, lines, bound)
+                    row[_CONSTANT_ERROR] = _DECAY * row[_CONSTANT_ERROR] + (vx - row[VX]) ** 2 + (vy - row[VY]) ** 2
+                    row[_ORCA_ERROR] = _DECAY * row[_ORCA_ERROR] + (vx - row[_PX]) ** 2 + (vy - row[_PY]) ** 2
+                _learn_goal(row, vx, vy, preferred_speed, lines, n)
         copy_row(estimates[k], row[:8])
         row[_SEEN] = t
-    follows = fresh[:, _TURNING].sum() < _BETTER * fresh[:, _DIRECT].sum()
-    for k in range(n):
-        copy_row(fresh[k], rows[k])
-    at, then = fresh, fresh.copy()
-    for s in range(STEPS):
-        if s == 0 or follows:
-            _all_lines(at, STEP_TIME, binding, many)
-        for k in range(n):
-            vx, vy = at[k, VX], at[k, VY]
-            if s == 0 or follows:
-                speed = max(math.hypot(vx, vy), 1e-9)
-                known = at[k, _A11] + at[k, _A22] > 0.0
-                wx, wy = (at[k, _GX] - at[k, X], at[k, _GY] - at[k, Y]) if known else (vx / speed * 9.0, vy / speed * 9.0)
-                scale = preferred_speed / max(math.hypot(wx, wy), _EASE)
-                bad = nearest(binding[k], many[k], preferred_speed, wx * scale, wy * scale, False, out)
-                if bad < many[k]:
-                    least_wrong(binding[k], many[k], bad, preferred_speed, out, work)
-                vx, vy = out[0], out[1]
-            if s == 0:
-                rows[k, _PX], rows[k, _PY] = vx, vy
-                if not follows:
-                    vx, vy = at[k, VX], at[k, VY]
-            if follows:
-                prediction[k, s, 0], prediction[k, s, 1] = vx, vy
-            then[k, VX], then[k, VY] = vx, vy
-            then[k, X], then[k, Y] = at[k, X] + vx * STEP_TIME, at[k, Y] + vy * STEP_TIME
-        if not follows:
-            break
-        at, then = then, at
-    if follows:
-        for k in range(n):
-            _straighten(prediction[k], _EXACT, _SPARED)
-            _straighten(prediction[k], _SPARED, STEPS)
-    return n
+
+
+@bare_kernel
+def _avoid(
+    person: NDArray[np.float64],
+    preferred_speed: float,
+    lines: NDArray[np.float64],
+    n: int,
+    out: NDArray[np.float64],
+    work: NDArray[np.float64],
+) -> None:
+    """Write to `out` the velocity that a person on the path to its goal takes under lines[:n].
+
+    Without a known goal the person keeps its direction. `work` is scratch, float64[n, 4].
+    """
+    vx, vy = person[VX], person[VY]
+    speed = max(math.hypot(vx, vy), 1e-9)
+    known = person[_A11] + person[_A22] > 0.0
+    wx, wy = (person[_GX] - person[X], person[_GY] - person[Y]) if known else (vx / speed * 9.0, vy / speed * 9.0)
+    scale = preferred_speed / max(math.hypot(wx, wy), _EASE)
+    infeasible = nearest(lines, n, preferred_speed, wx * scale, wy * scale, False, out)
+    if infeasible < n:
+        least_wrong(lines, n, infeasible, preferred_speed, out, work)

@@ -13,28 +13,26 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.kalman import measure_place
-from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.table import drop_lost, row_of
 
-ID, T, P11, P12, P22 = range(8, 13)  # columns of the track table after those of a track estimate
-COLUMNS = 13  # of the track table
+# Columns of the track table after those of a track estimate, of which SIGMA and SIGMA_V are not used: the time of the last
+# scan with the track, and the variances of its place (m^2) and velocity (m^2/s^2) then, with their covariance between them.
+T, P11, P12, P22 = range(8, 12)
+COLUMNS = 12  # of the track table
 UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
 _TURNED = 4.0  # standard deviations; a track farther than this from its predicted place has turned
-_LOST = 1.0  # s; a track that was not seen for longer is dropped
 
 
 @kernel
 def _row(table: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
-    """Return the row of the track with this name, or -1 if there is none.
+    """Return the row of the track with this name, or `count` if there is none.
 
     Without a name (-1) it is the track whose predicted place is nearest to (x, y), if that is nearer than `near` m.
     """
     if name >= 0.0:
-        for i in range(count):
-            if table[i, ID] == name:
-                return i
-        return -1
-    best, row = near, -1
+        return row_of(table, count, NAME, name)
+    best, row = near, count
     for i in range(count):
         dt = t - table[i, T]
         gap = math.hypot(table[i, X] + table[i, VX] * dt - x, table[i, Y] + table[i, VY] * dt - y)
@@ -80,13 +78,13 @@ def update(
     for k in range(len(name)):
         i = _row(table, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
         known = not math.isnan(velocity[k, 0])
-        filtered = variance[k, 0] < 0.0
-        if i < 0 or filtered:
-            if i < 0:
-                # In a full table, the track that was unseen for longest is replaced.
-                i = count if count < len(table) else int(np.argmin(table[:count, T]))
-                count = min(count + 1, len(table))
-            table[i, ID], table[i, T] = float(name[k]), t
+        is_new, filtered = i == count, variance[k, 0] < 0.0
+        if is_new or filtered:
+            if is_new and count == len(table):
+                i = int(np.argmin(table[:count, T]))  # in a full table, the track that was unseen for longest is replaced
+            elif is_new:
+                count += 1
+            table[i, NAME], table[i, T] = float(name[k]), t
             table[i, X], table[i, Y] = xy[k, 0], xy[k, 1]
             table[i, VX], table[i, VY] = (velocity[k, 0], velocity[k, 1]) if known else (0.0, 0.0)
             table[i, P11], table[i, P12] = abs(variance[k, 0]), 0.0
@@ -100,9 +98,9 @@ def update(
             rx, ry = xy[k, 0] - x, xy[k, 1] - y
             if not known:
                 spread = table[i, P11] + dt * (2.0 * table[i, P12] + dt * table[i, P22]) + variance[k, 0]
-                off = math.hypot(rx, ry)
-                if off > _TURNED * math.sqrt(spread + agility * agility * dt**4 / 3):
-                    table[i, P22] += (off / dt) ** 2  # the track turned since the last scan, so its old velocity is useless
+                residual = math.hypot(rx, ry)
+                if residual > _TURNED * math.sqrt(spread + agility * agility * dt**4 / 3):
+                    table[i, P22] += (residual / dt) ** 2  # the track turned, so its old velocity is useless
             g1, g2, p11, p12, p22 = measure_place(table[i, P11], table[i, P12], table[i, P22], dt, agility, variance[k, 0])
             x, y, vx, vy = x + g1 * rx, y + g1 * ry, vx + g2 * rx, vy + g2 * ry
             if known:
@@ -119,21 +117,13 @@ def update(
             table[i, X], table[i, Y], table[i, VX], table[i, VY], table[i, T] = x, y, vx, vy, t
             table[i, P11], table[i, P12], table[i, P22] = p11, p12, p22
         table[i, RADIUS] = radius[k]
-    n, kept = 0, 0
-    for i in range(count):
-        age = t - table[i, T]
-        if age > _LOST:
-            continue
-        if kept != i:
-            copy_row(table[i], table[kept])
-        kept += 1
-        if n == len(estimates):
-            continue
-        b = table[kept - 1]
-        estimates[n, X], estimates[n, Y] = b[X] + b[VX] * age, b[Y] + b[VY] * age
-        estimates[n, VX], estimates[n, VY], estimates[n, RADIUS] = b[VX], b[VY], b[RADIUS]
-        estimates[n, SIGMA] = math.sqrt(max(b[P11] + 2 * age * b[P12] + age * age * b[P22], 0.0))
-        estimates[n, SIGMA_V] = math.sqrt(max(b[P22], 0.0))
-        estimates[n, NAME] = b[ID]
-        n += 1
-    return kept, n
+    count = drop_lost(table, count, T, t)
+    known_tracks = min(count, len(estimates))
+    for i in range(known_tracks):
+        row, estimate = table[i], estimates[i]
+        age = t - row[T]
+        estimate[X], estimate[Y] = row[X] + row[VX] * age, row[Y] + row[VY] * age
+        estimate[VX], estimate[VY], estimate[RADIUS], estimate[NAME] = row[VX], row[VY], row[RADIUS], row[NAME]
+        estimate[SIGMA] = math.sqrt(max(row[P11] + 2 * age * row[P12] + age * age * row[P22], 0.0))
+        estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
+    return count, known_tracks

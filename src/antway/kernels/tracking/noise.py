@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.tracking.table import row_of
 
-COLUMNS = 6  # of a row: name, time, x, y, vx and vy of the last measurement
+_NAME, _T, _X, _Y, _VX, _VY = range(6)  # columns of a row: the last measurement of a track
+COLUMNS = 6
 _LEAST = 1e-8  # m^2; a smaller variance counts as none
 _STEP = 0.1  # 1; each measurement changes the logarithm of the median by this
 _FAR = 0.5  # s; an older measurement is not compared
@@ -48,23 +50,20 @@ def place_noise(
     for k in range(len(name)):
         if name[k] < 0 or math.isnan(velocity[k, 0]):
             continue
-        i = 0
-        while i < count and rows[i, 0] != name[k]:
-            i += 1
-        if i == count:
-            if count == len(rows):
-                i = int(np.argmin(rows[:, 1]))
-            else:
-                count += 1
-        else:
-            dt = t - rows[i, 1]
+        i = row_of(rows, count, _NAME, float(name[k]))
+        if i < count:
+            dt = t - rows[i, _T]
             if 0.0 < dt <= _FAR:
-                ex = xy[k, 0] - rows[i, 2] - 0.5 * (rows[i, 4] + velocity[k, 0]) * dt
-                ey = xy[k, 1] - rows[i, 3] - 0.5 * (rows[i, 5] + velocity[k, 1]) * dt
+                ex = xy[k, 0] - rows[i, _X] - 0.5 * (rows[i, _VX] + velocity[k, 0]) * dt
+                ey = xy[k, 1] - rows[i, _Y] - 0.5 * (rows[i, _VY] + velocity[k, 1]) * dt
                 up = ex * ex + ey * ey > state[1]
                 state[1] = max(state[1] * math.exp(_STEP if up else -_STEP), _LEAST)
-        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3] = name[k], t, xy[k, 0], xy[k, 1]
-        rows[i, 4], rows[i, 5] = velocity[k, 0], velocity[k, 1]
+        elif count < len(rows):
+            count += 1
+        else:
+            i = int(np.argmin(rows[:, _T]))
+        rows[i, _NAME], rows[i, _T], rows[i, _X], rows[i, _Y] = name[k], t, xy[k, 0], xy[k, 1]
+        rows[i, _VX], rows[i, _VY] = velocity[k, 0], velocity[k, 1]
     state[0] = count
     variance: float = state[1] / (4.0 * math.log(2.0))
     return variance if variance > _LEAST else 0.0

@@ -18,8 +18,8 @@ MIRRORS = 4  # a track is mirrored at walls at most this many times
 STEP_TIME = 0.25  # s; a predicted trajectory has one velocity for each step of this length
 NO_PREDICTIONS = np.empty((0, 1, 2))  # for tracks that all keep their velocity
 _TIERS = (0.5, 1.0)  # s; a tube widens in steps, at these times from now
-LATER = 2.5  # s; from this time on, tracks on predicted trajectories have a smaller clearance radius
-_SPARED = 0.1  # m; that clearance radius is smaller by this
+FAR_AHEAD = 2.5  # s; from this time on, tracks on predicted trajectories have a smaller clearance radius
+_LESS_CLEARANCE = 0.1  # m; that clearance radius is smaller by this
 _FULL = 1.5  # s; the extra clearance grows linearly up to this time ahead, so that an approaching robot may lose it gradually
 _FINE = 1e-3  # m; a tube that would widen by less than this has one width
 _KNOWN = 1.0  # s; tubes do not widen after this time, because a new plan exists by then and wider tubes would close every path
@@ -37,8 +37,9 @@ class TubeMargins(NamedTuple):
     # m/s^2; no obstacle's velocity vector changes faster. If finite, a moving robot keeps clear of all that an obstacle could
     # reach within the stopping time around its predicted place.
     vector_bound: float = math.inf
-    sway: float = 0.0  # s; this times the standard deviation of a track's velocity is added to the margin
-    extra: float = 0.0  # s; this times the same is added to the tube of a track that keeps its velocity, if there is space now
+    drift_time: float = 0.0  # s; this times the standard deviation of a track's velocity is added to the margin
+    # s; this times the same is added to the tube of a track that keeps its velocity, as far as there is space now
+    extra_drift_time: float = 0.0
     edges: bool = True  # whether obstacles turn back at the edges of the map as they do at walls
 
 
@@ -68,6 +69,29 @@ def _at_edge(terrain: Terrain, row: float, col: float, n_row: float, n_col: floa
     rows, cols = terrain.blocked.shape
     row, col = row - n_row * radius, col - n_col * radius
     return bool(min(row + 0.5, rows - 0.5 - row, col + 0.5, cols - 0.5 - col) < 1e-3)
+
+
+@bare_kernel
+def _deviation_within_stopping_time(margins: TubeMargins, speed: float) -> float:
+    """Return how far an obstacle with this speed may come from its predicted place before the robot has stopped, m."""
+    if margins.speed_bound <= 0.0:
+        return 0.0
+    stopping_time, vector_bound = margins.stopping_time, margins.vector_bound
+    distance = min(max(margins.speed_bound, speed), speed + margins.acceleration_bound * stopping_time) * stopping_time
+    if vector_bound < math.inf:
+        distance = min(0.5 * vector_bound * stopping_time * stopping_time, distance + speed * stopping_time)
+    return distance
+
+
+@bare_kernel
+def _last_step_alike(trajectory: NDArray[np.float64], i: int) -> int:
+    """Return the last step after step i that has the same velocity without a break; it does not cross FAR_AHEAD."""
+    vx, vy = trajectory[i, 0], trajectory[i, 1]
+    while i + 1 < len(trajectory) and trajectory[i + 1, 0] == vx and trajectory[i + 1, 1] == vy:
+        if abs((i + 1) * STEP_TIME - FAR_AHEAD) < 1e-9:
+            break
+        i += 1
+    return i
 
 
 @kernel
@@ -111,76 +135,67 @@ def predict(
     If the robot is already within the margins of a track, the margins are reduced to the present distance. The robot may then
     stand there. The radii of the bodies are never reduced. The clearance radius is reduced likewise for the first
     `stopping_time` s. The robot may then leave at once if it comes no nearer before it is clear, as the guard requires. From
-    LATER s on, the clearance radius of a track on a predicted trajectory is smaller, because a new plan exists by then.
+    FAR_AHEAD s on, the clearance radius of a track on a predicted trajectory is smaller, because a new plan exists by then.
     """
     n = 0
     size = terrain.resolution
-    robot_radius, margin, quantile, speed_bound, acceleration_bound, stopping_time, vector_bound, sway, extra, edges = margins
-    before = time_shift(margins)
+    quantile, stopping_time, shift = margins.quantile, margins.stopping_time, time_shift(margins)
     for k in range(len(estimates)):
         x, y, vx, vy = estimates[k, X], estimates[k, Y], estimates[k, VX], estimates[k, VY]
-        body = robot_radius + estimates[k, RADIUS]
-        slack = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - body
-        speed, runs = math.hypot(vx, vy), 0.0
-        if speed_bound > 0.0:
-            fastest = min(max(speed_bound, speed), speed + acceleration_bound * stopping_time)
-            runs = fastest * stopping_time
-            if vector_bound < math.inf:
-                runs = min(0.5 * vector_bound * stopping_time * stopping_time, runs + speed * stopping_time)
-        held = min(slack + body, math.hypot(x + vx * (age - before) - robot_x, y + vy * (age - before) - robot_y))
-        spread = math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * (_TIERS[0] + age))
-        kept, more = margin + sway * estimates[k, SIGMA_V], extra * estimates[k, SIGMA_V]
-        within = held < body + kept + quantile * spread + runs
-        sure = quantile * math.hypot(estimates[k, SIGMA], estimates[k, SIGMA_V] * _KNOWN) + more < _FINE
-        x, y, t, mirrors = x - vx * before, y - vy * before, -age - before, 0
-        turns = k < len(prediction) and not math.isnan(prediction[k, 0, 0])
+        radius, sigma, sigma_v = estimates[k, RADIUS], estimates[k, SIGMA], estimates[k, SIGMA_V]
+        bodies = margins.robot_radius + radius
+        gap = math.hypot(x + vx * age - robot_x, y + vy * age - robot_y) - bodies
+        deviation = _deviation_within_stopping_time(margins, math.hypot(vx, vy))
+        # The distance to the obstacle's place now, or to the one from which clearance is measured, whichever is less.
+        present = min(gap + bodies, math.hypot(x + vx * (age - shift) - robot_x, y + vy * (age - shift) - robot_y))
+        margin, extra = margins.margin + margins.drift_time * sigma_v, margins.extra_drift_time * sigma_v
+        too_near = present < bodies + margin + quantile * math.hypot(sigma, sigma_v * (_TIERS[0] + age)) + deviation
+        one_width = quantile * math.hypot(sigma, sigma_v * _KNOWN) + extra < _FINE
+        x, y, t, mirrors = x - vx * shift, y - vy * shift, -age - shift, 0
+        on_trajectory = k < len(prediction) and not math.isnan(prediction[k, 0, 0])
         while t < horizon and n < len(out):
             end = horizon
-            if not sure:
+            if not one_width:
                 for tier in _TIERS:
                     if tier > t + 1e-9:
                         end = min(tier, horizon)
                         break
-            if turns and mirrors == 0:
+            if on_trajectory and mirrors == 0:
                 i = int((t + age + 1e-9) / STEP_TIME)
                 if t < -age - 1e-9:
                     end = min(end, -age)
                 elif i < len(prediction[k]):
                     vx, vy = prediction[k, i, 0], prediction[k, i, 1]
-                    while i + 1 < len(prediction[k]) and prediction[k, i + 1, 0] == vx and prediction[k, i + 1, 1] == vy:
-                        if abs((i + 1) * STEP_TIME - LATER) < 1e-9:
-                            break
-                        i += 1
-                    end = min(end, (i + 1) * STEP_TIME - age)
-            past = within and t < stopping_time - before - 1e-9
-            if past:
-                end = min(end, stopping_time - before)
+                    end = min(end, (_last_step_alike(prediction[k], i) + 1) * STEP_TIME - age)
+            leaving = too_near and t < stopping_time - shift - 1e-9
+            if leaving:
+                end = min(end, stopping_time - shift)
             col, row = (x - terrain.x0) / size - 0.5, (y - terrain.y0) / size - 0.5
             share, n_row, n_col = first_wall(
-                terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, estimates[k, RADIUS] / size
+                terrain.blocked, row, col, vy * (end - t) / size, vx * (end - t) / size, radius / size
             )
-            hit = share <= 1.0 and mirrors < MIRRORS
-            if hit and not edges:
+            mirrored = share <= 1.0 and mirrors < MIRRORS
+            if mirrored and not margins.edges:
                 fraction = share * (end - t) / size
-                hit = not _at_edge(terrain, row + vy * fraction, col + vx * fraction, n_row, n_col, estimates[k, RADIUS] / size)
-            until = t + share * (end - t) if hit else end
+                mirrored = not _at_edge(terrain, row + vy * fraction, col + vx * fraction, n_row, n_col, radius / size)
+            until = t + share * (end - t) if mirrored else end
             if until > t:
-                variance = estimates[k, SIGMA] ** 2 + (estimates[k, SIGMA_V] * min(max(until + age, 0.0), _KNOWN)) ** 2
-                wide = kept + quantile * math.sqrt(variance)
-                if not turns:
-                    wide += min(more * min(max(until + age, 0.0) / _FULL, 1.0), max(slack - wide, 0.0))
+                variance = sigma**2 + (sigma_v * min(max(until + age, 0.0), _KNOWN)) ** 2
+                width = margin + quantile * math.sqrt(variance)
+                if not on_trajectory:
+                    width += min(extra * min(max(until + age, 0.0) / _FULL, 1.0), max(gap - width, 0.0))
                 out[n, records.T0], out[n, records.T1] = now + t, now + until
                 out[n, records.X], out[n, records.Y], out[n, records.VX], out[n, records.VY] = x, y, vx, vy
-                out[n, records.CONTACT_RADIUS] = body + max(min(wide, slack - 1e-6), 0.0)
-                out[n, records.CLEARANCE_RADIUS] = max(held - 1e-6, 0.0) if past else body + wide + runs
-                if turns and t > LATER - 1e-9 and vx * vx + vy * vy > 0.01:
+                out[n, records.CONTACT_RADIUS] = bodies + max(min(width, gap - 1e-6), 0.0)
+                out[n, records.CLEARANCE_RADIUS] = max(present - 1e-6, 0.0) if leaving else bodies + width + deviation
+                if on_trajectory and t > FAR_AHEAD - 1e-9 and vx * vx + vy * vy > 0.01:
                     out[n, records.CLEARANCE_RADIUS] = max(
-                        out[n, records.CLEARANCE_RADIUS] - _SPARED, out[n, records.CONTACT_RADIUS]
+                        out[n, records.CLEARANCE_RADIUS] - _LESS_CLEARANCE, out[n, records.CONTACT_RADIUS]
                     )
                 n += 1
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
-            if hit:
+            if mirrored:
                 mirrors += 1
-                into = vx * n_col + vy * n_row
-                vx, vy = vx - 2.0 * into * n_col, vy - 2.0 * into * n_row
+                into_wall = vx * n_col + vy * n_row
+                vx, vy = vx - 2.0 * into_wall * n_col, vy - 2.0 * into_wall * n_row
     return n

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 from antway.kernels.base.jit import kernel
+from antway.kernels.tracking.prediction_error import LATER
 
 # Fitted to the recordings eth, zara01, students01 (Pellegrini 2009, Lerner 2007) and citr (Yang 2019), see docs/people.md.
 PEOPLE_DENSITY = 0.01  # m^2/s^3; spectral density of the white acceleration of people
 PEOPLE_DOF = 3.0  # 1; degrees of freedom of the distribution of people's prediction errors
 _STEP = 0.02  # 1; step size with which the logarithm of the tubes' width is adapted after each prediction
 _OWN = 0.5  # 1; share of the squared velocity error that comes from the estimate and not from the acceleration
-_OVER = 0.8  # s; velocity errors are observed over this time
 
 
 @kernel
@@ -62,9 +62,9 @@ def people_variance(sigma_v: float, t: float) -> float:
     Parameters
     ----------
     sigma_v : float
-        Standard deviation along one axis of the velocity error over 0.8 s, m/s (kernels/tracking/averages.py).
+        Standard deviation along one axis of the velocity error over LATER s, m/s (kernels/tracking/prediction_error.py).
     """
-    own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * _OVER / 3.0, 0.0)
+    own = max(_OWN * sigma_v * sigma_v - PEOPLE_DENSITY * LATER / 3.0, 0.0)
     return place_variance(1e-4, 0.0, own, PEOPLE_DENSITY, t)
 
 

@@ -82,7 +82,7 @@ class ControlOptions:
         the step where it is largest. It decreases with the square of the distance, to zero at `spread`.
     spread : float
         1; distance from where contact begins, in standard deviations of the obstacle's predicted place
-        (kernels/tracking/foretold.py).
+        (kernels/tracking/prediction_error.py).
     spread_time : float
         s; the standard deviation of a predicted place grows for this time ahead and then stays.
     late : float
@@ -181,18 +181,18 @@ class ControlColony:
         self.began = 0.0  # s; when the last command begins to act
         self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
 
-    def deviations(self, estimates: NDArray[np.float64], wrong: NDArray[np.float64]) -> NDArray[np.float64]:
+    def deviations(self, estimates: NDArray[np.float64], velocity_error: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the standard deviations of the tracks' places (m) and velocities (m/s), float64[K, 2].
 
         Parameters
         ----------
         estimates : float64[K, 8]
             Of kernels/tracking/predict.py.
-        wrong : float64[K]
-            Standard deviations of predicted velocities, m/s, of kernels/tracking/foretold.py.
+        velocity_error : float64[K]
+            Standard deviations of predicted velocities, m/s, of kernels/tracking/prediction_error.py.
         """
         speed = np.hypot(estimates[:, VX], estimates[:, VY])
-        return np.column_stack((estimates[:, SIGMA], np.maximum(wrong, self.unsure * speed)))
+        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, self.unsure * speed)))
 
     def act(
         self,

@@ -14,56 +14,48 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.crossing import COUNT, FORESEEN, KEPT, LOOK, NEW, Crowd, Plan, Settings, cycle
+from antway.kernels.crossing import KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, Settings, cycle
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.ants import ColonySettings
 from antway.kernels.spacetime.context import PlanningContext
-from antway.kernels.spacetime.memory import EXPANSIONS, KNOTS, Memory
+from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
-from antway.kernels.tracking import crowd, foretold
-from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.averages import averaged
-from antway.kernels.tracking.predict import VX, VY, TubeMargins, crosses_edge
+from antway.kernels.tracking.predict import TubeMargins, crosses_edge
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
-    ROWS,
+    Cycle,
     Paces,
     State,
-    as_estimated,
     away_from_walls,
     fit_tables,
+    make_crowd,
     make_memory,
+    make_plan,
     make_trails,
-    most_segments,
     shared_memory,
     static_side,
-    variances,
     with_fine_cells,
-    with_noise,
     without_edges,
 )
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
 from antway.world.ants import AntStep, LaidTrails
-from antway.world.policy import Command, Decision, Observation, RobotSpec, Task
+from antway.world.policy import XY, Command, Decision, Observation, RobotSpec, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
-_AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _BRAKES = 0.5  # s; with tracks in sight, the robot drives no faster than it can brake from in this time
 _OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
 _NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
-_NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
 _DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tubes would close every passage
 _MARGIN = 0.005  # m; least distance kept to predicted obstacles
-_SWAY = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
-_SPARE = 1.0  # s; a plan with additional clearance keeps this times that standard deviation more from 1.5 s ahead on
-_SPARE_WORTH = 2.0  # s^2/m; such a plan may arrive later by this times the mean of that standard deviation
+_DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
+_EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
+_DELAY_PER_ERROR = 2.0  # s^2/m; such a plan may arrive later by this times the mean of that standard deviation
 _WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
-_NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
 _EXPANSIONS_SHOWN = 5  # number of moves that the ants test in one displayed cycle
 
 
@@ -166,49 +158,40 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        robot, grid = task.robot, task.grid
+        robot, cells = task.robot, task.grid.blocked.size
         side = static_side(task, self.moves)
-        context, cells = side[0], grid.blocked.size
-        settings = self._settings(task)
+        settings, context, controls = self._settings(task), side[0], None
         paces = self._paces(context, settings, robot)
-        controls = None
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
             context = away_from_walls(task, *side, self.moves)
             paces = (context, 0.0), (context, 0.0)
-            strict = self.guard is not None and self.mode == "strict"
-            swerve = (
-                float(task.obstacle_swerve) if strict else None
-            )  # without a strict guard, a stop is not better than the best ant
-            field, fine = context.field, with_fine_cells(task)
-            if fine is not task:
-                field = away_from_walls(fine, *static_side(fine, self.moves), self.moves).field
-            controls = ControlColony(self.controls, fine, field.reshape(fine.grid.shape), seed, swerve)
+            controls = self._make_controls(task, context, seed)
         if self.guard:
             self.guard.reset(task)
-        empty = np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0])
         self.state = State(
             task=task,
-            terrain=terrain_of(grid),
+            terrain=terrain_of(task.grid),
             settings=settings,
             paces=paces,
             context=context,
             memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
-            plan=Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), empty),
-            crowd=Crowd(
-                np.zeros((ROWS, crowd.COLUMNS)),
-                np.zeros(2, np.int64),
-                np.empty((ROWS, crowd.STEPS, 2)),
-                np.zeros((ROWS, 8)),
-                np.zeros((ROWS, foretold.COLUMNS)),
-                np.array([foretold.FIRST, 0.0]),
-                np.zeros(ROWS),
-            ),
+            plan=make_plan(),
+            crowd=make_crowd(),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
         )
+
+    def _make_controls(self, task: Task, context: PlanningContext, seed: int) -> ControlColony:
+        """Return the colony in the space of controls, with the times to the goal over `context` or over finer cells."""
+        # Without a strict guard, a stop is not better than the best ant.
+        swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
+        field, fine = context.field, with_fine_cells(task)
+        if fine is not task:
+            field = away_from_walls(fine, *static_side(fine, self.moves), self.moves).field
+        return ControlColony(self.controls, fine, field.reshape(fine.grid.shape), seed, swerve)
 
     def _paces(self, context: PlanningContext, settings: Settings, robot: RobotSpec) -> Paces:
         """Return the planning context and stopping time without and with tracks in sight, for a robot that follows the plan.
@@ -235,26 +218,27 @@ class AntwayPolicy:
             acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
             stopping_time=stopping if guarded else 0.0,
             vector_bound=assumed_accel(task, self.mode),
-            sway=0.0 if strict or controlled or self.margin is not None else _SWAY,
+            drift_time=0.0 if strict or controlled or self.margin is not None else _DRIFT_TIME,
         )
-        bare = TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
         return Settings(
             dt=robot.dt,
             horizon=self.horizon,
-            judged=True,
+            stores_predictions=True,
             preferred_speed=float(task.obstacle_speed),
             hysteresis=self.hysteresis,
             tracking_tolerance=0.02,
             expansions=self.expansions,
             improvement_expansions=self.improvement_expansions,
-            low=0.1,
-            high=0.9,
+            least_persistence=0.1,
+            greatest_persistence=0.9,
             goal_x=task.goal[0],
             goal_y=task.goal[1],
             tubes=tubes,
-            bare=bare,
-            roomy=tubes._replace(robot_radius=0.0 if strict or controlled else robot.radius, extra=_SPARE),
-            spare_worth=_SPARE_WORTH,
+            narrow_tubes=TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
+            wide_tubes=tubes._replace(
+                robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
+            ),
+            delay_per_error=_DELAY_PER_ERROR,
             colony=ColonySettings(
                 leg_cells=2,
                 betas=np.array([100.0, 30.0, 10.0, 100.0]),
@@ -276,79 +260,56 @@ class AntwayPolicy:
         """
         observation = check_observation(observation)
         s = self._state
-        known, age = self._update_tracks(s, observation)
-        if s.controls is None:
-            vx, vy, what, arrival, bound = self._predict_and_plan(s, observation, known, age)
-            vx, vy = self._aside(s, observation, known, age, (vx, vy))
-            command, did = self._guarded(s, observation, known, Command((vx, vy)))
-        else:
-            late, seen, state = acting(observation, s.task.robot)
-            _, _, what, arrival, bound = self._predict_and_plan(s, seen, known, age + late)
-            n, m = int(s.plan.state[COUNT]), int(s.plan.state[FORESEEN])
-            sigma = s.controls.deviations(s.estimates[:known], s.crowd.wrong[:known])
-            command = s.controls.act(observation, seen.t, state, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
-            command, did = self._guarded(s, observation, known, command)
-            what = KEPT if s.controls.same_path() else NEW
-        if what != KEPT or did != s.did or observation.t >= s.until:
+        self._update_tracks(observation)
+        drive = self._follow_plan if s.controls is None else self._roll_out
+        command, what, arrival, bound = drive(observation)
+        command = self._guarded(observation, command)
+        guard_did = "" if self.guard is None else self.guard.did
+        if what != KEPT or guard_did != s.guard_did or observation.t >= s.until:
             s.decision, s.until = None, math.inf
             if what != KEPT:
-                s.path = self._planned(s)
+                s.path = self._planned()
         if s.decision is None:
-            s.cycle, s.did = (observation, known, age, arrival, bound), did
+            age = observation.t - observation.sensed_at
+            s.cycle, s.guard_did = Cycle(observation, len(s.tracker.estimates), age, arrival, bound), guard_did
         return command
 
-    def _aside(self, s: State, o: Observation, known: int, age: float, command: tuple[float, float]) -> tuple[float, float]:
-        """Return the velocity on the plan, or one beside the plan where people are near who may sway."""
-        if s.settings.roomy.robot_radius == 0.0 or known == 0:
-            return command
-        knots, at = s.plan.knots[: int(s.plan.state[COUNT])], (float(o.xy[0]), float(o.xy[1]))
-        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context, s.settings.dt
-        return entry(sidestep, *arguments)(*arguments)
-
-    def _planned(self, s: State) -> TimedPath | None:
-        """Return a copy of the plan in use, or the path of the best ant in the space of controls."""
-        if s.controls is not None:
-            return s.controls.path
-        n = int(s.plan.state[COUNT])
-        return TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
-
-    def _update_tracks(self, s: State, o: Observation) -> tuple[int, float]:
-        """Update the tracks with a scan; return the number of known tracks, and the age of their estimates in s."""
-        t = o.tracks
-        stamp = o.sensed_at
-        fit_tables(s, len(t))
-        scan = t.id, t.xy, t.velocity, t.radius, variances(s, t, stamp)
-        s.count, known = track.update(s.table, s.count, stamp, *scan, _AGILITY, _NEAR, s.estimates)
-        if known:
-            s.fastest = max(s.fastest, float(np.hypot(s.estimates[:known, VX], s.estimates[:known, VY]).max()))
-            if s.settings.tubes.edges and crosses_edge(s.estimates[:known], s.terrain):
-                seen = s.table[:known, track.T] == stamp  # a track that is not seen now may have turned back already
-                if crosses_edge(s.estimates[:known][seen], s.terrain):
-                    s.settings = without_edges(s.settings)
+    def _update_tracks(self, o: Observation) -> None:
+        """Update the track estimates with a scan."""
+        s, t = self._state, o.sensed_at
+        fit_tables(s, len(o.tracks))
+        s.tracker.update(o.tracks, t)
+        estimates = s.tracker.estimates
+        # A track that is not in this scan may have turned back at the edge already.
+        outside = len(estimates) > 0 and s.settings.tubes.edges and crosses_edge(estimates, s.terrain)
+        if outside and crosses_edge(s.tracker.seen_at(t), s.terrain):
+            s.settings = without_edges(s.settings)
         if self.mode == "strict":
-            s.crowd.averaged[:known] = s.estimates[:known]
+            s.crowd.averaged[: len(estimates)] = estimates
         else:
-            estimates = s.estimates[:known]
-            s.averaging = averaged(s.averages, s.averaging, s.pool, estimates, stamp, s.crowd.averaged)
-        return known, o.t - stamp
+            s.tracker.average(t, s.crowd.averaged)
 
-    def _predict_and_plan(self, s: State, o: Observation, known: int, age: float) -> tuple[float, float, int, float, float]:
-        """Run one cycle of kernels/crossing.py on the track estimates; return what `cycle` returns."""
-        s.context, stopping_time = s.paces[known > 0]
-        if math.isnan(s.started):
-            s.started = o.t
-        preferred = s.fastest if s.fastest > _WALKS else float(s.task.obstacle_speed)
-        if preferred != s.settings.preferred_speed:
-            s.settings = s.settings._replace(preferred_speed=preferred)
-        judged = o.t >= s.started + _OUTSET - 1e-6
-        horizon = self.horizon if judged else min(self.horizon, _NEARBY)
-        if stopping_time != s.settings.tubes.stopping_time or judged != s.settings.judged:
-            s.settings = s.settings._replace(
-                horizon=horizon,
-                judged=judged,
-                tubes=s.settings.tubes._replace(stopping_time=stopping_time),
-                roomy=s.settings.roomy._replace(stopping_time=stopping_time),
-            )
+    def _follow_plan(self, o: Observation) -> tuple[Command, int, float, float]:
+        """Plan; return the command that follows the plan, what was done with the plan, its arrival and a lower bound on any."""
+        age = o.t - o.sensed_at
+        vx, vy, what, arrival, bound = self._plan(o, age)
+        return Command(self._aside(o, age, (vx, vy))), what, arrival, bound
+
+    def _roll_out(self, o: Observation) -> tuple[Command, int, float, float]:
+        """Do as `_follow_plan`, but the ants in the space of controls find the command."""
+        s = self._state
+        assert s.controls is not None
+        delay, acting_at, robot = acting(o, s.task.robot)
+        _, _, _, arrival, bound = self._plan(acting_at, o.t - o.sensed_at + delay)
+        n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
+        sigma = s.controls.deviations(s.tracker.estimates, s.crowd.velocity_error[:known])
+        command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
+        return command, KEPT if s.controls.same_path() else NEW, arrival, bound
+
+    def _plan(self, o: Observation, age: float) -> tuple[float, float, int, float, float]:
+        """Predict and plan in one cycle of kernels/crossing.py, from estimates `age` s old; return what `cycle` returns."""
+        s = self._state
+        self._adapt_settings(o.t)
         arguments = (
             s.memory or self.memory(),
             s.trails,
@@ -357,7 +318,7 @@ class AntwayPolicy:
             s.settings,
             s.plan,
             s.crowd,
-            s.estimates[:known],
+            s.tracker.estimates,
             float(o.t),
             float(age),
             (float(o.xy[0]), float(o.xy[1])),
@@ -365,17 +326,49 @@ class AntwayPolicy:
         )
         return entry(cycle, *arguments)(*arguments)
 
-    def _guarded(self, s: State, o: Observation, known: int, command: Command) -> tuple[Command, str]:
-        """Return the command that passes the guard, and what the guard did."""
+    def _adapt_settings(self, now: float) -> None:
+        """Choose the pace, the preferred speed and the horizon by what is known of the tracks."""
+        s = self._state
+        s.context, stopping_time = s.paces[len(s.tracker.estimates) > 0]
+        if math.isnan(s.started):
+            s.started = now
+        preferred = s.tracker.fastest if s.tracker.fastest > _WALKS else float(s.task.obstacle_speed)
+        if preferred != s.settings.preferred_speed:
+            s.settings = s.settings._replace(preferred_speed=preferred)
+        is_known = now >= s.started + _OUTSET - 1e-6
+        if stopping_time != s.settings.tubes.stopping_time or is_known != s.settings.stores_predictions:
+            s.settings = s.settings._replace(
+                horizon=self.horizon if is_known else min(self.horizon, _NEARBY),
+                stores_predictions=is_known,
+                tubes=s.settings.tubes._replace(stopping_time=stopping_time),
+                wide_tubes=s.settings.wide_tubes._replace(stopping_time=stopping_time),
+            )
+
+    def _aside(self, o: Observation, age: float, command: XY) -> XY:
+        """Return the velocity on the plan, or one beside the plan where people are near whose velocity may change."""
+        s = self._state
+        known = len(s.tracker.estimates)
+        if s.settings.wide_tubes.robot_radius == 0.0 or known == 0:
+            return command
+        knots, at = s.plan.knots[: int(s.plan.state[KNOT_COUNT])], (float(o.xy[0]), float(o.xy[1]))
+        arguments = knots, float(o.t), float(age), at, command, s.crowd.averaged[:known], s.context, s.settings.dt
+        return entry(sidestep, *arguments)(*arguments)
+
+    def _guarded(self, o: Observation, command: Command) -> Command:
+        """Return the command that passes the guard."""
         if self.guard is None:
-            return command, ""
-        noisy = s.noise[1] > _NOISY
-        if self.mode == "strict" and o.tracks.covariance is None:
-            o = with_noise(s, o) if noisy else o  # estimates from wrong velocities would drift away from the measured places
-        elif o.tracks.covariance is not None or noisy or bool(np.isnan(o.tracks.velocity).any()):
-            o = as_estimated(s, o, known)
+            return command
+        s = self._state
         others = None if s.controls is None else s.controls.others()
-        return self.guard.passed(o, command, others), self.guard.did
+        return self.guard.passed(s.tracker.for_guard(o, self.mode == "strict"), command, others)
+
+    def _planned(self) -> TimedPath | None:
+        """Return a copy of the plan in use, or the path of the best ant in the space of controls."""
+        s = self._state
+        if s.controls is not None:
+            return s.controls.path
+        n = int(s.plan.state[KNOT_COUNT])
+        return TimedPath(s.plan.knots[:n, 0].copy(), s.plan.knots[:n, 1:].copy()) if n else None
 
     def explain(self) -> Decision:
         """Return the reasons for the last command.
@@ -398,9 +391,9 @@ class AntwayPolicy:
                 (float(x), float(y)),
                 s.crowd.averaged[:known].copy(),
                 s.crowd.prediction[:known].copy(),
-                s.plan.segments[: int(s.plan.state[FORESEEN])].copy(),
+                s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
             )
-            s.decision = explain(situation, s.path, arrival - t, bound - t, s.did, self.pheromone(), self.memory())
+            s.decision = explain(situation, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
         return s.decision
 
     def planned(self) -> TimedPath | None:
@@ -425,14 +418,14 @@ class AntwayPolicy:
     def step_ants(self, cycles: int, act: Callable[[], object]) -> AntStep:
         """Run the control cycle of `act` with at most this many displayed cycles of the ants, and return its result."""
         s, budget = self._state, _EXPANSIONS_SHOWN * cycles
-        expansions, improvement, due = s.settings.expansions, s.settings.improvement_expansions, s.plan.state[LOOK]
+        expansions, improvement, due = s.settings.expansions, s.settings.improvement_expansions, s.plan.state[NEXT_SEARCH]
         least = min(expansions, budget), min(improvement, budget)
         s.settings = s.settings._replace(expansions=least[0], improvement_expansions=least[1])
         act()
         idle, tested = "", int(self.memory().counter[EXPANSIONS])
         if tested == 0:
             idle = "No ants in this control cycle: no other plan can be better."
-            if s.plan.state[LOOK] == due:
+            if s.plan.state[NEXT_SEARCH] == due:
                 idle = f"No ants in this control cycle: all goes as foreseen. They look for a better plan from {due:.2f} s on."
         return AntStep(idle, tested < budget or budget >= expansions, self.explain())
 

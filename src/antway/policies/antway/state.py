@@ -1,10 +1,11 @@
-"""What policy antway knows in an episode, and what its colony is given: the static side of a task, a memory, pheromone."""
+"""What policy antway knows in an episode, and what its colony is given: the planning context, a memory, pheromone."""
 
 from __future__ import annotations
 
 import math
 import threading
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,13 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
 from antway.kernels.spacetime.prepare import move_mask
-from antway.kernels.tracking import averages, noise
-from antway.kernels.tracking.kalman import COLUMNS, UNKNOWN
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
+from antway.kernels.tracking import crowd, prediction_error
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.controls import ControlColony
+from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.line_of_sight import nearest_free
-from antway.world.policy import XY, Decision, Observation, RobotSpec, Task, Tracks
+from antway.world.policy import XY, Decision, Observation, RobotSpec, Task
 
 _HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
 _HERE.flags.writeable = False
@@ -35,9 +35,18 @@ _MOST_CELLS = 1_000_000  # of a map whose cells are cut
 _WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
 _FINE = 0.4  # of the radius; cells of the field that robots on wheels or with inertia follow are no larger
 _ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
-ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
 _SEGMENTS = 48  # motion segments of one track, at most: each step of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
+
+
+class Cycle(NamedTuple):
+    """The control cycle that the explanation is about."""
+
+    observation: Observation
+    known: int  # number of track estimates
+    age: float  # s; age of these estimates
+    arrival: float  # s; arrival of the plan at the goal, absolute
+    bound: float  # s; lower bound on any arrival, absolute
 
 
 @dataclass(slots=True, eq=False)
@@ -52,31 +61,24 @@ class State:
         That of the pace in use.
     memory : Memory or None
         To search in; None: that of the thread (`shared_memory`).
-    table, count, variance, estimates
-        The track table with the number of its rows in use, room for the variances of a scan, the track estimates.
-    measured, noise
-        What kernels/tracking/noise.py knows of the noise of places.
-    averages, averaging, pool
-        What kernels/tracking/averages.py knows, with the number of its rows in use.
+    tracker : Tracker
+        The track estimates.
     rng : uint64[1]
         State of the random generator.
     controls : ControlColony or None
         What drives a robot with inertia or wheels.
-    fastest : float
-        Speed of the fastest track seen, m/s.
     started : float
         Time of the first observation, s; NaN before.
     path : TimedPath or None
         The plan in use, as it was made.
-    cycle : (Observation, int, float, float, float) or None
-        What the explanation is about: what was seen, how many tracks were known, the age of their estimates in s, the plan's
-        arrival at the goal and a lower bound on any arrival in s, absolute.
-    did : str
+    cycle : Cycle or None
+        The control cycle that the explanation is about.
+    guard_did : str
         What the guard did then.
     decision : Decision or None
         The explanation; None: it has to be made.
     until : float
-        For how long it stands, s.
+        Time at which the explanation is renewed at the latest, s.
     """
 
     task: Task
@@ -90,20 +92,11 @@ class State:
     crowd: Crowd
     rng: NDArray[np.uint64]
     controls: ControlColony | None = None
-    table: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, COLUMNS)))
-    count: int = 0
-    variance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((64, 2)))
-    estimates: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, 8)))
-    measured: NDArray[np.float64] = field(default_factory=lambda: np.zeros((MOST_ROWS, noise.COLUMNS)))
-    noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
-    averages: NDArray[np.float64] = field(default_factory=lambda: np.zeros((ROWS, averages.COLUMNS)))
-    averaging: int = 0
-    pool: NDArray[np.float64] = field(default_factory=lambda: np.zeros(averages.POOL))
-    fastest: float = 0.0
+    tracker: Tracker = field(default_factory=Tracker)
     started: float = math.nan
     path: TimedPath | None = None
-    cycle: tuple[Observation, int, float, float, float] | None = None
-    did: str = ""
+    cycle: Cycle | None = None
+    guard_did: str = ""
     decision: Decision | None = None
     until: float = math.inf
 
@@ -143,7 +136,7 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
         high=np.zeros(states),
         arrival=np.zeros(states),
         depart=np.zeros(states),
-        toll=np.zeros(states),
+        distance_cost=np.zeros(states),
         parent=ints(states),
         tried=np.zeros(states, np.uint64),
         key=np.zeros(states),
@@ -161,6 +154,25 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
 def make_trails(cells: int, bin: float = 0.5) -> Trails:
     """Return an empty table of pheromone for a map of so many cells and bins of arrival of `bin` s."""
     return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
+
+
+def make_plan() -> Plan:
+    """Return the record of a plan, without one yet."""
+    state = np.array([0.0, math.inf, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
+
+
+def make_crowd() -> Crowd:
+    """Return the predictions of no tracks yet."""
+    return Crowd(
+        rows=np.zeros((ROWS, crowd.COLUMNS)),
+        counts=np.zeros(2, np.int64),
+        prediction=np.empty((ROWS, crowd.STEPS, 2)),
+        averaged=np.zeros((ROWS, 8)),
+        stored=np.zeros((ROWS, prediction_error.COLUMNS)),
+        pool=np.array(prediction_error.POOL),
+        velocity_error=np.zeros(ROWS),
+    )
 
 
 def static_side(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
@@ -243,44 +255,26 @@ def most_segments(tracks: int) -> int:
 
 def fit_tables(s: State, tracks: int) -> None:
     """Make the tables of tracks longer, up to MOST_ROWS, where so many seen now and all known before might not fit."""
-    needed = max(s.count, s.averaging, int(s.crowd.known.max())) + tracks
+    tracker = s.tracker
+    needed = max(tracker.count, tracker.averages_count, int(s.crowd.counts.max())) + tracks
     n = min(2 * needed, MOST_ROWS)
-    if needed <= len(s.table) or n <= len(s.table):
+    if needed <= len(tracker.table) or n <= len(tracker.table):
         return
-
-    def longer(rows: NDArray[np.float64], size: int = n) -> NDArray[np.float64]:
-        return np.concatenate((rows, np.zeros((size - len(rows), *rows.shape[1:]))))
-
-    c = s.crowd
+    tracker.resize(n)
     s.plan = s.plan._replace(segments=longer(s.plan.segments, most_segments(n)))
-    s.table, s.estimates, s.averages = map(longer, (s.table, s.estimates, s.averages))
+    c = s.crowd
     s.crowd = c._replace(
-        rows=longer(c.rows),
-        prediction=longer(c.prediction),
-        averaged=longer(c.averaged),
-        foretold=longer(c.foretold),
-        wrong=longer(c.wrong),
+        rows=longer(c.rows, n),
+        prediction=longer(c.prediction, n),
+        averaged=longer(c.averaged, n),
+        stored=longer(c.stored, n),
+        velocity_error=longer(c.velocity_error, n),
     )
-
-
-def variances(s: State, t: Tracks, stamp: float) -> NDArray[np.float64]:
-    """Return the variances of the places (m^2) and velocities (m^2/s^2) of a scan as the filter takes them, float64[K, 2]."""
-    n = len(t)
-    if n > len(s.variance):
-        s.variance = np.zeros((2 * n, 2))
-    variance = s.variance[:n]
-    if t.covariance is not None:
-        estimated = np.where(t.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
-        variance[:, 0], variance[:, 1] = t.covariance[:, 0, 0] * estimated, t.covariance[:, 2, 2] * estimated
-    else:
-        variance[:, 0] = noise.place_noise(s.measured, s.noise, stamp, t.id, t.xy, t.velocity)
-        variance[:, 1] = 0.0
-    return variance
 
 
 def without_edges(settings: Settings) -> Settings:
     """Return the settings for obstacles that do not turn back at the edges of the map, as one was seen to cross them."""
-    open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "bare", "roomy")}
+    open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "narrow_tubes", "wide_tubes")}
     return settings._replace(**open_ended)
 
 
@@ -316,21 +310,3 @@ def with_fine_cells(task: Task) -> Task:
         return task
     cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)
     return replace(task, grid=replace(grid, blocked=cells, resolution=grid.resolution / finer))
-
-
-def with_noise(state: State, seen: Observation) -> Observation:
-    """Return what is seen with the covariance of its places that their innovations tell."""
-    n, tracks = len(seen.tracks), seen.tracks
-    covariance = np.zeros((n, 4, 4))
-    covariance[:, 0, 0] = covariance[:, 1, 1] = state.variance[:n, 0]
-    return replace(seen, tracks=replace(tracks, covariance=covariance))
-
-
-def as_estimated(state: State, seen: Observation, known: int) -> Observation:
-    """Return what is seen, as the filter sees it: its first `known` estimates, velocities NaN where it knows none."""
-    b = state.estimates[:known]
-    velocity = np.where(b[:, SIGMA_V, None] < UNKNOWN, b[:, VX : VY + 1], math.nan)
-    covariance = np.zeros((known, 4, 4))
-    covariance[:, 0, 0] = covariance[:, 1, 1] = b[:, SIGMA] ** 2
-    covariance[:, 2, 2] = covariance[:, 3, 3] = b[:, SIGMA_V] ** 2
-    return replace(seen, tracks=Tracks(b[:, NAME].astype(np.int64), b[:, :2], velocity, b[:, RADIUS], covariance))

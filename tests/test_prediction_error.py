@@ -1,4 +1,4 @@
-"""How well predictions have held: beside a slow twin, for what goes as foretold and for what does not."""
+"""How well predictions have held: beside a slow twin, for what goes as predicted and for what does not."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking.foretold import COLUMNS, FIRST, LATER, compared, foretell
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
+from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compare_predictions, store_predictions
 from common import cases
 
 BOX = np.zeros((40, 40), np.bool_)
@@ -18,13 +18,13 @@ MARGINS = TubeMargins(0.3, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf)
 
 
 class Slow:
-    """The same by a list of what was foretold, for each track and all."""
+    """The same by a list of what was predicted, for each track and all."""
 
     def __init__(self) -> None:
         self.made: dict[float, tuple[float, np.ndarray]] = {}
         self.last: dict[float, float] = {}
         self.errors: dict[float, list[float]] = {}
-        self.pool, self.compared = FIRST, 0
+        self.pool, self.compared = POOL[0], 0
 
     def __call__(self, estimates: np.ndarray, t: float, segments: np.ndarray, owner: np.ndarray) -> list[float]:
         out = []
@@ -56,7 +56,7 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
     """Tracks that bounce in a box and change their velocity by `wander` m/s a step; returns what both find in the end."""
     n = 4
     xy, velocity = rng.uniform(1.0, 7.0, (n, 2)), rng.uniform(-0.9, 0.9, (n, 2))
-    rows, count, pool, slow, wrong = np.zeros((16, COLUMNS)), 0, np.array([FIRST, 0.0]), Slow(), np.empty(n)
+    rows, count, pool, slow, errors = np.zeros((16, COLUMNS)), 0, np.array(POOL), Slow(), np.empty(n)
     names = np.arange(n, dtype=float)
     for i in range(steps):
         t = step * i
@@ -65,11 +65,11 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
         pieces = np.empty((256, 8))
         segments = pieces[: predict(estimates, t, 0.0, 4.0, -50.0, 0.0, MARGINS, TERRAIN, NO_PREDICTIONS, pieces)]
         owner = np.cumsum(np.concatenate(([0], segments[1:, 0] < segments[:-1, 1]))) if len(segments) else np.empty(0)
-        wrong = np.empty(len(seen))
-        count = compared(rows, count, pool, estimates, t, wrong)
-        foretell(rows, count, estimates, t, segments)
+        errors = np.empty(len(seen))
+        count = compare_predictions(rows, count, pool, estimates, t, errors)
+        store_predictions(rows, count, estimates, t, segments)
         expected = slow(estimates, t, segments, owner)
-        assert wrong == pytest.approx(expected, abs=1e-9)
+        assert errors == pytest.approx(expected, abs=1e-9)
         velocity += rng.normal(0.0, wander, (n, 2)) if wander else 0.0
         xy += velocity * step
         for axis in range(2):
@@ -77,11 +77,11 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
                 out = (xy[:, axis] - low) * sign < 0.0
                 xy[out, axis] = 2.0 * low - xy[out, axis]
                 velocity[out, axis] *= -1.0
-    return wrong, expected
+    return errors, expected
 
 
 def test_it_is_what_its_slow_twin_finds() -> None:
-    """Tracks come and go, wander and bounce; what wanders more is foretold worse."""
+    """Tracks come and go, wander and bounce; what wanders more is predicted worse."""
     rng = np.random.default_rng(4)
     for _ in range(cases(5, 200)):
         calm, _ = play(rng, 0.01)
@@ -89,8 +89,8 @@ def test_it_is_what_its_slow_twin_finds() -> None:
         assert 0.0 < calm.mean() < wild.mean()
 
 
-def test_what_bounces_as_foretold_is_not_taken_for_wrong() -> None:
-    """Discs that go straight between walls are where they were foretold to be, before and after they bounce."""
+def test_what_bounces_as_predicted_is_not_taken_for_wrong() -> None:
+    """Discs that go straight between walls are where they were predicted to be, before and after they bounce."""
     for step in (0.1, 0.25):  # 0.8 s are no multiple of 0.25 s
-        wrong, _ = play(np.random.default_rng(5), 0.0, steps=160, step=step)
-        assert wrong.max() < 0.02
+        errors, _ = play(np.random.default_rng(5), 0.0, steps=160, step=step)
+        assert errors.max() < 0.02

@@ -1,0 +1,141 @@
+"""Errors of earlier predictions: each track's predicted place is compared with its place a little later.
+
+An error is the distance between the two places by the time between them, m/s. Means are of distances, not of squares, so that
+one sudden turn does not dominate the errors of a track that otherwise goes straight. A track has too few comparisons of its
+own, so the mean error of all tracks, the pool, counts like some more of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base import records
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.tracking.kalman import UNKNOWN
+from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.table import drop_lost, row_of
+
+# Columns of a row: the track's name, when it was last seen, when its place was predicted, for which time, and that place. The
+# last two are its errors (see `count_comparison`).
+_NAME, _SEEN, _SINCE, _DUE, _X, _Y = range(6)
+COLUMNS = 8
+LATER = 0.8  # s; a predicted place is compared with the true one after this time
+_KEPT = 0.8  # 1; each comparison multiplies the weight of the track's earlier errors by this
+_POOL_KEPT = 0.95  # 1; each comparison multiplies the weight of the earlier errors of all tracks by this
+_POOL_WEIGHT = 2.0  # the mean error of all tracks counts like this many comparisons of the track itself
+_AXIS = math.sqrt(2.0 / math.pi)  # 1; standard deviation along one axis of a normal error whose mean distance is 1
+# The pool before the first comparison: the mean error of people, m/s, which counts as one comparison.
+POOL = (0.1 / _AXIS, 1.0)
+
+
+@bare_kernel
+def count_comparison(row: NDArray[np.float64], pool: NDArray[np.float64]) -> None:
+    """Count one more comparison of the predictions of M models; `add_error` then adds the error of each model.
+
+    Parameters
+    ----------
+    row : float64[N]
+        Of one track; its last M + 1 entries are the weighted sum of the errors of each model, m/s, and the weighted number of
+        comparisons.
+    pool : float64[M + 1]
+        Of all tracks: the mean error of each model, m/s, and the number of comparisons.
+    """
+    row[-1] = _KEPT * row[-1] + 1.0
+    pool[-1] += 1.0
+
+
+@bare_kernel
+def add_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: int, error: float) -> None:
+    """Add the error of a model, m/s, to those of the track and of all tracks."""
+    row[len(row) - len(pool) + model] = _KEPT * row[len(row) - len(pool) + model] + error
+    pool[model] += max(1.0 - _POOL_KEPT, 1.0 / pool[-1]) * (error - pool[model])
+
+
+@bare_kernel
+def summed_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: int) -> float:
+    """Return the weighted sum of a model's errors for a track, those of all tracks included, m/s."""
+    return float(row[len(row) - len(pool) + model] + _POOL_WEIGHT * pool[model])
+
+
+@bare_kernel
+def velocity_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: int) -> float:
+    """Return the standard deviation along one axis of the velocity that a model predicts for a track, m/s."""
+    return float(_AXIS * summed_error(row, pool, model) / (row[-1] + _POOL_WEIGHT))
+
+
+@kernel
+def compare_predictions(
+    rows: NDArray[np.float64],
+    count: int,
+    pool: NDArray[np.float64],
+    estimates: NDArray[np.float64],
+    t: float,
+    out: NDArray[np.float64],
+) -> int:
+    """Write the standard deviation of each track's predicted velocity along one axis, m/s; return how many rows are in use.
+
+    Parameters
+    ----------
+    rows : float64[M, COLUMNS]
+        The tracks known so far are the rows below `count`.
+    pool : float64[2]
+        As in `count_comparison`, with one model; at first it is POOL.
+    estimates : float64[K, 8]
+        As in kernels/tracking/predict.py, at time `t` s.
+    out : float64[K]
+        Filled.
+    """
+    count = drop_lost(rows, count, _SEEN, t)
+    for k in range(len(estimates)):
+        i = row_of(rows, count, _NAME, estimates[k, NAME])
+        out[k] = _AXIS * pool[0]
+        if estimates[k, NAME] < 0.0 or i == len(rows):
+            continue
+        row = rows[i]
+        if i == count:
+            count += 1
+            row[:] = 0.0
+            row[_NAME], row[_DUE] = estimates[k, NAME], -math.inf
+        overdue = t - row[_DUE]
+        if -1e-6 < overdue < 0.5 * LATER:
+            x, y = estimates[k, X] - estimates[k, VX] * overdue, estimates[k, Y] - estimates[k, VY] * overdue
+            count_comparison(row, pool)
+            add_error(row, pool, 0, math.hypot(x - row[_X], y - row[_Y]) / (row[_DUE] - row[_SINCE]))
+        if overdue > -1e-6:
+            row[_DUE] = -math.inf
+        row[_SEEN] = t
+        out[k] = velocity_error(row, pool, 0)
+    return count
+
+
+@kernel
+def store_predictions(
+    rows: NDArray[np.float64], count: int, estimates: NDArray[np.float64], t: float, segments: NDArray[np.float64]
+) -> None:
+    """Store the place predicted for `LATER` s after `t` of each track that has no stored prediction.
+
+    Parameters
+    ----------
+    rows, count, estimates, t
+        As in `compare_predictions`; SIGMA_V is the standard deviation that the filter gives.
+    segments : float64[P, 8]
+        The motion segments that `predict` wrote for these estimates, track after track.
+    """
+    first = 0
+    for k in range(len(estimates)):
+        last = first + 1  # one past the last segment of the track
+        while last < len(segments) and segments[last, records.T0] >= segments[last - 1, records.T1]:
+            last += 1
+        start, first = first, last
+        i = row_of(rows, count, _NAME, estimates[k, NAME])
+        if i == count or rows[i, _DUE] > -math.inf or estimates[k, SIGMA_V] >= UNKNOWN:
+            continue
+        for p in range(start, min(last, len(segments))):
+            due = t + LATER
+            if segments[p, records.T0] <= due < segments[p, records.T1]:
+                rows[i, _SINCE], rows[i, _DUE] = t, due
+                rows[i, _X] = segments[p, records.X] + segments[p, records.VX] * (due - segments[p, records.T0])
+                rows[i, _Y] = segments[p, records.Y] + segments[p, records.VY] * (due - segments[p, records.T0])

@@ -1,0 +1,114 @@
+"""What policy antway knows of the tracks in one episode: filtered estimates, and how noisy the sensor is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.tracking import averages, kalman, noise
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
+from antway.world.policy import Observation, Tracks
+
+ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
+_AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
+_NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
+_NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
+
+
+class Tracker:
+    """Filters the tracks of one episode.
+
+    Attributes
+    ----------
+    table, count
+        The track table of kernels/tracking/kalman.py, and the number of its rows in use.
+    estimates : float64[K, 8]
+        The estimates of the tracks known after the last scan, as in kernels/tracking/predict.py.
+    averages, averages_count, pool
+        The table and the pool of kernels/tracking/averages.py, and the number of rows in use.
+    fastest : float
+        Speed of the fastest track seen, m/s.
+    """
+
+    def __init__(self) -> None:
+        self.table, self.count = np.zeros((ROWS, kalman.COLUMNS)), 0
+        self._estimates = np.zeros((ROWS, 8))
+        self.estimates = self._estimates[:0]
+        self.averages, self.averages_count = np.zeros((ROWS, averages.COLUMNS)), 0
+        self.pool = np.zeros(averages.POOL)
+        self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(2)  # see kernels/tracking/noise.py
+        self._variance = np.zeros((64, 2))  # of the last scan
+        self.fastest = 0.0
+
+    def update(self, tracks: Tracks, t: float) -> None:
+        """Update the estimates with a scan at time `t` s."""
+        scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
+        self.count, known = kalman.update(self.table, self.count, t, *scan, _AGILITY, _NEAR, self._estimates)
+        self.estimates = self._estimates[:known]
+        if known:
+            self.fastest = max(self.fastest, float(np.hypot(self.estimates[:, VX], self.estimates[:, VY]).max()))
+
+    def seen_at(self, t: float) -> NDArray[np.float64]:
+        """Return the estimates of the tracks in the scan at time `t` s."""
+        seen: NDArray[np.float64] = self.estimates[self.table[: len(self.estimates), kalman.T] == t]
+        return seen
+
+    def average(self, t: float, out: NDArray[np.float64]) -> None:
+        """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
+        self.averages_count = averages.averaged(self.averages, self.averages_count, self.pool, self.estimates, t, out)
+
+    def resize(self, rows: int) -> None:
+        """Make the tables so long."""
+        self.table, self._estimates, self.averages = (
+            longer(table, rows) for table in (self.table, self._estimates, self.averages)
+        )
+
+    def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
+        """Return the variances of places (m^2) and velocities (m^2/s^2) as the filter takes them, float64[K, 2]."""
+        n = len(tracks)
+        if n > len(self._variance):
+            self._variance = np.zeros((2 * n, 2))
+        variance = self._variance[:n]
+        if tracks.covariance is not None:
+            filtered = np.where(tracks.covariance[:, 0, 2] != 0.0, -1.0, 1.0)  # a filter correlates place and velocity
+            variance[:, 0], variance[:, 1] = tracks.covariance[:, 0, 0] * filtered, tracks.covariance[:, 2, 2] * filtered
+        else:
+            variance[:, 0] = noise.place_noise(self._measured, self._noise, t, tracks.id, tracks.xy, tracks.velocity)
+            variance[:, 1] = 0.0
+        return variance
+
+    def for_guard(self, seen: Observation, strict: bool) -> Observation:
+        """Return the observation with the tracks that the guard is given: measurements if they are exact, else estimates.
+
+        A strict guard keeps the measurements, because estimates from wrong velocities would drift away from them; they get the
+        covariance that their innovations show.
+        """
+        noisy, covariance = self._noise[1] > _NOISY, seen.tracks.covariance
+        if strict and covariance is None:
+            return self._with_noise(seen) if noisy else seen
+        if covariance is not None or noisy or bool(np.isnan(seen.tracks.velocity).any()):
+            return self._as_estimated(seen)
+        return seen
+
+    def _with_noise(self, seen: Observation) -> Observation:
+        n = len(seen.tracks)
+        covariance = np.zeros((n, 4, 4))
+        covariance[:, 0, 0] = covariance[:, 1, 1] = self._variance[:n, 0]
+        return replace(seen, tracks=replace(seen.tracks, covariance=covariance))
+
+    def _as_estimated(self, seen: Observation) -> Observation:
+        """Return the observation with the estimates as tracks; velocities are NaN where the filter knows none."""
+        e = self.estimates
+        velocity = np.where(e[:, SIGMA_V, None] < kalman.UNKNOWN, e[:, VX : VY + 1], math.nan)
+        covariance = np.zeros((len(e), 4, 4))
+        covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
+        covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
+        return replace(seen, tracks=Tracks(e[:, NAME].astype(np.int64), e[:, :2], velocity, e[:, RADIUS], covariance))
+
+
+def longer(table: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
+    """Return a copy of a table with so many rows; the new ones are zero."""
+    return np.concatenate((table, np.zeros((rows - len(table), *table.shape[1:]))))
