@@ -33,8 +33,8 @@ from antway import (
     run,
 )
 from antway.kernels.base import jit
-from antway.policies.antway import policy as policy_module
 from antway.policies.antway import state as state_module
+from antway.policies.antway import tracker as tracker_module
 from antway.policies.antway.alternatives import CROSSING, ELSE
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guarded
@@ -464,7 +464,7 @@ def test_tables_of_tracks_grow_as_tracks_come(monkeypatch: pytest.MonkeyPatch) -
         return said
 
     few = commands()
-    for module in (policy_module, state_module):
+    for module in (tracker_module, state_module):
         monkeypatch.setattr(module, "ROWS", 256)
     assert commands() == few
 
