@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.ants.gridpath import BETA, Exploration, explore
 from antway.ants.persistence import Adaptive
-from antway.grid import Moves
+from antway.grid import Cell, Grid, Moves
 from antway.planning import Problem, Status, TimedPath
 from antway.policies.encounter import closest_approach, encounter
 from antway.policies.guard import Guard, check_observation
@@ -31,6 +30,7 @@ WAITS = 0.5  # s; step between the waiting times that are compared, and pause be
 NEAR = 2.0  # s; a conflict later than this, for which no detour is known yet, does not make the robot stop
 REFUGES = 30  # number of cells to step back to that are tried
 Costs = tuple[tuple[str, float], ...]
+Window = tuple[int, int, int, int]  # row and column of the corner, and numbers of rows and columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +81,10 @@ class PaperPolicy:
         Cost of a metre besides its time, s/m, >= 0: the paper's least distance weighed against its least time.
     """
 
+    nodes: Nodes  # the path from the robot on
+    held: float  # s; the robot stands until then
+    retreating: bool  # whether the nodes lead to a refuge, not to the goal
+
     def __init__(
         self,
         *,
@@ -111,10 +115,9 @@ class PaperPolicy:
         self.guard = Guard() if self.routes.stops else None  # the paper's robot stops and turns at once and needs no guard
         if self.guard is not None:
             self.guard.reset(task)
-        self.path = self.nodes = self.routes.to_goal(task.start)
+        self.path = self.routes.to_goal(task.start)
         self.path_cells = set(map(tuple, self.routes.cells(self.path).tolist()))
-        self.held = -math.inf  # s; the robot stands until then
-        self.retreating = False  # whether the nodes lead to a refuge, not to the goal
+        self._take(self.path)
         self.asked = -math.inf  # s; time of the latest comparison of detours and waits
         self.here = task.start  # m; where the robot was in the latest cycle
         self.colonies = 0
@@ -245,7 +248,7 @@ class PaperPolicy:
             extra = more * (1.0 / self.spec.v_max + self.distance_weight)
         costs = ((f"wait {wait:g} s" if wait < math.inf else "wait", wait), ("go round", max(extra, 0.0)))
         if detour is not None and extra <= wait:
-            self.nodes, self.held, self.retreating = detour.nodes, -math.inf, False
+            self._take(detour.nodes)
             self._decide("avoid", f"ants found a detour; local target: {detour.reason}", ahead, obstacle, costs, detour)
         elif when > seen.t + NEAR and not self.retreating and (wait == math.inf or self.held == -math.inf):
             self.held = -math.inf  # the conflict is so late that much may change before it
@@ -253,7 +256,7 @@ class PaperPolicy:
             self.held = seen.t + wait
             self._decide("wait", f"waiting {wait:g} s is shorter than any detour", ahead, obstacle, costs)
         elif (refuge := self._refuge(ahead)) is not None:
-            self.nodes, self.held, self.retreating = refuge, -math.inf, True
+            self._take(refuge, retreating=True)
             self._decide("step-back", "boxed in: to the nearest place that stays free", ahead, obstacle, costs)
         else:
             return self._last_resort(ahead, obstacle, costs)
@@ -269,17 +272,12 @@ class PaperPolicy:
         if here is None or not len(route):
             return None
         sensing_range = min(spec.sensor_range, self.lookahead * spec.v_max)
-        half = math.ceil(sensing_range / inflated.resolution)
-        low = [max(here[k] - half, 0) for k in (0, 1)]
-        high = [min(here[k] + half + 1, inflated.shape[k]) for k in (0, 1)]
-        window = (low[0], low[1], high[0] - low[0], high[1] - low[1])
+        window = _window(inflated, here, sensing_range)
         cells = routes.cells(route)
-        inside = ((cells >= low) & (cells < high)).all(axis=1)
+        inside = ((cells >= window[:2]) & (cells < np.add(window[:2], window[2:]))).all(axis=1)
         count = len(route) if inside.all() else int(np.argmin(inside))
-        if count == 0:
-            return None
         route, cells, rest = route[:count], cells[:count], route[count:]
-        on_path = np.array([tuple(cell) in self.path_cells for cell in cells.tolist()])
+        on_path = np.array([tuple(cell) in self.path_cells for cell in cells.tolist()], dtype=bool)
         if not on_path.any():
             return None
         beyond = 0.0 if self.retreating else (when - seen.t) * spec.v_max
@@ -292,20 +290,7 @@ class PaperPolicy:
             target = (int(cells[i, 0]), int(cells[i, 1]))
             if target == here or closed[target] or not inflated.is_free(target):
                 continue
-            self.colonies += 1
-            found = self.found = explore(
-                Problem(inflated, here, target),
-                seed=(self.seed + self.colonies) % 2**64,
-                persistence=Adaptive(),
-                ants=self.ants,
-                cycles=self.cycles,
-                heuristic=self.heuristic,
-                alpha=self.alpha,
-                beta=self.beta,
-                stop_at_bound=self.heuristic == "field",
-                window=window,
-                forbidden=closed,
-            )
+            found = self._explore(Problem(inflated, here, target), window, closed)
             if found.plan.status is Status.NO_PATH or not len(found.plan.cells):
                 continue
             for joins, nodes in self._joined(found.plan.xy(inflated), np.vstack((route[i:], rest))):
@@ -314,6 +299,24 @@ class PaperPolicy:
                     if self._free(ahead, candidate):
                         return Detour(candidate, joins, reason, found)
         return None
+
+    def _explore(self, problem: Problem, window: Window, closed: NDArray[np.bool_]) -> Exploration:
+        """Send a colony of ants through the open cells of the window."""
+        self.colonies += 1
+        self.found = explore(
+            problem,
+            seed=(self.seed + self.colonies) % 2**64,
+            persistence=Adaptive(),
+            ants=self.ants,
+            cycles=self.cycles,
+            heuristic=self.heuristic,
+            alpha=self.alpha,
+            beta=self.beta,
+            stop_at_bound=self.heuristic == "field",
+            window=window,
+            forbidden=closed,
+        )
+        return self.found
 
     def _joined(self, found: Nodes, onward: Nodes) -> Iterator[tuple[XY, Nodes]]:
         """Yield the ants' path to the first of the nodes `onward`, joined to these, with the node where they join.
@@ -363,7 +366,7 @@ class PaperPolicy:
                 contact, _ = ahead.tubes.conflict(path.t, path.xy, ahead.until, spec.radius + 0.02)
                 if contact > best:
                     best, velocity = contact, v
-        self.nodes, self.held, self.retreating = np.array([seen.xy]), -math.inf, True
+        self._take(np.array([seen.xy]), retreating=True)
         action = "brake" if velocity == (0.0, 0.0) else "step-aside"
         self._decide(action, "nothing is free: contact is put off as long as can be", ahead, obstacle, costs)
         return Command(velocity)
@@ -382,16 +385,7 @@ class PaperPolicy:
         )
         (x, y), (vx, vy) = tracks.xy[obstacle].tolist(), ahead.velocity[obstacle].tolist()
         time, distance = closest_approach(seen.xy, velocity, (x, y), (vx, vy))
-        more: dict[str, Any] = {}
-        if detour is not None:
-            row, col = detour.found.window[:2]
-            more = {
-                "local_target": detour.target,
-                "pheromone": (row, col, detour.found.pheromone_by_cell),
-                "history": detour.found.history,
-            }
-        if action in ("avoid", "step-back"):
-            more["path"] = self.routes.timed(seen, self.nodes)
+        colony = None if detour is None else detour.found
         self.decision = Decision(
             action,
             reason,
@@ -401,11 +395,19 @@ class PaperPolicy:
             distance_at_closest=distance - spec.radius - float(tracks.radius[obstacle]),
             alternatives=costs,
             predicted=ahead.tubes.rows(),
-            **more,
+            path=self.routes.timed(seen, self.nodes) if action in ("avoid", "step-back") else None,
+            local_target=None if detour is None else detour.target,
+            pheromone=None if colony is None else (*colony.window[:2], colony.pheromone_by_cell),
+            history=None if colony is None else colony.history,
         )
 
+    def _take(self, nodes: Nodes, *, retreating: bool = False) -> None:
+        """Drive along `nodes` from now on, without a wait."""
+        self.nodes, self.held, self.retreating = nodes, -math.inf, retreating
+
     def _resume(self, seen: Observation, nodes: Nodes) -> None:
-        self.nodes, self.held, self.retreating = nodes, -math.inf, False
+        """Take the path `nodes` to the goal, which is free."""
+        self._take(nodes)
         path = self.routes.timed(seen, nodes)
         self.decision = Decision("follow", "the path is free again", path=path)
 
@@ -415,3 +417,11 @@ class PaperPolicy:
             return STOP
         command, self.nodes = self.routes.passed(seen, self.nodes)
         return command
+
+
+def _window(grid: Grid, here: Cell, half: float) -> Window:
+    """Return the window of the grid that extends `half` m from the cell `here` to each side."""
+    cells = math.ceil(half / grid.resolution)
+    row, col = (max(here[k] - cells, 0) for k in (0, 1))
+    rows, cols = (min(here[k] + cells + 1, grid.shape[k]) - low for k, low in enumerate((row, col)))
+    return row, col, rows, cols
