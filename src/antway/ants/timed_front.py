@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,24 @@ LEVEL = 0.05  # m; clearances are rounded down to multiples of this
 _SAME = 1e-9
 _GREED = (0.5, 2.0, 8.0)  # 1 / periods; beta of successive ants
 _PERSISTENCE = 0.9
-Label = tuple[int, float, float, int, int]  # flat cell, distance (m), clearance (m), parent, period
+
+
+class Label(NamedTuple):
+    """A path to a cell."""
+
+    cell: int  # flat
+    distance: float  # m
+    clearance: float  # m
+    parent: int  # number of the label that this one extends; -1 for the start
+    period: int  # at whose start the path arrives
+
+    def dominates(self, other: Label) -> bool:
+        """Tell whether this path is as good as another one in each objective, or better."""
+        return (
+            self.period <= other.period
+            and self.distance <= other.distance + _SAME
+            and self.clearance >= other.clearance - _SAME
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,14 +166,14 @@ class _Graph:
 
     def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
         """Yield (move, label) for each extension of a label from which the goal can still be reached in time."""
-        cell, far, clear, _, period = label
+        cell, distance, clearance, _, period = label
         if period >= self.periods:
             return
         gaps = self.gap[period]
-        for place, there, length in self.moves[cell]:
-            gap = float(gaps[place])
+        for move, there, length in self.moves[cell]:
+            gap = float(gaps[move])
             if gap >= 0.0 and period + 1 + self.least[there] <= self.periods:
-                yield place, (there, far + length, min(clear, gap), index, period + 1)
+                yield move, Label(there, distance + length, min(clearance, gap), index, period + 1)
 
 
 class _Known:
@@ -163,59 +181,57 @@ class _Known:
 
     def __init__(self, net: _Graph) -> None:
         self.net = net
-        self.labels: list[Label] = [(net.start, 0.0, net.most, -1, 0)]
+        self.labels: list[Label] = [Label(net.start, 0.0, net.most, -1, 0)]
         self.at: dict[tuple[int, int], list[int]] = {(net.start, 0): [0]}
         self.front: list[int] = [0] if net.start == net.goal else []
 
     def hopeless(self, label: Label) -> bool:
         """Tell whether a known path dominates or equals even the shortest completion of a label without obstacles."""
-        cell, far, clear, _, period = label
-        soonest, shortest = period + self.net.least[cell], far + float(self.net.field[cell])
-        return any(
-            self.labels[i][4] <= soonest and self.labels[i][1] <= shortest + _SAME and self.labels[i][2] >= clear - _SAME
-            for i in self.front
-        )
+        cell, distance, clearance, parent, period = label
+        periods, length = self.net.least[cell], float(self.net.field[cell])
+        completed = Label(self.net.goal, distance + length, clearance, parent, period + periods)
+        return any(self.labels[i].dominates(completed) for i in self.front)
 
     def take(self, label: Label) -> int:
         """Keep a label unless another one dominates or equals it; return its number, or -1 if it is not kept."""
-        cell, far, clear, _, period = label
-        here = self.at.setdefault((cell, period), [])
-        if any(self.labels[i][1] <= far + _SAME and self.labels[i][2] >= clear - _SAME for i in here) or self.hopeless(label):
+        labels, number = self.labels, len(self.labels)
+        here = self.at.setdefault((label.cell, label.period), [])
+        if any(labels[i].dominates(label) for i in here) or self.hopeless(label):
             return -1
-        here[:] = [i for i in here if not (far <= self.labels[i][1] + _SAME and clear >= self.labels[i][2] - _SAME)]
-        number = len(self.labels)
-        self.labels.append(label)
+        here[:] = [i for i in here if not label.dominates(labels[i])]
+        labels.append(label)
         here.append(number)
-        if cell == self.net.goal:
-            kept = [
-                i
-                for i in self.front
-                if not (period <= self.labels[i][4] and far <= self.labels[i][1] + _SAME and clear >= self.labels[i][2] - _SAME)
-            ]
-            self.front = [*kept, number]
+        if label.cell == self.net.goal:
+            self.front = [*(i for i in self.front if not label.dominates(labels[i])), number]
         return number
 
     def stands(self, number: int) -> bool:
         """Tell whether no label dominates this one so far."""
-        return number in self.at[self.labels[number][0], self.labels[number][4]]
+        label = self.labels[number]
+        return number in self.at[label.cell, label.period]
 
     def result(self, status: Status, extended: int) -> TimedFront:
         """Return the front."""
-        net = self.net
-        order = sorted(self.front, key=lambda i: (self.labels[i][4], self.labels[i][1]))
-        values = [(self.labels[i][4] * net.period, self.labels[i][1], self.labels[i][2]) for i in order]
+        order = sorted(self.front, key=lambda i: (self.labels[i].period, self.labels[i].distance))
+        found = [self.labels[i] for i in order]
+        values = [(one.period * self.net.period, one.distance, one.clearance) for one in found]
         if status is Status.FOUND and not order:
             status = Status.NO_PATH
         return TimedFront(status, np.array(values).reshape(-1, 3), tuple(self.path(i) for i in order), extended)
 
-    def path(self, number: int) -> TimedPath:
-        """Return the motion that leads to a label."""
+    def chain(self, number: int) -> list[Label]:
+        """Return the labels from the start to the one with this number."""
         chain = []
         while number >= 0:
             chain.append(self.labels[number])
-            number = self.labels[number][3]
-        t = np.array([label[4] for label in reversed(chain)], np.float64) * self.net.period
-        return TimedPath(t, self.net.centres[[label[0] for label in reversed(chain)]])
+            number = self.labels[number].parent
+        return chain[::-1]
+
+    def path(self, number: int) -> TimedPath:
+        """Return the motion that leads to a label."""
+        chain = self.chain(number)
+        t = np.array([label.period for label in chain], np.float64) * self.net.period
+        return TimedPath(t, self.net.centres[[label.cell for label in chain]])
 
 
 def exact_front(
@@ -237,7 +253,7 @@ def exact_front(
     while layer:
         following = []
         for number in layer:
-            if known.stands(number) and known.labels[number][0] != net.goal:
+            if known.stands(number) and known.labels[number].cell != net.goal:
                 extended += 1
                 found = (known.take(label) for _, label in net.extended(known.labels[number], number))
                 following += [i for i in found if i >= 0]
@@ -312,7 +328,7 @@ def timed_front(
         ant += 1
         while number >= 0 and extended < budget:
             label = known.labels[number]
-            if label[0] == net.goal or not known.stands(number) or known.hopeless(label):
+            if label.cell == net.goal or not known.stands(number) or known.hopeless(label):
                 untried[number] = []
                 break
             if number not in untried:
@@ -321,12 +337,12 @@ def timed_front(
             number = _walk(net, known, tau, untried[number], label, weight, beta, rng)
             if number >= 0:
                 waiting.append(number)
-                if known.labels[number][0] == net.goal:
+                if known.labels[number].cell == net.goal:
                     _deposit(net, known, tau, number)
         waiting = [i for i in waiting if untried.get(i) != []] if ant % 64 == 0 or len(waiting) < 8 else waiting
         if at < len(waiting) and untried.get(waiting[at]) == []:
             waiting.pop(at)
-    whole = not [i for i in waiting if untried.get(i) != [] and known.stands(i) and known.labels[i][0] != net.goal]
+    whole = not [i for i in waiting if untried.get(i) != [] and known.stands(i) and known.labels[i].cell != net.goal]
     return known.result(Status.FOUND if whole else Status.BUDGET, extended)
 
 
@@ -342,11 +358,11 @@ def _walk(
 ) -> int:
     """Draw moves by Eq. (1) until one leads to a label that is kept; return its number, or -1 if none does."""
     while choices:
-        lost = [1.0 + net.least[there[0]] - net.least[label[0]] for _, there in choices]
+        lost = [1.0 + net.least[there.cell] - net.least[label.cell] for _, there in choices]
         odds = np.array(
             [
-                sum(w * trail.get(place, 1.0) for w, trail in zip(weight.tolist(), tau)) * math.exp(-beta * max(more, 0.0))
-                for (place, _), more in zip(choices, lost)
+                sum(w * trail.get(move, 1.0) for w, trail in zip(weight.tolist(), tau)) * math.exp(-beta * max(more, 0.0))
+                for (move, _), more in zip(choices, lost)
             ]
         )
         total = float(odds.sum())
@@ -359,18 +375,15 @@ def _walk(
 
 def _deposit(net: _Graph, known: _Known, tau: list[dict[int, float]], number: int) -> None:
     """Evaporate by Eq. (2), and deposit on a path to the goal for each objective by the rank of the path in it."""
-    chain = [number]
-    while known.labels[chain[-1]][3] >= 0:
-        chain.append(known.labels[chain[-1]][3])
-    path = [known.labels[i] for i in reversed(chain)]
-    values = np.array([(known.labels[i][4], known.labels[i][1], -known.labels[i][2]) for i in known.front])
-    mine = np.array([path[-1][4], path[-1][1], -path[-1][2]])
-    for trail, rank in zip(tau, (values < mine - _SAME).mean(axis=0).tolist()):
-        for place in trail:
-            trail[place] = 1.0 + _PERSISTENCE * (trail[place] - 1.0)
+    path = known.chain(number)
+    costs = np.array([(one.period, one.distance, -one.clearance) for one in (known.labels[i] for i in known.front)])
+    own = np.array([path[-1].period, path[-1].distance, -path[-1].clearance])
+    for trail, rank in zip(tau, (costs < own - _SAME).mean(axis=0).tolist()):
+        for move in trail:
+            trail[move] = 1.0 + _PERSISTENCE * (trail[move] - 1.0)
         for one, other in pairwise(path):
-            place = next(p for p, there, _ in net.moves[one[0]] if there == other[0])
-            trail[place] = trail.get(place, 1.0) + 1.0 - rank
+            move = next(k for k, there, _ in net.moves[one.cell] if there == other.cell)
+            trail[move] = trail.get(move, 1.0) + 1.0 - rank
 
 
 def _graph_of(
