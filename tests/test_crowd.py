@@ -46,9 +46,9 @@ def test_the_velocity_is_the_nearest_allowed_one() -> None:
             assert bad == n and math.dist(out, request) == pytest.approx(math.dist(best, request), abs=1e-6)
             allowed += 1
         elif bad < n:
-            orca.least_wrong(lines, n, bad, 1.0, out, work)
+            orca.least_violation(lines, n, bad, 1.0, out, work)
             assert math.hypot(*out) <= 1.0 + 1e-9
-            assert naive.wrong(lines, out) <= naive.least_wrong(lines, 1.0) + 1e-6
+            assert naive.violation(lines, out) <= naive.least_violation(lines, 1.0) + 1e-6
     assert allowed > 50
 
 

@@ -27,7 +27,7 @@ def least_change(a: np.ndarray, u: np.ndarray, contact_radius: float, horizon: f
     return best
 
 
-def wrong(lines: np.ndarray, v: np.ndarray) -> float:
+def violation(lines: np.ndarray, v: np.ndarray) -> float:
     """How far `v` is beyond the line that it is farthest beyond."""
     return max(-(dx * (v[1] - y) - dy * (v[0] - x)) for x, y, dx, dy in lines.tolist())
 
@@ -46,11 +46,11 @@ def nearest(lines: np.ndarray, top: float, request: np.ndarray) -> np.ndarray | 
         matrix = np.column_stack((one[2:], -other[2:]))
         if abs(np.linalg.det(matrix)) > 1e-9:
             candidates.append(one[:2] + one[2:] * np.linalg.solve(matrix, other[:2] - one[:2])[0])
-    good = [v for v in candidates if math.hypot(*v) <= top + 1e-9 and wrong(lines, v) <= 1e-9]
+    good = [v for v in candidates if math.hypot(*v) <= top + 1e-9 and violation(lines, v) <= 1e-9]
     return min(good, key=lambda v: math.dist(v, request)) if good else None
 
 
-def least_wrong(lines: np.ndarray, top: float) -> float:
-    """Least sampled value of `wrong` over the disc of velocities."""
+def least_violation(lines: np.ndarray, top: float) -> float:
+    """Least sampled value of `violation` over the disc of velocities."""
     grid = np.linspace(-top, top, 61)
-    return min(wrong(lines, np.array([x, y])) for x in grid for y in grid if math.hypot(x, y) <= top)
+    return min(violation(lines, np.array([x, y])) for x in grid for y in grid if math.hypot(x, y) <= top)

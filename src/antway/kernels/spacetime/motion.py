@@ -7,13 +7,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel, shared_kernel
+from antway.kernels.base.jit import bare_kernel, kernel, shared_kernel
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime.context import PlanningContext, can_stay, centre, clear
 from antway.kernels.spacetime.memory import Memory
 from antway.kernels.spacetime.segments import TOUCH, earliest_departure
 
 LOOK = 10  # a shortcut leads at most this many vertices ahead
+
+
+@bare_kernel
+def _append(knots: NDArray[np.float64], n: int, t: float, x: float, y: float) -> int:
+    """Write the knot (t, x, y) behind the first n; return the new number of knots."""
+    knots[n, 0], knots[n, 1], knots[n, 2] = t, x, y
+    return n + 1
 
 
 @shared_kernel
@@ -41,8 +48,7 @@ def trace_back(
         length += 1
         s = memory.parent[s]
     t = memory.arrival[chain[length - 1]]
-    out[0, 0], out[0, 1], out[0, 2] = t, x, y
-    n = 1
+    n = _append(out, 0, t, x, y)
     for i in range(length - 2, -1, -1):
         c = chain[i]
         px, py = out[n - 1, 1], out[n - 1, 2]
@@ -55,18 +61,15 @@ def trace_back(
         depart = earliest_departure(px, py, vx, vy, duration, max(t, memory.low[c] - duration), limit, predictions)
         depart = min(depart, limit)
         if depart > t + TOUCH:
-            out[n, 0], out[n, 1], out[n, 2] = depart, px, py
-            n += 1
+            n = _append(out, n, depart, px, py)
         t = depart + duration
-        out[n, 0], out[n, 1], out[n, 2] = t, gx, gy
-        n += 1
+        n = _append(out, n, t, gx, gy)
         if n + 3 > len(out):
             return n
     cell = memory.cell[end]
     if cell != context.goal and t < horizon:
         t = horizon
-        out[n, 0], out[n, 1], out[n, 2] = t, out[n - 1, 1], out[n - 1, 2]
-        n += 1
+        n = _append(out, n, t, out[n - 1, 1], out[n - 1, 2])
     while cell >= 0 and cell != context.goal and t < until and n < len(out):
         least, move = math.inf, -1
         for k in range(len(context.offset)):
@@ -78,9 +81,8 @@ def trace_back(
             break
         cell += context.offset[move]
         t += context.step[move, 2]
-        out[n, 0] = t
-        out[n, 1], out[n, 2] = centre(context, cell)
-        n += 1
+        x, y = centre(context, cell)
+        n = _append(out, n, t, x, y)
     return n
 
 
@@ -140,8 +142,7 @@ def shorten(
             continue
         x[m], y[m], arrive[m], depart[m] = knots[i, 1], knots[i, 2], knots[i, 0], knots[i, 0]
         m += 1
-    out[0, 0], out[0, 1], out[0, 2] = arrive[0], x[0], y[0]
-    rows, i, t = 1, 0, arrive[0]
+    rows, i, t = _append(out, 0, arrive[0], x[0], y[0]), 0, arrive[0]
     while i < m - 1 and rows + 2 < len(out):
         j = min(i + LOOK, m - 1)
         while True:
@@ -159,13 +160,10 @@ def shorten(
                 break
             j -= 1
         if leave > t + TOUCH:
-            out[rows, 0], out[rows, 1], out[rows, 2] = leave, x[i], y[i]
-            rows += 1
+            rows = _append(out, rows, leave, x[i], y[i])
         t = leave + duration
-        out[rows, 0], out[rows, 1], out[rows, 2] = t, x[j], y[j]
-        rows += 1
+        rows = _append(out, rows, t, x[j], y[j])
         i = j
     if depart[m - 1] > arrive[m - 1] and i == m - 1:  # keep a wait at the end
-        out[rows, 0], out[rows, 1], out[rows, 2] = depart[m - 1], x[m - 1], y[m - 1]
-        rows += 1
+        rows = _append(out, rows, depart[m - 1], x[m - 1], y[m - 1])
     return rows

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.rows import copy_row
-from antway.kernels.tracking.orca import beyond, half_plane, least_wrong, nearest
+from antway.kernels.tracking.orca import beyond, half_plane, least_violation, nearest
 from antway.kernels.tracking.predict import FAR_AHEAD, NAME, RADIUS, STEP_TIME, VX, VY, X, Y
 from antway.kernels.tracking.table import row_of
 
@@ -276,4 +276,4 @@ def _avoid(
     scale = preferred_speed / max(math.hypot(wx, wy), _EASE)
     infeasible = nearest(lines, n, preferred_speed, wx * scale, wy * scale, False, out)
     if infeasible < n:
-        least_wrong(lines, n, infeasible, preferred_speed, out, work)
+        least_violation(lines, n, infeasible, preferred_speed, out, work)

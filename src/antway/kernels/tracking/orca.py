@@ -36,12 +36,12 @@ def half_plane(
         A contact that exists already is to end within this time, s.
     """
     squared = ax * ax + ay * ay
-    over = squared <= contact_radius * contact_radius
-    span = step if over else horizon
+    in_contact = squared <= contact_radius * contact_radius
+    span = step if in_contact else horizon
     wx, wy = ux - ax / span, uy - ay / span  # relative to the centre of the disc that cuts off the velocity obstacle
     along = wx * ax + wy * ay
     w = math.hypot(wx, wy)
-    if over or (along < 0.0 and along * along > contact_radius * contact_radius * w * w):
+    if in_contact or (along < 0.0 and along * along > contact_radius * contact_radius * w * w):
         nx, ny = (wx / w, wy / w) if w > 0.0 else (1.0, 0.0)
         shift = 0.5 * (contact_radius / span - w)
         return shift * nx, shift * ny, ny, -nx
@@ -81,14 +81,14 @@ def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float
         low, high = -foot - math.sqrt(slack), -foot + math.sqrt(slack)
         for j in range(i):
             cross = dx * lines[j, 3] - dy * lines[j, 2]
-            off = lines[j, 2] * (py - lines[j, 1]) - lines[j, 3] * (px - lines[j, 0])
+            allowed = lines[j, 2] * (py - lines[j, 1]) - lines[j, 3] * (px - lines[j, 0])  # m/s; (px, py) is so far inside
             if abs(cross) <= _PARALLEL:
-                if off < 0.0:
+                if allowed < 0.0:
                     return i
             elif cross > 0.0:
-                high = min(high, off / cross)
+                high = min(high, allowed / cross)
             else:
-                low = max(low, off / cross)
+                low = max(low, allowed / cross)
         if low > high:
             return i
         t = dx * (wx - px) + dy * (wy - py)
@@ -100,7 +100,7 @@ def nearest(lines: NDArray[np.float64], n: int, top: float, wx: float, wy: float
 
 
 @bare_kernel
-def least_wrong(
+def least_violation(
     lines: NDArray[np.float64], n: int, first: int, top: float, out: NDArray[np.float64], work: NDArray[np.float64]
 ) -> None:
     """Write to `out` the velocity whose largest violation of any of lines[:n] is least, where no velocity is allowed.
