@@ -35,8 +35,8 @@ from antway.policies.antway.state import (
     make_memory,
     make_plan,
     make_trails,
+    planning_context,
     shared_memory,
-    static_side,
     with_fine_cells,
     without_edges,
 )
@@ -159,13 +159,13 @@ class AntwayPolicy:
             If the robot does not fit at the start or at the goal.
         """
         robot, cells = task.robot, task.grid.blocked.size
-        side = static_side(task, self.moves)
-        settings, context, controls = self._settings(task), side[0], None
+        context, start, goal = planning_context(task, self.moves)
+        settings, controls = self._settings(task), None
         paces = self._paces(context, settings, robot)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
-            context = away_from_walls(task, *side, self.moves)
+            context = away_from_walls(task, context, start, goal, self.moves)
             paces = (context, 0.0), (context, 0.0)
             controls = self._make_controls(task, context, seed)
         if self.guard:
@@ -190,7 +190,7 @@ class AntwayPolicy:
         swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
         field, fine = context.field, with_fine_cells(task)
         if fine is not task:
-            field = away_from_walls(fine, *static_side(fine, self.moves), self.moves).field
+            field = away_from_walls(fine, *planning_context(fine, self.moves), self.moves).field
         return ControlColony(self.controls, fine, field.reshape(fine.grid.shape), seed, swerve)
 
     def _paces(self, context: PlanningContext, settings: Settings, robot: RobotSpec) -> Paces:

@@ -26,16 +26,16 @@ from antway.search.sipp import timed_field, timed_moves
 from antway.world.line_of_sight import nearest_free
 from antway.world.policy import XY, Decision, Observation, RobotSpec, Task
 
-_HERE = np.zeros((1, 2), np.int32)  # no move at all; read-only as all moves are, for which a kernel is compiled once
+_HERE = np.zeros((1, 2), np.int32)  # a single move of length 0; read-only like all moves, so that the kernel is compiled once
 _HERE.flags.writeable = False
-_WIDTHS = 6  # discs between the one that holds a footprint and the one that it holds
-_NARROW = 0.1  # share of the first, at least; a footprint may turn about a point beside it
-_FAR_CELLS = 20  # so far from the start and the goal a cell with room is looked for
-_MOST_CELLS = 1_000_000  # of a map whose cells are cut
-_WALL_MARGIN = 0.05  # m; robots with inertia keep so far from walls where they can: ramps within a cycle cut corners
-_FINE = 0.4  # of the radius; cells of the field that robots on wheels or with inertia follow are no larger
-_ENDS = 1.0  # m; so far from the start and the goal they do without, where one of them is nearer to a wall
-_SEGMENTS = 48  # motion segments of one track, at most: each step of its trajectory, the widths of its tube, four walls
+_RADII = 6  # number of discs tried, from the one around the footprint to the one inside it
+_LEAST_RADIUS = 0.1  # 1; no disc is smaller than this share of the first, because a footprint may turn about a point beside it
+_FAR_CELLS = 20  # number of cells around the start and the goal among which a free one is searched for
+_MOST_CELLS = 1_000_000  # limit of cells of a map after its cells are divided
+_WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they can, because ramps within a cycle cut corners
+_FINE = 0.4  # 1; cells of the field that such robots follow are no larger than this share of the radius
+_ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
+_SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
 
 
@@ -175,12 +175,12 @@ def make_crowd() -> Crowd:
     )
 
 
-def static_side(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
-    """Return the context of a task, and the cells at which its paths begin and end.
+def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
+    """Return the planning context of a task, and the cells at which its paths start and end.
 
-    Where the disc that holds a footprint finds no way, as through a door that the robot passes by a hand's breadth, it is that
-    of the widest one that does, of a few down to the disc that the footprint holds: it leads through the middle of narrow
-    places. Rollouts and the guard look at the body itself.
+    The context is that of the largest disc that has a path, of a few from the disc around the footprint down to the one inside
+    it. A smaller disc finds the path through a door that is hardly wider than the robot, and its path leads through the middle.
+    Rollouts and the guard test the footprint itself.
 
     Raises
     ------
@@ -190,9 +190,9 @@ def static_side(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
     grid, robot = task.grid, task.robot
     ends = {"start": task.start, "goal": task.goal}
     widest = None
-    narrowest = max(robot.inscribed, _NARROW * robot.radius)
-    for radius in dict.fromkeys(np.linspace(robot.radius, narrowest, _WIDTHS).tolist()):
-        # what Grid.inflate tells, from a stencil of the few cells round a robot
+    narrowest = max(robot.inscribed, _LEAST_RADIUS * robot.radius)
+    for radius in dict.fromkeys(np.linspace(robot.radius, narrowest, _RADII).tolist()):
+        # The same as Grid.inflate, but faster for a robot of few cells.
         stands = move_mask(grid.blocked, _HERE, radius / grid.resolution)
         inflated = replace(grid, blocked=stands == 0)
         start, goal = (_end_cell(task, inflated, radius, name, xy) for name, xy in ends.items())
@@ -205,12 +205,12 @@ def static_side(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
     if widest is None:
         for name, xy in ends.items():
             standing_cell(name, xy, grid, inflated, radius)
-    assert widest is not None, "an end without room has raised"
+    assert widest is not None, "standing_cell has raised the error"
     return widest
 
 
 def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> Cell | None:
-    """Return the cell of `xy`, or else the nearest one with room to which the robot can drive straight; None: there is none."""
+    """Return the cell of `xy` if it is free, or else the nearest free one to which the robot can drive straight, or None."""
     try:
         cell = inflated.cell_at(xy)
     except OutOfBounds as error:
@@ -254,7 +254,7 @@ def most_segments(tracks: int) -> int:
 
 
 def fit_tables(s: State, tracks: int) -> None:
-    """Make the tables of tracks longer, up to MOST_ROWS, where so many seen now and all known before might not fit."""
+    """Make the tables of tracks longer, up to MOST_ROWS, if the `tracks` of a scan and all known before might not fit."""
     tracker = s.tracker
     needed = max(tracker.count, tracker.averages_count, int(s.crowd.counts.max())) + tracks
     n = min(2 * needed, MOST_ROWS)
@@ -279,9 +279,9 @@ def without_edges(settings: Settings) -> Settings:
 
 
 def away_from_walls(task: Task, context: PlanningContext, start: Cell, goal: Cell, moves: Moves) -> PlanningContext:
-    """Return the context, from `static_side`, with a little room kept to walls where that leads from the start to the goal.
+    """Return the context of `planning_context` with a margin to walls, if a path from the start to the goal keeps it.
 
-    If it does not, as where one of them is too near a wall, it keeps that room away from both of them, or else nowhere.
+    If there is none, because an end is too near to a wall, the margin is left out near both ends, or else everywhere.
     """
     grid, radius = task.grid, context.radius
     wide = timed_moves(grid, radius + _WALL_MARGIN, moves)
@@ -300,9 +300,9 @@ def away_from_walls(task: Task, context: PlanningContext, start: Cell, goal: Cel
 def with_fine_cells(task: Task) -> Task:
     """Return the task on the same map in cells no larger than a part of the robot, as far as they are not too many.
 
-    Moves of 32 directions lead through cells in whose centre a robot has no room. Where such cells are larger than the robot, a
-    field that is interpolated between centres has a ridge across these moves, in front of which it would stand. And where a
-    passage is hardly wider than the robot, or not at all, large cells do not tell which.
+    Moves of 32 directions lead through cells in whose centre a robot cannot stand. If such cells are larger than the robot, a
+    field that is interpolated between centres has a ridge across these moves, before which the robot would stop. Large
+    cells also do not show whether a passage is slightly wider than the robot or too narrow.
     """
     grid = task.grid
     finer = min(math.ceil(grid.resolution / (_FINE * task.robot.radius) - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
