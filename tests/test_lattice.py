@@ -35,7 +35,7 @@ def _colony(robot: RobotSpec, rng: np.random.Generator) -> ControlColony:
     for k in range(len(colony.problem.outlook.near)):
         for i in range(3):
             at = x[i] + 0.1 * k * vx[i], y[i] + 0.1 * k * vy[i]
-            colony.problem.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i
+            colony.problem.outlook.disc[k, i] = *at, 0.5, 0.55, 1.0, vx[i], vy[i], math.inf, 0.7, i, 0.6, 0.3
     colony.problem = colony.problem._replace(weights=colony.problem.weights._replace(**FIRM))
     return colony
 

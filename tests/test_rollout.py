@@ -65,6 +65,7 @@ def test_discs_cover_the_footprint_and_are_no_larger_than_they_must(robot: Robot
 )
 def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
     colony, rng = _colony(robot), np.random.default_rng(5)
+    colony.problem = colony.problem._replace(weights=colony.problem.weights._replace(turn_risk=4.0))
     steps = len(colony.problem.outlook.near)
     for trial in range(20):
         speeds = rng.uniform((-0.3, -1.9), (1.0, 1.9), (6, 2)) if robot.wheels else rng.uniform(-0.7, 0.7, (6, 2))
@@ -84,6 +85,8 @@ def test_a_rollout_costs_what_its_definition_says(robot: RobotSpec) -> None:
                     rng.choice([0.3, math.inf]),
                     contact + rng.uniform(0.05, 0.4),
                     i,
+                    contact + rng.uniform(0.05, 0.4),
+                    rng.uniform(0.1, 1.0),
                 )
         colony.problem.outlook.plan[:] = [3.0, 4.0, 2.0 if trial % 3 else -math.inf]
         path = np.zeros((steps, 2))

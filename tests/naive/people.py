@@ -95,6 +95,18 @@ def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7):
     return out
 
 
+def turns(scans, least=0.7, gap=0.3, first=10.0):
+    """How often tracks turn and by how much, from scans (t, {name: (vx, vy)}): whole histories, compared pair by pair."""
+    histories = {}
+    for t, tracks in scans:
+        for name, v in tracks.items():
+            histories.setdefault(name, []).append((t, v))
+    pairs = [pair for history in histories.values() for pair in pairwise(history) if pair[1][0] - pair[0][0] <= gap]
+    changes = [math.dist(one[1], other[1]) for one, other in pairs]
+    turned = [change for change in changes if change > least]
+    return len(turned) / (first + sum(other[0] - one[0] for one, other in pairs)), sum(turned) / max(len(turned), 1)
+
+
 def place_noise(scans) -> float:
     """Variance of places from scans (t, ids, xy, velocity): the true median of all squared innovations."""
     last, squares = {}, []

@@ -59,7 +59,8 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         )
         stands = np.array([x, y]) + course * speed**2 / (2.0 * limits.brake_max)
         late = w.stopping_time + speed / limits.brake_max
-        for cx, cy, contact, preferred, top, vx, vy, straight, risky, owner in outlook.disc[k, : outlook.near[k]].tolist():
+        for disc in outlook.disc[k, : outlook.near[k]].tolist():
+            cx, cy, contact, preferred, top, vx, vy, straight, risky, owner, turn_distance, turn_time = disc
             away = math.hypot(x - cx, y - cy)
             if len(field.discs):
                 away = _from_footprint(turn @ [cx - x, cy - y], corners) + field.box[4]
@@ -67,6 +68,8 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             danger = 0.0
             if away < risky:
                 danger += decay * w.risk * min((risky - away) / (risky - contact), 1.0) ** 2
+            if away < turn_distance:
+                danger += decay * w.turn_risk * turn_time * min((turn_distance - away) / (turn_distance - contact), 1.0)
             if away < contact:
                 danger += decay * w.contact * (1.0 + contact - away)
             harm[owner] = max(harm[owner], danger) if len(outlook.harm) else harm.get(0, 0.0) + danger

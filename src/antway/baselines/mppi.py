@@ -86,6 +86,7 @@ class Mppi(Follow):
             decay=0.3,
             near=0.2,
             risk=0.0,
+            turn_risk=0.0,
             wall=100.0,
             wall_margin=self.wall_margin,
             off_plan=0.0,
@@ -101,7 +102,7 @@ class Mppi(Follow):
             empty_outlook(steps, summed=True),
             weights,
         )
-        self.margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0)
+        self.margins = Margins(self.margin, self.wished, 0.0, 0.0, 0.0, 0.0, 1.0)
         self.bounds = SpeedBounds(robot.v_max, 0.0, 0.0, 0.0)
         self.nominal = np.zeros((steps, 2))
         self.random = np.array([stream(np.uint64(seed), np.uint64(2))], np.uint64)
@@ -116,7 +117,7 @@ class Mppi(Follow):
         segments[:, 2:4], segments[:, 4:6] = xy + late * velocity, velocity
         segments[:, 6] = observation.tracks.radius + robot.radius
         sigma = np.zeros((len(xy), 2))
-        look = segments, sigma, o.t, robot.dt, self.problem.start, self.bounds, self.margins, self.problem.outlook
+        look = segments, sigma, o.t, robot.dt, self.problem.start, self.bounds, self.margins, 0.0, self.problem.outlook
         entry(look_ahead, *look)(*look)
         self.nominal[:-1] = self.nominal[1:]
         arguments = self.nominal, self.sampling, self.problem, self.random

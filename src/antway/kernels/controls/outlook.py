@@ -20,6 +20,8 @@ from antway.kernels.controls.problem import (
     RISKY,
     SPEED,
     STRAIGHT,
+    TURN_DISTANCE,
+    TURN_TIME,
     VX,
     VY,
     Outlook,
@@ -34,6 +36,8 @@ class Margins(NamedTuple):
     spread: float  # 1; the risk of contact begins at this many standard deviations of the place
     spread_time: float  # s; the standard deviation grows with the time predicted up to this
     late: float  # s; and is larger from the start by its growth in this time, in which a robot with inertia cannot respond
+    response: float  # s; delay before the robot responds to an obstacle that turns
+    agility: float  # m/s^2; acceleration with which it then gets out of the way
 
 
 class SpeedBounds(NamedTuple):
@@ -54,6 +58,7 @@ def look_ahead(
     start: NDArray[np.float64],
     bounds: SpeedBounds,
     margins: Margins,
+    change: float,
     outlook: Outlook,
 ) -> None:
     """Fill `outlook` with the obstacles of motion segments that the robot could come near to.
@@ -70,6 +75,8 @@ def look_ahead(
         State of the robot.
     bounds : SpeedBounds
     margins : Margins
+    change : float
+        By how much the velocities of obstacles change when they turn, m/s; 0 if they do not turn.
     """
     v_max, stopping_time = bounds.v_max, bounds.stopping_time
     steps, size = len(outlook.near), outlook.disc.shape[1]
@@ -94,14 +101,17 @@ def look_ahead(
             grown = sigma[obstacle, 1] * (margins.late + min(t - now, margins.spread_time))
             uncertain = margins.spread * math.sqrt(sigma[obstacle, 0] ** 2 + grown * grown)
             contact = segment[records.CONTACT_RADIUS] + margins.margin
+            turn_time = min(t - now, margins.response + change / margins.agility)
+            turned = change * turn_time - 0.5 * margins.agility * max(turn_time - margins.response, 0.0) ** 2
             while_stopping = speed * stopping_time + 0.5 * v_max * stopping_time
-            far = contact + max(margins.preferred_gap, uncertain, while_stopping) + v_max * (k + 1) * dt + 0.01
+            far = contact + max(margins.preferred_gap, uncertain, turned, while_stopping) + v_max * (k + 1) * dt + 0.01
             dx, dy = x - start[SX], y - start[SY]
             if dx * dx + dy * dy < far * far and outlook.near[k] < size:
                 disc = outlook.disc[k, outlook.near[k]]
                 disc[CENTRE_X], disc[CENTRE_Y], disc[VX], disc[VY], disc[SPEED] = x, y, vx, vy, speed
                 disc[CONTACT], disc[PREFERRED], disc[RISKY] = contact, contact + margins.preferred_gap, contact + uncertain
                 disc[STRAIGHT] = t1 - t if turns else math.inf
+                disc[TURN_DISTANCE], disc[TURN_TIME] = contact + turned, turn_time
                 disc[OWNER] = obstacle % max(len(outlook.harm), 1)
                 outlook.near[k] += 1
 

@@ -11,9 +11,11 @@ from antway.kernels.base.records import RobotLimits
 
 # Columns of an obstacle at the end of a step: its place in m; the distances of the centres in m at which contact begins and up
 # to which a greater distance is preferred; the bound on its speed in m/s; its velocity in m/s; the time in s until a wall
-# changes its velocity; the distance of the centres in m at which the risk of contact begins; and its entry in `Outlook.harm`.
-CENTRE_X, CENTRE_Y, CONTACT, PREFERRED, SPEED, VX, VY, STRAIGHT, RISKY, OWNER = range(10)
-COLUMNS = 10
+# changes its velocity; the distance of the centres in m at which the risk of contact begins; its entry in `Outlook.harm`; the
+# distance of the centres in m at which the risk of turns begins, and the time in s within which a turn comes too late for the
+# robot to respond.
+CENTRE_X, CENTRE_Y, CONTACT, PREFERRED, SPEED, VX, VY, STRAIGHT, RISKY, OWNER, TURN_DISTANCE, TURN_TIME = range(12)
+COLUMNS = 12
 
 
 class StaticField(NamedTuple):
@@ -50,6 +52,7 @@ class CostWeights(NamedTuple):
     decay: float  # 1/s; rate at which the weight of contacts, risks, stops and walls falls with the time ahead
     near: float  # s/m; at each step, for each metre that is missing to the preferred distance
     risk: float  # s; where contact begins; falls with the square to nothing where the risk begins; see `Outlook.harm`
+    turn_risk: float  # 1; where contact begins, for each s of TURN_TIME; falls to nothing at TURN_DISTANCE; see `Outlook.harm`
     wall: float  # s; at each step at which the robot is nearer to a wall than `wall_margin`
     wall_margin: float  # m
     off_plan: float  # s/m; added to the time that the plan still takes, for each metre between the robot and the plan

@@ -27,6 +27,8 @@ from antway.kernels.controls.problem import (
     RISKY,
     SPEED,
     STRAIGHT,
+    TURN_DISTANCE,
+    TURN_TIME,
     VX,
     VY,
     ControlProblem,
@@ -50,13 +52,16 @@ def obstacle_cost(at: MotionState, k: int, decay: float, problem: ControlProblem
         disc = outlook.disc[k, i]
         dx, dy = at.x - disc[CENTRE_X], at.y - disc[CENTRE_Y]
         square = dx * dx + dy * dy
-        if square < max(disc[PREFERRED] * disc[PREFERRED], disc[RISKY] * disc[RISKY]):
+        if square < max(disc[PREFERRED], disc[RISKY], disc[TURN_DISTANCE]) ** 2:
             distance = math.sqrt(square) if len(field.discs) == 0 else footprint_distance(field, at, dx, dy)
             cost += w.near * max(disc[PREFERRED] - distance, 0.0)
             harm = 0.0
             if distance < disc[RISKY]:
                 share = min((disc[RISKY] - distance) / (disc[RISKY] - disc[CONTACT]), 1.0)
                 harm += w.risk * share * share
+            if w.turn_risk > 0.0 and distance < disc[TURN_DISTANCE]:
+                share = min((disc[TURN_DISTANCE] - distance) / (disc[TURN_DISTANCE] - disc[CONTACT]), 1.0)
+                harm += w.turn_risk * disc[TURN_TIME] * share
             if distance < disc[CONTACT]:
                 harm += w.contact + w.contact * (disc[CONTACT] - distance)
             harm, owner = decay * harm, int(disc[OWNER])

@@ -29,6 +29,7 @@ _WALL_COST = 100.0  # s; cost of a step at which the robot is nearer to a wall t
 _ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
 _BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
 _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
+_DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -38,7 +39,8 @@ class ControlOptions:
 
     All costs are in seconds. A robot whose top speed is n times lower than 0.8 m/s needs n times as long to get out of the way.
     For it `spread_time` and `late` are n times longer, `risk` is n^2 times larger, `spread` is the square root of n times
-    larger, and `decay` is n times smaller than given here.
+    larger, `decay` is n times smaller than given here, and `turn_risk` is 0: such a robot cannot get out of the way of what
+    turns towards it, however it drives.
 
     Attributes
     ----------
@@ -87,6 +89,11 @@ class ControlOptions:
         s; the standard deviation of a predicted place grows for this time ahead and then stays.
     late : float
         s; standard deviations are those of a time this much later, because a robot with inertia cannot respond at once.
+    turn_risk : float
+        s; cost of being where contact begins, for each turn that is expected of an obstacle in the time in which the robot
+        could not respond to it any more. How often obstacles turn, and by how much, is learnt from all tracks of the episode
+        (kernels/tracking/turns.py). The cost decreases to zero at the distance from which the robot can still get out of the
+        way. It is charged like `risk`, and is 0 if the scenario limits how obstacles swerve.
     wall_margin : float
         m; distance to keep from walls.
     contact : float
@@ -124,6 +131,7 @@ class ControlOptions:
     spread: float = 2.0
     spread_time: float = 1.2
     late: float = 0.4
+    turn_risk: float = 20.0
     wall_margin: float = 0.03
     contact: float = 600.0
     decay: float = 0.1
@@ -169,7 +177,10 @@ class ControlColony:
             wide=tuple((0.35 * limits).tolist()),
         )
         times = slowness * o.spread_time, slowness * o.late
-        self.margins = Margins(o.margin, o.preferred_gap, math.sqrt(slowness) * o.spread, *times)
+        agility = _DODGE * self.problem.limits.a_max
+        self.margins = Margins(
+            o.margin, o.preferred_gap, math.sqrt(slowness) * o.spread, *times, robot.latency + robot.dt, agility
+        )
         self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
         self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
         stopping_time = self.problem.weights.stopping_time + robot.v_max / self.problem.limits.brake_max
@@ -203,6 +214,7 @@ class ControlColony:
         sigma: NDArray[np.float64],
         knots: NDArray[np.float64],
         arrival: float,
+        turns: tuple[float, float],
     ) -> Command:
         """Return the command that begins to act at `start` s, when the robot is in `state`.
 
@@ -220,10 +232,15 @@ class ControlColony:
             The plan (t, x, y); may be empty.
         arrival : float
             Of the plan, s.
+        turns : (float, float)
+            How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
-        problem = self.problem._replace(weights=self._relaxed_weights(start, state))
+        rate, change = turns if self.unsure > 0.0 else (0.0, 0.0)
+        weights = self._relaxed_weights(start, state)
+        weights = weights._replace(turn_risk=rate * weights.turn_risk)
+        problem = self.problem._replace(weights=weights)
         problem.start[:], self.began = state, start
-        look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, problem.outlook
+        look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, change, problem.outlook
         entry(look_ahead, *look)(*look)
         if len(knots):
             plan = knots, start, problem.dt, arrival, self.options.trust, problem.outlook.plan
@@ -278,6 +295,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         decay=o.decay / slowness,
         near=o.near,
         risk=o.risk * slowness**2,
+        turn_risk=o.turn_risk if slowness == 1.0 else 0.0,
         wall=_WALL_COST,
         wall_margin=o.wall_margin,
         off_plan=o.off_plan,

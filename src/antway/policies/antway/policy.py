@@ -303,7 +303,8 @@ class AntwayPolicy:
         _, _, _, arrival, bound = self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
         sigma = s.controls.deviations(s.tracker.estimates, s.crowd.velocity_error[:known])
-        command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival)
+        turns = s.tracker.turns(o.sensed_at)
+        command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival, turns)
         return command, KEPT if s.controls.same_path() else NEW, arrival, bound
 
     def _plan(self, o: Observation, age: float) -> tuple[float, float, int, float, float]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.tracking import averages, kalman, noise
+from antway.kernels.tracking import averages, kalman, noise, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 from antway.world.policy import Observation, Tracks
 
@@ -41,6 +41,8 @@ class Tracker:
         self.pool = np.zeros(averages.POOL)
         self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(2)  # see kernels/tracking/noise.py
         self._variance = np.zeros((64, 2))  # of the last scan
+        self._seen, self._seen_count = np.zeros((ROWS, turns.COLUMNS)), 0  # see kernels/tracking/turns.py
+        self._turns = np.array([turns.FIRST_SECONDS, 0.0, 0.0])
         self.fastest = 0.0
 
     def update(self, tracks: Tracks, t: float) -> None:
@@ -60,10 +62,16 @@ class Tracker:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
         self.averages_count = averages.averaged(self.averages, self.averages_count, self.pool, self.estimates, t, out)
 
+    def turns(self, t: float) -> tuple[float, float]:
+        """Return how often tracks turn, 1/s, and the mean change of their velocities, m/s, after the scan at time `t` s."""
+        self._seen_count = turns.count_turns(self._seen, self._seen_count, self._turns, self.estimates, t)
+        seconds, number, changes = self._turns.tolist()
+        return number / seconds, changes / max(number, 1.0)
+
     def resize(self, rows: int) -> None:
         """Make the tables so long."""
-        self.table, self._estimates, self.averages = (
-            longer(table, rows) for table in (self.table, self._estimates, self.averages)
+        self.table, self._estimates, self.averages, self._seen = (
+            longer(table, rows) for table in (self.table, self._estimates, self.averages, self._seen)
         )
 
     def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:

@@ -1,0 +1,72 @@
+"""Turns of obstacles: how often they are seen, and how far a robot that foresees them keeps away."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import Grid, RobotSpec, Scenario, World, check_episode, run
+from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
+from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
+from antway.kernels.tracking.kalman import UNKNOWN
+from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY
+from antway.kernels.tracking.turns import COLUMNS, FIRST_SECONDS, count_turns
+from antway.policies.antway.controls import ControlOptions
+from antway.policies.antway.policy import AntwayPolicy
+from antway.world.motions import Waypoints
+from antway.world.rollouts import empty_outlook
+from antway.world.world import Obstacle
+from common import cases
+from naive import people as naive
+
+
+def test_turns_are_those_that_the_slow_twin_counts() -> None:
+    """Tracks come and go, turn now and then, and some have no velocity."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(30, 1000)):
+        rows, count, turns = np.zeros((16, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0])
+        v, step, scans = rng.uniform(-1, 1, (6, 2)), float(rng.choice([0.05, 0.1, 0.25])), []
+        for i in range(60):
+            turned = rng.random(6) < 0.05
+            v = np.where(turned[:, None], rng.uniform(-1, 1, (6, 2)), v + rng.normal(0, 0.02, (6, 2)))
+            seen = np.flatnonzero(rng.random(6) < (0.3 if i % 20 > 15 else 0.95))
+            estimates = np.zeros((len(seen), 8))
+            estimates[:, (VX, VY)], estimates[:, NAME] = v[seen], seen
+            estimates[seen == 5, SIGMA_V] = UNKNOWN
+            count = count_turns(rows, count, turns, estimates, step * i)
+            scans.append((step * i, {k: tuple(v[k]) for k in seen.tolist() if k != 5}))
+        rate, change = naive.turns(scans)
+        assert turns[1] / turns[0] == pytest.approx(rate, rel=1e-9)
+        assert turns[2] / max(turns[1], 1.0) == pytest.approx(change, rel=1e-9) and rate > 0.0
+
+
+@pytest.mark.parametrize("change", [0.0, 0.8, 1.6])
+def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of_its_way(change: float) -> None:
+    """It is the largest gain of all turns up to then, tried one by one."""
+    outlook = empty_outlook(30)
+    margins = Margins(0.01, 0.05, 2.0, 1.2, 0.4, 0.15, 2.0)
+    segments = np.array([[0.0, math.inf, 2.0, 0.0, 0.0, 0.0, 0.6, 0.6]])
+    look_ahead(segments, np.zeros((1, 2)), 0.0, 0.1, np.zeros(5), SpeedBounds(1.0, 1.0, 1.0, 1.0), margins, change, outlook)
+    reach = outlook.disc[:, 0, TURN_DISTANCE] - outlook.disc[:, 0, CONTACT]
+    for k in range(30):
+        since = np.linspace(0.0, 0.1 * (k + 1), 20_001)
+        gain = change * since - 0.5 * 2.0 * np.maximum(since - 0.15, 0.0) ** 2
+        assert reach[k] == pytest.approx(gain.max(), abs=1e-6)
+        assert outlook.disc[k, 0, TURN_TIME] == pytest.approx(min(0.1 * (k + 1), 0.15 + change / 2.0))
+    assert (outlook.near == 1).all()
+
+
+def test_a_robot_with_inertia_keeps_away_from_obstacles_that_turn_again_and_again() -> None:
+    """Discs go to and fro across an aisle, so that they turn at once; the robot passes them farther away for that."""
+    gap = {}
+    for turn_risk in (0.0, 20.0):
+        discs = tuple(Obstacle(0.3, Waypoints(((x, 2.9), (x, 5.2)), 0.8)) for x in (5.0, 8.0, 11.0))
+        world = World(Grid(np.zeros((60, 150), np.bool_), 0.1), discs)
+        scenario = Scenario(world, (1.0, 3.0), (14.0, 3.0), robot=RobotSpec(v_max=2.0, a_max=2.0, radius=0.3))
+        result = run(scenario, AntwayPolicy(controls=ControlOptions(turn_risk=turn_risk)), seed=1)
+        check_episode(result)
+        assert result.outcome.value == "reached"
+        gap[turn_risk] = result.min_clearance
+    assert gap[20.0] > gap[0.0] + 0.05, gap
