@@ -270,8 +270,7 @@ class AntwayPolicy:
             if what != KEPT:
                 s.path = self._planned()
         if s.decision is None:
-            age = observation.t - observation.sensed_at
-            s.cycle, s.guard_did = Cycle(observation, len(s.tracker.estimates), age, arrival, bound), guard_did
+            s.cycle, s.guard_did = Cycle(observation, arrival, bound), guard_did
         return command
 
     def _update_tracks(self, o: Observation) -> None:
@@ -281,13 +280,18 @@ class AntwayPolicy:
         s.tracker.update(o.tracks, t)
         estimates = s.tracker.estimates
         # A track that is not in this scan may have turned back at the edge already.
-        outside = len(estimates) > 0 and s.settings.tubes.edges and crosses_edge(estimates, s.terrain)
-        if outside and crosses_edge(s.tracker.seen_at(t), s.terrain):
+        outside = len(estimates) > 0 and s.settings.tubes.edges and self._crosses_edge(estimates)
+        if outside and self._crosses_edge(s.tracker.seen_at(t)):
             s.settings = without_edges(s.settings)
         if self.mode == "strict":
             s.crowd.averaged[: len(estimates)] = estimates
         else:
             s.tracker.average(t, s.crowd.averaged)
+
+    def _crosses_edge(self, estimates: NDArray[np.float64]) -> bool:
+        """Tell whether an obstacle crosses an edge of the map."""
+        arguments = estimates, self._state.terrain
+        return entry(crosses_edge, *arguments)(*arguments)
 
     def _follow_plan(self, o: Observation) -> tuple[Command, int, float, float]:
         """Plan; return the command that follows the plan, what was done with the plan, its arrival and a lower bound on any."""
@@ -379,7 +383,7 @@ class AntwayPolicy:
         s = self._state
         if s.decision is None:
             assert s.cycle is not None, "act comes first"
-            seen, known, age, arrival, bound = s.cycle
+            (seen, arrival, bound), known = s.cycle, len(s.tracker.estimates)
             t, (x, y) = float(seen.t), seen.xy
             wait = 0.0 if s.path is None else wait_of(s.path, t)
             s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
@@ -388,7 +392,7 @@ class AntwayPolicy:
                 s.settings,
                 s.terrain,
                 t,
-                float(age),
+                float(seen.t - seen.sensed_at),
                 (float(x), float(y)),
                 s.crowd.averaged[:known].copy(),
                 s.crowd.prediction[:known].copy(),

@@ -43,8 +43,6 @@ class Cycle(NamedTuple):
     """The control cycle that the explanation is about."""
 
     observation: Observation
-    known: int  # number of track estimates
-    age: float  # s; age of these estimates
     arrival: float  # s; arrival of the plan at the goal, absolute
     bound: float  # s; lower bound on any arrival, absolute
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.jit import entry
 from antway.kernels.tracking import averages, kalman, noise, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 from antway.world.policy import Observation, Tracks
@@ -60,11 +61,13 @@ class Tracker:
 
     def average(self, t: float, out: NDArray[np.float64]) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
-        self.averages_count = averages.averaged(self.averages, self.averages_count, self.pool, self.estimates, t, out)
+        arguments = self.averages, self.averages_count, self.pool, self.estimates, t, out
+        self.averages_count = entry(averages.averaged, *arguments)(*arguments)
 
     def turns(self, t: float) -> tuple[float, float]:
         """Return how often tracks turn, 1/s, and the mean change of their velocities, m/s, after the scan at time `t` s."""
-        self._seen_count = turns.count_turns(self._seen, self._seen_count, self._turns, self.estimates, t)
+        arguments = self._seen, self._seen_count, self._turns, self.estimates, t
+        self._seen_count = entry(turns.count_turns, *arguments)(*arguments)
         seconds, number, changes = self._turns.tolist()
         return number / seconds, changes / max(number, 1.0)
 
