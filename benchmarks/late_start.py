@@ -36,10 +36,8 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=34, help="of each family of environments")
     parser.add_argument("--delays", default="0.5,0.75,1", help="s, separated by commas")
     options = parser.parse_args()
-    delays, numbers = (
-        [float(delay) for delay in options.delays.split(",")],
-        range(options.first, options.first + options.episodes),
-    )
+    delays = [float(delay) for delay in options.delays.split(",")]
+    numbers = range(options.first, options.first + options.episodes)
     print("| level | " + " | ".join(f"{delay:g} s late" for delay in delays) + " |")
     print("|---" * (1 + len(delays)) + "|")
     with ProcessPoolExecutor() as workers:
