@@ -44,11 +44,8 @@ class Label(NamedTuple):
 
     def dominates(self, other: Label) -> bool:
         """Tell whether this path is as good as another one in each objective, or better."""
-        return (
-            self.period <= other.period
-            and self.distance <= other.distance + _SAME
-            and self.clearance >= other.clearance - _SAME
-        )
+        _, distance, clearance, _, period = self
+        return period <= other[4] and distance <= other[1] + _SAME and clearance >= other[2] - _SAME
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,13 +187,19 @@ class _Known:
         cell, distance, clearance, parent, period = label
         periods, length = self.net.least[cell], float(self.net.field[cell])
         completed = Label(self.net.goal, distance + length, clearance, parent, period + periods)
-        return any(self.labels[i].dominates(completed) for i in self.front)
+        for i in self.front:  # noqa: SIM110 - most of the time is spent here, and a generator takes longer
+            if self.labels[i].dominates(completed):
+                return True
+        return False
 
     def take(self, label: Label) -> int:
         """Keep a label unless another one dominates or equals it; return its number, or -1 if it is not kept."""
         labels, number = self.labels, len(self.labels)
         here = self.at.setdefault((label.cell, label.period), [])
-        if any(labels[i].dominates(label) for i in here) or self.hopeless(label):
+        for i in here:
+            if labels[i].dominates(label):
+                return -1
+        if self.hopeless(label):
             return -1
         here[:] = [i for i in here if not label.dominates(labels[i])]
         labels.append(label)
