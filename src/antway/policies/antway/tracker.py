@@ -61,12 +61,12 @@ class Tracker:
 
     def average(self, t: float, out: NDArray[np.float64]) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
-        arguments = self.averages, self.averages_count, self.pool, self.estimates, t, out
+        arguments = self.averages, self.averages_count, self.pool, self.estimates, float(t), out
         self.averages_count = entry(averages.averaged, *arguments)(*arguments)
 
     def turns(self, t: float) -> tuple[float, float]:
         """Return how often tracks turn, 1/s, and the mean change of their velocities, m/s, after the scan at time `t` s."""
-        arguments = self._seen, self._seen_count, self._turns, self.estimates, t
+        arguments = self._seen, self._seen_count, self._turns, self.estimates, float(t)
         self._seen_count = entry(turns.count_turns, *arguments)(*arguments)
         seconds, number, changes = self._turns.tolist()
         return number / seconds, changes / max(number, 1.0)
