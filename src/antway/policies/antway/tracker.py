@@ -64,8 +64,8 @@ class Tracker:
         arguments = self.averages, self.averages_count, self.pool, self.estimates, float(t), out
         self.averages_count = entry(averages.averaged, *arguments)(*arguments)
 
-    def turns(self, t: float) -> tuple[float, float]:
-        """Return how often tracks turn, 1/s, and the mean change of their velocities, m/s, after the scan at time `t` s."""
+    def count_turns(self, t: float) -> tuple[float, float]:
+        """Count the turns in the scan at time `t` s; return how often tracks turn, 1/s, and by how much on average, m/s."""
         arguments = self._seen, self._seen_count, self._turns, self.estimates, float(t)
         self._seen_count = entry(turns.count_turns, *arguments)(*arguments)
         seconds, number, changes = self._turns.tolist()
