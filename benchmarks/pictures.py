@@ -5,6 +5,7 @@ Run as `python benchmarks/pictures.py`.
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import tempfile
 from pathlib import Path
@@ -38,6 +39,8 @@ def shot(trace: Trace, file: Path) -> None:
 
 
 def main() -> None:
+    """Draw."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     IMAGES.mkdir(exist_ok=True)
     office = run(load_scenario("office"), "antway").trace
     paper = run(load_scenario("paper"), "paper").trace
