@@ -236,9 +236,7 @@ class ControlColony:
             How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
         rate, change = turns if self.unsure > 0.0 else (0.0, 0.0)
-        weights = self._relaxed_weights(start, state)
-        weights = weights._replace(turn_risk=rate * weights.turn_risk)
-        problem = self.problem._replace(weights=weights)
+        problem = self.problem._replace(weights=self._weights_now(start, state, rate))
         problem.start[:], self.began = state, start
         look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, change, problem.outlook
         entry(look_ahead, *look)(*look)
@@ -257,16 +255,18 @@ class ControlColony:
         one, two = self.archive.sequence[self.archive.order[0], 0].tolist()
         return commanded(one, two, observation.heading, self.robot)
 
-    def _relaxed_weights(self, now: float, state: RobotState) -> CostWeights:
-        """Return the weights of costs, with a lower one of risks if the robot has not got nearer to the goal for long.
+    def _weights_now(self, now: float, state: RobotState, turn_rate: float) -> CostWeights:
+        """Return the weights of costs where obstacles turn so often, 1/s.
 
-        Otherwise a robot might wait forever beside an obstacle that stands and whose velocity is not known well.
+        The weight of risks is lower if the robot has not got nearer to the goal for long. Otherwise it might wait forever
+        beside an obstacle that stands and whose velocity is not known well.
         """
         field, weights = self.problem.field, self.problem.weights
         to_go, (x, y, tolerance) = static_time(field, state), field.goal
         if to_go < self.nearest - self.robot.dt or math.dist((x, y), state[:2]) <= tolerance:
             self.nearest, self.since = to_go, now
-        return weights._replace(risk=weights.risk * 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0))
+        caution = 0.5 ** max((now - self.since) / _STALL - 1.0, 0.0)
+        return weights._replace(risk=weights.risk * caution, turn_risk=turn_rate * weights.turn_risk)
 
     def others(self) -> NDArray[np.float64]:
         """Return the first commands of all sequences in the archive but the best, in the order of cost, float64[N, 2]."""
