@@ -62,8 +62,8 @@ def _drive(
     """Where an arc ends, what obstacles cost, how many periods it takes, and whether that is the goal; None: it touches."""
     harm, field, w = 0.0, problem.field, problem.weights
     for q, (ca, cb) in enumerate(commands.tolist()):
-        at = step(at, ca, cb, problem.limits, problem.dt)
-        here = obstacle_cost(at, first + q, 1.0, problem)
+        before, at = at, step(at, ca, cb, problem.limits, problem.dt)
+        here = obstacle_cost(before, at, first + q, 1.0, problem)
         if clearance(field, at, w.wall_margin) < w.wall_margin or here >= w.contact:
             return None
         harm += here

@@ -38,7 +38,7 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
     state, limits, dt, field, outlook, w = problem
     now, cost, harm = RobotState(*map(float, state)), 0.0, dict.fromkeys(range(len(outlook.harm)), 0.0)
     for k, (ca, cb) in enumerate(controls.tolist()):
-        now = drive_cycle(now, ca, cb, limits, dt)
+        before, now = np.array(now[:2]), drive_cycle(now, ca, cb, limits, dt)
         x, y, theta, a, b = now
         theta = theta if limits.drive else float(state[2])  # without wheels a footprint keeps its heading
         decay = math.exp(-w.decay * k * dt)
@@ -61,9 +61,13 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
         late = w.stopping_time + speed / limits.brake_max
         for disc in outlook.disc[k, : outlook.near[k]].tolist():
             cx, cy, contact, preferred, top, vx, vy, straight, risky, owner, turn_distance, turn_time = disc
-            away = math.hypot(x - cx, y - cy)
+            robot = before + np.linspace(0.0, 1.0, 2001)[:, None] * ([x, y] - before)
+            there = [cx, cy] + np.linspace(-dt, 0.0, 2001)[:, None] * [vx, vy]
+            nearest = int(np.hypot(*(robot - there).T).argmin()) or -1  # the start of the step is judged as the end of the last
+            offset = there[nearest] - robot[nearest]
+            away = math.hypot(*offset)
             if len(field.discs):
-                away = _from_footprint(turn @ [cx - x, cy - y], corners) + field.box[4]
+                away = _from_footprint(turn @ offset, corners) + field.box[4]
             cost += w.near * max(preferred - away, 0.0)
             danger = 0.0
             if away < risky:

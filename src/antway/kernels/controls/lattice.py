@@ -69,11 +69,11 @@ def _drive(lattice: Lattice, parent: int, new: int, problem: ControlProblem) -> 
     first = link[parent, ARCS] * block
     link[new, PARENT], link[new, ARCS], link[new, DONE] = parent, link[parent, ARCS] + 1, 0
     for q in range(block):
-        at = step(at, commands[q, 0], commands[q, 1], problem.limits, problem.dt)
+        before, at = at, step(at, commands[q, 0], commands[q, 1], problem.limits, problem.dt)
         if clearance(problem.field, at, w.wall_margin) < w.wall_margin:
             return False
         if problem.outlook.near[first + q] > 0:
-            harm = obstacle_cost(at, first + q, 1.0, problem)
+            harm = obstacle_cost(before, at, first + q, 1.0, problem)
             if harm >= w.contact:
                 return False
             cost += harm / block

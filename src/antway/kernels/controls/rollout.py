@@ -39,9 +39,21 @@ _FIRST_STEP = 3.0  # 1; weight of a stop that the guard would refuse at the firs
 
 
 @inner_kernel
-def obstacle_cost(at: MotionState, k: int, decay: float, problem: ControlProblem) -> float:
-    """Return the cost of obstacles at the end of step k: contacts, close passes, and stops that they could enter, s."""
-    limits, field, outlook, w = problem.limits, problem.field, problem.outlook, problem.weights
+def _nearest_in_step(dx: float, dy: float, moved_x: float, moved_y: float) -> tuple[float, float]:
+    """Return where a robot is from an obstacle when it is nearest to it in a step, m.
+
+    It is at (dx, dy) from the obstacle at the end of the step, in which it has moved so far, seen from the obstacle.
+    """
+    back, square = dx * moved_x + dy * moved_y, moved_x * moved_x + moved_y * moved_y
+    if 0.0 < back < square:  # the robot passes the obstacle within the step
+        return dx - back / square * moved_x, dy - back / square * moved_y
+    return dx, dy  # it was nearer at the end of the step before, which has been judged, or is nearest now
+
+
+@inner_kernel
+def obstacle_cost(before: MotionState, at: MotionState, k: int, decay: float, problem: ControlProblem) -> float:
+    """Return the cost of obstacles in step k, from `before` to `at`: contacts, close passes, stops that they could enter, s."""
+    limits, dt, field, outlook, w = problem.limits, problem.dt, problem.field, problem.outlook, problem.weights
     speed = abs(at.a) if limits.drive != HOLONOMIC else math.hypot(at.a, at.b)
     guarded = w.stop > 0.0 and speed > 1e-3
     stop_x, stop_y, stop_after, cost = at.x, at.y, 0.0, 0.0
@@ -53,7 +65,9 @@ def obstacle_cost(at: MotionState, k: int, decay: float, problem: ControlProblem
         dx, dy = at.x - disc[CENTRE_X], at.y - disc[CENTRE_Y]
         square = dx * dx + dy * dy
         if square < max(disc[PREFERRED], disc[RISKY], disc[TURN_DISTANCE]) ** 2:
-            distance = math.sqrt(square) if len(field.discs) == 0 else footprint_distance(field, at, dx, dy)
+            moved_x, moved_y = at.x - before.x - disc[VX] * dt, at.y - before.y - disc[VY] * dt
+            dx, dy = _nearest_in_step(dx, dy, moved_x, moved_y)
+            distance = math.sqrt(dx * dx + dy * dy) if len(field.discs) == 0 else footprint_distance(field, at, dx, dy)
             cost += w.near * max(disc[PREFERRED] - distance, 0.0)
             harm = 0.0
             if distance < disc[RISKY]:
@@ -198,7 +212,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
     outlook.harm[:] = 0.0
     decay_of_step = math.exp(-w.decay * dt)
     for k in range(steps):
-        at = step(at, controls[k, 0], controls[k, 1], limits, dt)
+        before, at = at, step(at, controls[k, 0], controls[k, 1], limits, dt)
         left = steps - 1 - k
         if k < rows:
             path[k, 0], path[k, 1] = at.x, at.y
@@ -206,7 +220,7 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
         if outlook.near[k] > 0:
-            cost += obstacle_cost(at, k, decay, problem)
+            cost += obstacle_cost(before, at, k, decay, problem)
         decay *= decay_of_step
         if at_goal(field, at):
             for j in range(k + 1, rows):
