@@ -16,7 +16,7 @@ from antway.kernels.robot.motion import delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
 
-_NODE = 0.05  # m; largest distance of nodes at which distances to walls are exact
+_NODE = 0.025  # m; largest distance of nodes at which distances to walls are exact
 _NODES = 4_000_000  # limit of nodes
 _NEAR = 1.0  # m; within this distance times are those to the goal itself; the effect fades up to twice the distance
 _MOST_NEAR = 200  # limit of cells on each side of the goal for that
@@ -28,7 +28,7 @@ _FINEST = 0.25  # m; largest edge of such a cell, within the limit _POSES
 _POSES = 150_000  # limit of cells times headings; so many take a few tenths of a second
 _PARTS = 4  # limit of parts into which the edges of larger cells are divided
 _SWEEPS = 80  # limit of sweeps over all poses
-_DISCS = 8  # limit of discs that cover each side of a footprint
+_BARE = 0.01  # m; no point of a footprint's sides is farther than this from the discs that stand for it
 _FAST = 1e3  # m/s^2, rad/s^2; replaces infinite limits
 _OBSTACLES = 64  # limit of obstacles that an outlook holds at one step
 
@@ -148,14 +148,32 @@ def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: fl
 
 
 def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a box that contains the footprint, and discs that cover it: `StaticField.box` and `StaticField.discs`."""
+    """Return `StaticField.box` and `StaticField.discs`: a box around the footprint, and discs in it that nearly cover it."""
     (x0, y0), (x1, y1) = robot.corners.min(axis=0), robot.corners.max(axis=0)
     box = np.array([x0, x1, y0, y1, robot.radius])
     if robot.footprint is None:
         return box, np.empty((0, 3))
-    edge = min(x1 - x0, y1 - y0) / 4.0  # so that discs extend a twentieth of the width beyond the body
-    m, n = (min(max(round(side / edge), 1), _DISCS) for side in (x1 - x0, y1 - y0))
-    radius = math.hypot((x1 - x0) / m, (y1 - y0) / n) / 2.0
-    xs, ys = x0 + (np.arange(m) + 0.5) * (x1 - x0) / m, y0 + (np.arange(n) + 0.5) * (y1 - y0) / n
-    discs = [(x, y, robot.radius - radius) for x in xs for y in ys]
-    return box, np.array(discs)
+    x, y, radius = _discs_inside(x1 - x0, y1 - y0).T
+    return box, np.column_stack((x + 0.5 * (x0 + x1), y + 0.5 * (y0 + y1), robot.radius - radius))
+
+
+def _discs_inside(length: float, width: float) -> NDArray[np.float64]:
+    """Return x, y and radius of discs in a box around the origin; its sides are nowhere farther than g = `_BARE` m from a disc.
+
+    A disc of radius r that touches a side covers it so as far as sqrt((2 r - g) g) m from the point of contact. From each
+    corner on, discs that touch both its sides grow up to the widest. A box that is longer than wide has more of the widest in
+    its middle.
+    """
+    widest = 0.5 * min(length, width)
+    half = math.sqrt(max(2.0 * widest - _BARE, _BARE) * _BARE)  # what the widest covers
+    radii, covered = [0.0], _BARE
+    while covered < widest:
+        radius = min(covered + _BARE + math.sqrt(2.0 * covered * _BARE), widest)
+        radii.append(radius)
+        covered = radius + math.sqrt((2.0 * radius - _BARE) * _BARE)
+    signs = [(i, j) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
+    discs = [(i * (length / 2.0 - r), j * (width / 2.0 - r), r) for r in radii for i, j in signs]
+    rest = abs(length - width)
+    places = np.linspace(-rest / 2.0, rest / 2.0, math.ceil(rest / (2.0 * half)) + 1)[1:-1]
+    discs += [(at, 0.0, widest) if length > width else (0.0, at, widest) for at in places.tolist()]
+    return np.unique(np.array(discs), axis=0)
