@@ -28,7 +28,7 @@ _FINEST = 0.25  # m; largest edge of such a cell, within the limit _POSES
 _POSES = 150_000  # limit of cells times headings; so many take a few tenths of a second
 _PARTS = 4  # limit of parts into which the edges of larger cells are divided
 _SWEEPS = 80  # limit of sweeps over all poses
-_BARE = 0.01  # m; no point of a footprint's sides is farther than this from the discs that stand for it
+_BEYOND = 0.005  # m; the discs that cover a footprint extend beyond it by this much
 _FAST = 1e3  # m/s^2, rad/s^2; replaces infinite limits
 _OBSTACLES = 64  # limit of obstacles that an outlook holds at one step
 
@@ -148,32 +148,30 @@ def _to_the_goal_itself(time_to_goal: NDArray[np.float64], grid: Grid, v_max: fl
 
 
 def _body(robot: RobotSpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return `StaticField.box` and `StaticField.discs`: a box around the footprint, and discs in it that nearly cover it."""
+    """Return a box that contains the footprint, and discs that cover it: `StaticField.box` and `StaticField.discs`."""
     (x0, y0), (x1, y1) = robot.corners.min(axis=0), robot.corners.max(axis=0)
     box = np.array([x0, x1, y0, y1, robot.radius])
     if robot.footprint is None:
         return box, np.empty((0, 3))
-    x, y, radius = _discs_inside(x1 - x0, y1 - y0).T
+    x, y, radius = _covering_discs(x1 - x0, y1 - y0).T
     return box, np.column_stack((x + 0.5 * (x0 + x1), y + 0.5 * (y0 + y1), robot.radius - radius))
 
 
-def _discs_inside(length: float, width: float) -> NDArray[np.float64]:
-    """Return x, y and radius of discs in a box around the origin; its sides are nowhere farther than g = `_BARE` m from a disc.
+def _covering_discs(length: float, width: float) -> NDArray[np.float64]:
+    """Return x, y and radius of discs that cover a box around the origin and extend g = `_BEYOND` m beyond its sides.
 
-    A disc of radius r that touches a side covers it so as far as sqrt((2 r - g) g) m from the point of contact. From each
-    corner on, discs that touch both its sides grow up to the widest. A box that is longer than wide has more of the widest in
-    its middle.
+    A disc of radius r + g around a point r m from a side covers sqrt((2 r + g) g) m of it in both directions. From each corner
+    on, discs grow that lie so on both its sides, each beginning where the last one ends; the widest stand in the middle.
     """
-    widest = 0.5 * min(length, width)
-    half = math.sqrt(max(2.0 * widest - _BARE, _BARE) * _BARE)  # what the widest covers
-    radii, covered = [0.0], _BARE
-    while covered < widest:
-        radius = min(covered + _BARE + math.sqrt(2.0 * covered * _BARE), widest)
+    widest, g = 0.5 * min(length, width), _BEYOND
+    radii, radius = [], 0.0
+    while radius < widest:
         radii.append(radius)
-        covered = radius + math.sqrt((2.0 * radius - _BARE) * _BARE)
-    signs = [(i, j) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
-    discs = [(i * (length / 2.0 - r), j * (width / 2.0 - r), r) for r in radii for i, j in signs]
-    rest = abs(length - width)
-    places = np.linspace(-rest / 2.0, rest / 2.0, math.ceil(rest / (2.0 * half)) + 1)[1:-1]
-    discs += [(at, 0.0, widest) if length > width else (0.0, at, widest) for at in places.tolist()]
-    return np.unique(np.array(discs), axis=0)
+        covered = radius + math.sqrt((2.0 * radius + g) * g)
+        radius = covered + g + math.sqrt(2.0 * (covered + g) * g)
+    corners = [(i, j) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
+    discs = [(i * (0.5 * length - r), j * (0.5 * width - r), r + g) for r in radii for i, j in corners]
+    rest, most = 0.5 * abs(length - width), 2.0 * math.sqrt((2.0 * widest + g) * g)
+    places = np.linspace(-rest, rest, math.ceil(2.0 * rest / most) + 1).tolist()
+    discs += [(at, 0.0, widest + g) if length > width else (0.0, at, widest + g) for at in places]
+    return np.array(discs)

@@ -95,7 +95,7 @@ class ControlOptions:
         (kernels/tracking/turns.py). The cost decreases to zero at the distance from which the robot can still get out of the
         way. It is charged like `risk`, and is 0 if the scenario limits how obstacles swerve.
     wall_margin : float
-        m; distance to keep from walls, that of the guard (policies/guard.py).
+        m; distance to keep from walls, a little more than the guard's (policies/guard.py), so that it seldom has to brake.
     contact : float
         s; cost of a predicted contact, and of each metre of its depth. It is charged once for each obstacle.
     decay : float
@@ -132,7 +132,7 @@ class ControlOptions:
     spread_time: float = 1.2
     late: float = 0.4
     turn_risk: float = 20.0
-    wall_margin: float = 0.01
+    wall_margin: float = 0.015
     contact: float = 600.0
     decay: float = 0.1
     stop: float = 10.0
