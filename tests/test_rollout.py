@@ -202,11 +202,13 @@ def test_a_footprint_passes_doors_narrower_than_the_disc_that_holds_it(door: flo
 
 
 @pytest.mark.parametrize(
-    ("robot", "width", "latest"), [("diff", 0.65, 15.0), ("inertia", 0.65, 15.0), ("jackal", 0.53, 30.0), ("amr", 0.8, 30.0)]
+    ("robot", "width", "size", "latest"),
+    [("diff", 0.65, 0.05, 15.0), ("inertia", 0.65, 0.05, 15.0), ("jackal", 0.53, 0.01, 30.0), ("amr", 0.8, 0.01, 30.0)],
 )
-def test_corridors_a_few_centimetres_wider_than_the_robot_are_passed(robot: str, width: float, latest: float) -> None:
+def test_corridors_a_few_centimetres_wider_than_the_robot_are_passed(
+    robot: str, width: float, size: float, latest: float
+) -> None:
     """2.5 cm on each side are enough for discs of 0.3 m, 5 cm for bodies 0.43 and 0.7 m wide."""
-    size = 0.05 if width == 0.65 else 0.01
     blocked = np.zeros((round(6.0 / size), round(8.0 / size)), dtype=bool)
     blocked[:, round(3.5 / size) : round(4.5 / size)] = True
     first = round((3.0 - width / 2.0) / size)
@@ -329,11 +331,11 @@ def test_options_of_another_kind_are_refused() -> None:
 def test_robots_keep_room_from_walkers_who_may_turn_back(robot: str, seeds: tuple[int, ...]) -> None:
     """One walks straight for so long that its predictions hold to a hair, and then turns towards the robot at a corner.
 
-    Now and then the slow robot is touched: `turtlebot4` arrives on 90 of seeds 0 to 99, `jackal` on 98.
+    The slow one was touched on seeds 2 and 44, until the risk grew with the square of its slowness.
     """
     office = load_scenario("office").driven_by(load_robot(robot))
     ends = [run(office, AntwayPolicy(), seed=seed) for seed in seeds]
-    assert sum(end.outcome is Outcome.REACHED for end in ends) >= len(seeds) - 1
+    assert all(end.outcome is Outcome.REACHED for end in ends)
 
 
 def test_slow_robots_keep_more_room() -> None:
