@@ -7,7 +7,7 @@ worlds that no suite has:
 
 noise         places are wrong by 0.05 m, and no covariance tells it
 no-velocity   the sensor gives no velocities
-untold        the declared bound is 1.5 m/s whatever the obstacles do
+untold        nothing is declared but a speed of 1.5 m/s, whatever the obstacles do
 fast          discs go from key frame to key frame at 0.5 to 2.5 m/s, the robot drives 2 m/s, and nobody tells (suite barn)
 """
 
@@ -59,7 +59,7 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "none": lambda scenario: scenario,
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
-    "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf),
+    "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "fast": fast,
 }
 

@@ -9,7 +9,7 @@ import pytest
 
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
-from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compare_predictions, store_predictions
+from antway.kernels.tracking.prediction_error import COLUMNS, LATER, POOL, compare_predictions, distrust, store_predictions
 from common import cases
 
 BOX = np.zeros((40, 40), np.bool_)
@@ -24,7 +24,7 @@ class Slow:
         self.made: dict[float, tuple[float, np.ndarray]] = {}
         self.last: dict[float, float] = {}
         self.errors: dict[float, list[float]] = {}
-        self.pool, self.compared = POOL[0], 0
+        self.pool, self.compared, self.missed = POOL[0], 0, 0
 
     def __call__(self, estimates: np.ndarray, t: float, segments: np.ndarray, owner: np.ndarray) -> list[float]:
         out = []
@@ -41,6 +41,7 @@ class Slow:
                     off = float(np.hypot(*(row[:2] - over * row[2:4] - place))) / LATER
                     self.errors.setdefault(name, []).append(off)
                     self.compared += 1
+                    self.missed += off > 0.25
                     self.pool += max(0.05, 1.0 / (1 + self.compared)) * (off - self.pool)
                 due = t + LATER
                 piece = next(s for s, k2 in zip(segments, owner) if k2 == k and s[0] <= due < s[1])
@@ -51,12 +52,17 @@ class Slow:
             out.append(mean * math.sqrt(2.0 / math.pi))
         return out
 
+    def distrust(self) -> float:
+        """The share of misses, with a half miss in ten comparisons before the first, over one in twenty."""
+        return min((0.5 + self.missed) / (10 + self.compared) / 0.05, 1.0)
 
-def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float = 0.1) -> tuple[np.ndarray, list[float]]:
-    """Tracks that bounce in a box and change their velocity by `wander` m/s a step; returns what both find in the end."""
+
+def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float = 0.1) -> tuple[np.ndarray, float]:
+    """Tracks that bounce in a box and change their velocity by `wander` m/s a step; returns errors and distrust in the end."""
     n = 4
     xy, velocity = rng.uniform(1.0, 7.0, (n, 2)), rng.uniform(-0.9, 0.9, (n, 2))
     rows, count, pool, slow, errors = np.zeros((16, COLUMNS)), 0, np.array(POOL), Slow(), np.empty(n)
+    misses = np.zeros(2)
     names = np.arange(n, dtype=float)
     for i in range(steps):
         t = step * i
@@ -66,10 +72,11 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
         segments = pieces[: predict(estimates, t, 0.0, 4.0, -50.0, 0.0, MARGINS, TERRAIN, NO_PREDICTIONS, pieces)]
         owner = np.cumsum(np.concatenate(([0], segments[1:, 0] < segments[:-1, 1]))) if len(segments) else np.empty(0)
         errors = np.empty(len(seen))
-        count = compare_predictions(rows, count, pool, estimates, t, errors)
+        count = compare_predictions(rows, count, pool, misses, estimates, t, errors)
         store_predictions(rows, count, estimates, t, segments)
         expected = slow(estimates, t, segments, owner)
         assert errors == pytest.approx(expected, abs=1e-9)
+        assert distrust(misses) == pytest.approx(slow.distrust())
         velocity += rng.normal(0.0, wander, (n, 2)) if wander else 0.0
         xy += velocity * step
         for axis in range(2):
@@ -77,20 +84,20 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
                 out = (xy[:, axis] - low) * sign < 0.0
                 xy[out, axis] = 2.0 * low - xy[out, axis]
                 velocity[out, axis] *= -1.0
-    return errors, expected
+    return errors, distrust(misses)
 
 
 def test_it_is_what_its_slow_twin_finds() -> None:
     """Tracks come and go, wander and bounce; what wanders more is predicted worse."""
     rng = np.random.default_rng(4)
     for _ in range(cases(5, 200)):
-        calm, _ = play(rng, 0.01)
-        wild, _ = play(rng, 0.1)
-        assert 0.0 < calm.mean() < wild.mean()
+        calm, relied_on = play(rng, 0.01)
+        wild, doubted = play(rng, 0.1)
+        assert 0.0 < calm.mean() < wild.mean() and relied_on < 0.5 < doubted <= 1.0
 
 
 def test_what_bounces_as_predicted_is_not_taken_for_wrong() -> None:
     """Discs that go straight between walls are where they were predicted to be, before and after they bounce."""
     for step in (0.1, 0.25):  # 0.8 s are no multiple of 0.25 s
-        errors, _ = play(np.random.default_rng(5), 0.0, steps=160, step=step)
-        assert errors.max() < 0.02
+        errors, doubt = play(np.random.default_rng(5), 0.0, steps=160, step=step)
+        assert errors.max() < 0.02 and doubt < 0.2

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from antway import Grid, RobotSpec, Scenario, World, check_episode, run
+from antway.kernels.base.records import Terrain
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.turns import COLUMNS, FIRST_SECONDS, count_turns
 from antway.policies.antway.controls import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
@@ -21,25 +22,47 @@ from antway.world.world import Obstacle
 from common import cases
 from naive import people as naive
 
+ROOM = Terrain(np.zeros((40, 40), np.bool_), 0.0, 0.0, 0.1)
+
 
 def test_turns_are_those_that_the_slow_twin_counts() -> None:
-    """Tracks come and go, turn now and then, and some have no velocity."""
+    """Tracks in a room come and go, turn now and then and bounce off its walls, and some have no velocity."""
     rng = np.random.default_rng(4)
     for _ in range(cases(30, 1000)):
         rows, count, turns = np.zeros((16, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0])
         v, step, scans = rng.uniform(-1, 1, (6, 2)), float(rng.choice([0.05, 0.1, 0.25])), []
+        xy, bounces = rng.uniform(0.3, 3.7, (6, 2)), 0
         for i in range(60):
             turned = rng.random(6) < 0.05
             v = np.where(turned[:, None], rng.uniform(-1, 1, (6, 2)), v + rng.normal(0, 0.02, (6, 2)))
             seen = np.flatnonzero(rng.random(6) < (0.3 if i % 20 > 15 else 0.95))
             estimates = np.zeros((len(seen), 8))
+            estimates[:, (X, Y)], estimates[:, RADIUS] = xy[seen], 0.3
             estimates[:, (VX, VY)], estimates[:, NAME] = v[seen], seen
             estimates[seen == 5, SIGMA_V] = UNKNOWN
-            count = count_turns(rows, count, turns, estimates, step * i)
-            scans.append((step * i, {k: tuple(v[k]) for k in seen.tolist() if k != 5}))
-        rate, change = naive.turns(scans)
+            count = count_turns(rows, count, turns, estimates, ROOM, step * i)
+            scans.append((step * i, {k: (*xy[k], *v[k]) for k in seen.tolist() if k != 5}))
+            xy += step * v
+            met = (xy < 0.3) & (v < 0.0) | (xy > 3.7) & (v > 0.0)
+            v, bounces = np.where(met, -v, v), bounces + int(met.sum())
+        rate, change = naive.turns(scans, 4.0, 0.3)
         assert turns[1] / turns[0] == pytest.approx(rate, rel=1e-9)
-        assert turns[2] / max(turns[1], 1.0) == pytest.approx(change, rel=1e-9) and rate > 0.0
+        assert turns[2] / max(turns[1], 1.0) == pytest.approx(change, rel=1e-9) and rate > 0.0 and bounces > 0
+
+
+def test_a_disc_that_bounces_off_a_wall_does_not_turn() -> None:
+    """It goes to and fro between an edge of the map and a wall in it; one that turns at the same place and time does."""
+    blocked = np.zeros((20, 40), np.bool_)
+    blocked[:, 30:] = True
+    for mirrored, number in ((True, 0.0), (False, 3.0)):
+        rows, count, turns, x, vx = np.zeros((16, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0]), 1.5, 0.9
+        for i in range(80):
+            vy = 0.5 if mirrored or vx > 0.0 else -0.5
+            estimates = np.array([[x, 1.0, vx, vy, 0.3, 0.0, 0.0, 7.0]])
+            count = count_turns(rows, count, turns, estimates, Terrain(blocked, 0.0, 0.0, 0.1), 0.1 * i)
+            x += 0.1 * vx
+            vx = -abs(vx) if x > 2.7 else abs(vx) if x < 0.3 else vx
+        assert turns[1] == number
 
 
 @pytest.mark.parametrize("change", [0.0, 0.8, 1.6])

@@ -95,15 +95,27 @@ def averaged(scans, times=(0.4, 1.2), later=0.8, together=2.5, alike=0.7):
     return out
 
 
-def turns(scans, least=0.7, gap=0.3, first=10.0):
-    """How often tracks turn and by how much, from scans (t, {name: (vx, vy)}): whole histories, compared pair by pair."""
+def turns(scans, side, radius, least=0.7, gap=0.3, first=10.0):
+    """How often tracks turn and by how much, from scans (t, {name: (x, y, vx, vy)}) of discs in a square room.
+
+    Whole histories are compared pair by pair. A change counts from the velocity expected or, where a wall is met within `gap`
+    in steps of a tenth of a millisecond, from the mirrored one if that is less.
+    """
     histories = {}
     for t, tracks in scans:
-        for name, v in tracks.items():
-            histories.setdefault(name, []).append((t, v))
+        for name, motion in tracks.items():
+            histories.setdefault(name, []).append((t, np.array(motion)))
     pairs = [pair for history in histories.values() for pair in pairwise(history) if pair[1][0] - pair[0][0] <= gap]
-    changes = [math.dist(one[1], other[1]) for one, other in pairs]
-    turned = [change for change in changes if change > least]
+    turned = []
+    for (_, one), (_, other) in pairs:
+        expected = [one[2:]]
+        at = one[:2] + np.arange(0.0, gap, 1e-4)[:, None] * one[2:]
+        outside = (at < radius) & (one[2:] < 0.0) | (at > side - radius) & (one[2:] > 0.0)
+        if outside.any():
+            axis = outside[outside.any(axis=1).argmax()].argmax()
+            expected.append(np.where(np.arange(2) == axis, -one[2:], one[2:]))
+        if (changes := [math.dist(v, other[2:]) for v in expected])[0] > least and min(changes) > least:
+            turned.append(min(changes))
     return len(turned) / (first + sum(other[0] - one[0] for one, other in pairs)), sum(turned) / max(len(turned), 1)
 
 

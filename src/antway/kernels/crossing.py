@@ -68,6 +68,7 @@ class Crowd(NamedTuple):
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
     stored: NDArray[np.float64]  # [M, prediction_error.COLUMNS] stored predictions and their errors
     pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
+    misses: NDArray[np.float64]  # [2] predictions of all tracks that were compared, and how many missed
     velocity_error: NDArray[np.float64]  # [M] m/s; standard deviation of the predicted velocity of each track
 
 
@@ -283,7 +284,9 @@ def cycle(
     s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
-    crowd.counts[1] = compare_predictions(crowd.stored, crowd.counts[1], crowd.pool, averaged, scanned, velocity_error)
+    crowd.counts[1] = compare_predictions(
+        crowd.stored, crowd.counts[1], crowd.pool, crowd.misses, averaged, scanned, velocity_error
+    )
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])
         most_delay = s.delay_per_error * velocity_error.mean()

@@ -101,6 +101,11 @@ def assumed_swerve(task: Task, mode: str) -> float:
     return float(task.obstacle_swerve) if mode == "strict" else min(float(task.obstacle_swerve), PEOPLE_ACCEL)
 
 
+def relative_swerve(task: Task) -> float:
+    """Return the declared bound on changes of velocity as a share of that of people, at most 1."""
+    return min(float(task.obstacle_swerve) / PEOPLE_ACCEL, 1.0)
+
+
 class Guard:
     """Passes a command if its braking path is free of every place that an obstacle can reach before the robot stands.
 

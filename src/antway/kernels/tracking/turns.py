@@ -1,4 +1,7 @@
-"""Count the turns of obstacles: changes of velocity from one scan to the next that are larger than those of people."""
+"""Count the turns of obstacles: changes of velocity from one scan to the next that are larger than those of people.
+
+At a wall, what counts is the difference from the mirrored velocity, because predictions turn back at walls as well.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +10,46 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.jit import kernel
+from antway.kernels.base.geometry import first_wall
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.table import drop_lost, row_of
 
 TURN = 0.7  # m/s; a larger change of velocity between two scans counts as a turn; people seldom make one
 _GAP = 0.3  # s; scans of a track that are farther apart than this are not compared
-_NAME, _SEEN, _VX, _VY = range(4)  # columns of a row: the name of the track, and when and with what velocity it was last seen
-COLUMNS = 4
+# Columns of a row: the name of the track, and when, where and with what velocity it was last seen.
+_NAME, _SEEN, _X, _Y, _VX, _VY = range(6)
+COLUMNS = 6
 SECONDS, TURNS, CHANGES = range(3)  # entries of `turns`: time observed in s, number of turns, and sum of their changes in m/s
 FIRST_SECONDS = 10.0  # s; time without a turn that counts as observed before the first scan
 
 
+@bare_kernel
+def _from_mirrored(last: NDArray[np.float64], vx: float, vy: float, radius: float, terrain: Terrain) -> float:
+    """Return how much a velocity differs from the last one, mirrored at the wall that the track would soon touch, m/s.
+
+    It is infinite if the track, as it was last seen, would touch no wall or edge of the map within `_GAP` s.
+    """
+    size, last_vx, last_vy = terrain.resolution, last[_VX], last[_VY]
+    row, col = (last[_Y] - terrain.y0) / size - 0.5, (last[_X] - terrain.x0) / size - 0.5
+    moved = last_vy * _GAP / size, last_vx * _GAP / size
+    share, n_row, n_col = first_wall(terrain.blocked, row, col, moved[0], moved[1], radius / size)
+    if share > 1.0:
+        return math.inf
+    into_wall = last_vx * n_col + last_vy * n_row
+    return math.hypot(vx - last_vx + 2.0 * into_wall * n_col, vy - last_vy + 2.0 * into_wall * n_row)
+
+
 @kernel
 def count_turns(
-    rows: NDArray[np.float64], count: int, turns: NDArray[np.float64], estimates: NDArray[np.float64], t: float
+    rows: NDArray[np.float64],
+    count: int,
+    turns: NDArray[np.float64],
+    estimates: NDArray[np.float64],
+    terrain: Terrain,
+    t: float,
 ) -> int:
     """Add what a scan shows of all tracks to `turns`, float64[3]; return how many rows are in use.
 
@@ -32,6 +59,7 @@ def count_turns(
         The tracks known so far are the rows below `count`.
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
+    terrain : Terrain
     """
     count = drop_lost(rows, count, _SEEN, t)
     for k in range(len(estimates)):
@@ -40,14 +68,17 @@ def count_turns(
         i = row_of(rows, count, _NAME, estimates[k, NAME])
         if i == len(rows):
             continue
-        vx, vy = estimates[k, VX], estimates[k, VY]
+        row, vx, vy = rows[i], estimates[k, VX], estimates[k, VY]
         if i == count:
             count += 1
-        elif t - rows[i, _SEEN] <= _GAP:
-            change = math.hypot(vx - rows[i, _VX], vy - rows[i, _VY])
-            turns[SECONDS] += t - rows[i, _SEEN]
+        elif t - row[_SEEN] <= _GAP:
+            change = math.hypot(vx - row[_VX], vy - row[_VY])
+            turns[SECONDS] += t - row[_SEEN]
+            if change > TURN:
+                change = min(change, _from_mirrored(row, vx, vy, estimates[k, RADIUS], terrain))
             if change > TURN:
                 turns[TURNS] += 1.0
                 turns[CHANGES] += change
-        rows[i, _NAME], rows[i, _SEEN], rows[i, _VX], rows[i, _VY] = estimates[k, NAME], t, vx, vy
+        row[_NAME], row[_SEEN], row[_VX], row[_VY] = estimates[k, NAME], t, vx, vy
+        row[_X], row[_Y] = estimates[k, X], estimates[k, Y]
     return count

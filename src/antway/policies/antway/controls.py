@@ -19,6 +19,7 @@ from antway.kernels.controls.problem import ControlProblem, CostWeights
 from antway.kernels.controls.rollout import judge
 from antway.kernels.tracking.predict import SIGMA, VX, VY
 from antway.planning import TimedPath
+from antway.policies.guard import relative_swerve
 from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
 from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time
@@ -71,8 +72,9 @@ class ControlOptions:
     trust : float
         s; the robot is taken to be able to arrive this much earlier than the plan.
     unsure : float
-        1; least standard deviation of an obstacle's predicted velocity, as a share of its speed, however well earlier
-        predictions have held. It is 0 if the scenario limits how obstacles swerve.
+        1; least standard deviation of an obstacle's predicted velocity, as a share of its speed, while one in twenty
+        predictions or more fails, as is assumed at first. It falls with that share (kernels/tracking/prediction_error.py), and
+        is smaller if the scenario declares that obstacles swerve less than people do.
     margin : float
         m; is added to the distance of the centres at which contact begins.
     preferred_gap : float
@@ -93,7 +95,7 @@ class ControlOptions:
         s; cost of being where contact begins, for each turn that is expected of an obstacle in the time in which the robot
         could not respond to it any more. How often obstacles turn, and by how much, is learnt from all tracks of the episode
         (kernels/tracking/turns.py). The cost decreases to zero at the distance from which the robot can still get out of the
-        way. It is charged like `risk`, and is 0 if the scenario limits how obstacles swerve.
+        way. It is charged like `risk`.
     wall_margin : float
         m; distance to keep from walls, a little more than the guard's (policies/guard.py), so that it seldom has to brake.
     contact : float
@@ -181,7 +183,7 @@ class ControlColony:
         self.margins = Margins(
             o.margin, o.preferred_gap, math.sqrt(slowness) * o.spread, *times, robot.latency + robot.dt, agility
         )
-        self.unsure = 0.0 if math.isfinite(task.obstacle_swerve) else o.unsure
+        self.unsure = o.unsure * relative_swerve(task)
         self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
         stopping_time = self.problem.weights.stopping_time + robot.v_max / self.problem.limits.brake_max
         growth = min(float(task.obstacle_surge) * stopping_time, 1e3)
@@ -192,7 +194,9 @@ class ControlColony:
         self.began = 0.0  # s; when the last command begins to act
         self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
 
-    def deviations(self, estimates: NDArray[np.float64], velocity_error: NDArray[np.float64]) -> NDArray[np.float64]:
+    def deviations(
+        self, estimates: NDArray[np.float64], velocity_error: NDArray[np.float64], distrust: float
+    ) -> NDArray[np.float64]:
         """Return the standard deviations of the tracks' places (m) and velocities (m/s), float64[K, 2].
 
         Parameters
@@ -201,9 +205,11 @@ class ControlColony:
             Of kernels/tracking/predict.py.
         velocity_error : float64[K]
             Standard deviations of predicted velocities, m/s, of kernels/tracking/prediction_error.py.
+        distrust : float
+            0 to 1, of the same kernels; how much of `ControlOptions.unsure` applies.
         """
         speed = np.hypot(estimates[:, VX], estimates[:, VY])
-        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, self.unsure * speed)))
+        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, distrust * self.unsure * speed)))
 
     def act(
         self,
@@ -235,7 +241,7 @@ class ControlColony:
         turns : (float, float)
             How often obstacles turn, 1/s, and by how much their velocities change then, m/s.
         """
-        rate, change = turns if self.unsure > 0.0 else (0.0, 0.0)
+        rate, change = turns
         problem = self.problem._replace(weights=self._weights_now(start, state, rate))
         problem.start[:], self.began = state, start
         look = segments, sigma, start, problem.dt, problem.start, self.bounds, self.margins, change, problem.outlook

@@ -21,6 +21,7 @@ from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.tracking.predict import TubeMargins, crosses_edge
+from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions
@@ -179,7 +180,7 @@ class AntwayPolicy:
             memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
             plan=make_plan(),
-            crowd=make_crowd(),
+            crowd=make_crowd(task),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
         )
@@ -306,8 +307,8 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         _, _, _, arrival, bound = self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
-        sigma = s.controls.deviations(s.tracker.estimates, s.crowd.velocity_error[:known])
-        turns = s.tracker.count_turns(o.sensed_at)
+        sigma = s.controls.deviations(s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.misses))
+        turns = s.tracker.count_turns(o.sensed_at, s.terrain)
         command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival, turns)
         return command, KEPT if s.controls.same_path() else NEW, arrival, bound
 

@@ -22,6 +22,7 @@ from antway.kernels.tracking import crowd, prediction_error
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer
+from antway.policies.guard import relative_swerve
 from antway.search.sipp import timed_field, timed_moves
 from antway.world.line_of_sight import nearest_free
 from antway.world.policy import XY, Decision, Observation, RobotSpec, Task
@@ -160,15 +161,17 @@ def make_plan() -> Plan:
     return Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
 
 
-def make_crowd() -> Crowd:
-    """Return the predictions of no tracks yet."""
+def make_crowd(task: Task) -> Crowd:
+    """Return the predictions of no tracks yet. The less obstacles may swerve, the less wrong predictions seem at first."""
+    error, weight = prediction_error.POOL
     return Crowd(
         rows=np.zeros((ROWS, crowd.COLUMNS)),
         counts=np.zeros(2, np.int64),
         prediction=np.empty((ROWS, crowd.STEPS, 2)),
         averaged=np.zeros((ROWS, 8)),
         stored=np.zeros((ROWS, prediction_error.COLUMNS)),
-        pool=np.array(prediction_error.POOL),
+        pool=np.array([error * relative_swerve(task), weight]),
+        misses=np.zeros(2),
         velocity_error=np.zeros(ROWS),
     )
 

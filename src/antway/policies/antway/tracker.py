@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import entry
+from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, kalman, noise, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 from antway.world.policy import Observation, Tracks
@@ -64,9 +65,9 @@ class Tracker:
         arguments = self.averages, self.averages_count, self.pool, self.estimates, float(t), out
         self.averages_count = entry(averages.averaged, *arguments)(*arguments)
 
-    def count_turns(self, t: float) -> tuple[float, float]:
+    def count_turns(self, t: float, terrain: Terrain) -> tuple[float, float]:
         """Count the turns in the scan at time `t` s; return how often tracks turn, 1/s, and by how much on average, m/s."""
-        arguments = self._seen, self._seen_count, self._turns, self.estimates, float(t)
+        arguments = self._seen, self._seen_count, self._turns, self.estimates, terrain, float(t)
         self._seen_count = entry(turns.count_turns, *arguments)(*arguments)
         seconds, number, changes = self._turns.tolist()
         return number / seconds, changes / max(number, 1.0)
