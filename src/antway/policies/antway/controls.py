@@ -133,7 +133,7 @@ class ControlOptions:
     spread: float = 2.0
     spread_time: float = 1.2
     late: float = 0.4
-    turn_risk: float = 20.0
+    turn_risk: float = 40.0
     wall_margin: float = 0.015
     contact: float = 600.0
     decay: float = 0.1
