@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.arena.environments import by_id, read_tracks
 from antway.errors import BadScenario
+from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.averages import COLUMNS, POOL, averaged
 from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.spread import PEOPLE_DOF, learnt_factor, people_variance, tube_radius
@@ -20,6 +21,7 @@ TIMES = (0.5, 1.0, 2.0, 4.0)  # s; times at which tubes are tested
 CHANCES = (0.05, 0.2)
 PAST = 0.8  # s; length of a record that is observed before the first prediction
 STEP = 0.4  # s; step of the times that count in the mean error
+_OPEN = Terrain(np.zeros((1, 1), np.bool_), -1e6, -1e6, 2e6)  # recordings come without walls
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +160,7 @@ def _estimates(
         estimates = np.zeros((len(scan), 8))
         estimates[:, (X, Y)], estimates[:, (VX, VY)], estimates[:, NAME] = scan[:, 2:4], scan[:, 4:6], scan[:, 1]
         out = np.empty_like(estimates)
-        count = averaged(memory, count, pool, estimates, float(t), out)
+        count = averaged(memory, count, pool, estimates, _OPEN, float(t), out)
         known = scan[:, 6] >= PAST - 1e-9
         times.append(np.full(int(known.sum()), t))
         rows.append(out[known])

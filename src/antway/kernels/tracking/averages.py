@@ -2,7 +2,8 @@
 
 Places that are measured with a small error give velocities with a large one, and people sway; whatever turns at once is
 predicted best by its last velocity. People who walk together keep one velocity, so that each tells something about the others.
-Each of these models is judged by its errors (kernels/tracking/prediction_error.py).
+Each of these models is judged by its errors (kernels/tracking/prediction_error.py). Where a track bounces off a wall, its
+averages are mirrored as well.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.records import Terrain
 from antway.kernels.base.rows import copy_row
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y, reflected, wall_ahead
 from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error, velocity_error
 from antway.kernels.tracking.table import drop_lost, row_of
 
@@ -23,15 +25,18 @@ TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall 
 MODELS = len(TIMES) + 2  # the last velocity, those averages, and the mean of the first average and that of companions
 COMPANION_DISTANCE = 2.5  # m; companions are no farther apart than this
 COMPANION_SPEED = 0.7  # m/s; the averages of companions differ by no more than this
-# Columns of a row: the name, when it was last seen, the sums (x, y, weight) of each average, the mean average of companions;
-# when and where each model predicted from, and its velocity then. The last POOL are its errors (see `count_comparison`).
-_NAME, _SEEN, _SUMS = 0, 1, 2
+# Columns of a row: the name; when, where and with what velocity it was last seen; the sums (x, y, weight) of each average, the
+# mean average of companions; when and where each model predicted from, and its velocity then. The last POOL are its errors (see
+# `count_comparison`).
+_NAME, _SEEN, _X, _Y, _VX, _VY, _SUMS = range(7)
 _COMPANIONS = _SUMS + 3 * len(TIMES)
 _SINCE = _COMPANIONS + 2
 _FROM = _SINCE + 1
 _VELOCITIES = _FROM + 2
 POOL = MODELS + 1  # entries of `pool`
 COLUMNS = _VELOCITIES + 2 * MODELS + POOL
+_CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
+_BOUNCED = 0.3  # s; a wall explains a change of velocity if the track would have touched it within this time
 _BETTER = 0.9  # 1; another model replaces the last velocity if its error is below this share
 
 
@@ -41,6 +46,7 @@ def averaged(
     count: int,
     pool: NDArray[np.float64],
     estimates: NDArray[np.float64],
+    terrain: Terrain,
     t: float,
     out: NDArray[np.float64],
 ) -> int:
@@ -54,6 +60,7 @@ def averaged(
         As in `count_comparison`; zeros at first.
     estimates, out : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
+    terrain : Terrain
     """
     count = drop_lost(rows, count, _SEEN, t)
     row_at = np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
@@ -70,6 +77,8 @@ def averaged(
             count += 1
             rows[i] = 0.0
             rows[i, _NAME], rows[i, _SEEN], rows[i, _SINCE] = estimates[k, NAME], t, -math.inf
+        else:
+            _mirror_at_wall(rows[i], estimates[k], t - rows[i, _SEEN], terrain)
         _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, _SEEN], is_new)
     _average_companions(rows, row_at, estimates)
     for k in range(len(estimates)):
@@ -78,7 +87,8 @@ def averaged(
         row = rows[row_at[k]]
         if t > row[_SEEN] or row[_SINCE] == -math.inf:
             _compare(row, pool, estimates[k], t)
-        row[_SEEN] = t
+        row[_SEEN], row[_X], row[_Y] = t, estimates[k, X], estimates[k, Y]
+        row[_VX], row[_VY] = estimates[k, VX], estimates[k, VY]
         best, least = 0, _BETTER * summed_error(row, pool, 0)
         for m in range(1, MODELS):
             if summed_error(row, pool, m) < least:
@@ -86,6 +96,22 @@ def averaged(
         out[k, VX], out[k, VY] = _velocity(row, best, estimates[k, VX], estimates[k, VY])
         out[k, SIGMA_V] = math.hypot(estimates[k, SIGMA_V], velocity_error(row, pool, best))
     return count
+
+
+@bare_kernel
+def _mirror_at_wall(row: NDArray[np.float64], estimate: NDArray[np.float64], dt: float, terrain: Terrain) -> None:
+    """Mirror the averages of a track that has bounced off a wall in the last `dt` s, and compare no earlier prediction."""
+    vx, vy, last_vx, last_vy = estimate[VX], estimate[VY], row[_VX], row[_VY]
+    change = math.hypot(vx - last_vx, vy - last_vy)
+    if change < _CHANGED:
+        return
+    touches, n_x, n_y = wall_ahead(row[_X], row[_Y], last_vx, last_vy, estimate[RADIUS], max(dt, _BOUNCED), terrain)
+    reflected_vx, reflected_vy = reflected(last_vx, last_vy, n_x, n_y)
+    if touches and math.hypot(vx - reflected_vx, vy - reflected_vy) < change:
+        row[_SINCE] = -math.inf
+        for m in range(len(TIMES)):
+            c = _SUMS + 3 * m
+            row[c], row[c + 1] = reflected(row[c], row[c + 1], n_x, n_y)
 
 
 @bare_kernel

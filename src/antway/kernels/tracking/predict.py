@@ -64,6 +64,24 @@ def crosses_edge(estimates: NDArray[np.float64], terrain: Terrain) -> bool:
 
 
 @bare_kernel
+def wall_ahead(
+    x: float, y: float, vx: float, vy: float, radius: float, time: float, terrain: Terrain
+) -> tuple[bool, float, float]:
+    """Tell whether a disc touches a wall or an edge of the map within `time` s; return (n_x, n_y), its normal, too."""
+    size = terrain.resolution
+    row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
+    share, n_row, n_col = first_wall(terrain.blocked, row, col, vy * time / size, vx * time / size, radius / size)
+    return share <= 1.0, n_col, n_row
+
+
+@bare_kernel
+def reflected(vx: float, vy: float, n_x: float, n_y: float) -> tuple[float, float]:
+    """Return a velocity after its reflection at a wall with the unit normal (n_x, n_y)."""
+    into_wall = vx * n_x + vy * n_y
+    return vx - 2.0 * into_wall * n_x, vy - 2.0 * into_wall * n_y
+
+
+@bare_kernel
 def _at_edge(terrain: Terrain, row: float, col: float, n_row: float, n_col: float, radius: float) -> bool:
     """Tell whether a disc at (row, col) that touches something in the direction -(n_row, n_col) touches an edge of the map."""
     rows, cols = terrain.blocked.shape
@@ -196,6 +214,5 @@ def predict(
                 x, y, t = x + vx * (until - t), y + vy * (until - t), until
             if mirrored:
                 mirrors += 1
-                into_wall = vx * n_col + vy * n_row
-                vx, vy = vx - 2.0 * into_wall * n_col, vy - 2.0 * into_wall * n_row
+                vx, vy = reflected(vx, vy, n_col, n_row)
     return n

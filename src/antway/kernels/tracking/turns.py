@@ -10,11 +10,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import first_wall
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y, reflected, wall_ahead
 from antway.kernels.tracking.table import drop_lost, row_of
 
 TURN = 0.7  # m/s; a larger change of velocity between two scans counts as a turn; people seldom make one
@@ -32,14 +31,11 @@ def _from_mirrored(last: NDArray[np.float64], vx: float, vy: float, radius: floa
 
     It is infinite if the track, as it was last seen, would touch no wall or edge of the map within `_GAP` s.
     """
-    size, last_vx, last_vy = terrain.resolution, last[_VX], last[_VY]
-    row, col = (last[_Y] - terrain.y0) / size - 0.5, (last[_X] - terrain.x0) / size - 0.5
-    moved = last_vy * _GAP / size, last_vx * _GAP / size
-    share, n_row, n_col = first_wall(terrain.blocked, row, col, moved[0], moved[1], radius / size)
-    if share > 1.0:
+    touches, n_x, n_y = wall_ahead(last[_X], last[_Y], last[_VX], last[_VY], radius, _GAP, terrain)
+    if not touches:
         return math.inf
-    into_wall = last_vx * n_col + last_vy * n_row
-    return math.hypot(vx - last_vx + 2.0 * into_wall * n_col, vy - last_vy + 2.0 * into_wall * n_row)
+    reflected_vx, reflected_vy = reflected(last[_VX], last[_VY], n_x, n_y)
+    return math.hypot(vx - reflected_vx, vy - reflected_vy)
 
 
 @kernel

@@ -287,7 +287,7 @@ class AntwayPolicy:
         if self.mode == "strict":
             s.crowd.averaged[: len(estimates)] = estimates
         else:
-            s.tracker.average(t, s.crowd.averaged)
+            s.tracker.average(t, s.terrain, s.crowd.averaged)
 
     def _crosses_edge(self, estimates: NDArray[np.float64]) -> bool:
         """Tell whether an obstacle crosses an edge of the map."""

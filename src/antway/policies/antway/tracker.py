@@ -60,9 +60,9 @@ class Tracker:
         seen: NDArray[np.float64] = self.estimates[self.table[: len(self.estimates), kalman.T] == t]
         return seen
 
-    def average(self, t: float, out: NDArray[np.float64]) -> None:
+    def average(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:
         """Write the estimates at time `t` s to `out`, with the velocities that predict best."""
-        arguments = self.averages, self.averages_count, self.pool, self.estimates, float(t), out
+        arguments = self.averages, self.averages_count, self.pool, self.estimates, terrain, float(t), out
         self.averages_count = entry(averages.averaged, *arguments)(*arguments)
 
     def count_turns(self, t: float, terrain: Terrain) -> tuple[float, float]:
