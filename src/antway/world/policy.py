@@ -44,7 +44,7 @@ class Task:
         Declared bound on the growth of an obstacle's speed, m/s^2, >= 0; infinite: it may reach full speed at once.
     obstacle_swerve : float
         Declared bound on the change of an obstacle's velocity vector, m/s^2, >= 0; infinite: it may turn at once. An obstacle
-        that touches a wall may always do so. Robots with inertia use it, and policy `antway` to judge how far to trust predictions.
+        that touches a wall may always do so. It matters for robots with inertia, and for how far `antway` trusts predictions.
     stay : float
         How long the robot is to stand at the goal, s, in [0, 60]: policy `antway` arrives when the goal is free for that time.
 

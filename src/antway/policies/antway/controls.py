@@ -157,7 +157,7 @@ class ControlColony:
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        slowness = max(_AGILE / robot.v_max, 1.0)
+        slowness = self.slowness = max(_AGILE / robot.v_max, 1.0)
         self.problem = ControlProblem(
             np.zeros(5),
             finite_limits(robot),
@@ -209,7 +209,8 @@ class ControlColony:
             0 to 1, of the same kernels; how much of `ControlOptions.unsure` applies.
         """
         speed = np.hypot(estimates[:, VX], estimates[:, VY])
-        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, distrust * self.unsure * speed)))
+        unsure = self.unsure * min(self.slowness * distrust, 1.0)
+        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, unsure * speed)))
 
     def act(
         self,
