@@ -71,9 +71,12 @@ def velocity_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: i
 
 
 def distrust(misses: NDArray[np.float64]) -> float:
-    """Return how little predictions are relied on: 1 if one in twenty or more misses, as is assumed at first, 0 if none does.
+    """Return how little to rely on predictions: 1 if one in twenty misses or more, as is assumed at first, 0 if none ever does.
 
-    `misses` is float64[2], as in `compare_predictions`.
+    Parameters
+    ----------
+    misses : float64[2]
+        As in `compare_predictions`.
     """
     return float(min((_FIRST * _OFTEN + misses[MISSED]) / (_FIRST + misses[COMPARED]) / _OFTEN, 1.0))
 
