@@ -62,7 +62,7 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
     n = 4
     xy, velocity = rng.uniform(1.0, 7.0, (n, 2)), rng.uniform(-0.9, 0.9, (n, 2))
     rows, count, pool, slow, errors = np.zeros((16, COLUMNS)), 0, np.array(POOL), Slow(), np.empty(n)
-    misses = np.zeros(2)
+    missed = np.zeros(1, np.int64)
     names = np.arange(n, dtype=float)
     for i in range(steps):
         t = step * i
@@ -72,11 +72,11 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
         segments = pieces[: predict(estimates, t, 0.0, 4.0, -50.0, 0.0, MARGINS, TERRAIN, NO_PREDICTIONS, pieces)]
         owner = np.cumsum(np.concatenate(([0], segments[1:, 0] < segments[:-1, 1]))) if len(segments) else np.empty(0)
         errors = np.empty(len(seen))
-        count = compare_predictions(rows, count, pool, misses, estimates, t, errors)
+        count = compare_predictions(rows, count, pool, missed, estimates, t, errors)
         store_predictions(rows, count, estimates, t, segments)
         expected = slow(estimates, t, segments, owner)
         assert errors == pytest.approx(expected, abs=1e-9)
-        assert distrust(misses) == pytest.approx(slow.distrust())
+        assert distrust(pool, missed) == pytest.approx(slow.distrust())
         velocity += rng.normal(0.0, wander, (n, 2)) if wander else 0.0
         xy += velocity * step
         for axis in range(2):
@@ -84,7 +84,7 @@ def play(rng: np.random.Generator, wander: float, steps: int = 80, step: float =
                 out = (xy[:, axis] - low) * sign < 0.0
                 xy[out, axis] = 2.0 * low - xy[out, axis]
                 velocity[out, axis] *= -1.0
-    return errors, distrust(misses)
+    return errors, distrust(pool, missed)
 
 
 def test_it_is_what_its_slow_twin_finds() -> None:

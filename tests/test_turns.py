@@ -11,9 +11,10 @@ from antway import Grid, RobotSpec, Scenario, World, check_episode, run
 from antway.kernels.base.records import Terrain
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
+from antway.kernels.tracking.bounces import COLUMNS
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
-from antway.kernels.tracking.turns import COLUMNS, FIRST_SECONDS, count_turns
+from antway.kernels.tracking.turns import FIRST_SECONDS, count_turns
 from antway.policies.antway.controls import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Waypoints

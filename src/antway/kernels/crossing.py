@@ -68,7 +68,7 @@ class Crowd(NamedTuple):
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
     stored: NDArray[np.float64]  # [M, prediction_error.COLUMNS] stored predictions and their errors
     pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
-    misses: NDArray[np.float64]  # [2] predictions of all tracks that were compared, and how many missed
+    missed: NDArray[np.int64]  # [1] number of predictions of all tracks that missed
     velocity_error: NDArray[np.float64]  # [M] m/s; standard deviation of the predicted velocity of each track
 
 
@@ -285,7 +285,7 @@ def cycle(
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
     crowd.counts[1] = compare_predictions(
-        crowd.stored, crowd.counts[1], crowd.pool, crowd.misses, averaged, scanned, velocity_error
+        crowd.stored, crowd.counts[1], crowd.pool, crowd.missed, averaged, scanned, velocity_error
     )
     if s.wide_tubes.robot_radius > 0.0 and n > 0:
         copy_row(velocity_error, averaged[:, SIGMA_V])

@@ -267,12 +267,19 @@ def first_wall(
 
 
 @kernel
-def wall_ahead(terrain: Terrain, x: float, y: float, dx: float, dy: float, radius: float) -> float:
-    """Return the share of the motion by (dx, dy) at which `first_wall` finds a contact, for places and a radius in m."""
+def wall_ahead(terrain: Terrain, x: float, y: float, dx: float, dy: float, radius: float) -> tuple[float, float, float]:
+    """Return what `first_wall` does for a motion by (dx, dy), for places and a radius in m: the share, and (n_x, n_y)."""
     size = terrain.resolution
     row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
-    share, _, _ = first_wall(terrain.blocked, row, col, dy / size, dx / size, radius / size)
-    return share
+    share, n_row, n_col = first_wall(terrain.blocked, row, col, dy / size, dx / size, radius / size)
+    return share, n_col, n_row
+
+
+@bare_kernel
+def reflected(vx: float, vy: float, n_x: float, n_y: float) -> tuple[float, float]:
+    """Return a velocity after its reflection at a wall with the unit normal (n_x, n_y)."""
+    into_wall = vx * n_x + vy * n_y
+    return vx - 2.0 * into_wall * n_x, vy - 2.0 * into_wall * n_y
 
 
 @kernel

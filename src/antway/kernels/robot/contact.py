@@ -79,7 +79,7 @@ def advance(
         if hit < when or (hit == when and what == GOES_ON):
             when, obstacle = hit, k
             what = HIT_MOVING if math.hypot(vx, vy) > REST else HIT_STANDING
-    wall = wall_ahead(terrain, ax, ay, vx * h, vy * h, limits.radius)
+    wall, _, _ = wall_ahead(terrain, ax, ay, vx * h, vy * h, limits.radius)
     if t0 + wall * h < when:
         what, obstacle, when = HIT_WALL, -1, t0 + wall * h
     arrival, _, _ = swept_discs(aim[0] - ax, aim[1] - ay, -vx, -vy, aim[2], h)

@@ -119,7 +119,7 @@ def least_harm(
             continue
         braking = 0.5 * speed * speed / a_max
         ahead = speed * _LASTS[-1] + braking
-        share = wall_ahead(terrain, x, y, tx / speed * ahead, ty / speed * ahead, radius)
+        share, _, _ = wall_ahead(terrain, x, y, tx / speed * ahead, ty / speed * ahead, radius)
         clear_time = (min(share, 1.0) * ahead - braking) / speed  # s
         if clear_time < dt:
             continue
@@ -127,7 +127,7 @@ def least_harm(
         reaches = math.hypot(wx, wy)
         far = reaches * dt + 0.5 * reaches * reaches / a_max
         # Wheels drive along their heading, which may differ from the commanded direction.
-        if reaches > TOUCH and wall_ahead(terrain, x, y, wx / reaches * far, wy / reaches * far, radius) <= 1.0:
+        if reaches > TOUCH and wall_ahead(terrain, x, y, wx / reaches * far, wy / reaches * far, radius)[0] <= 1.0:
             continue
         progress = _PROGRESS * (tx * cx + ty * cy) / (asked * v_max)
         for lasts in _LASTS:

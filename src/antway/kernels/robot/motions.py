@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import first_wall, segment_hits_cells
+from antway.kernels.base.geometry import first_wall, reflected, segment_hits_cells
 from antway.kernels.base.jit import kernel
 from antway.kernels.base.rng import State, uniform
 
@@ -68,8 +68,7 @@ def bounce(
             standing = 0
         if mirrored:
             standing += 1
-            into = vr * n_row + vc * n_col
-            vr, vc = vr - 2.0 * into * n_row, vc - 2.0 * into * n_col
+            vr, vc = reflected(vr, vc, n_row, n_col)
         elif t >= turn:
             angle = 2.0 * math.pi * uniform(state)
             vr, vc = speed * math.sin(angle), speed * math.cos(angle)

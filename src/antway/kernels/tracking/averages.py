@@ -13,11 +13,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.geometry import reflected
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 from antway.kernels.base.rows import copy_row
+from antway.kernels.tracking import bounces
+from antway.kernels.tracking.bounces import NAMED, SEEN, remember, velocity_change
 from antway.kernels.tracking.kalman import UNKNOWN
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y, reflected, wall_ahead
+from antway.kernels.tracking.predict import NAME, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error, velocity_error
 from antway.kernels.tracking.table import drop_lost, row_of
 
@@ -25,18 +28,16 @@ TIMES = (0.4, 1.2)  # s; velocities are averaged over these times, weights fall 
 MODELS = len(TIMES) + 2  # the last velocity, those averages, and the mean of the first average and that of companions
 COMPANION_DISTANCE = 2.5  # m; companions are no farther apart than this
 COMPANION_SPEED = 0.7  # m/s; the averages of companions differ by no more than this
-# Columns of a row: the name; when, where and with what velocity it was last seen; the sums (x, y, weight) of each average, the
-# mean average of companions; when and where each model predicted from, and its velocity then. The last POOL are its errors (see
+# Columns of a row after those of kernels/tracking/bounces.py: the sums (x, y, weight) of each average, the mean average of
+# companions; when and where each model predicted from, and its velocity then. The last POOL are its errors (see
 # `count_comparison`).
-_NAME, _SEEN, _X, _Y, _VX, _VY, _SUMS = range(7)
+_SUMS = bounces.COLUMNS
 _COMPANIONS = _SUMS + 3 * len(TIMES)
 _SINCE = _COMPANIONS + 2
 _FROM = _SINCE + 1
 _VELOCITIES = _FROM + 2
 POOL = MODELS + 1  # entries of `pool`
 COLUMNS = _VELOCITIES + 2 * MODELS + POOL
-_CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
-_BOUNCED = 0.3  # s; a wall explains a change of velocity if the track would have touched it within this time
 _BETTER = 0.9  # 1; another model replaces the last velocity if its error is below this share
 
 
@@ -62,13 +63,13 @@ def averaged(
         As in kernels/tracking/predict.py, at time `t` s.
     terrain : Terrain
     """
-    count = drop_lost(rows, count, _SEEN, t)
+    count = drop_lost(rows, count, SEEN, t)
     row_at = np.full(len(estimates), -1)  # the row of each estimate, or -1 if it has none
     for k in range(len(estimates)):
         copy_row(estimates[k], out[k])
         if estimates[k, NAME] < 0.0 or estimates[k, SIGMA_V] >= UNKNOWN:
             continue
-        i = row_of(rows, count, _NAME, estimates[k, NAME])
+        i = row_of(rows, count, NAMED, estimates[k, NAME])
         if i == len(rows):
             continue
         row_at[k] = i
@@ -76,19 +77,18 @@ def averaged(
         if is_new:
             count += 1
             rows[i] = 0.0
-            rows[i, _NAME], rows[i, _SEEN], rows[i, _SINCE] = estimates[k, NAME], t, -math.inf
+            rows[i, NAMED], rows[i, SEEN], rows[i, _SINCE] = estimates[k, NAME], t, -math.inf
         else:
-            _mirror_at_wall(rows[i], estimates[k], t - rows[i, _SEEN], terrain)
-        _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, _SEEN], is_new)
+            _mirror_at_wall(rows[i], estimates[k], t, terrain)
+        _average(rows[i], estimates[k, VX], estimates[k, VY], t - rows[i, SEEN], is_new)
     _average_companions(rows, row_at, estimates)
     for k in range(len(estimates)):
         if row_at[k] < 0:
             continue
         row = rows[row_at[k]]
-        if t > row[_SEEN] or row[_SINCE] == -math.inf:
+        if t > row[SEEN] or row[_SINCE] == -math.inf:
             _compare(row, pool, estimates[k], t)
-        row[_SEEN], row[_X], row[_Y] = t, estimates[k, X], estimates[k, Y]
-        row[_VX], row[_VY] = estimates[k, VX], estimates[k, VY]
+        remember(row, estimates[k], t)
         best, least = 0, _BETTER * summed_error(row, pool, 0)
         for m in range(1, MODELS):
             if summed_error(row, pool, m) < least:
@@ -99,15 +99,10 @@ def averaged(
 
 
 @bare_kernel
-def _mirror_at_wall(row: NDArray[np.float64], estimate: NDArray[np.float64], dt: float, terrain: Terrain) -> None:
-    """Mirror the averages of a track that has bounced off a wall in the last `dt` s, and compare no earlier prediction."""
-    vx, vy, last_vx, last_vy = estimate[VX], estimate[VY], row[_VX], row[_VY]
-    change = math.hypot(vx - last_vx, vy - last_vy)
-    if change < _CHANGED:
-        return
-    touches, n_x, n_y = wall_ahead(row[_X], row[_Y], last_vx, last_vy, estimate[RADIUS], max(dt, _BOUNCED), terrain)
-    reflected_vx, reflected_vy = reflected(last_vx, last_vy, n_x, n_y)
-    if touches and math.hypot(vx - reflected_vx, vy - reflected_vy) < change:
+def _mirror_at_wall(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float, terrain: Terrain) -> None:
+    """Mirror the averages of a track that has bounced off a wall since it was seen last, and compare no earlier prediction."""
+    _, n_x, n_y = velocity_change(row, estimate, t, terrain)
+    if n_x != 0.0 or n_y != 0.0:
         row[_SINCE] = -math.inf
         for m in range(len(TIMES)):
             c = _SUMS + 3 * m

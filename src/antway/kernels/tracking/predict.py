@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base import records
-from antway.kernels.base.geometry import first_wall
+from antway.kernels.base.geometry import first_wall, reflected
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import Terrain
 
@@ -61,24 +61,6 @@ def crosses_edge(estimates: NDArray[np.float64], terrain: Terrain) -> bool:
         if min(x, y, cols * terrain.resolution - x, rows * terrain.resolution - y) < 0.0:
             return True
     return False
-
-
-@bare_kernel
-def wall_ahead(
-    x: float, y: float, vx: float, vy: float, radius: float, time: float, terrain: Terrain
-) -> tuple[bool, float, float]:
-    """Tell whether a disc touches a wall or an edge of the map within `time` s; return (n_x, n_y), its normal, too."""
-    size = terrain.resolution
-    row, col = (y - terrain.y0) / size - 0.5, (x - terrain.x0) / size - 0.5
-    share, n_row, n_col = first_wall(terrain.blocked, row, col, vy * time / size, vx * time / size, radius / size)
-    return share <= 1.0, n_col, n_row
-
-
-@bare_kernel
-def reflected(vx: float, vy: float, n_x: float, n_y: float) -> tuple[float, float]:
-    """Return a velocity after its reflection at a wall with the unit normal (n_x, n_y)."""
-    into_wall = vx * n_x + vy * n_y
-    return vx - 2.0 * into_wall * n_x, vy - 2.0 * into_wall * n_y
 
 
 @bare_kernel

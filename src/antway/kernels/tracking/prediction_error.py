@@ -29,7 +29,6 @@ _POOL_WEIGHT = 2.0  # the mean error of all tracks counts like this many compari
 _AXIS = math.sqrt(2.0 / math.pi)  # 1; standard deviation along one axis of a normal error whose mean distance is 1
 # The pool before the first comparison: the mean error of people, m/s, which counts as one comparison.
 POOL = (0.1 / _AXIS, 1.0)
-COMPARED, MISSED = range(2)  # entries of `misses`: comparisons of all tracks, and how many of them showed a miss
 _MISS = 0.25  # m/s; a larger error is a miss: the obstacle has turned, stopped or set out
 _OFTEN = 0.05  # 1; share of misses from which on no prediction is relied on; it is also the share assumed at first
 _FIRST = 10.0  # the share assumed at first counts like this many comparisons
@@ -70,15 +69,16 @@ def velocity_error(row: NDArray[np.float64], pool: NDArray[np.float64], model: i
     return float(_AXIS * summed_error(row, pool, model) / (row[-1] + _POOL_WEIGHT))
 
 
-def distrust(misses: NDArray[np.float64]) -> float:
+def distrust(pool: NDArray[np.float64], missed: NDArray[np.int64]) -> float:
     """Return how little to rely on predictions: 1 if one in twenty misses or more, as is assumed at first, 0 if none ever does.
 
     Parameters
     ----------
-    misses : float64[2]
+    pool, missed : float64[2], int64[1]
         As in `compare_predictions`.
     """
-    return float(min((_FIRST * _OFTEN + misses[MISSED]) / (_FIRST + misses[COMPARED]) / _OFTEN, 1.0))
+    compared = pool[-1] - POOL[-1]
+    return float(min((_FIRST * _OFTEN + missed[0]) / (_FIRST + compared) / _OFTEN, 1.0))
 
 
 @kernel
@@ -86,7 +86,7 @@ def compare_predictions(
     rows: NDArray[np.float64],
     count: int,
     pool: NDArray[np.float64],
-    misses: NDArray[np.float64],
+    missed: NDArray[np.int64],
     estimates: NDArray[np.float64],
     t: float,
     out: NDArray[np.float64],
@@ -99,8 +99,8 @@ def compare_predictions(
         The tracks known so far are the rows below `count`.
     pool : float64[2]
         As in `count_comparison`, with one model; at first it is POOL.
-    misses : float64[2]
-        The entries COMPARED and MISSED; at first they are zero.
+    missed : int64[1]
+        Number of predictions of all tracks that missed; at first it is 0.
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     out : float64[K]
@@ -123,8 +123,7 @@ def compare_predictions(
             count_comparison(row, pool)
             error = math.hypot(x - row[_X], y - row[_Y]) / (row[_DUE] - row[_SINCE])
             add_error(row, pool, 0, error)
-            misses[COMPARED] += 1.0
-            misses[MISSED] += 1.0 if error > _MISS else 0.0
+            missed[0] += int(error > _MISS)
         if overdue > -1e-6:
             row[_DUE] = -math.inf
         row[_SEEN] = t

@@ -171,7 +171,7 @@ def make_crowd(task: Task) -> Crowd:
         averaged=np.zeros((ROWS, 8)),
         stored=np.zeros((ROWS, prediction_error.COLUMNS)),
         pool=np.array([error * relative_swerve(task), weight]),
-        misses=np.zeros(2),
+        missed=np.zeros(1, np.int64),
         velocity_error=np.zeros(ROWS),
     )
 

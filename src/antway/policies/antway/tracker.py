@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking import averages, kalman, noise, turns
+from antway.kernels.tracking import averages, bounces, kalman, noise, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
 from antway.world.policy import Observation, Tracks
 
@@ -43,7 +43,7 @@ class Tracker:
         self.pool = np.zeros(averages.POOL)
         self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(2)  # see kernels/tracking/noise.py
         self._variance = np.zeros((64, 2))  # of the last scan
-        self._seen, self._seen_count = np.zeros((ROWS, turns.COLUMNS)), 0  # see kernels/tracking/turns.py
+        self._seen, self._seen_count = np.zeros((ROWS, bounces.COLUMNS)), 0  # see kernels/tracking/turns.py
         self._turns = np.array([turns.FIRST_SECONDS, 0.0, 0.0])
         self.fastest = 0.0
 
