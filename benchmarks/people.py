@@ -15,8 +15,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from itertools import repeat
 
 from antway import Command, Decision, Observation, Policy, Scenario, Task, check_episode, make_policy, run
 from antway.arena.causes import by_cause, with_cause
@@ -24,6 +27,8 @@ from antway.arena.store import Row
 from antway.arena.suites import Episode, build, episodes, facts
 from antway.version import __version__
 from antway.world.motions import Waypoints
+
+SLOWEST = 10  # number of episodes that are named because they lose most time
 
 
 class Untold:
@@ -104,6 +109,7 @@ def main() -> None:
     parser.add_argument("--change", choices=CHANGES, default="none")
     parser.add_argument("--robot", default="", help="which robot drives, as in `antway bench`; else the suite's own")
     parser.add_argument("--check", action="store_true", help="check every episode by check_episode")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes that play; the rows stay the same")
     options = parser.parse_args()
     named, names = episodes(options.suite, 1, options.robot), options.policies.split(",")
     print(
@@ -111,20 +117,24 @@ def main() -> None:
     )
     print("|---|---|--:|--:|--:|--:|--:|--:|")
     failures: list[Row] = []
-    for group in options.groups.split(",") if options.groups else [one.group for one in named]:
-        rows: dict[str, list[Row]] = {name: [] for name in names}
-        for number in range(options.first, options.first + options.episodes):
-            episode = Episode(options.suite, named[0].suite, group, number, options.robot)
-            for row in play(episode, names, options.change, options.check):
-                rows[row.policy].append(row)
-        base = {row.episode: row for row in rows[names[-1]]}
-        for name in names:
-            print(line(group, name, rows[name], base), flush=True)
-            failures += [row for row in rows[name] if not row.reached]
+    losses: list[tuple[float, Row]] = []
+    with ProcessPoolExecutor(options.workers) as pool:
+        for group in options.groups.split(",") if options.groups else [one.group for one in named]:
+            numbers = range(options.first, options.first + options.episodes)
+            wanted = [Episode(options.suite, named[0].suite, group, number, options.robot) for number in numbers]
+            played = list(pool.map(play, wanted, repeat(names), repeat(options.change), repeat(options.check)))
+            rows = {name: [episode[i] for episode in played] for i, name in enumerate(names)}
+            base = {row.episode: row for row in rows[names[-1]]}
+            for name in names:
+                print(line(group, name, rows[name], base), flush=True)
+                failures += [row for row in rows[name] if not row.reached]
+                losses += [(row.time / row.bound, row) for row in rows[name] if row.reached and math.isfinite(row.bound)]
     for name in names:
         for why, count in by_cause(row for row in failures if row.policy == name).items():
             print(f"{name}: {count} x {why}")
     print("episodes failed:", ", ".join(f"{row.policy} {row.episode}" for row in failures) or "none")
+    losses.sort(key=lambda one: -one[0])
+    print("slowest:", ", ".join(f"{row.policy} {row.episode} ({ratio:.2f})" for ratio, row in losses[:SLOWEST]) or "none")
 
 
 if __name__ == "__main__":
