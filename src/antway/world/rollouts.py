@@ -69,17 +69,21 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
     size, (x, y, _), cells = grid.resolution, grid.origin, grid.blocked.size
     factor = max(min(math.ceil(size / _NODE - 1e-9), math.isqrt(_NODES // cells)), 1)
     wall = wall_distance(grid.blocked, size, factor) - np.float32(robot.radius)
+    frame, empty = np.array([x, y, factor / size]), np.empty((0, 0), np.float32)
+    end, (box, discs) = np.array([*goal, tolerance]), _body(robot)
+    field = StaticField(wall, frame, empty, np.zeros(3), end, box, discs, empty[None], np.zeros(3))
+    return with_times(field, grid, robot, time_to_goal, goal, tolerance)
+
+
+def with_times(
+    field: StaticField, grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float
+) -> StaticField:
+    """Return the field with other times to the goal; see `static_field`."""
+    size, (x, y, _) = grid.resolution, grid.origin
     near = _to_the_goal_itself(time_to_goal, grid, robot.v_max, goal)
     time = beyond_walls(near - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
-    return StaticField(
-        wall,
-        np.array([x, y, factor / size]),
-        time,
-        np.array([x + size / 2, y + size / 2, 1.0 / size]),
-        np.array([*goal, tolerance]),
-        *_body(robot),
-        *_by_heading(near, grid, robot),
-    )
+    frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, grid, robot)
+    return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)
 
 
 def empty_outlook(steps: int, summed: bool = False) -> Outlook:

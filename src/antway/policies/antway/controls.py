@@ -22,7 +22,7 @@ from antway.planning import TimedPath
 from antway.policies.guard import relative_swerve
 from antway.world.policy import Command, Observation, Task
 from antway.world.robots import RobotSpec
-from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time
+from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time, with_times
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
 _LEAST_PATH = 1.5  # m; sequences last until a robot at full speed has driven this far, up to twice `horizon`
@@ -153,7 +153,7 @@ class ControlColony:
         self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, swerve: float | None
     ) -> None:
         robot, o = task.robot, options
-        self.options, self.robot = o, robot
+        self.options, self.robot, self.task = o, robot, task
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
@@ -162,7 +162,7 @@ class ControlColony:
             np.zeros(5),
             finite_limits(robot),
             robot.dt,
-            static_field(task.grid, robot, time_to_goal, task.goal, task.goal_tolerance),
+            static_field(task.grid, robot, time_to_goal.reshape(task.grid.shape), task.goal, task.goal_tolerance),
             empty_outlook(steps),
             _weights(o, robot, slowness, swerve),
         )
@@ -193,6 +193,13 @@ class ControlColony:
         self.path: TimedPath | None = None
         self.began = 0.0  # s; when the last command begins to act
         self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
+
+    def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
+        """Drive from now on by other times to the goal, float64[H * W], s."""
+        task, field = self.task, self.problem.field
+        times = time_to_goal.reshape(task.grid.shape)
+        field = with_times(field, task.grid, task.robot, times, task.goal, task.goal_tolerance)
+        self.problem, self.nearest = self.problem._replace(field=field), math.inf
 
     def deviations(
         self, estimates: NDArray[np.float64], velocity_error: NDArray[np.float64], distrust: float

@@ -14,7 +14,7 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.crossing import KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, Settings, cycle
+from antway.kernels.crossing import ARRIVAL, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, Settings, cycle
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.ants import ColonySettings
 from antway.kernels.spacetime.context import PlanningContext
@@ -25,6 +25,7 @@ from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
     Cycle,
@@ -162,13 +163,18 @@ class AntwayPolicy:
         robot, cells = task.robot, task.grid.blocked.size
         context, start, goal = planning_context(task, self.moves)
         settings, controls = self._settings(task), None
+        contexts: tuple[PlanningContext, ...] = (context,)
         paces = self._paces(context, settings, robot)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
             context = away_from_walls(task, context, start, goal, self.moves)
             paces = (context, 0.0), (context, 0.0)
-            controls = self._make_controls(task, context, seed)
+            fine = with_fine_cells(task)
+            contexts = context, context
+            if fine is not task:
+                contexts = context, away_from_walls(fine, *planning_context(fine, self.moves), self.moves)
+            controls = self._make_controls(fine, contexts[1].field, seed)
         if self.guard:
             self.guard.reset(task)
         self.state = State(
@@ -183,16 +189,14 @@ class AntwayPolicy:
             crowd=make_crowd(task),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
+            detours=Detours(self.moves, contexts),
         )
 
-    def _make_controls(self, task: Task, context: PlanningContext, seed: int) -> ControlColony:
-        """Return the colony in the space of controls, with the times to the goal over `context` or over finer cells."""
+    def _make_controls(self, task: Task, times: NDArray[np.float64], seed: int) -> ControlColony:
+        """Return the colony in the space of controls, with `times` to the goal on the cells of the task."""
         # Without a strict guard, a stop is not better than the best ant.
         swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
-        field, fine = context.field, with_fine_cells(task)
-        if fine is not task:
-            field = away_from_walls(fine, *planning_context(fine, self.moves), self.moves).field
-        return ControlColony(self.controls, fine, field.reshape(fine.grid.shape), seed, swerve)
+        return ControlColony(self.controls, task, times, seed, swerve)
 
     def _paces(self, context: PlanningContext, settings: Settings, robot: RobotSpec) -> Paces:
         """Return the planning context and stopping time without and with tracks in sight, for a robot that follows the plan.
@@ -262,6 +266,7 @@ class AntwayPolicy:
         observation = check_observation(observation)
         s = self._state
         self._update_tracks(observation)
+        self._look_for_detours(observation)
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what, arrival, bound = drive(observation)
         command = self._guarded(observation, command)
@@ -288,6 +293,16 @@ class AntwayPolicy:
             s.crowd.averaged[: len(estimates)] = estimates
         else:
             s.tracker.average(t, s.terrain, s.crowd.averaged)
+
+    def _look_for_detours(self, o: Observation) -> None:
+        """If obstacles have stayed where they are for long, plan anew with times to the goal that count with that."""
+        s = self._state
+        if not s.detours.update(s.tracker.estimates, s.tracker.last_seen, float(o.sensed_at), o.xy):
+            return
+        s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
+        s.plan.state[KNOT_COUNT], s.plan.state[ARRIVAL] = 0, math.inf
+        if s.controls is not None:
+            s.controls.set_times(s.detours.times[1])
 
     def _crosses_edge(self, estimates: NDArray[np.float64]) -> bool:
         """Tell whether an obstacle crosses an edge of the map."""

@@ -21,6 +21,7 @@ from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd, prediction_error
 from antway.planning import TimedPath, standing_cell
 from antway.policies.antway.controls import ControlColony
+from antway.policies.antway.detours import Detours
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer
 from antway.policies.guard import relative_swerve
 from antway.search.sipp import timed_field, timed_moves
@@ -37,7 +38,7 @@ _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they ca
 _FINE = 0.4  # 1; cells of the field that such robots follow are no larger than this share of the radius
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 _SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
-Paces = tuple[tuple[PlanningContext, float], tuple[PlanningContext, float]]
+Paces = tuple[tuple[PlanningContext, float], ...]
 
 
 class Cycle(NamedTuple):
@@ -64,6 +65,8 @@ class State:
         The track estimates.
     rng : uint64[1]
         State of the random generator.
+    detours : Detours
+        Times to the goal that count with obstacles which stay.
     controls : ControlColony or None
         What drives a robot with inertia or wheels.
     started : float
@@ -90,6 +93,7 @@ class State:
     plan: Plan
     crowd: Crowd
     rng: NDArray[np.uint64]
+    detours: Detours
     controls: ControlColony | None = None
     tracker: Tracker = field(default_factory=Tracker)
     started: float = math.nan

@@ -55,9 +55,15 @@ class Tracker:
         if known:
             self.fastest = max(self.fastest, float(np.hypot(self.estimates[:, VX], self.estimates[:, VY]).max()))
 
+    @property
+    def last_seen(self) -> NDArray[np.float64]:
+        """When each of the tracks was last seen, float64[K], s."""
+        seen: NDArray[np.float64] = self.table[: len(self.estimates), kalman.T]
+        return seen
+
     def seen_at(self, t: float) -> NDArray[np.float64]:
         """Return the estimates of the tracks in the scan at time `t` s."""
-        seen: NDArray[np.float64] = self.estimates[self.table[: len(self.estimates), kalman.T] == t]
+        seen: NDArray[np.float64] = self.estimates[self.last_seen == t]
         return seen
 
     def average(self, t: float, terrain: Terrain, out: NDArray[np.float64]) -> None:

@@ -1,0 +1,139 @@
+"""Detours around obstacles that stay: times to the goal that count with how long they have stayed already."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.grid import Moves
+from antway.kernels.base.jit import entry
+from antway.kernels.spacetime.context import PlanningContext
+from antway.kernels.tracking import stays
+from antway.kernels.tracking.stays import has_ended, update_stays
+from antway.search.sipp import timed_field
+from antway.world.policy import XY
+
+_ROWS = 64  # limit of obstacles whose stays are known
+_PATIENCE = 3.0  # s; a robot that comes no nearer to its goal for this time looks for detours around what has stayed as long
+_PROGRESS = 0.3  # s; a robot whose time to the goal has fallen by less than this has come no nearer
+_ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for detours
+
+
+class Detours:
+    """The times to the goal on a map where obstacles stay.
+
+    Plans know the obstacles up to their horizon only, and expect the way to be free from then on. Behind an obstacle that stays
+    in a doorway, a robot would wait forever, though there may be another door. How long an obstacle will stay is not known. The
+    longer it has stayed, the longer it is likely to, so it is expected to stay as long again as it has stayed already. A robot
+    then waits before a doorway at most about as long as the detour takes in addition, as in the ski rental problem.
+
+    Parameters
+    ----------
+    moves : Moves
+        Of the planning contexts.
+    contexts : sequence of PlanningContext
+        The maps for which there are such times; by the first, the robot's progress is judged.
+
+    Attributes
+    ----------
+    times : list of float64[H * W]
+        For each context the time to the goal over its moves, s.
+    """
+
+    def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...]) -> None:
+        self.moves, self.contexts = moves, contexts
+        self.times = [context.field for context in contexts]
+        self._rows, self._count = np.zeros((_ROWS, stays.COLUMNS)), 0
+        self._expected = np.empty((0, 2))  # names and beginnings of the stays that `times` count with
+        self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
+        self._known: dict[bytes, NDArray[np.float64]] = {}  # times of the last update by the cells that were left out
+
+    def update(self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY) -> bool:
+        """Take in the scan at time `t` s, when the robot is at `xy`; tell whether `times` have changed.
+
+        The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
+        """
+        scan = self._rows, self._count, estimates, seen, t
+        self._count = entry(update_stays, *scan)(*scan)
+        to_go = self._time_to_go(xy)
+        if len(self._expected):
+            expected = self._rows, self._count, self._expected
+            if entry(has_ended, *expected)(*expected):
+                return self._expect(t, xy)
+        if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
+            self._nearest, self._since = to_go, t
+        if t - self._since < _PATIENCE - 1e-6:
+            return False
+        return self._expect(t, xy)
+
+    def timed(self, context: PlanningContext) -> PlanningContext:
+        """Return the first context with the present times; that given may be for another speed."""
+        return context._replace(field=self.times[0] * (self.contexts[0].speed / context.speed))
+
+    def _time_to_go(self, xy: XY) -> float:
+        """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite if there is none."""
+        context, (rows, cols) = self.contexts[0], self.contexts[0].blocked.shape
+        col, row = (round((at - low) / context.resolution) for at, low in zip(xy, (context.x0, context.y0), strict=True))
+        field = self.times[0].reshape(rows, cols)
+        here = float(field[min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)])
+        if math.isinf(here):
+            here = float(field[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2].min(initial=math.inf))
+        return here
+
+    def _expect(self, t: float, xy: XY) -> bool:
+        """Count with all that have stayed long enough by now; tell whether that changes anything."""
+        self._since = t
+        rows = self._rows[: self._count]
+        stay = rows[:, stays.SEEN] - rows[:, stays.SINCE]
+        long = stay >= _PATIENCE - 1e-6
+        if not (long.any() or len(self._expected)):
+            return False
+        self._expected = rows[long][:, [stays.NAMED, stays.SINCE]]
+        known: dict[bytes, NDArray[np.float64]] = {}
+        self.times = [self._times(context, rows[long], stay[long], known) for context in self.contexts]
+        self._known = known
+        self._nearest = self._time_to_go(xy)
+        return True
+
+    def _times(
+        self, context: PlanningContext, rows: NDArray[np.float64], stay: NDArray[np.float64], known: dict[bytes, NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return the times to the goal where obstacles are expected to stay for `stay` s.
+
+        It is the least, over all obstacles i, of the time around all that stay longer than i, plus the time that i stays. Those
+        that stay about as long, up to twice, count as one.
+        """
+        if not len(rows):
+            return context.field
+        octave = np.floor(np.log2(stay))
+        times: NDArray[np.float64] = context.field + stay.max()
+        for one in np.unique(octave):
+            shorter = stay[octave < one]
+            around = self._around(context, rows[octave >= one], known)
+            times = np.minimum(times, around + shorter.max(initial=0.0))
+        return times
+
+    def _around(
+        self, context: PlanningContext, rows: NDArray[np.float64], known: dict[bytes, NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Return the times to the goal on paths around the places of these stays."""
+        shape, size = context.blocked.shape, context.resolution
+        mask = context.legal.reshape(shape).copy()
+        for row in rows:
+            x, y = 0.5 * (row[stays.LOW_X] + row[stays.HIGH_X]), 0.5 * (row[stays.LOW_Y] + row[stays.HIGH_Y])
+            spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
+            reach = (context.radius + row[stays.SIZE] + spread) / size
+            r, c = (y - context.y0) / size, (x - context.x0) / size
+            low_r, low_c = max(math.ceil(r - reach), 0), max(math.ceil(c - reach), 0)
+            window = mask[low_r : max(math.floor(r + reach) + 1, 0), low_c : max(math.floor(c + reach) + 1, 0)]
+            i, j = np.ogrid[: window.shape[0], : window.shape[1]]
+            window[np.hypot(i + low_r - r, j + low_c - c) < reach] = 0
+        key = np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes() + bytes(str(shape), "ascii")
+        field = self._known.get(key)
+        if field is None:
+            goal = divmod(context.goal, shape[1])
+            field = timed_field(mask, self.moves, goal, scale=size / context.speed).ravel()
+        known[key] = field
+        return field
