@@ -129,3 +129,20 @@ def place_noise(scans) -> float:
                 squares.append(float(((place - there - (then + speed) / 2 * (t - before)) ** 2).sum()))
             last[name] = t, place, speed
     return float(np.median(squares)) / (4.0 * math.log(2.0))
+
+
+def stays(scans, place=1.0, least_memory=1.0):
+    """Return of each obstacle {name: (since, seen, places)}: the places of its stay, whose box is no longer than `place`.
+
+    `scans` are (t, {name: (x, y)}). An obstacle out of sight is remembered for as long as it had stayed.
+    """
+    known = {}
+    for t, seen in scans:
+        known = {name: one for name, one in known.items() if t - one[1] <= max(one[1] - one[0], least_memory)}
+        for name, xy in seen.items():
+            since, _, places = known.get(name, (t, t, []))
+            places = [*places, xy]
+            if math.dist(np.min(places, axis=0), np.max(places, axis=0)) > place:
+                since, places = t, [xy]
+            known[name] = since, t, places
+    return known

@@ -15,6 +15,7 @@ from antway.kernels.tracking.stays import has_ended, update_stays
 from antway.search.sipp import timed_field
 from antway.world.policy import XY
 
+_INTERVAL = 0.25  # s; scans are looked at as often as that
 _ROWS = 64  # limit of obstacles whose stays are known
 _PATIENCE = 3.0  # s; a robot that comes no nearer to its goal for this time looks for detours around what has stayed as long
 _PROGRESS = 0.3  # s; a robot whose time to the goal has fallen by less than this has come no nearer
@@ -34,19 +35,25 @@ class Detours:
     moves : Moves
         Of the planning contexts.
     contexts : sequence of PlanningContext
-        The maps for which there are such times; by the first, the robot's progress is judged.
+        The maps for which there are such times. The first is that of the plans; by it, the robot's progress is judged.
+    horizon : float
+        How far ahead plans know the obstacles, s. The times over the first context are those from then on, the others those
+        from now on, so they are longer by this where an obstacle stays.
 
     Attributes
     ----------
     times : list of float64[H * W]
         For each context the time to the goal over its moves, s.
+    due : float
+        Time from which on the next scan is to be taken in, s.
     """
 
-    def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...]) -> None:
-        self.moves, self.contexts = moves, contexts
+    def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...], horizon: float) -> None:
+        self.moves, self.contexts, self.horizon = moves, contexts, horizon
         self.times = [context.field for context in contexts]
         self._rows, self._count = np.zeros((_ROWS, stays.COLUMNS)), 0
         self._expected = np.empty((0, 2))  # names and beginnings of the stays that `times` count with
+        self.due = -math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
         self._known: dict[bytes, NDArray[np.float64]] = {}  # times of the last update by the cells that were left out
 
@@ -55,10 +62,11 @@ class Detours:
 
         The estimates, float64[K, 8], are those of kernels/tracking/kalman.py; each was last `seen`, float64[K], at a time in s.
         """
+        self.due = t + _INTERVAL - 1e-6
         scan = self._rows, self._count, estimates, seen, t
         self._count = entry(update_stays, *scan)(*scan)
         to_go = self._time_to_go(xy)
-        if len(self._expected):
+        if self.expects:
             expected = self._rows, self._count, self._expected
             if entry(has_ended, *expected)(*expected):
                 return self._expect(t, xy)
@@ -68,9 +76,18 @@ class Detours:
             return False
         return self._expect(t, xy)
 
+    @property
+    def expects(self) -> bool:
+        """Whether the times count with any obstacle."""
+        return len(self._expected) > 0
+
     def timed(self, context: PlanningContext) -> PlanningContext:
         """Return the first context with the present times; that given may be for another speed."""
         return context._replace(field=self.times[0] * (self.contexts[0].speed / context.speed))
+
+    def without(self, context: PlanningContext) -> PlanningContext:
+        """Return the first context with the times on the map alone; that given may be for another speed."""
+        return context._replace(field=self.contexts[0].field * (self.contexts[0].speed / context.speed))
 
     def _time_to_go(self, xy: XY) -> float:
         """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite if there is none."""
@@ -88,31 +105,32 @@ class Detours:
         rows = self._rows[: self._count]
         stay = rows[:, stays.SEEN] - rows[:, stays.SINCE]
         long = stay >= _PATIENCE - 1e-6
-        if not (long.any() or len(self._expected)):
+        if not (long.any() or self.expects):
             return False
         self._expected = rows[long][:, [stays.NAMED, stays.SINCE]]
         known: dict[bytes, NDArray[np.float64]] = {}
-        self.times = [self._times(context, rows[long], stay[long], known) for context in self.contexts]
+        for i, context in enumerate(self.contexts):
+            wait = stay[long] + (self.horizon if i else 0.0)
+            self.times[i] = self._times(context, rows[long], wait, known)
         self._known = known
         self._nearest = self._time_to_go(xy)
         return True
 
     def _times(
-        self, context: PlanningContext, rows: NDArray[np.float64], stay: NDArray[np.float64], known: dict[bytes, NDArray[np.float64]]
+        self, context: PlanningContext, rows: NDArray[np.float64], wait: NDArray[np.float64], known: dict[bytes, NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return the times to the goal where obstacles are expected to stay for `stay` s.
+        """Return the times to the goal where the robot has to wait for each of these obstacles, s.
 
-        It is the least, over all obstacles i, of the time around all that stay longer than i, plus the time that i stays. Those
-        that stay about as long, up to twice, count as one.
+        It is the least, over all obstacles i, of the time around all that take longer than i, plus the wait for i. Those that
+        take about as long, up to twice, count as one.
         """
         if not len(rows):
             return context.field
-        octave = np.floor(np.log2(stay))
-        times: NDArray[np.float64] = context.field + stay.max()
-        for one in np.unique(octave):
-            shorter = stay[octave < one]
-            around = self._around(context, rows[octave >= one], known)
-            times = np.minimum(times, around + shorter.max(initial=0.0))
+        octave = np.floor(np.log2(wait))
+        times: NDArray[np.float64] = context.field + wait.max()
+        for least in np.unique(octave):
+            around = self._around(context, rows[octave >= least], known)
+            times = np.minimum(times, around + wait[octave < least].max(initial=0.0))
         return times
 
     def _around(

@@ -189,7 +189,7 @@ class AntwayPolicy:
             crowd=make_crowd(task),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
-            detours=Detours(self.moves, contexts),
+            detours=Detours(self.moves, contexts, self.horizon),
         )
 
     def _make_controls(self, task: Task, times: NDArray[np.float64], seed: int) -> ControlColony:
@@ -266,7 +266,8 @@ class AntwayPolicy:
         observation = check_observation(observation)
         s = self._state
         self._update_tracks(observation)
-        self._look_for_detours(observation)
+        if observation.sensed_at >= self._state.detours.due:
+            self._look_for_detours(observation)
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what, arrival, bound = drive(observation)
         command = self._guarded(observation, command)
@@ -406,7 +407,7 @@ class AntwayPolicy:
             wait = 0.0 if s.path is None else wait_of(s.path, t)
             s.until = t + (min(wait, _STANDS) if wait > 0.0 else _STANDS)
             situation = Situation(
-                s.context,
+                s.detours.without(s.context) if s.detours.expects else s.context,
                 s.settings,
                 s.terrain,
                 t,

@@ -1,0 +1,144 @@
+"""Detours around obstacles that stay in a doorway, and the record of how long they have stayed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from antway import EpisodeResult, Grid, Moves, Scenario, World, check_episode, run
+from antway.kernels.tracking import stays
+from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
+from antway.kernels.tracking.stays import COLUMNS, has_ended, update_stays
+from antway.policies.antway import detours
+from antway.policies.antway.detours import Detours
+from antway.policies.antway.state import make_context
+from antway.world.motions import BackAndForth, Line, Motion, Replay
+from antway.world.robots import load_robot
+from antway.world.world import Obstacle
+from common import cases
+from naive import people as naive
+
+DOOR = (8.0, 2.6)  # m; centre of the near doorway
+STANDS = Line(DOOR, (DOOR[0], DOOR[1] + 0.001), speed=0.001)
+
+
+def two_doors(far_door: bool = True) -> Grid:
+    """Return two rooms of 8 x 16 m, joined by a doorway of 1.2 m and by another that is 11 m away."""
+    blocked = np.zeros((80, 80), np.bool_)
+    blocked[:, 38:42] = True
+    blocked[10:16, 38:42] = False
+    if far_door:
+        blocked[68:76, 38:42] = False
+    return Grid(blocked, 0.2)
+
+
+def scenario(robot: str, motion: Motion, far_door: bool = True, horizon: float = 200.0) -> Scenario:
+    """Return the drive through the near doorway, in which an obstacle stays."""
+    world = World(two_doors(far_door), [Obstacle(0.3, motion)])
+    return Scenario(world=world, robot=load_robot(robot), start=(3.0, 4.0), goal=(13.0, 4.0), horizon=horizon)
+
+
+def checked(drive: Scenario, policy: str = "antway") -> EpisodeResult:
+    """Run the episode and check it."""
+    result = run(drive, policy, seed=0)
+    check_episode(result)
+    return result
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "inertia", "diff", "turtlebot4", "jackal", "amr"])
+@pytest.mark.parametrize("motion", [STANDS, BackAndForth((8.0, 2.35), (8.0, 2.85), speed=0.5)], ids=["stands", "to and fro"])
+def test_a_robot_goes_round_what_stays_in_a_doorway(robot: str, motion: Motion) -> None:
+    """It waits for no longer than the detour of 20 m takes."""
+    drive = scenario(robot, motion)
+    result = checked(drive)
+    way_there, detour = 10.5, 20.0
+    assert result.reached and result.time < (way_there + 2.2 * detour) / drive.robot.v_max
+
+
+def test_without_detours_it_waits_forever(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test above can fail."""
+    monkeypatch.setattr(detours, "_PATIENCE", math.inf)
+    assert not run(scenario("holonomic", STANDS, horizon=60.0), "antway", seed=0).reached
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff"])
+def test_a_robot_waits_where_there_is_no_detour(robot: str) -> None:
+    """It goes through as soon as the obstacle has left the only doorway."""
+    leaves = Replay((0.0, 20.0, 24.0), (DOOR, DOOR, (11.0, 1.0)))
+    result = checked(scenario(robot, leaves, far_door=False))
+    assert result.reached and 20.0 < result.time < 33.0
+
+
+def test_a_robot_turns_back_if_the_obstacle_leaves_early() -> None:
+    """It has left the doorway before the robot, which still sees it, is nearer to the other one."""
+    result = checked(scenario("holonomic", Replay((0.0, 13.0, 15.0), (DOOR, DOOR, (6.0, 2.6)))))
+    assert result.reached and result.time < 26.0 and result.trace is not None
+    assert 5.0 < result.trace.xy[:, 1].max() < 10.0
+
+
+def test_stays_are_those_of_the_slow_twin() -> None:
+    """Discs stand, jitter, walk, or turn back after a metre; some come in sight late, and all are lost now and then."""
+    rng = np.random.default_rng(3)
+    for _ in range(cases(30, 500)):
+        rows, count, scans = np.zeros((8, COLUMNS)), 0, []
+        xy, v = rng.uniform(0, 4, (6, 2)), rng.uniform(-1, 1, (6, 2)) * np.array([[0], [0], [0.1], [0.3], [1], [1]])
+        for i in range(80):
+            t = 0.25 * i
+            visible = np.flatnonzero(rng.random(6) < (0.2 if i % 30 > 18 else 0.9))
+            estimates, seen = np.zeros((6, 8)), np.full(6, t - 0.25)
+            estimates[:, (X, Y)], estimates[:, RADIUS], estimates[:, NAME] = xy, 0.3, np.arange(6)
+            seen[visible] = t
+            count = update_stays(rows, count, estimates, seen, t)
+            scans.append((t, {k: tuple(xy[k].tolist()) for k in visible.tolist()}))
+            xy, v = xy + 0.25 * v + rng.normal(0, 0.01, (6, 2)), np.where(rng.random((6, 1)) < 0.2, -v, v)
+        known = naive.stays(scans)
+        assert sorted(known) == sorted(rows[:count, stays.NAMED].astype(int).tolist())
+        for row in rows[:count]:
+            since, last, places = known[int(row[stays.NAMED])]
+            assert (row[stays.SINCE], row[stays.SEEN]) == (since, last)
+            assert row[stays.LOW_X : stays.HIGH_X].tolist() == np.min(places, axis=0).tolist()
+            assert row[stays.HIGH_X :].tolist() == np.max(places, axis=0).tolist()
+
+
+def test_a_stay_ends_when_the_obstacle_has_left_or_is_forgotten() -> None:
+    """It is remembered out of sight for as long as it had stayed."""
+    rows, count, at = np.zeros((4, COLUMNS)), 0, np.zeros((1, 8))
+    for t in range(6):
+        count = update_stays(rows, count, at, np.array([float(t)]), float(t))
+    stay = rows[:1, [stays.NAMED, stays.SINCE]]
+    assert not has_ended(rows, count, stay)
+    for t, ended in ((10.0, False), (10.25, True)):
+        count = update_stays(rows, count, at[:0], np.empty(0), t)
+        assert has_ended(rows, count, stay) == ended
+    count = update_stays(rows, count, at, np.array([11.0]), 11.0)
+    at[0, X] = 1.1
+    update_stays(rows, count, at, np.array([12.0]), 12.0)
+    assert rows[0, stays.SINCE] == 12.0
+
+
+def test_times_are_the_least_of_waits_and_detours() -> None:
+    """Both doorways are taken: the near one for 3 s, the far one for 33 s."""
+    grid, robot, goal = two_doors(), load_robot("holonomic"), (20, 65)
+    context = make_context(grid, robot, goal, Moves.EIGHT)
+    near = make_context(two_doors(far_door=False), robot, goal, Moves.EIGHT)
+    found, estimates = Detours(Moves.EIGHT, (context,), 9.0), np.zeros((2, 8))
+    estimates[:, NAME], estimates[:, RADIUS] = (1, 0), (0.6, 0.3)
+    estimates[0, (X, Y)], estimates[1, (X, Y)] = (8.0, 14.4), DOOR
+    for t in np.arange(0.0, 33.1, 0.25).tolist():
+        known = 2 if t >= 30.0 else 1
+        found.update(estimates[:known], np.full(known, t), t, (3.0, 4.0))
+    left = np.isfinite(context.field) & (np.arange(6400) % 80 < 35)
+    least = np.minimum(near.field + 3.0, context.field + 33.0)  # through the near doorway, or the far one
+    assert left.sum() > 1500 and found.times[0][left] == pytest.approx(least[left], abs=1e-9)
+    right = np.isfinite(context.field) & (np.arange(6400) % 80 > 50)
+    assert found.times[0][right] == pytest.approx(context.field[right], abs=0.1)  # around the disc in the doorway
+
+
+def test_a_robot_at_its_goal_looks_for_no_detours() -> None:
+    """It may stand there for long, beside an obstacle that does as well."""
+    context, estimates = make_context(two_doors(), load_robot("holonomic"), (20, 65)), np.zeros((1, 8))
+    estimates[0, (X, Y)], found = (12.0, 4.0), Detours(Moves.THIRTY_TWO, (context,), 9.0)
+    assert not any(found.update(estimates, np.full(1, t), t, (13.1, 4.1)) for t in np.arange(0.0, 20.0, 0.25).tolist())
+    assert not found.expects
