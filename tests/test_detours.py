@@ -10,7 +10,7 @@ import pytest
 from antway import EpisodeResult, Grid, Moves, Scenario, World, check_episode, run
 from antway.kernels.tracking import stays
 from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
-from antway.kernels.tracking.stays import COLUMNS, has_ended, update_stays
+from antway.kernels.tracking.stays import COLUMNS, update_stays
 from antway.policies.antway import detours
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.state import make_context
@@ -59,7 +59,7 @@ def test_a_robot_goes_round_what_stays_in_a_doorway(robot: str, motion: Motion) 
 
 def test_without_detours_it_waits_forever(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test above can fail."""
-    monkeypatch.setattr(detours, "_PATIENCE", math.inf)
+    monkeypatch.setattr(detours, "_STALLED", math.inf)
     assert not run(scenario("holonomic", STANDS, horizon=60.0), "antway", seed=0).reached
 
 
@@ -107,12 +107,10 @@ def test_a_stay_ends_when_the_obstacle_has_left_or_is_forgotten() -> None:
     rows, count, at = np.zeros((4, COLUMNS)), 0, np.zeros((1, 8))
     for t in range(6):
         count = update_stays(rows, count, at, np.array([float(t)]), float(t))
-    stay = rows[:1, [stays.NAMED, stays.SINCE]]
-    assert not has_ended(rows, count, stay)
-    for t, ended in ((10.0, False), (10.25, True)):
-        count = update_stays(rows, count, at[:0], np.empty(0), t)
-        assert has_ended(rows, count, stay) == ended
-    count = update_stays(rows, count, at, np.array([11.0]), 11.0)
+    assert rows[0, [stays.SINCE, stays.SEEN]].tolist() == [0.0, 5.0]
+    assert update_stays(rows, count, at[:0], np.empty(0), 10.0) == 1
+    assert update_stays(rows, count, at[:0], np.empty(0), 10.25) == 0
+    count = update_stays(rows, 0, at, np.array([11.0]), 11.0)
     at[0, X] = 1.1
     update_stays(rows, count, at, np.array([12.0]), 12.0)
     assert rows[0, stays.SINCE] == 12.0

@@ -21,7 +21,7 @@ _LEAST_MEMORY = 1.0  # s; an obstacle that was not seen for longer than this and
 
 
 @bare_kernel
-def _begin(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
+def _start_stay(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
     """Begin a stay at time `t` s."""
     row[NAMED], row[SINCE], row[SIZE] = estimate[NAME], t, estimate[RADIUS]
     row[LOW_X] = row[HIGH_X] = estimate[X]
@@ -59,20 +59,10 @@ def update_stays(
         row = rows[i]
         if i == count:
             count += 1
-            _begin(row, estimates[k], t)
+            _start_stay(row, estimates[k], t)
         row[SEEN] = t
         row[LOW_X], row[HIGH_X] = min(row[LOW_X], estimates[k, X]), max(row[HIGH_X], estimates[k, X])
         row[LOW_Y], row[HIGH_Y] = min(row[LOW_Y], estimates[k, Y]), max(row[HIGH_Y], estimates[k, Y])
         if math.hypot(row[HIGH_X] - row[LOW_X], row[HIGH_Y] - row[LOW_Y]) > PLACE:
-            _begin(row, estimates[k], t)
+            _start_stay(row, estimates[k], t)
     return count
-
-
-@kernel
-def has_ended(rows: NDArray[np.float64], count: int, stays: NDArray[np.float64]) -> bool:
-    """Tell whether one of `stays`, float64[U, 2] of names and beginnings in s, has ended or is forgotten."""
-    for u in range(len(stays)):
-        i = row_of(rows, count, NAMED, stays[u, 0])
-        if i == count or rows[i, SINCE] != stays[u, 1]:
-            return True
-    return False

@@ -11,13 +11,13 @@ from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.tracking import stays
-from antway.kernels.tracking.stays import has_ended, update_stays
+from antway.kernels.tracking.stays import update_stays
 from antway.search.sipp import timed_field
 from antway.world.policy import XY
 
 _INTERVAL = 0.25  # s; scans are looked at as often as that
 _ROWS = 64  # limit of obstacles whose stays are known
-_PATIENCE = 3.0  # s; a robot that comes no nearer to its goal for this time looks for detours around what has stayed as long
+_STALLED = 3.0  # s; a robot that comes no nearer to its goal for this time looks for detours around what has stayed as long
 _PROGRESS = 0.3  # s; a robot whose time to the goal has fallen by less than this has come no nearer
 _ARRIVED = 0.5  # s; nearer to the goal than this, the robot has no use for detours
 
@@ -52,10 +52,12 @@ class Detours:
         self.moves, self.contexts, self.horizon = moves, contexts, horizon
         self.times = [context.field for context in contexts]
         self._rows, self._count = np.zeros((_ROWS, stays.COLUMNS)), 0
-        self._expected = np.empty((0, 2))  # names and beginnings of the stays that `times` count with
+        self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due = -math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
-        self._known: dict[bytes, NDArray[np.float64]] = {}  # times of the last update by the cells that were left out
+        # The times of the last two updates by the cells that were left out; they seldom change from one to the next.
+        self._before: dict[bytes, NDArray[np.float64]] = {}
+        self._known: dict[bytes, NDArray[np.float64]] = {}
 
     def update(self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY) -> bool:
         """Take in the scan at time `t` s, when the robot is at `xy`; tell whether `times` have changed.
@@ -66,20 +68,18 @@ class Detours:
         scan = self._rows, self._count, estimates, seen, t
         self._count = entry(update_stays, *scan)(*scan)
         to_go = self._time_to_go(xy)
-        if self.expects:
-            expected = self._rows, self._count, self._expected
-            if entry(has_ended, *expected)(*expected):
-                return self._expect(t, xy)
+        if self._expected and not self._expected <= _stays(self._rows[: self._count]):
+            return self._expect(t, xy)
         if to_go < self._nearest - _PROGRESS or to_go < _ARRIVED:
             self._nearest, self._since = to_go, t
-        if t - self._since < _PATIENCE - 1e-6:
+        if t - self._since < _STALLED - 1e-6:
             return False
         return self._expect(t, xy)
 
     @property
     def expects(self) -> bool:
         """Whether the times count with any obstacle."""
-        return len(self._expected) > 0
+        return bool(self._expected)
 
     def timed(self, context: PlanningContext) -> PlanningContext:
         """Return the first context with the present times; that given may be for another speed."""
@@ -90,7 +90,7 @@ class Detours:
         return context._replace(field=self.contexts[0].field * (self.contexts[0].speed / context.speed))
 
     def _time_to_go(self, xy: XY) -> float:
-        """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite if there is none."""
+        """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
         context, (rows, cols) = self.contexts[0], self.contexts[0].blocked.shape
         col, row = (round((at - low) / context.resolution) for at, low in zip(xy, (context.x0, context.y0), strict=True))
         field = self.times[0].reshape(rows, cols)
@@ -104,21 +104,17 @@ class Detours:
         self._since = t
         rows = self._rows[: self._count]
         stay = rows[:, stays.SEEN] - rows[:, stays.SINCE]
-        long = stay >= _PATIENCE - 1e-6
+        long = stay >= _STALLED - 1e-6
         if not (long.any() or self.expects):
             return False
-        self._expected = rows[long][:, [stays.NAMED, stays.SINCE]]
-        known: dict[bytes, NDArray[np.float64]] = {}
+        self._expected = _stays(rows[long])
+        self._before, self._known = self._known, {}
         for i, context in enumerate(self.contexts):
-            wait = stay[long] + (self.horizon if i else 0.0)
-            self.times[i] = self._times(context, rows[long], wait, known)
-        self._known = known
+            self.times[i] = self._times(context, rows[long], stay[long] + (self.horizon if i else 0.0))
         self._nearest = self._time_to_go(xy)
         return True
 
-    def _times(
-        self, context: PlanningContext, rows: NDArray[np.float64], wait: NDArray[np.float64], known: dict[bytes, NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def _times(self, context: PlanningContext, rows: NDArray[np.float64], wait: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times to the goal where the robot has to wait for each of these obstacles, s.
 
         It is the least, over all obstacles i, of the time around all that take longer than i, plus the wait for i. Those that
@@ -129,29 +125,32 @@ class Detours:
         octave = np.floor(np.log2(wait))
         times: NDArray[np.float64] = context.field + wait.max()
         for least in np.unique(octave):
-            around = self._around(context, rows[octave >= least], known)
+            around = self._around(context, rows[octave >= least])
             times = np.minimum(times, around + wait[octave < least].max(initial=0.0))
         return times
 
-    def _around(
-        self, context: PlanningContext, rows: NDArray[np.float64], known: dict[bytes, NDArray[np.float64]]
-    ) -> NDArray[np.float64]:
+    def _around(self, context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times to the goal on paths around the places of these stays."""
         shape, size = context.blocked.shape, context.resolution
         mask = context.legal.reshape(shape).copy()
         for row in rows:
             x, y = 0.5 * (row[stays.LOW_X] + row[stays.HIGH_X]), 0.5 * (row[stays.LOW_Y] + row[stays.HIGH_Y])
             spread = 0.5 * math.hypot(row[stays.HIGH_X] - row[stays.LOW_X], row[stays.HIGH_Y] - row[stays.LOW_Y])
-            reach = (context.radius + row[stays.SIZE] + spread) / size
+            far = (context.radius + row[stays.SIZE] + spread) / size
             r, c = (y - context.y0) / size, (x - context.x0) / size
-            low_r, low_c = max(math.ceil(r - reach), 0), max(math.ceil(c - reach), 0)
-            window = mask[low_r : max(math.floor(r + reach) + 1, 0), low_c : max(math.floor(c + reach) + 1, 0)]
+            low_r, low_c = max(math.ceil(r - far), 0), max(math.ceil(c - far), 0)
+            window = mask[low_r : max(math.floor(r + far) + 1, 0), low_c : max(math.floor(c + far) + 1, 0)]
             i, j = np.ogrid[: window.shape[0], : window.shape[1]]
-            window[np.hypot(i + low_r - r, j + low_c - c) < reach] = 0
+            window[np.hypot(i + low_r - r, j + low_c - c) < far] = 0
         key = np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes() + bytes(str(shape), "ascii")
-        field = self._known.get(key)
-        if field is None:
+        times = self._known.get(key, self._before.get(key))
+        if times is None:
             goal = divmod(context.goal, shape[1])
-            field = timed_field(mask, self.moves, goal, scale=size / context.speed).ravel()
-        known[key] = field
-        return field
+            times = timed_field(mask, self.moves, goal, scale=size / context.speed).ravel()
+        self._known[key] = times
+        return times
+
+
+def _stays(rows: NDArray[np.float64]) -> set[tuple[float, float]]:
+    """Return the name and the beginning of the stay in each row of kernels/tracking/stays.py."""
+    return set(zip(rows[:, stays.NAMED].tolist(), rows[:, stays.SINCE].tolist(), strict=True))

@@ -29,10 +29,10 @@ from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.state import (
     Cycle,
-    Paces,
     State,
     away_from_walls,
     fit_tables,
+    full_and_careful,
     make_crowd,
     make_memory,
     make_plan,
@@ -44,11 +44,10 @@ from antway.policies.antway.state import (
 )
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
 from antway.world.ants import AntStep, LaidTrails
-from antway.world.policy import XY, Command, Decision, Observation, RobotSpec, Task
+from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.rollouts import acting
 from antway.world.terrain import terrain_of
 
-_BRAKES = 0.5  # s; with tracks in sight, the robot drives no faster than it can brake from in this time
 _OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
 _NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
@@ -164,7 +163,7 @@ class AntwayPolicy:
         context, start, goal = planning_context(task, self.moves)
         settings, controls = self._settings(task), None
         contexts: tuple[PlanningContext, ...] = (context,)
-        paces = self._paces(context, settings, robot)
+        paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
@@ -174,7 +173,9 @@ class AntwayPolicy:
             contexts = context, context
             if fine is not task:
                 contexts = context, away_from_walls(fine, *planning_context(fine, self.moves), self.moves)
-            controls = self._make_controls(fine, contexts[1].field, seed)
+            # Without a strict guard, a stop is not better than the best ant.
+            swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
+            controls = ControlColony(self.controls, fine, contexts[1].field, seed, swerve)
         if self.guard:
             self.guard.reset(task)
         self.state = State(
@@ -191,23 +192,6 @@ class AntwayPolicy:
             controls=controls,
             detours=Detours(self.moves, contexts, self.horizon),
         )
-
-    def _make_controls(self, task: Task, times: NDArray[np.float64], seed: int) -> ControlColony:
-        """Return the colony in the space of controls, with `times` to the goal on the cells of the task."""
-        # Without a strict guard, a stop is not better than the best ant.
-        swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
-        return ControlColony(self.controls, task, times, seed, swerve)
-
-    def _paces(self, context: PlanningContext, settings: Settings, robot: RobotSpec) -> Paces:
-        """Return the planning context and stopping time without and with tracks in sight, for a robot that follows the plan.
-
-        A braking path grows with the square of the speed, so a slower robot passes gaps at which a faster one would wait.
-        """
-        slow = min(robot.v_max, _BRAKES * robot.a_max)
-        share = robot.v_max / slow
-        careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
-        stopping_time = robot.dt + slow / robot.a_max if self.guard else 0.0
-        return (context, settings.tubes.stopping_time), (careful, stopping_time)
 
     def _settings(self, task: Task) -> Settings:
         robot = task.robot

@@ -30,6 +30,7 @@ from antway.world.policy import XY, Decision, Observation, RobotSpec, Task
 
 _HERE = np.zeros((1, 2), np.int32)  # a single move of length 0; read-only like all moves, so that the kernel is compiled once
 _HERE.flags.writeable = False
+_BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
 _RADII = 6  # number of discs tried, from the one around the footprint to the one inside it
 _LEAST_RADIUS = 0.1  # 1; no disc is smaller than this share of the first, because a footprint may turn about a point beside it
 _FAR_CELLS = 20  # number of cells around the start and the goal among which a free one is searched for
@@ -251,6 +252,17 @@ def make_context(
         speed=robot.v_max,
         goal=goal[0] * cols + goal[1],
     )
+
+
+def full_and_careful(context: PlanningContext, stopping_time: float, robot: RobotSpec, guarded: bool) -> Paces:
+    """Return the planning context and stopping time without and with tracks in sight, for a robot that follows the plan.
+
+    A braking path grows with the square of the speed, so a slower robot passes gaps at which a faster one would wait.
+    """
+    slow = min(robot.v_max, _BRAKES * robot.a_max)
+    share = robot.v_max / slow
+    careful = context._replace(field=context.field * share, step=context.step * [1.0, 1.0, share], speed=slow)
+    return (context, stopping_time), (careful, robot.dt + slow / robot.a_max if guarded else 0.0)
 
 
 def most_segments(tracks: int) -> int:
