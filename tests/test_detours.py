@@ -14,7 +14,9 @@ from antway.kernels.tracking.stays import COLUMNS, update_stays
 from antway.policies.antway import detours
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.state import make_context
+from antway.policies.antway.tracker import Tracker
 from antway.world.motions import BackAndForth, Line, Motion, Replay
+from antway.world.policy import Tracks
 from antway.world.robots import load_robot
 from antway.world.world import Obstacle
 from common import cases
@@ -121,7 +123,7 @@ def test_times_are_the_least_of_waits_and_detours() -> None:
     grid, robot, goal = two_doors(), load_robot("holonomic"), (20, 65)
     context = make_context(grid, robot, goal, Moves.EIGHT)
     near = make_context(two_doors(far_door=False), robot, goal, Moves.EIGHT)
-    found, estimates = Detours(Moves.EIGHT, (context,), 9.0), np.zeros((2, 8))
+    found, estimates = Detours(Moves.EIGHT, (context,)), np.zeros((2, 8))
     estimates[:, NAME], estimates[:, RADIUS] = (1, 0), (0.6, 0.3)
     estimates[0, (X, Y)], estimates[1, (X, Y)] = (8.0, 14.4), DOOR
     for t in np.arange(0.0, 33.1, 0.25).tolist():
@@ -137,6 +139,14 @@ def test_times_are_the_least_of_waits_and_detours() -> None:
 def test_a_robot_at_its_goal_looks_for_no_detours() -> None:
     """It may stand there for long, beside an obstacle that does as well."""
     context, estimates = make_context(two_doors(), load_robot("holonomic"), (20, 65)), np.zeros((1, 8))
-    estimates[0, (X, Y)], found = (12.0, 4.0), Detours(Moves.THIRTY_TWO, (context,), 9.0)
+    estimates[0, (X, Y)], found = (12.0, 4.0), Detours(Moves.THIRTY_TWO, (context,))
     assert not any(found.update(estimates, np.full(1, t), t, (13.1, 4.1)) for t in np.arange(0.0, 20.0, 0.25).tolist())
     assert not found.expects
+
+
+def test_times_of_tracks_are_handed_to_kernels_without_gaps() -> None:
+    """A kernel compiled for one track would read the wrong numbers of a column that is not contiguous."""
+    tracker = Tracker()
+    for n in (1, 3):
+        tracker.update(Tracks(np.arange(n), np.ones((n, 2)) * 9.0 * np.arange(n)[:, None], np.zeros((n, 2)), np.ones(n)), 0.5 * n)
+        assert tracker.last_seen.tolist() == [0.5 * n] * n and tracker.last_seen.strides == (8,)

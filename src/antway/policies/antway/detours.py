@@ -35,10 +35,7 @@ class Detours:
     moves : Moves
         Of the planning contexts.
     contexts : sequence of PlanningContext
-        The maps for which there are such times. The first is that of the plans; by it, the robot's progress is judged.
-    horizon : float
-        How far ahead plans know the obstacles, s. The times over the first context are those from then on, the others those
-        from now on, so they are longer by this where an obstacle stays.
+        The maps for which there are such times; by the first, the robot's progress is judged.
 
     Attributes
     ----------
@@ -48,8 +45,8 @@ class Detours:
         Time from which on the next scan is to be taken in, s.
     """
 
-    def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...], horizon: float) -> None:
-        self.moves, self.contexts, self.horizon = moves, contexts, horizon
+    def __init__(self, moves: Moves, contexts: tuple[PlanningContext, ...]) -> None:
+        self.moves, self.contexts = moves, contexts
         self.times = [context.field for context in contexts]
         self._rows, self._count = np.zeros((_ROWS, stays.COLUMNS)), 0
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
@@ -109,24 +106,23 @@ class Detours:
             return False
         self._expected = _stays(rows[long])
         self._before, self._known = self._known, {}
-        for i, context in enumerate(self.contexts):
-            self.times[i] = self._times(context, rows[long], stay[long] + (self.horizon if i else 0.0))
+        self.times = [self._times(context, rows[long], stay[long]) for context in self.contexts]
         self._nearest = self._time_to_go(xy)
         return True
 
-    def _times(self, context: PlanningContext, rows: NDArray[np.float64], wait: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the times to the goal where the robot has to wait for each of these obstacles, s.
+    def _times(self, context: PlanningContext, rows: NDArray[np.float64], stay: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the times to the goal where these obstacles are expected to stay for `stay` s.
 
-        It is the least, over all obstacles i, of the time around all that take longer than i, plus the wait for i. Those that
-        take about as long, up to twice, count as one.
+        It is the least, over all obstacles i, of the time around all that stay longer than i, plus the time that i stays. Those
+        that stay about as long, up to twice, count as one.
         """
         if not len(rows):
             return context.field
-        octave = np.floor(np.log2(wait))
-        times: NDArray[np.float64] = context.field + wait.max()
+        octave = np.floor(np.log2(stay))
+        times: NDArray[np.float64] = context.field + stay.max()
         for least in np.unique(octave):
             around = self._around(context, rows[octave >= least])
-            times = np.minimum(times, around + wait[octave < least].max(initial=0.0))
+            times = np.minimum(times, around + stay[octave < least].max(initial=0.0))
         return times
 
     def _around(self, context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.float64]:

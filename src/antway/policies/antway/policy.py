@@ -190,7 +190,7 @@ class AntwayPolicy:
             crowd=make_crowd(task),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
-            detours=Detours(self.moves, contexts, self.horizon),
+            detours=Detours(self.moves, contexts),
         )
 
     def _settings(self, task: Task) -> Settings:

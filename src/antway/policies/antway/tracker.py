@@ -58,8 +58,7 @@ class Tracker:
     @property
     def last_seen(self) -> NDArray[np.float64]:
         """When each of the tracks was last seen, float64[K], s."""
-        seen: NDArray[np.float64] = self.table[: len(self.estimates), kalman.T]
-        return seen
+        return self.table[: len(self.estimates), kalman.T].copy()
 
     def seen_at(self, t: float) -> NDArray[np.float64]:
         """Return the estimates of the tracks in the scan at time `t` s."""
