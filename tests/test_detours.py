@@ -148,5 +148,6 @@ def test_times_of_tracks_are_handed_to_kernels_without_gaps() -> None:
     """A kernel compiled for one track would read the wrong numbers of a column that is not contiguous."""
     tracker = Tracker()
     for n in (1, 3):
-        tracker.update(Tracks(np.arange(n), np.ones((n, 2)) * 9.0 * np.arange(n)[:, None], np.zeros((n, 2)), np.ones(n)), 0.5 * n)
+        xy = 9.0 * np.arange(n)[:, None] * np.ones(2)
+        tracker.update(Tracks(np.arange(n), xy, np.zeros((n, 2)), np.ones(n)), 0.5 * n)
         assert tracker.last_seen.tolist() == [0.5 * n] * n and tracker.last_seen.strides == (8,)
