@@ -13,7 +13,7 @@ from antway.kernels.tracking.predict import NAME, RADIUS, X, Y
 from antway.kernels.tracking.stays import COLUMNS, update_stays
 from antway.policies.antway import detours
 from antway.policies.antway.detours import Detours
-from antway.policies.antway.state import make_context
+from antway.policies.antway.nodes import make_context
 from antway.policies.antway.tracker import Tracker
 from antway.world.motions import BackAndForth, Line, Motion, Replay
 from antway.world.policy import Tracks

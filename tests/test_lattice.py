@@ -10,7 +10,7 @@ import pytest
 from antway import Grid, RobotSpec
 from antway.kernels.controls.lattice import best_arcs
 from antway.policies.antway.controls import ControlColony, ControlOptions
-from antway.policies.antway.state import make_context
+from antway.policies.antway.nodes import make_context
 from antway.world.policy import Task
 from common import cases
 from naive.lattice import least_bound

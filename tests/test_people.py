@@ -27,8 +27,8 @@ from antway.kernels.tracking.predict import (
     predict,
 )
 from antway.kernels.tracking.spread import place_variance, tube_radius
+from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.state import make_context
 from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
 from antway.world.sensor import Sensor

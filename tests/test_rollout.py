@@ -18,8 +18,8 @@ from antway.kernels.controls.outlook import spread_plan
 from antway.kernels.controls.rollout import judge
 from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
+from antway.policies.antway.nodes import away_from_walls, make_context
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.state import away_from_walls, make_context
 from antway.world.motions import Line
 from antway.world.policy import Task
 from antway.world.robots import load_robot

@@ -78,7 +78,9 @@ class TimedPlan:
     elapsed: float
 
 
-def timed_moves(grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO) -> NDArray[np.uint32]:
+def timed_moves(
+    grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO, stride: int = 1, first: Cell = (0, 0)
+) -> NDArray[np.uint32]:
     """Return which moves a disc can make from each cell; bit k is for `moves.offsets[k]`.
 
     Parameters
@@ -88,20 +90,26 @@ def timed_moves(grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO) -> N
         Of the robot in m, >= 0. Touching is legal, contact with blocked cells or the edge of the map is not.
     moves : Moves
         FOUR, EIGHT, SIXTEEN or THIRTY_TWO, which do not cut corners.
+    stride : int
+        >= 1; only every stride-th cell of a row and of a column counts, and moves are that much longer.
+    first : (row, col)
+        The first cell that counts, each number below `stride`.
 
     Returns
     -------
     uint32[H, W]
-        0 where the disc cannot stand.
+        0 where the disc cannot stand. With a stride, it has only the cells that count.
 
     Raises
     ------
     BadParameter
-        For other moves, or a radius out of range.
+        For other moves, or a radius, a stride or a first cell out of range.
 
     Examples
     --------
     >>> timed_moves(Grid(np.zeros((1, 3), dtype=bool)), 0.5, Moves.FOUR).tolist()
+    [[1, 5, 4]]
+    >>> timed_moves(Grid(np.zeros((1, 5), dtype=bool)), 0.5, Moves.FOUR, stride=2).tolist()
     [[1, 5, 4]]
     """
     checks.instance("grid", grid, Grid)
@@ -109,7 +117,11 @@ def timed_moves(grid: Grid, radius: float, moves: Moves = Moves.THIRTY_TWO) -> N
     if moves not in TIMED_MOVES:
         raise BadParameter("moves", moves, f"one of {', '.join(m.name for m in TIMED_MOVES)}")
     radius = checks.number("radius", radius, low=0.0, high=1000 * grid.resolution, unit="m, at most 1000 cells")
-    return timed.move_mask(grid.blocked, moves.offsets, radius / grid.resolution)
+    stride = checks.integer("stride", stride, low=1, high=100)
+    row, col = (
+        checks.integer("first", one, low=0, high=min(stride, side) - 1) for one, side in zip(first, grid.shape, strict=True)
+    )
+    return timed.move_mask(grid.blocked, moves.offsets, radius / grid.resolution, stride, row, col)
 
 
 def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale: float = 1.0) -> NDArray[np.float64]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.grid import Grid
 from antway.world.ants import ShowsAnts
 from antway.world.episode import Episode
 from antway.world.policy import Decision, Policy
@@ -44,7 +43,7 @@ def look_inside(episode: Episode, policy: Policy, cycles: int) -> Look | str:
     return step.idle or Look(cycles, step.done, step.decision, ants)
 
 
-def edges(policy: Policy, grid: Grid, most: int) -> NDArray[np.float64]:
+def edges(policy: Policy, most: int) -> NDArray[np.float64]:
     """Return the strongest trails of a policy's ants, float64[n, 5]: both ends (x, y, x, y) in m, and relative strength."""
     if not isinstance(policy, ShowsAnts):
         return np.empty((0, 5))
@@ -53,4 +52,4 @@ def edges(policy: Policy, grid: Grid, most: int) -> NDArray[np.float64]:
         return np.empty((0, 5))
     best = np.argsort(-amount, kind="stable")[:most]
     best = best[amount[best] > 0.05 * amount[best[0]]]
-    return np.column_stack((grid.to_xy(here[best]), grid.to_xy(there[best]), amount[best] / amount[best[0]]))
+    return np.column_stack((here[best], there[best], amount[best] / amount[best[0]]))

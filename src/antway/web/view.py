@@ -163,7 +163,7 @@ class View:
             policy = self.watched.policy if look is None else look.policy
             record["decision"] = None if decision is None else _decision(decision, views)
             laid = latest and decision is not None and decision.pheromone is not None  # earlier trails are not kept
-            record["trails"] = short_rows(edges(policy, stage.task.grid, _EDGES // views)) if laid else []
+            record["trails"] = short_rows(edges(policy, _EDGES // views)) if laid else []
         return record
 
     def _braking(self, n: int) -> tuple[float, float]:

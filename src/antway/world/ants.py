@@ -13,10 +13,10 @@ from antway.world.policy import Decision
 
 
 class LaidTrails(NamedTuple):
-    """Pheromone on moves between cells."""
+    """Pheromone on moves between places."""
 
-    here: NDArray[np.int64]  # [N, 2] (row, col)
-    there: NDArray[np.int64]  # [N, 2]
+    here: NDArray[np.float64]  # [N, 2] x and y, m
+    there: NDArray[np.float64]  # [N, 2]
     amount: NDArray[np.float64]  # [N]
 
 

@@ -40,7 +40,7 @@ def passing(
 @kernel
 def free_time(context: PlanningContext, x: float, y: float, leg_cells: int) -> float:
     """Return the time from (x, y) to the goal without moving obstacles, s; the first leg goes up to `leg_cells` cells."""
-    rows, cols = context.blocked.shape
+    rows, cols = context.rows, context.cols
     col0, row0 = (
         math.floor((x - context.x0) / context.resolution + 0.5),
         math.floor((y - context.y0) / context.resolution + 0.5),

@@ -151,7 +151,7 @@ def deposit(memory: Memory, trails: Trails, context: PlanningContext, end: int, 
 @kernel
 def _legs(memory: Memory, context: PlanningContext, x: float, y: float, leg_cells: int) -> int:
     """Write the first moves, straight legs from (x, y) to cells up to `leg_cells` cells away; return how many there are."""
-    rows, cols = context.blocked.shape
+    rows, cols = context.rows, context.cols
     col0 = math.floor((x - context.x0) / context.resolution + 0.5)
     row0 = math.floor((y - context.y0) / context.resolution + 0.5)
     n = 0

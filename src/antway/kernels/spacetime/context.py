@@ -9,19 +9,26 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import segment_hits_cells
 from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import Terrain
 from antway.kernels.spacetime.segments import TOUCH, unsafe_stay
 
 
 class PlanningContext(NamedTuple):
-    """The map, the robot's moves on it, and the exact field over these moves."""
+    """The map, the robot's moves between nodes on it, and the exact field over these moves.
 
-    blocked: NDArray[np.bool_]  # [H, W]
-    legal: NDArray[np.uint32]  # [H * W] bit k tells whether move k is free of walls
-    field: NDArray[np.float64]  # [H * W] s; time to the goal at full speed over these moves
+    The nodes are the centres of the map's cells, of every second or third cell, and so on, or of parts of cells. `cell` and
+    `flat cell` stand for a node in these kernels.
+    """
+
+    terrain: Terrain
+    rows: int  # of nodes
+    cols: int
+    legal: NDArray[np.uint32]  # [rows * cols] bit k tells whether move k is free of walls
+    field: NDArray[np.float64]  # [rows * cols] s; time to the goal at full speed over these moves
     offset: NDArray[np.int64]  # [K] flat
     step: NDArray[np.float64]  # [K, 3] x and y in m and time in s of each move
-    resolution: float
-    x0: float  # m, centre of cell (0, 0)
+    resolution: float  # m; distance of neighbouring nodes
+    x0: float  # m; node (0, 0)
     y0: float
     radius: float  # m
     speed: float  # m/s
@@ -30,23 +37,19 @@ class PlanningContext(NamedTuple):
 
 @bare_kernel
 def centre(context: PlanningContext, cell: int) -> tuple[float, float]:
-    """Return the centre (x, y) of a flat cell, m."""
-    cols = context.blocked.shape[1]
+    """Return the place (x, y) of a flat cell, m."""
+    cols = context.cols
     return context.x0 + (cell % cols) * context.resolution, context.y0 + (cell // cols) * context.resolution
 
 
 @bare_kernel
 def clear(context: PlanningContext, ax: float, ay: float, bx: float, by: float) -> bool:
     """Tell whether the robot can go straight from (ax, ay) to (bx, by) without contact with a wall."""
-    s = context.resolution
+    terrain = context.terrain
+    s = terrain.resolution
+    x0, y0 = terrain.x0 + 0.5 * s, terrain.y0 + 0.5 * s
     return not segment_hits_cells(
-        context.blocked,
-        (ay - context.y0) / s,
-        (ax - context.x0) / s,
-        (by - context.y0) / s,
-        (bx - context.x0) / s,
-        context.radius / s,
-        True,
+        terrain.blocked, (ay - y0) / s, (ax - x0) / s, (by - y0) / s, (bx - x0) / s, context.radius / s, True
     )
 
 

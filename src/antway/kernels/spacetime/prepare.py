@@ -16,8 +16,10 @@ NEVER = 1e9  # s; stands for infinity where a time must be finite
 
 
 @kernel
-def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: float) -> NDArray[np.uint32]:
-    """Return which moves a disc can make from each cell without contact with a blocked cell or the edge of the map.
+def move_mask(
+    blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: float, stride: int, first_row: int, first_col: int
+) -> NDArray[np.uint32]:
+    """Return which moves a disc can make from each node without contact with a blocked cell or the edge of the map.
 
     The stencil of a move is the set of cells that its swept disc touches, by an exact test. The move is legal where no cell of
     its stencil is blocked. A radius of 0 counts as 1e-6, so that a point cannot pass between two diagonal cells.
@@ -26,37 +28,49 @@ def move_mask(blocked: NDArray[np.bool_], offsets: NDArray[np.int32], radius: fl
     ----------
     blocked : bool[H, W]
     offsets : int32[K, 2]
-        (d_row, d_col) of each move, K <= 32.
+        (d_row, d_col) of each move in nodes, K <= 32.
     radius : float
         Radius of the disc in cells, >= 0.
+    stride : int
+        The nodes are the centres of every cell, 1, or of every stride-th one along rows and columns,
+    first_row, first_col : int
+        from this cell on, each below `stride`.
 
     Returns
     -------
-    uint32[H, W]
+    uint32[H', W']
         Bit k is set where move k is legal. No bit is set where the disc cannot stand.
     """
-    rows, cols = blocked.shape
-    contact_radius = longest(offsets) + math.ceil(radius) + 1
-    walls = np.full((rows + 2 * contact_radius, cols + 2 * contact_radius), 0xFFFFFFFF, np.uint32)
-    for row in range(rows):  # loops, because expressions of whole arrays take seconds to compile
-        for col in range(cols):
+    height, width = blocked.shape
+    rows, cols = (height - first_row + stride - 1) // stride, (width - first_col + stride - 1) // stride
+    around = stride * longest(offsets) + math.ceil(radius) + 1
+    walls = np.full((height + 2 * around, width + 2 * around), 0xFFFFFFFF, np.uint32)
+    for row in range(height):  # loops, because expressions of whole arrays take seconds to compile
+        for col in range(width):
             if not blocked[row, col]:
-                walls[row + contact_radius, col + contact_radius] = 0
+                walls[row + around, col + around] = 0
     mask = np.full((rows, cols), 0xFFFFFFFF >> (32 - len(offsets)), np.uint32)
     body, rim = max(radius, 1e-6), max(radius, 1e-6) + 0.5
-    for r in range(-contact_radius, contact_radius + 1):
-        for c in range(-contact_radius, contact_radius + 1):
+    for r in range(-around, around + 1):
+        for c in range(-around, around + 1):
             hit = np.uint32(0)  # bits of the moves whose stencil contains the cell at offset (r, c)
             for k in range(len(offsets)):
-                dr, dc = float(offsets[k, 0]), float(offsets[k, 1])
+                dr, dc = float(stride * offsets[k, 0]), float(stride * offsets[k, 1])
                 near = min(0.0, dr) - rim < r < max(0.0, dr) + rim and min(0.0, dc) - rim < c < max(0.0, dc) + rim
                 if near and segment_hits_square(0.0, 0.0, dr, dc, float(r), float(c), body):
                     hit |= np.uint32(1) << np.uint32(k)
             if hit:
+                top, left = around + first_row + r, around + first_col + c
                 for row in range(rows):
-                    legal, wall = mask[row], walls[row + contact_radius + r, contact_radius + c : contact_radius + c + cols]
-                    for col in range(cols):
-                        legal[col] &= ~(wall[col] & hit)
+                    legal = mask[row]
+                    if stride == 1:  # this loop works on many cells at once
+                        wall = walls[top + row, left : left + cols]
+                        for col in range(cols):
+                            legal[col] &= ~(wall[col] & hit)
+                    else:
+                        wall = walls[top + stride * row, left : left + stride * cols]
+                        for col in range(cols):
+                            legal[col] &= ~(wall[stride * col] & hit)
     return mask
 
 

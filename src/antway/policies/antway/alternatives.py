@@ -97,7 +97,7 @@ class Situation:
             math.floor((y - context.y0) / context.resolution + 0.5),
             math.floor((x - context.x0) / context.resolution + 0.5),
         )
-        rest = float(context.field[row * context.blocked.shape[1] + col])
+        rest = float(context.field[row * context.cols + col])
         return max(float(path.t[-1]) - self.now + rest - self.free(), 0.0)
 
 

@@ -88,7 +88,8 @@ class Detours:
 
     def _time_to_go(self, xy: XY) -> float:
         """Return the time to the goal from the cell at `xy` or, if that is not free, from a neighbour; infinite without one."""
-        context, (rows, cols) = self.contexts[0], self.contexts[0].blocked.shape
+        context = self.contexts[0]
+        rows, cols = context.rows, context.cols
         col, row = (round((at - low) / context.resolution) for at, low in zip(xy, (context.x0, context.y0), strict=True))
         field = self.times[0].reshape(rows, cols)
         here = float(field[min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)])
@@ -127,7 +128,7 @@ class Detours:
 
     def _around(self, context: PlanningContext, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times to the goal on paths around the places of these stays."""
-        shape, size = context.blocked.shape, context.resolution
+        shape, size = (context.rows, context.cols), context.resolution
         mask = context.legal.reshape(shape).copy()
         for row in rows:
             x, y = 0.5 * (row[stays.LOW_X] + row[stays.HIGH_X]), 0.5 * (row[stays.LOW_Y] + row[stays.HIGH_Y])

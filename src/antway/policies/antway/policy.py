@@ -27,19 +27,17 @@ from antway.policies.antway.alternatives import Situation
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
+from antway.policies.antway.nodes import away_from_walls, on_cells, planning_context, with_far_nodes, with_fine_cells
 from antway.policies.antway.state import (
     Cycle,
     State,
-    away_from_walls,
     fit_tables,
     full_and_careful,
     make_crowd,
     make_memory,
     make_plan,
     make_trails,
-    planning_context,
     shared_memory,
-    with_fine_cells,
     without_edges,
 )
 from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
@@ -159,23 +157,21 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        robot, cells = task.robot, task.grid.blocked.size
-        context, start, goal = planning_context(task, self.moves)
-        settings, controls = self._settings(task), None
+        robot, settings, controls = task.robot, self._settings(task), None
+        fine = task if robot.stepwise else with_fine_cells(task)
+        over_cells, start, goal = planning_context(fine, self.moves)
+        context = with_far_nodes(fine, over_cells, start, goal, self.moves, not robot.stepwise)
         contexts: tuple[PlanningContext, ...] = (context,)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
-            context = away_from_walls(task, context, start, goal, self.moves)
             paces = (context, 0.0), (context, 0.0)
-            fine = with_fine_cells(task)
-            contexts = context, context
-            if fine is not task:
-                contexts = context, away_from_walls(fine, *planning_context(fine, self.moves), self.moves)
+            contexts = context, away_from_walls(fine, over_cells, start, goal, self.moves)
             # Without a strict guard, a stop is not better than the best ant.
             swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
             controls = ControlColony(self.controls, fine, contexts[1].field, seed, swerve)
+        cells = context.rows * context.cols
         if self.guard:
             self.guard.reset(task)
         self.state = State(
@@ -410,12 +406,13 @@ class AntwayPolicy:
 
     def pheromone(self) -> tuple[int, int, NDArray[np.float32]] | None:
         """Return the pheromone by cell, its maximum over moves and times, in the smallest window that holds all of it."""
-        top, left, pheromone = window(self._state.trails, self.task.grid.shape[1])
-        return (top, left, pheromone) if pheromone.size else None
+        s = self._state
+        top, left, pheromone = window(s.trails, s.context.cols)
+        return on_cells(s.context, s.task.grid, top, left, pheromone) if pheromone.size else None
 
     def memory(self) -> Memory:
         """Return the memory that the ants search in."""
-        return self._state.memory or shared_memory(self.task.grid.blocked.size)
+        return self._state.memory or shared_memory(self._state.context.rows * self._state.context.cols)
 
     def use_common_memory(self) -> None:
         """Search from now on in the memory that all policies of a thread share; this is safe, as each search starts empty."""
@@ -438,12 +435,13 @@ class AntwayPolicy:
         return AntStep(idle, tested < budget or budget >= expansions, self.explain())
 
     def trails(self) -> LaidTrails:
-        """Return the pheromone on moves between cells, its maximum over all times of arrival."""
-        trails, (rows, cols) = self._state.trails, self.task.grid.shape
+        """Return the pheromone on moves between places, its maximum over all times of arrival."""
+        trails, context = self._state.trails, self._state.context
         used = np.flatnonzero(trails.key >= 0)
-        cell, move = trails.key[used] // 64 % (rows * cols), trails.key[used] % 64
+        cell, move = trails.key[used] // 64 % (context.rows * context.cols), trails.key[used] % 64
         key, at = np.unique(cell * 64 + move, return_inverse=True)
         amount = np.zeros(len(key))
         np.maximum.at(amount, at, trails.tau[used])
-        here = np.column_stack(np.divmod(key // 64, cols))
-        return LaidTrails(here, here + self.moves.offsets.astype(np.int64)[key % 64], amount)
+        row, col = np.divmod(key // 64, context.cols)
+        here = np.column_stack((context.x0 + col * context.resolution, context.y0 + row * context.resolution))
+        return LaidTrails(here, here + context.step[key % 64, :2], amount)

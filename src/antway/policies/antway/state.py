@@ -4,40 +4,26 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.errors import OutOfBounds
-from antway.grid import Cell, Grid, Moves
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
-from antway.kernels.spacetime.prepare import move_mask
 from antway.kernels.tracking import crowd, prediction_error
-from antway.planning import TimedPath, standing_cell
+from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer
 from antway.policies.guard import relative_swerve
-from antway.search.sipp import timed_field, timed_moves
-from antway.world.line_of_sight import nearest_free
-from antway.world.policy import XY, Decision, Observation, RobotSpec, Task
+from antway.world.policy import Decision, Observation, RobotSpec, Task
 
-_HERE = np.zeros((1, 2), np.int32)  # a single move of length 0; read-only like all moves, so that the kernel is compiled once
-_HERE.flags.writeable = False
 _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
-_RADII = 6  # number of discs tried, from the one around the footprint to the one inside it
-_LEAST_RADIUS = 0.1  # 1; no disc is smaller than this share of the first, because a footprint may turn about a point beside it
-_FAR_CELLS = 20  # number of cells around the start and the goal among which a free one is searched for
-_MOST_CELLS = 1_000_000  # limit of cells of a map after its cells are divided
-_WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they can, because ramps within a cycle cut corners
-_FINE = 0.4  # 1; cells of the field that such robots follow are no larger than this share of the radius
-_ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 _SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], ...]
 
@@ -181,79 +167,6 @@ def make_crowd(task: Task) -> Crowd:
     )
 
 
-def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
-    """Return the planning context of a task, and the cells at which its paths start and end.
-
-    The context is that of the largest disc that has a path, of a few from the disc around the footprint down to the one inside
-    it. A smaller disc finds the path through a door that is hardly wider than the robot, and its path leads through the middle.
-    Rollouts and the guard test the footprint itself.
-
-    Raises
-    ------
-    OutOfBounds, CellBlocked
-        If the robot does not fit at the start or at the goal.
-    """
-    grid, robot = task.grid, task.robot
-    ends = {"start": task.start, "goal": task.goal}
-    widest = None
-    narrowest = max(robot.inscribed, _LEAST_RADIUS * robot.radius)
-    for radius in dict.fromkeys(np.linspace(robot.radius, narrowest, _RADII).tolist()):
-        # The same as Grid.inflate, but faster for a robot of few cells.
-        stands = move_mask(grid.blocked, _HERE, radius / grid.resolution)
-        inflated = replace(grid, blocked=stands == 0)
-        start, goal = (_end_cell(task, inflated, radius, name, xy) for name, xy in ends.items())
-        if start is None or goal is None:
-            continue
-        context = make_context(grid, replace(robot, radius=radius, footprint=None), goal, moves)
-        if math.isfinite(context.field[start[0] * grid.shape[1] + start[1]]):
-            return context, start, goal
-        widest = widest or (context, start, goal)
-    if widest is None:
-        for name, xy in ends.items():
-            standing_cell(name, xy, grid, inflated, radius)
-    assert widest is not None, "standing_cell has raised the error"
-    return widest
-
-
-def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> Cell | None:
-    """Return the cell of `xy` if it is free, or else the nearest free one to which the robot can drive straight, or None."""
-    try:
-        cell = inflated.cell_at(xy)
-    except OutOfBounds as error:
-        raise error.at("", name) from None
-    if inflated.is_free(cell):
-        return cell
-    inscribed = task.robot.inscribed
-    cells = min(2 + math.ceil((radius - inscribed) / inflated.resolution), _FAR_CELLS)
-    return nearest_free(task, inflated, xy, cells, inscribed)
-
-
-def make_context(
-    grid: Grid, robot: RobotSpec, goal: Cell, moves: Moves = Moves.THIRTY_TWO, mask: NDArray[np.uint32] | None = None
-) -> PlanningContext:
-    """Return the moves that the disc of `robot` can make on `grid`, and the exact field to `goal` over them.
-
-    With `mask` those moves of `timed_moves` alone.
-    """
-    (x, y, _), size, cols = grid.origin, grid.resolution, grid.shape[1]
-    mask = timed_moves(grid, robot.radius, moves) if mask is None else mask
-    field = timed_field(mask, moves, goal, scale=size / robot.v_max)
-    offsets = moves.offsets.astype(np.int64)
-    return PlanningContext(
-        blocked=grid.blocked,
-        legal=mask.ravel(),
-        field=field.ravel(),
-        offset=offsets[:, 0] * cols + offsets[:, 1],
-        step=np.column_stack((offsets[:, 1] * size, offsets[:, 0] * size, moves.lengths * (size / robot.v_max))),
-        resolution=size,
-        x0=x + size / 2,
-        y0=y + size / 2,
-        radius=robot.radius,
-        speed=robot.v_max,
-        goal=goal[0] * cols + goal[1],
-    )
-
-
 def full_and_careful(context: PlanningContext, stopping_time: float, robot: RobotSpec, guarded: bool) -> Paces:
     """Return the planning context and stopping time without and with tracks in sight, for a robot that follows the plan.
 
@@ -293,37 +206,3 @@ def without_edges(settings: Settings) -> Settings:
     """Return the settings for obstacles that do not turn back at the edges of the map, as one was seen to cross them."""
     open_ended = {name: getattr(settings, name)._replace(edges=False) for name in ("tubes", "narrow_tubes", "wide_tubes")}
     return settings._replace(**open_ended)
-
-
-def away_from_walls(task: Task, context: PlanningContext, start: Cell, goal: Cell, moves: Moves) -> PlanningContext:
-    """Return the context of `planning_context` with a margin to walls, if a path from the start to the goal keeps it.
-
-    If there is none, because an end is too near to a wall, the margin is left out near both ends, or else everywhere.
-    """
-    grid, radius = task.grid, context.radius
-    wide = timed_moves(grid, radius + _WALL_MARGIN, moves)
-    rows, cols = np.ogrid[: grid.shape[0], : grid.shape[1]]
-    ends = np.zeros(grid.shape, dtype=bool)
-    for row, col in (start, goal):
-        ends |= np.hypot(rows - row, cols - col) * grid.resolution <= _ENDS
-    mixed = np.where(ends, context.legal.reshape(grid.shape), wide)
-    for mask, kept in ((wide, radius + _WALL_MARGIN), (mixed, radius)):
-        found = make_context(grid, replace(task.robot, radius=kept, footprint=None), goal, moves, mask)
-        if math.isfinite(found.field[start[0] * grid.shape[1] + start[1]]):
-            return found
-    return context
-
-
-def with_fine_cells(task: Task) -> Task:
-    """Return the task on the same map in cells no larger than a part of the robot, as far as they are not too many.
-
-    Moves of 32 directions lead through cells in whose centre a robot cannot stand. If such cells are larger than the robot, a
-    field that is interpolated between centres has a ridge across these moves, before which the robot would stop. Large
-    cells also do not show whether a passage is slightly wider than the robot or too narrow.
-    """
-    grid = task.grid
-    finer = min(math.ceil(grid.resolution / (_FINE * task.robot.radius) - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
-    if finer <= 1:
-        return task
-    cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)
-    return replace(task, grid=replace(grid, blocked=cells, resolution=grid.resolution / finer))

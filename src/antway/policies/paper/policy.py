@@ -200,14 +200,15 @@ class PaperPolicy:
 
     def trails(self) -> LaidTrails:
         """Return the pheromone of the last colony on moves between cells, minus the least on any."""
-        found, none = self.found, np.empty((0, 2), np.int64)
+        found, none, grid = self.found, np.empty((0, 2)), self.routes.task.grid
         if found is None:
             return LaidTrails(none, none, np.empty(0))
         tau = found.pheromone
         least = tau.min(initial=np.inf, where=tau > 0.0)
         row, col, move = np.nonzero(tau > 1.01 * least)
         here = np.column_stack((row + found.window[0], col + found.window[1]))
-        return LaidTrails(here, here + Moves.EIGHT.offsets.astype(np.int64)[move], tau[row, col, move])
+        there = here + Moves.EIGHT.offsets[move]
+        return LaidTrails(grid.to_xy(here), grid.to_xy(there), tau[row, col, move])
 
     def _look(self, seen: Observation) -> Ahead:
         """Predict the range of motion of every track; a missing velocity is taken from the last two positions."""

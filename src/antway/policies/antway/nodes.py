@@ -1,0 +1,207 @@
+"""The nodes between which policy antway plans on a map, the robot's moves between them, and the times to the goal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.errors import OutOfBounds
+from antway.grid import Cell, Grid, Moves
+from antway.kernels.spacetime.context import PlanningContext
+from antway.kernels.spacetime.prepare import move_mask
+from antway.planning import standing_cell
+from antway.search.sipp import timed_field, timed_moves
+from antway.world.line_of_sight import nearest_free
+from antway.world.policy import XY, RobotSpec, Task
+from antway.world.terrain import terrain_of
+
+_HERE = np.zeros((1, 2), np.int32)  # a single move of length 0; read-only like all moves, so that the kernel is compiled once
+_HERE.flags.writeable = False
+_RADII = 6  # number of discs tried, from the one around the footprint to the one inside it
+_LEAST_RADIUS = 0.1  # 1; no disc is smaller than this share of the first, because a footprint may turn about a point beside it
+_FAR_CELLS = 20  # number of cells around the start and the goal among which a free one is searched for
+_MOST_CELLS = 1_000_000  # limit of cells of a map after its cells are divided
+_WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they can, because ramps within a cycle cut corners
+_FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
+_SPARSE = 0.7  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
+_LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
+_ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
+
+
+def planning_context(task: Task, moves: Moves) -> tuple[PlanningContext, Cell, Cell]:
+    """Return the planning context of a task, and the cells at which its paths start and end.
+
+    The context is that of the largest disc that has a path, of a few from the disc around the footprint down to the one inside
+    it. A smaller disc finds the path through a door that is hardly wider than the robot, and its path leads through the middle.
+    Rollouts and the guard test the footprint itself.
+
+    Raises
+    ------
+    OutOfBounds, CellBlocked
+        If the robot does not fit at the start or at the goal.
+    """
+    grid, robot = task.grid, task.robot
+    ends = {"start": task.start, "goal": task.goal}
+    widest = None
+    narrowest = max(robot.inscribed, _LEAST_RADIUS * robot.radius)
+    for radius in dict.fromkeys(np.linspace(robot.radius, narrowest, _RADII).tolist()):
+        # The same as Grid.inflate, but faster for a robot of few cells.
+        stands = move_mask(grid.blocked, _HERE, radius / grid.resolution, 1, 0, 0)
+        inflated = replace(grid, blocked=stands == 0)
+        start, goal = (_end_cell(task, inflated, radius, name, xy) for name, xy in ends.items())
+        if start is None or goal is None:
+            continue
+        context = make_context(grid, replace(robot, radius=radius, footprint=None), goal, moves)
+        if math.isfinite(context.field[start[0] * grid.shape[1] + start[1]]):
+            return context, start, goal
+        widest = widest or (context, start, goal)
+    if widest is None:
+        for name, xy in ends.items():
+            standing_cell(name, xy, grid, inflated, radius)
+    assert widest is not None, "standing_cell has raised the error"
+    return widest
+
+
+def _end_cell(task: Task, inflated: Grid, radius: float, name: str, xy: XY) -> Cell | None:
+    """Return the cell of `xy` if it is free, or else the nearest free one to which the robot can drive straight, or None."""
+    try:
+        cell = inflated.cell_at(xy)
+    except OutOfBounds as error:
+        raise error.at("", name) from None
+    if inflated.is_free(cell):
+        return cell
+    inscribed = task.robot.inscribed
+    cells = min(2 + math.ceil((radius - inscribed) / inflated.resolution), _FAR_CELLS)
+    return nearest_free(task, inflated, xy, cells, inscribed)
+
+
+def with_fine_cells(task: Task) -> Task:
+    """Return the task on the same map in cells no larger than a part of the robot, as far as they are not too many.
+
+    Moves of 32 directions lead through cells in whose centre a robot cannot stand. If such cells are larger than the robot, a
+    field that is interpolated between centres has a ridge across these moves, before which the robot would stop. Large
+    cells also do not show whether a passage is slightly wider than the robot or too narrow.
+    """
+    grid = task.grid
+    finer = min(math.ceil(grid.resolution / (_FINE * task.robot.radius) - 1e-9), math.isqrt(_MOST_CELLS // grid.blocked.size))
+    if finer <= 1:
+        return task
+    cells = np.repeat(np.repeat(grid.blocked, finer, axis=0), finer, axis=1)
+    return replace(task, grid=replace(grid, blocked=cells, resolution=grid.resolution / finer))
+
+
+def with_far_nodes(
+    task: Task, context: PlanningContext, start: Cell, goal: Cell, moves: Moves, margin: bool
+) -> PlanningContext:
+    """Return the context of `planning_context` with fewer nodes if the cells are much smaller than the robot.
+
+    The moves that a search may test in a control cycle lead the farther, the farther nodes are apart. No nodes are left out if
+    the path from the start would get longer by more than 2 %. With `margin`, paths keep away from walls as in
+    `away_from_walls`.
+    """
+    grid, robot = task.grid, replace(task.robot, radius=context.radius, footprint=None)
+    fine = away_from_walls(task, context, start, goal, moves) if margin else context
+    most = _time_from(fine, grid, start) * _LONGER
+    for stride in range(int((_FINE if margin else _SPARSE) * context.radius / grid.resolution + 1e-9), 1, -1):
+        found = make_context(grid, robot, goal, moves, stride=stride)
+        if margin:
+            found = away_from_walls(task, found, start, goal, moves, stride)
+        if _time_from(found, grid, start) <= most:
+            return found
+    return fine
+
+
+def _time_from(context: PlanningContext, grid: Grid, cell: Cell) -> float:
+    """Return the time to the goal from a cell of the map by the best node that is no farther than a node's distance, s."""
+    stride = round(context.resolution / grid.resolution)
+    x, y = grid.centre(cell)
+    row, col = (y - context.y0) / context.resolution, (x - context.x0) / context.resolution
+    reaches = 1.0 if stride > 1 else 1e-6
+    low_r, low_c = max(math.ceil(row - reaches), 0), max(math.ceil(col - reaches), 0)
+    window = np.s_[low_r : math.floor(row + reaches) + 1, low_c : math.floor(col + reaches) + 1]
+    near = context.field.reshape(context.rows, context.cols)[window]
+    i, j = np.ogrid[: near.shape[0], : near.shape[1]]
+    legs = np.hypot(i + low_r - row, j + low_c - col) * (context.resolution / context.speed)
+    return float((near + legs).min(initial=math.inf))
+
+
+def away_from_walls(
+    task: Task, context: PlanningContext, start: Cell, goal: Cell, moves: Moves, stride: int = 1
+) -> PlanningContext:
+    """Return the context of `planning_context` with a margin to walls, if a path from the start to the goal keeps it.
+
+    If there is none, because an end is too near to a wall, the margin is left out near both ends, or else everywhere.
+    """
+    grid, radius = task.grid, context.radius
+    first = goal[0] % stride, goal[1] % stride
+    wide = timed_moves(grid, radius + _WALL_MARGIN, moves, stride, first)
+    rows, cols = (np.arange(n) * stride + low for n, low in zip(wide.shape, first, strict=True))
+    ends = np.zeros(wide.shape, dtype=bool)
+    for row, col in (start, goal):
+        ends |= np.hypot(rows[:, None] - row, cols - col) * grid.resolution <= _ENDS
+    mixed = np.where(ends, context.legal.reshape(wide.shape), wide)
+    for mask, kept in ((wide, radius + _WALL_MARGIN), (mixed, radius)):
+        found = make_context(grid, replace(task.robot, radius=kept, footprint=None), goal, moves, mask, stride)
+        if math.isfinite(_time_from(found, grid, start)):
+            return found
+    return context
+
+
+def make_context(
+    grid: Grid,
+    robot: RobotSpec,
+    goal: Cell,
+    moves: Moves = Moves.THIRTY_TWO,
+    mask: NDArray[np.uint32] | None = None,
+    stride: int = 1,
+) -> PlanningContext:
+    """Return the moves that the disc of `robot` can make on `grid`, and the exact field to `goal` over them.
+
+    Moves lead from cell to cell, or between every `stride`-th cell from the goal on. With `mask`, they are those of it.
+    """
+    (x, y, _), size = grid.origin, stride * grid.resolution
+    first = goal[0] % stride, goal[1] % stride
+    mask = timed_moves(grid, robot.radius, moves, stride, first) if mask is None else mask
+    rows, cols = mask.shape
+    node = goal[0] // stride, goal[1] // stride
+    field = timed_field(mask, moves, node, scale=size / robot.v_max)
+    offsets = moves.offsets.astype(np.int64)
+    return PlanningContext(
+        terrain=terrain_of(grid),
+        rows=rows,
+        cols=cols,
+        legal=mask.ravel(),
+        field=field.ravel(),
+        offset=offsets[:, 0] * cols + offsets[:, 1],
+        step=np.column_stack((offsets[:, 1] * size, offsets[:, 0] * size, moves.lengths * (size / robot.v_max))),
+        resolution=size,
+        x0=x + (first[1] + 0.5) * grid.resolution,
+        y0=y + (first[0] + 0.5) * grid.resolution,
+        radius=robot.radius,
+        speed=robot.v_max,
+        goal=node[0] * cols + node[1],
+    )
+
+
+def on_cells(
+    context: PlanningContext, grid: Grid, top: int, left: int, amounts: NDArray[np.float32]
+) -> tuple[int, int, NDArray[np.float32]]:
+    """Return amounts at nodes, in a window from node (top, left) on, as amounts in cells of the map, also in a window.
+
+    A cell has the largest amount of the nodes in it, or else that of the nearest node.
+    """
+    (x, y, _), size, each = grid.origin, grid.resolution, context.resolution
+    ends = (context.y0 - y + top * each, amounts.shape[0]), (context.x0 - x + left * each, amounts.shape[1])
+    rows, cols = (((low + np.arange(n) * each) / size).astype(np.int64) for low, n in ends)
+    k = round(each / size)
+    if k > 1:
+        amounts = amounts.repeat(k, axis=0).repeat(k, axis=1)
+        rows, cols = ((at[:, None] + np.arange(k) - (k - 1) // 2).ravel() for at in (rows, cols))
+        inside = [(at >= 0) & (at < side) for at, side in zip((rows, cols), grid.shape, strict=True)]
+        rows, cols, amounts = rows[inside[0]], cols[inside[1]], amounts[np.ix_(*inside)]
+    out = np.zeros((rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1), np.float32)
+    np.maximum.at(out, np.ix_(rows - rows[0], cols - cols[0]), amounts)
+    return int(rows[0]), int(cols[0]), out
