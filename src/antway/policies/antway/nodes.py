@@ -26,7 +26,7 @@ _FAR_CELLS = 20  # number of cells around the start and the goal among which a f
 _MOST_CELLS = 1_000_000  # limit of cells of a map after its cells are divided
 _WALL_MARGIN = 0.05  # m; robots with inertia keep this from walls where they can, because ramps within a cycle cut corners
 _FINE = 0.4  # 1; such robots need cells that are no larger than this share of the radius
-_SPARSE = 0.7  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
+_SPARSE = 0.5  # 1; nodes of the plan of a robot that follows it are no farther apart than this share of the radius, or a cell
 _LONGER = 1.02  # 1; paths between fewer nodes may take this times as long
 _ENDS = 1.0  # m; no wall margin is kept this near to the start and the goal, where one of them is too near to a wall
 
