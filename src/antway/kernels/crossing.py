@@ -220,6 +220,47 @@ def _distance_cost(c: _Cycle) -> float:
 
 
 @kernel
+def rejoined(
+    context: PlanningContext, knots: NDArray[np.float64], now: float, x: float, y: float, out: NDArray[np.float64]
+) -> int:
+    """Write the motion of a robot at (x, y) m that has left its plan and catches up with it; return how many knots it has.
+
+    The robot goes straight to the next knot or, if a wall is in between, to the one before, and then along the plan, late until
+    it has made up for that where the plan waits. It is 0 if walls are in between.
+    """
+    _, _, first = place_at(knots, len(knots), now)
+    if not clear(context, x, y, knots[first, 1], knots[first, 2]):
+        first = max(first - 1, 0)
+        if not clear(context, x, y, knots[first, 1], knots[first, 2]):
+            return 0
+    out[0, 0], out[0, 1], out[0, 2] = now, x, y
+    n = 1
+    for j in range(first, len(knots)):
+        px, py = knots[j, 1], knots[j, 2]
+        t = max(knots[j, 0], out[n - 1, 0] + math.hypot(px - out[n - 1, 1], py - out[n - 1, 2]) / context.speed)
+        if t > out[n - 1, 0] and n < len(out):
+            out[n, 0], out[n, 1], out[n, 2] = t, px, py
+            n += 1
+    return n
+
+
+@inner_kernel
+def _catch_up(memory: Memory, c: _Cycle, predictions: Predictions) -> bool:
+    """Let the robot catch up with the plan in use, if that meets no obstacle before the horizon."""
+    plan, n = c.plan, int(c.plan.state[KNOT_COUNT])
+    if n == 0 or not math.isfinite(plan.state[ARRIVAL]):
+        return False
+    m = rejoined(c.context, plan.knots[:n], c.now, c.x, c.y, memory.knots)
+    if m == 0 or first_conflict(memory.knots[:m], c.now, predictions) < math.inf:
+        return False
+    plan.state[ARRIVAL] += max(memory.knots[m - 1, 0] - plan.knots[n - 1, 0], 0.0)
+    plan.state[KNOT_COUNT] = m
+    for i in range(m):
+        copy_row(memory.knots[i], plan.knots[i])
+    return True
+
+
+@kernel
 def _replan(
     memory: Memory,
     trails: Trails,
@@ -254,6 +295,8 @@ def _replan(
     if _search(memory, trails, c, predictions, limit + _distance_cost(c), budget, state):
         found = True
     plan.state[NEXT_SEARCH] = c.now + _PAUSE
+    if not (found or usable or on_plan):
+        usable = _catch_up(memory, c, predictions)
     if not (found or usable) and s.narrow_tubes.robot_radius > 0.0:
         count = _predict(c, s.narrow_tubes, plan.segments)
         plan.state[SEGMENT_COUNT] = count
