@@ -9,7 +9,8 @@ import numpy as np
 from antway import Grid, RobotSpec, Scenario, World
 from antway.kernels.base.records import Predictions
 from antway.kernels.spacetime import ants as spacetime
-from antway.policies.antway.nodes import make_context, make_memory, make_trails
+from antway.policies.antway.nodes import make_context
+from antway.policies.antway.state import make_memory, make_trails
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle

@@ -34,6 +34,26 @@ def test_timed_moves_against_samples(moves):
 
 
 @pytest.mark.parametrize("moves", TIMED_MOVES)
+def test_timed_moves_between_far_cells(moves):
+    """With a stride, the moves are those that are so much longer, from every cell of the stride."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(4, 100)):
+        grid, stride = random_grid(rng, 4, 12, (0.0, 0.1)), int(rng.integers(2, 5))
+        first = int(rng.integers(stride)), int(rng.integers(stride))
+        radius = rng.uniform(0.05, 1.5)
+        mask = timed_moves(grid, radius, moves, stride, first)
+        legal, margin = naive.move_mask(grid.blocked, moves.offsets * stride, radius)
+        legal, margin = (all_cells[first[0] :: stride, first[1] :: stride] for all_cells in (legal, margin))
+        bits = (mask[..., None] >> np.arange(len(moves.offsets), dtype=np.uint32) & 1).astype(bool)
+        step = stride * moves.lengths.max() / 40 / 2
+        assert not (bits & ~legal).any()
+        assert not (legal & ~bits & (margin > step)).any()
+    for wrong in ({"stride": 0}, {"stride": 2, "first": (2, 0)}):
+        with pytest.raises(BadParameter):
+            timed_moves(grid, radius, moves, **wrong)
+
+
+@pytest.mark.parametrize("moves", TIMED_MOVES)
 def test_timed_moves_of_a_point(moves):
     """Without a radius the legal moves are those of the grid: every touched cell must be free."""
     rng = np.random.default_rng(2)

@@ -57,6 +57,7 @@ class Settings(NamedTuple):
     wide_tubes: TubeMargins  # of the search for additional clearance; a robot radius of 0 means that there is none
     delay_per_error: float  # s^2/m; for additional clearance a plan may arrive later by this times the mean velocity error
     colony: ColonySettings
+    few_moves: ColonySettings  # of the search that follows if the expansions were too few; a colony without moves means none
 
 
 class Crowd(NamedTuple):
@@ -178,12 +179,19 @@ def _follow(c: _Cycle) -> tuple[float, float]:
 
 @kernel
 def _search(
-    memory: Memory, trails: Trails, c: _Cycle, predictions: Predictions, limit: float, budget: int, state: State
+    memory: Memory,
+    trails: Trails,
+    c: _Cycle,
+    colony: ColonySettings,
+    predictions: Predictions,
+    limit: float,
+    budget: int,
+    state: State,
 ) -> bool:
     """Let the ants search for a plan that costs less than `limit` s; if they find one, it becomes the plan in use."""
     context, settings, plan, horizon = c.context, c.settings, c.plan, c.now + c.settings.horizon
     end, cost, plan.state[BOUND] = search(
-        memory, trails, context, predictions, settings.colony, c.x, c.y, c.now, horizon, limit, budget, state
+        memory, trails, context, predictions, colony, c.x, c.y, c.now, horizon, limit, budget, state
     )
     if end < 0:
         return False
@@ -220,47 +228,6 @@ def _distance_cost(c: _Cycle) -> float:
 
 
 @kernel
-def rejoined(
-    context: PlanningContext, knots: NDArray[np.float64], now: float, x: float, y: float, out: NDArray[np.float64]
-) -> int:
-    """Write the motion of a robot at (x, y) m that has left its plan and catches up with it; return how many knots it has.
-
-    The robot goes straight to the next knot or, if a wall is in between, to the one before, and then along the plan, late until
-    it has made up for that where the plan waits. It is 0 if walls are in between.
-    """
-    _, _, first = place_at(knots, len(knots), now)
-    if not clear(context, x, y, knots[first, 1], knots[first, 2]):
-        first = max(first - 1, 0)
-        if not clear(context, x, y, knots[first, 1], knots[first, 2]):
-            return 0
-    out[0, 0], out[0, 1], out[0, 2] = now, x, y
-    n = 1
-    for j in range(first, len(knots)):
-        px, py = knots[j, 1], knots[j, 2]
-        t = max(knots[j, 0], out[n - 1, 0] + math.hypot(px - out[n - 1, 1], py - out[n - 1, 2]) / context.speed)
-        if t > out[n - 1, 0] and n < len(out):
-            out[n, 0], out[n, 1], out[n, 2] = t, px, py
-            n += 1
-    return n
-
-
-@inner_kernel
-def _catch_up(memory: Memory, c: _Cycle, predictions: Predictions) -> bool:
-    """Let the robot catch up with the plan in use, if that meets no obstacle before the horizon."""
-    plan, n = c.plan, int(c.plan.state[KNOT_COUNT])
-    if n == 0 or not math.isfinite(plan.state[ARRIVAL]):
-        return False
-    m = rejoined(c.context, plan.knots[:n], c.now, c.x, c.y, memory.knots)
-    if m == 0 or first_conflict(memory.knots[:m], c.now, predictions) < math.inf:
-        return False
-    plan.state[ARRIVAL] += max(memory.knots[m - 1, 0] - plan.knots[n - 1, 0], 0.0)
-    plan.state[KNOT_COUNT] = m
-    for i in range(m):
-        copy_row(memory.knots[i], plan.knots[i])
-    return True
-
-
-@kernel
 def _replan(
     memory: Memory,
     trails: Trails,
@@ -286,22 +253,22 @@ def _replan(
         limit, before = math.inf, plan.state[ARRIVAL]
         if usable:
             limit = before + (-s.hysteresis if is_wide else max(most_delay - plan.state[DELAY_SPENT], 0.0))
-        found = _search(memory, trails, c, wide, limit + _distance_cost(c), budget, state)
+        found = _search(memory, trails, c, s.colony, wide, limit + _distance_cost(c), budget, state)
         if found and usable:
             plan.state[DELAY_SPENT] += max(plan.state[ARRIVAL] - before, 0.0)
     limit = plan.state[ARRIVAL] - s.hysteresis if valid else plan.state[ARRIVAL] + _GRACE if usable else math.inf
     if found or is_wide:
         limit, budget = plan.state[ARRIVAL] - most_delay, s.improvement_expansions
-    if _search(memory, trails, c, predictions, limit + _distance_cost(c), budget, state):
+    if _search(memory, trails, c, s.colony, predictions, limit + _distance_cost(c), budget, state):
         found = True
     plan.state[NEXT_SEARCH] = c.now + _PAUSE
-    if not (found or usable or on_plan):
-        usable = _catch_up(memory, c, predictions)
+    if not (found or usable) and s.few_moves.moves and memory.counter[EXPANSIONS] >= budget:
+        found = _search(memory, trails, c, s.few_moves, predictions, math.inf, budget, state)
     if not (found or usable) and s.narrow_tubes.robot_radius > 0.0:
         count = _predict(c, s.narrow_tubes, plan.segments)
         plan.state[SEGMENT_COUNT] = count
         narrow = Predictions(plan.segments[:count], time_shift(s.narrow_tubes), predictions.work)
-        found = _search(memory, trails, c, narrow, math.inf, s.expansions // _LAST, state)
+        found = _search(memory, trails, c, s.colony, narrow, math.inf, s.expansions // _LAST, state)
     return IMPROVED if found and valid else NEW if found else KEPT if usable else NONE
 
 

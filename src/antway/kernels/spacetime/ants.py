@@ -52,6 +52,7 @@ class ColonySettings(NamedTuple):
     amount: float  # s; Q of the deposit Q / L on a path of cost L that is better than all before; 0 means no pheromone
     distance_weight: float  # s/m; cost of a metre in addition to its time
     stay: float  # s; a path may end at the goal only if the robot can stay there for this time
+    moves: np.uint64 = ~np.uint64(0)  # bits of the moves that ants may choose
 
 
 class _Origin(NamedTuple):
@@ -66,6 +67,7 @@ class _Origin(NamedTuple):
     longest_move: float  # m
     cost_rate: float  # 1; cost of a second of driving in addition to its time: the weight of a metre times the speed
     time: NDArray[np.float64]  # [K] s; duration of each move
+    moves: np.uint64  # see `ColonySettings`
 
 
 class _Steps(NamedTuple):
@@ -244,7 +246,7 @@ def _step(
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, False, choices)
     else:
         steps = _Steps(np.int64(cell), context.offset, origin.time, memory.distance_cost[s], origin.cost_rate)
-        untried, field = context.legal[cell] & ~memory.tried[s], context.field[cell]
+        untried, field = context.legal[cell] & origin.moves & ~memory.tried[s], context.field[cell]
         promised = now + field + (memory.distance_cost[s] + origin.cost_rate * field)
         n, total = _weigh(memory, trails, context, steps, untried, now, promised, beta, limit, trails.mark[cell], choices)
     x, y = (origin.x, origin.y) if s == 0 else centre(context, cell)
@@ -333,7 +335,7 @@ def search(
         return -1, math.inf, least
     choices = _Choices(np.empty(LEGS, np.int64), np.empty(LEGS), np.empty(LEGS))
     time, bits = context.step[:, 2].copy(), ~np.uint64(0) >> np.uint64(64 - legs)
-    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, cost_rate, time)
+    origin = _Origin(x, y, t0, horizon, here, bits, time.max() * context.speed, cost_rate, time, settings.moves)
     memory.counter[STATE_COUNT] = 1  # later intervals of the start cannot be reached by waiting there
     memory.arrival[0], memory.parent[0] = t0, -1
     push(memory, least, 0)

@@ -196,10 +196,11 @@ class ControlColony:
 
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""
-        task, field = self.task, self.problem.field
-        times = time_to_goal.reshape(task.grid.shape)
+        task, field, last = self.task, self.problem.field, RobotState(*self.problem.start.tolist())
+        times, before = time_to_goal.reshape(task.grid.shape), static_time(field, last)
         field = with_times(field, task.grid, task.robot, times, task.goal, task.goal_tolerance)
-        self.problem, self.nearest = self.problem._replace(field=field), math.inf
+        self.problem = self.problem._replace(field=field)
+        self.nearest += static_time(field, last) - before
 
     def deviations(
         self, estimates: NDArray[np.float64], velocity_error: NDArray[np.float64], distrust: float

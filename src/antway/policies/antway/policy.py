@@ -205,6 +205,16 @@ class AntwayPolicy:
             vector_bound=assumed_accel(task, self.mode),
             drift_time=0.0 if strict or controlled or self.margin is not None else _DRIFT_TIME,
         )
+        colony = ColonySettings(
+            leg_cells=2,
+            betas=np.array([100.0, 30.0, 10.0, 100.0]),
+            slack=np.array([9.0, 0.0, 0.05, 0.2]),
+            minimum_improvement=self.minimum_improvement,
+            amount=self.deposit,
+            distance_weight=self.distance_weight,
+            stay=float(task.stay),
+        )
+        short = np.flatnonzero(np.abs(self.moves.offsets).max(axis=1) == 1)  # moves to neighbouring nodes
         return Settings(
             dt=robot.dt,
             horizon=self.horizon,
@@ -224,15 +234,8 @@ class AntwayPolicy:
                 robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
             ),
             delay_per_error=_DELAY_PER_ERROR,
-            colony=ColonySettings(
-                leg_cells=2,
-                betas=np.array([100.0, 30.0, 10.0, 100.0]),
-                slack=np.array([9.0, 0.0, 0.05, 0.2]),
-                minimum_improvement=self.minimum_improvement,
-                amount=self.deposit,
-                distance_weight=self.distance_weight,
-                stay=float(task.stay),
-            ),
+            colony=colony,
+            few_moves=colony._replace(moves=np.uint64(0 if len(short) == len(self.moves.offsets) else (1 << short).sum())),
         )
 
     def act(self, observation: Observation) -> Command:

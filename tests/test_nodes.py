@@ -1,0 +1,108 @@
+"""The nodes between which policy antway plans: their distance suits the robot, whatever the cells of the map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from antway import Grid, Moves, RobotSpec, Scenario, Task, World, check_episode, run
+from antway.arena.suites import Episode, build, episodes
+from antway.policies.antway.nodes import make_context, on_cells, planning_context, with_far_nodes
+from antway.policies.antway.policy import AntwayPolicy
+from antway.world.motions import Line
+from antway.world.robots import load_robot
+from antway.world.world import Obstacle
+
+
+def finer(grid: Grid, parts: int) -> Grid:
+    """Return the same map in cells whose edges are so many times shorter."""
+    cells = grid.blocked.repeat(parts, axis=0).repeat(parts, axis=1)
+    return replace(grid, blocked=cells, resolution=grid.resolution / parts)
+
+
+@pytest.mark.parametrize(("robot", "distance"), [("holonomic", 0.15), ("inertia", 0.1), ("diff", 0.1)])
+def test_nodes_are_a_part_of_the_radius_apart(robot: str, distance: float) -> None:
+    """On a map with cells of 5 cm as on one with cells of 20 cm, as far as nodes are parts or multiples of cells."""
+    blocked = np.zeros((60, 80), np.bool_)
+    blocked[20:40, 38:42] = True
+    for parts, expected in ((1, {"holonomic": 0.2}.get(robot, distance)), (4, distance)):
+        policy, grid = AntwayPolicy(), finer(Grid(blocked, 0.2), parts)
+        policy.reset(Task(grid, load_robot(robot), (2.1, 6.1), (14.1, 6.1)), seed=0)
+        assert policy.state is not None
+        assert policy.state.context.resolution == pytest.approx(expected)
+
+
+def test_no_nodes_are_left_out_if_a_path_is_lost() -> None:
+    """A slot of 0.65 m, into which no node of a sparse row falls, leads to the goal; the other way is longer."""
+    blocked = np.zeros((120, 200), np.bool_)
+    blocked[:, 95:105] = True
+    blocked[:13, 95:105] = False
+    blocked[100:118, 95:105] = False
+    task = Task(Grid(blocked, 0.05), RobotSpec(radius=0.3), (1.0, 1.0), (9.0, 4.02))
+    over_cells, start, goal = planning_context(task, Moves.THIRTY_TWO)
+    sparse = make_context(task.grid, task.robot, goal, stride=3)
+    chosen = with_far_nodes(task, over_cells, start, goal, Moves.THIRTY_TWO, False)
+    assert sparse.field.min() == 0.0 and chosen.resolution < 0.15
+    result = run(Scenario(World(task.grid), task.start, task.goal), "antway", seed=0)
+    check_episode(result)
+    assert result.reached and result.time < 10.0
+
+
+def test_a_fine_map_is_crossed_like_a_coarse_one() -> None:
+    """With cells of 5 cm, the search used to spend its moves before it had seen half of what it sees with 20 cm."""
+    suite, times = episodes("synthetic", 1, "diff")[0].suite, []
+    for number in (6100, 6101, 6102):
+        episode = Episode("synthetic", suite, "aisles/medium", number, "diff")
+        scenario = build(episode)
+        grid = finer(scenario.world.grid, 4)
+        fine = replace(scenario, world=replace(scenario.world, grid=grid))
+        ends = [run(one, "antway", seed=episode.seed) for one in (scenario, fine)]
+        for end in ends:
+            check_episode(end)
+        assert all(end.reached for end in ends)
+        times.append([end.time for end in ends])
+    coarse, fine_times = np.mean(times, axis=0)
+    assert fine_times < 1.1 * coarse
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "inertia", "diff"])
+@pytest.mark.parametrize("far", [15.0, 15.5, 16.0, 16.5, 17.0])
+def test_a_robot_backs_out_of_a_corridor_that_somebody_enters(robot: str, far: float) -> None:
+    """It has to go back for 3 m into a bay. The search with all moves ends before it gets there; that with few does not."""
+    blocked = np.ones((40, 200), np.bool_)
+    blocked[13:27] = False
+    blocked[20:39, 60:78] = False
+    somebody = Obstacle(0.3, Line((far, 2.0), (3.0, 2.0), speed=0.5))
+    bay = Scenario(World(Grid(blocked, 0.1), [somebody]), (8.0, 2.0), (18.0, 2.0), load_robot(robot), horizon=60.0)
+    result = run(bay, "antway", seed=0)
+    check_episode(result)
+    assert result.reached and result.time < 2.0 * far
+
+
+@pytest.mark.parametrize("stride", [1, 2, 3, 4])
+def test_amounts_at_nodes_are_shown_in_the_cells_around_them(stride: int) -> None:
+    """Each cell of the map shows the nearest node; also at the edges of the map."""
+    grid = Grid(np.zeros((14, 17), np.bool_), 0.1, (1.0, -2.0, 0.0))
+    context = make_context(grid, RobotSpec(radius=0.05), (9, 6), stride=stride)
+    amounts = np.arange(context.rows * context.cols, dtype=np.float32).reshape(context.rows, context.cols)
+    top, left, shown = on_cells(context, grid, 0, 0, amounts)
+    assert (shown >= 0).all() and top + shown.shape[0] <= 14 and left + shown.shape[1] <= 17
+    for row in range(context.rows):
+        for col in range(context.cols):
+            x, y = context.x0 + col * context.resolution, context.y0 + row * context.resolution
+            r, c = grid.cell_at((x, y))
+            assert shown[r - top, c - left] == amounts[row, col]
+
+
+def test_a_cell_shows_the_most_of_the_nodes_in_it() -> None:
+    """Where nodes are parts of cells, as for robots with wheels on maps with large cells."""
+    grid = Grid(np.zeros((6, 8), np.bool_), 0.2)
+    context = make_context(finer(grid, 2), RobotSpec(radius=0.05), (4, 4))
+    amounts = np.random.default_rng(0).random((5, 7)).astype(np.float32)
+    top, left, shown = on_cells(context, grid, 3, 5, amounts)
+    assert (top, left) == (1, 2)
+    whole = np.zeros((12, 16), np.float32)
+    whole[3:8, 5:12] = amounts
+    assert shown.tolist() == whole.reshape(6, 2, 8, 2).max(axis=(1, 3))[1:4, 2:6].tolist()
