@@ -43,7 +43,7 @@ def test_no_nodes_are_left_out_if_a_path_is_lost() -> None:
     task = Task(Grid(blocked, 0.05), RobotSpec(radius=0.3), (1.0, 1.0), (9.0, 4.02))
     over_cells, start, goal = planning_context(task, Moves.THIRTY_TWO)
     sparse = make_context(task.grid, task.robot, goal, stride=3)
-    chosen = with_far_nodes(task, over_cells, start, goal, Moves.THIRTY_TWO, False)
+    chosen = with_far_nodes(task, over_cells, over_cells, start, goal, Moves.THIRTY_TWO)
     assert sparse.field.min() == 0.0 and chosen.resolution < 0.15
     result = run(Scenario(World(task.grid), task.start, task.goal), "antway", seed=0)
     check_episode(result)

@@ -94,24 +94,23 @@ def with_fine_cells(task: Task) -> Task:
 
 
 def with_far_nodes(
-    task: Task, context: PlanningContext, start: Cell, goal: Cell, moves: Moves, margin: bool
+    task: Task, context: PlanningContext, kept: PlanningContext, start: Cell, goal: Cell, moves: Moves
 ) -> PlanningContext:
-    """Return the context of `planning_context` with fewer nodes if the cells are much smaller than the robot.
+    """Return `kept`, or a context like it with fewer nodes if the cells are much smaller than the robot.
 
     The moves that a search may test in a control cycle lead the farther, the farther nodes are apart. No nodes are left out if
-    the path from the start would get longer by more than 2 %. With `margin`, paths keep away from walls as in
-    `away_from_walls`.
+    the path from the start would get longer by more than 2 %. `context` is that of `planning_context`, and `kept` either the
+    same or that of `away_from_walls`.
     """
-    grid, robot = task.grid, replace(task.robot, radius=context.radius, footprint=None)
-    fine = away_from_walls(task, context, start, goal, moves) if margin else context
-    most = _time_from(fine, grid, start) * _LONGER
+    grid, robot, margin = task.grid, replace(task.robot, radius=context.radius, footprint=None), kept is not context
+    most = _time_from(kept, grid, start) * _LONGER
     for stride in range(int((_FINE if margin else _SPARSE) * context.radius / grid.resolution + 1e-9), 1, -1):
         found = make_context(grid, robot, goal, moves, stride=stride)
         if margin:
             found = away_from_walls(task, found, start, goal, moves, stride)
         if _time_from(found, grid, start) <= most:
             return found
-    return fine
+    return kept
 
 
 def _time_from(context: PlanningContext, grid: Grid, cell: Cell) -> float:

@@ -160,14 +160,15 @@ class AntwayPolicy:
         robot, settings, controls = task.robot, self._settings(task), None
         fine = task if robot.stepwise else with_fine_cells(task)
         over_cells, start, goal = planning_context(fine, self.moves)
-        context = with_far_nodes(fine, over_cells, start, goal, self.moves, not robot.stepwise)
+        kept = over_cells if robot.stepwise else away_from_walls(fine, over_cells, start, goal, self.moves)
+        context = with_far_nodes(fine, over_cells, kept, start, goal, self.moves)
         contexts: tuple[PlanningContext, ...] = (context,)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
             paces = (context, 0.0), (context, 0.0)
-            contexts = context, away_from_walls(fine, over_cells, start, goal, self.moves)
+            contexts = context, kept
             # Without a strict guard, a stop is not better than the best ant.
             swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
             controls = ControlColony(self.controls, fine, contexts[1].field, seed, swerve)
