@@ -17,7 +17,6 @@ from antway.kernels.base.rng import stream
 from antway.kernels.crossing import ARRIVAL, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, Settings, cycle
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.ants import ColonySettings
-from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
 from antway.kernels.tracking.predict import TubeMargins, crosses_edge
@@ -162,16 +161,14 @@ class AntwayPolicy:
         over_cells, start, goal = planning_context(fine, self.moves)
         kept = over_cells if robot.stepwise else away_from_walls(fine, over_cells, start, goal, self.moves)
         context = with_far_nodes(fine, over_cells, kept, start, goal, self.moves)
-        contexts: tuple[PlanningContext, ...] = (context,)
         paces = full_and_careful(context, settings.tubes.stopping_time, robot, self.guard is not None)
         if not robot.stepwise:
             if self.distance_weight > 0.0:
                 raise BadParameter("distance_weight", self.distance_weight, "0 for a robot with inertia, wheels or latency")
             paces = (context, 0.0), (context, 0.0)
-            contexts = context, kept
             # Without a strict guard, a stop is not better than the best ant.
             swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
-            controls = ControlColony(self.controls, fine, contexts[1].field, seed, swerve)
+            controls = ControlColony(self.controls, fine, kept.field, seed, swerve)
         cells = context.rows * context.cols
         if self.guard:
             self.guard.reset(task)
@@ -187,7 +184,7 @@ class AntwayPolicy:
             crowd=make_crowd(task),
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             controls=controls,
-            detours=Detours(self.moves, contexts),
+            detours=Detours(self.moves, (context,) if robot.stepwise else (context, kept)),
         )
 
     def _settings(self, task: Task) -> Settings:
