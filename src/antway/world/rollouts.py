@@ -72,15 +72,13 @@ def static_field(grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]
     frame, empty = np.array([x, y, factor / size]), np.empty((0, 0), np.float32)
     end, (box, discs) = np.array([*goal, tolerance]), _body(robot)
     field = StaticField(wall, frame, empty, np.zeros(3), end, box, discs, empty[None], np.zeros(3))
-    return with_times(field, grid, robot, time_to_goal, goal, tolerance)
+    return with_times(field, grid, robot, time_to_goal)
 
 
-def with_times(
-    field: StaticField, grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64], goal: XY, tolerance: float
-) -> StaticField:
+def with_times(field: StaticField, grid: Grid, robot: RobotSpec, time_to_goal: NDArray[np.float64]) -> StaticField:
     """Return the field with other times to the goal; see `static_field`."""
-    size, (x, y, _) = grid.resolution, grid.origin
-    near = _to_the_goal_itself(time_to_goal, grid, robot.v_max, goal)
+    size, (x, y, _), (goal_x, goal_y, tolerance) = grid.resolution, grid.origin, field.goal.tolist()
+    near = _to_the_goal_itself(time_to_goal, grid, robot.v_max, (goal_x, goal_y))
     time = beyond_walls(near - tolerance / robot.v_max, 2.0 * size / robot.v_max, _LAYERS)
     frame, (turning, turning_frame) = np.array([x + size / 2, y + size / 2, 1.0 / size]), _by_heading(near, grid, robot)
     return field._replace(time=time, time_frame=frame, turning=turning, turning_frame=turning_frame)

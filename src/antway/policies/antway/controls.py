@@ -153,7 +153,7 @@ class ControlColony:
         self, options: ControlOptions, task: Task, time_to_goal: NDArray[np.float64], seed: int, swerve: float | None
     ) -> None:
         robot, o = task.robot, options
-        self.options, self.robot, self.task = o, robot, task
+        self.options, self.robot, self.grid = o, robot, task.grid
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
@@ -196,9 +196,9 @@ class ControlColony:
 
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""
-        task, field, last = self.task, self.problem.field, RobotState(*self.problem.start.tolist())
-        times, before = time_to_goal.reshape(task.grid.shape), static_time(field, last)
-        field = with_times(field, task.grid, task.robot, times, task.goal, task.goal_tolerance)
+        field, last = self.problem.field, RobotState(*self.problem.start.tolist())
+        before = static_time(field, last)
+        field = with_times(field, self.grid, self.robot, time_to_goal.reshape(self.grid.shape))
         self.problem = self.problem._replace(field=field)
         self.nearest += static_time(field, last) - before
 

@@ -52,9 +52,9 @@ class Detours:
         self._expected: set[tuple[float, float]] = set()  # the stays that `times` count with
         self.due = -math.inf
         self._nearest, self._since = math.inf, 0.0  # s; the least time to the goal, and when the robot reached it
-        # The times of the last two updates by the cells that were left out; they seldom change from one to the next.
-        self._before: dict[bytes, NDArray[np.float64]] = {}
-        self._known: dict[bytes, NDArray[np.float64]] = {}
+        # The times of the last two updates by the nodes and those that were left out; they seldom change from one to the next.
+        self._before: dict[tuple[tuple[int, int], bytes], NDArray[np.float64]] = {}
+        self._known: dict[tuple[tuple[int, int], bytes], NDArray[np.float64]] = {}
 
     def update(self, estimates: NDArray[np.float64], seen: NDArray[np.float64], t: float, xy: XY) -> bool:
         """Take in the scan at time `t` s, when the robot is at `xy`; tell whether `times` have changed.
@@ -139,7 +139,7 @@ class Detours:
             window = mask[low_r : max(math.floor(r + far) + 1, 0), low_c : max(math.floor(c + far) + 1, 0)]
             i, j = np.ogrid[: window.shape[0], : window.shape[1]]
             window[np.hypot(i + low_r - r, j + low_c - c) < far] = 0
-        key = np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes() + bytes(str(shape), "ascii")
+        key = shape, np.flatnonzero((mask == 0) & (context.legal.reshape(shape) != 0)).tobytes()
         times = self._known.get(key, self._before.get(key))
         if times is None:
             goal = divmod(context.goal, shape[1])

@@ -247,7 +247,7 @@ class AntwayPolicy:
         observation = check_observation(observation)
         s = self._state
         self._update_tracks(observation)
-        if observation.sensed_at >= self._state.detours.due:
+        if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what, arrival, bound = drive(observation)
