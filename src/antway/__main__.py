@@ -5,18 +5,33 @@ from __future__ import annotations
 import _thread
 import signal
 import sys
-import threading
+import time
+from types import FrameType
 from typing import Any
 
 _AGAIN = 0.05  # s; delay before an interrupt is repeated
+_IMPORTS = "<frozen importlib._bootstrap>"  # the file of the frames that import modules
+
+
+def _repeat() -> None:
+    time.sleep(_AGAIN)
+    _thread.interrupt_main()
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, but not while a module is imported: half of a module can turn it into other errors or crash."""
+    while frame is not None:
+        if frame.f_code.co_filename == _IMPORTS:
+            _thread.start_new_thread(_repeat, ())
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def _interrupt_again(ignored: Any) -> None:
     """Repeat an interrupt shortly after it came in a callback of the compiler, which ignores exceptions."""
     if isinstance(ignored.exc_value, KeyboardInterrupt):
-        again = threading.Timer(_AGAIN, _thread.interrupt_main)
-        again.daemon = True
-        again.start()
+        _thread.start_new_thread(_repeat, ())
     else:
         sys.__unraisablehook__(ignored)
 
@@ -25,6 +40,8 @@ def main() -> None:
     """Run the command line and exit with its status, or 130 after Ctrl-C."""
     sys.unraisablehook = _interrupt_again
     try:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where interrupts are ignored
+            signal.signal(signal.SIGINT, _interrupt)
         from antway.cli import main as run
 
         run()
