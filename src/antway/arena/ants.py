@@ -14,7 +14,6 @@ from antway.ants.rules import AntColonySystem, MaxMinAntSystem
 from antway.ants.tsp import MMAS_WITH_SEARCH, Tsp, solve_tsp
 from antway.arena.suites import seed_of
 from antway.grid import Grid
-from antway.kernels.crossing import Settings
 from antway.planning import Budget, Problem, Status, solve
 from antway.policies.antway.controls import ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
@@ -181,10 +180,13 @@ def _paper(runs: int) -> Iterator[Comparison]:
 class _Argmin(AntwayPolicy):
     """The search in space and time that always takes the most promising move of the most promising state."""
 
-    def _settings(self, task: Task) -> Settings:
-        settings: Settings = super()._settings(task)
+    def reset(self, task: Task, seed: int) -> None:
+        """Begin an episode, in which no choice is random."""
+        super().reset(task, seed)
+        assert self.state is not None
+        settings = self.state.settings
         colony = settings.colony._replace(betas=np.array([1e6]), slack=np.zeros(1), amount=0.0)
-        return settings._replace(colony=colony)
+        self.state.settings = settings._replace(colony=colony)
 
 
 def _antway(runs: int) -> Iterator[Comparison]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +15,12 @@ from antway.kernels.base.jit import entry
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.brake import Robot
 from antway.kernels.robot.guard import (
+    BOUND_CHANGE,
     BRAKED,
     FREE,
     LEAST_HARM,
     STOPPING_TIME,
+    STRICT,
     TABLE_COLUMNS,
     Rules,
     fault,
@@ -143,18 +146,22 @@ class Guard:
 
     def reset(self, task: Task) -> None:
         """Prepare for `task`."""
+        self.bounds = np.array([task.obstacle_speed, task.obstacle_surge, math.inf, 0.0, 0.0, 0.0])
+        self.table, self.count = np.zeros((_TRACKS, TABLE_COLUMNS)), 0
+        self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
+        self.last_stamp = -math.inf
+        self.did = ""
+        self.set_robot(task)
+
+    def set_robot(self, task: Task) -> None:
+        """Guard the robot of `task` from now on, which is that of `reset` with another latency or other accelerations."""
         robot, self.task, self.limits, self.terrain = task.robot, task, task.robot.limits, terrain_of(task.grid)
         strict = self.mode == "strict"
         self.dynamic = None if robot.stepwise else _Dynamic(task, self.mode)
         self.walls = walls_of(task.grid) if strict and robot.stepwise else None
-        declared = task.obstacle_speed, task.obstacle_surge, assumed_accel(task, self.mode)
-        self.bounds = np.array([*declared, 0.0, 0.0, float(strict or not robot.stepwise)])
-        self.table, self.count = np.zeros((_TRACKS, TABLE_COLUMNS)), 0
-        self.tracks, self.spread = np.empty((_TRACKS, COLUMNS)), np.zeros(_TRACKS)
+        self.bounds[BOUND_CHANGE], self.bounds[STRICT] = assumed_accel(task, self.mode), float(strict or not robot.stepwise)
         self.rules = Rules(robot.dt, self.lookahead, strict)
         self._kernel = entry(guarded, _AT_REST, 0.0, 0.0, self.tracks[:0], self.limits, self.rules, self.terrain)
-        self.last_stamp = -math.inf
-        self.did = ""
 
     def limit(self, observation: Observation, command: Command | None) -> Command:
         """Return the command that passes; `did` then says what the guard did.
@@ -298,6 +305,14 @@ class _Dynamic:
         return Command((one * math.cos(o.heading), one * math.sin(o.heading)), (one, two))
 
 
+@runtime_checkable
+class LearnsResponse(Protocol):
+    """A policy that learns from the commands that are sent to the robot, and has to know them all."""
+
+    def sent(self, observation: Observation, command: Command) -> None:
+        """Take note of the command that was sent in place of the one returned for an observation."""
+
+
 class Guarded:
     """A policy with a guard between the policy and the robot.
 
@@ -312,6 +327,7 @@ class Guarded:
         self.policy, self.guard = policy, Guard() if guard is None else guard
         self.inner: Decision | None = None
         self.last_decision: Decision | None = None
+        self.learner = policy if isinstance(policy, LearnsResponse) else None
 
     def reset(self, task: Task, seed: int) -> None:
         """Start an episode."""
@@ -327,7 +343,10 @@ class Guarded:
             For an observation that is not finite, before the policy sees it.
         """
         observation = check_observation(observation)
-        return self.guard.passed(observation, self.policy.act(observation))
+        command = self.guard.passed(observation, self.policy.act(observation))
+        if self.learner is not None:
+            self.learner.sent(observation, command)
+        return command
 
     def explain(self) -> Decision:
         """Return the policy's reason and what the guard did; the same object while both are unchanged."""

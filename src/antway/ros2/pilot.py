@@ -256,6 +256,8 @@ class Pilot:
         if guard is not None:
             answer = guard.limit(self.number, command)
             command, did = answer.command, answer.did
+            if self.policy is not None:
+                self.policy.sent(seen, command)
         if did == SILENT:
             return self._wait(t, ERROR, "the guard's process is silent")
         self._send(command.acts(seen, self.settings.robot))

@@ -157,15 +157,17 @@ class ControlColony:
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        slowness = self.slowness = max(_AGILE / robot.v_max, 1.0)
+        self.slowness = max(_AGILE / robot.v_max, 1.0)
+        self.task, self.swerve = task, swerve
         self.problem = ControlProblem(
             np.zeros(5),
             finite_limits(robot),
             robot.dt,
             static_field(task.grid, robot, time_to_goal.reshape(task.grid.shape), task.goal, task.goal_tolerance),
             empty_outlook(steps),
-            _weights(o, robot, slowness, swerve),
+            _weights(o, robot, self.slowness, swerve),
         )
+        self.margins, self.bounds = self._by_response()
         self.archive = _archive(o.archive, steps, block)
         self.lattice = _lattice(robot, block)
         limits = np.array([robot.v_max, robot.turn_rate if robot.wheels else robot.v_max])
@@ -178,21 +180,30 @@ class ControlColony:
             exploration=o.exploration,
             wide=tuple((0.35 * limits).tolist()),
         )
-        times = slowness * o.spread_time, slowness * o.late
-        agility = _DODGE * self.problem.limits.a_max
-        self.margins = Margins(
-            o.margin, o.preferred_gap, math.sqrt(slowness) * o.spread, *times, robot.latency + robot.dt, agility
-        )
         self.unsure = o.unsure * relative_swerve(task)
         self.averaging = None if o.search == "ants" else _averaging(o, steps, block)
-        stopping_time = self.problem.weights.stopping_time + robot.v_max / self.problem.limits.brake_max
-        growth = min(float(task.obstacle_surge) * stopping_time, 1e3)
-        self.bounds = SpeedBounds(robot.v_max, stopping_time, float(task.obstacle_speed), growth)
         self.random = np.array([stream(np.uint64(seed), np.uint64(1))], np.uint64)
         self.xy = np.zeros((steps, 2))
         self.path: TimedPath | None = None
         self.began = 0.0  # s; when the last command begins to act
         self.nearest, self.since = math.inf, 0.0  # s; the least time to the goal so far, and when the robot reached it
+
+    def _by_response(self) -> tuple[Margins, SpeedBounds]:
+        """Return the distances to keep and the bounds on obstacles' speeds, which depend on how fast the robot can respond."""
+        o, robot, slowness, limits = self.options, self.robot, self.slowness, self.problem.limits
+        times = slowness * o.spread_time, slowness * o.late
+        wide = math.sqrt(slowness) * o.spread
+        margins = Margins(o.margin, o.preferred_gap, wide, *times, robot.latency + robot.dt, _DODGE * limits.a_max)
+        stopping_time = self.problem.weights.stopping_time + robot.v_max / limits.brake_max
+        growth = min(float(self.task.obstacle_surge) * stopping_time, 1e3)
+        return margins, SpeedBounds(robot.v_max, stopping_time, float(self.task.obstacle_speed), growth)
+
+    def set_response(self, robot: RobotSpec) -> None:
+        """Drive from now on the same robot with another latency or other accelerations."""
+        self.robot = robot
+        weights = _weights(self.options, robot, self.slowness, self.swerve)
+        self.problem = self.problem._replace(limits=finite_limits(robot), weights=weights)
+        self.margins, self.bounds = self._by_response()
 
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -14,12 +15,11 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.crossing import ARRIVAL, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, Settings, cycle
+from antway.kernels.crossing import ARRIVAL, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
 from antway.kernels.sidestep import sidestep
-from antway.kernels.spacetime.ants import ColonySettings
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
-from antway.kernels.tracking.predict import TubeMargins, crosses_edge
+from antway.kernels.tracking.predict import crosses_edge
 from antway.kernels.tracking.prediction_error import distrust
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation
@@ -27,9 +27,12 @@ from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.nodes import away_from_walls, on_cells, planning_context, with_far_nodes, with_fine_cells
+from antway.policies.antway.response import Response
+from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
     Cycle,
     State,
+    carried_on,
     fit_tables,
     full_and_careful,
     make_crowd,
@@ -39,7 +42,7 @@ from antway.policies.antway.state import (
     shared_memory,
     without_edges,
 )
-from antway.policies.guard import MODES, Guard, assumed_accel, check_observation
+from antway.policies.guard import MODES, Guard, check_observation
 from antway.world.ants import AntStep, LaidTrails
 from antway.world.policy import XY, Command, Decision, Observation, Task
 from antway.world.rollouts import acting
@@ -48,11 +51,6 @@ from antway.world.terrain import terrain_of
 _OUTSET = 0.5  # s; during this time after the start, the velocities of tracks are not known well yet
 _NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
-_DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tubes would close every passage
-_MARGIN = 0.005  # m; least distance kept to predicted obstacles
-_DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
-_EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
-_DELAY_PER_ERROR = 2.0  # s^2/m; such a plan may arrive later by this times the mean of that standard deviation
 _WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
 _EXPANSIONS_SHOWN = 5  # number of moves that the ants test in one displayed cycle
 
@@ -94,6 +92,9 @@ class AntwayPolicy:
     mode : str
         Mode of the guard, "strict" or "least-harm". With "least-harm", a plan with additional clearance is preferred to one
         that arrives a little sooner. If no path keeps the margins, a path without margins is taken.
+    learns_response : bool
+        Whether the latency and the accelerations of the robot are learnt from how it answers commands, where it is slower than
+        declared. A robot that is driven with a `distance_weight` does not learn them.
 
     Raises
     ------
@@ -117,6 +118,7 @@ class AntwayPolicy:
         guard: bool = True,
         controls: ControlOptions | None = None,
         mode: str = "least-harm",
+        learns_response: bool = True,
     ) -> None:
         self.horizon = checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.margin = None if margin is None else checks.number("margin", margin, low=0.0, unit="m")
@@ -133,6 +135,7 @@ class AntwayPolicy:
         self.distance_weight = checks.number("distance_weight", distance_weight, low=0.0, high=1e3, unit="s/m")
         self.controls = ControlOptions() if controls is None else checks.instance("controls", controls, ControlOptions)
         self.mode = checks.choice("mode", mode, MODES)
+        self.learns_response = checks.instance("learns_response", learns_response, bool) and distance_weight == 0.0
         self.guard = Guard(mode=mode) if checks.instance("guard", guard, bool) else None
 
         self.state: State | None = None
@@ -156,7 +159,13 @@ class AntwayPolicy:
         OutOfBounds, CellBlocked
             If the robot does not fit at the start or at the goal.
         """
-        robot, settings, controls = task.robot, self._settings(task), None
+        self._start(task, seed, Response(task.robot))
+        if self.guard:
+            self.guard.reset(task)
+
+    def _start(self, task: Task, seed: int, response: Response) -> None:
+        """Make the state of an episode."""
+        robot, settings, controls = task.robot, make_settings(self, task), None
         fine = task if robot.stepwise else with_fine_cells(task)
         over_cells, start, goal = planning_context(fine, self.moves)
         kept = over_cells if robot.stepwise else away_from_walls(fine, over_cells, start, goal, self.moves)
@@ -170,8 +179,6 @@ class AntwayPolicy:
             swerve = float(task.obstacle_swerve) if self.guard is not None and self.mode == "strict" else None
             controls = ControlColony(self.controls, fine, kept.field, seed, swerve)
         cells = context.rows * context.cols
-        if self.guard:
-            self.guard.reset(task)
         self.state = State(
             task=task,
             terrain=terrain_of(task.grid),
@@ -182,58 +189,11 @@ class AntwayPolicy:
             trails=make_trails(cells),
             plan=make_plan(),
             crowd=make_crowd(task),
+            seed=seed,
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
+            response=response,
             controls=controls,
             detours=Detours(self.moves, (context,) if robot.stepwise else (context, kept)),
-        )
-
-    def _settings(self, task: Task) -> Settings:
-        robot = task.robot
-        controlled = not robot.stepwise  # then the colony in the space of controls keeps the margins
-        guarded = self.guard is not None and not controlled
-        stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
-        strict = self.mode == "strict"
-        tubes = TubeMargins(
-            robot_radius=robot.radius,
-            margin=_MARGIN if self.margin is None else self.margin,
-            quantile=self.quantile if strict else 0.0 if controlled else self.quantile * _DISCOUNT,
-            speed_bound=float(task.obstacle_speed) if guarded else 0.0,
-            acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
-            stopping_time=stopping if guarded else 0.0,
-            vector_bound=assumed_accel(task, self.mode),
-            drift_time=0.0 if strict or controlled or self.margin is not None else _DRIFT_TIME,
-        )
-        colony = ColonySettings(
-            leg_cells=2,
-            betas=np.array([100.0, 30.0, 10.0, 100.0]),
-            slack=np.array([9.0, 0.0, 0.05, 0.2]),
-            minimum_improvement=self.minimum_improvement,
-            amount=self.deposit,
-            distance_weight=self.distance_weight,
-            stay=float(task.stay),
-        )
-        short = np.flatnonzero(np.abs(self.moves.offsets).max(axis=1) == 1)  # moves to neighbouring nodes
-        return Settings(
-            dt=robot.dt,
-            horizon=self.horizon,
-            stores_predictions=True,
-            preferred_speed=float(task.obstacle_speed),
-            hysteresis=self.hysteresis,
-            tracking_tolerance=0.02,
-            expansions=self.expansions,
-            improvement_expansions=self.improvement_expansions,
-            least_persistence=0.1,
-            greatest_persistence=0.9,
-            goal_x=task.goal[0],
-            goal_y=task.goal[1],
-            tubes=tubes,
-            narrow_tubes=TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
-            wide_tubes=tubes._replace(
-                robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
-            ),
-            delay_per_error=_DELAY_PER_ERROR,
-            colony=colony,
-            few_moves=colony._replace(moves=np.uint64(0 if len(short) == len(self.moves.offsets) else (1 << short).sum())),
         )
 
     def act(self, observation: Observation) -> Command:
@@ -244,7 +204,7 @@ class AntwayPolicy:
         BadParameter
             For an observation that is not finite.
         """
-        observation = check_observation(observation)
+        observation = self._learn_response(check_observation(observation))
         s = self._state
         self._update_tracks(observation)
         if observation.sensed_at >= s.detours.due:
@@ -259,7 +219,29 @@ class AntwayPolicy:
                 s.path = self._planned()
         if s.decision is None:
             s.cycle, s.guard_did = Cycle(observation, arrival, bound), guard_did
+        self.sent(observation, command)
         return command
+
+    def _learn_response(self, o: Observation) -> Observation:
+        """Learn how the robot answers commands; return the observation with those that do not act yet."""
+        s = self._state
+        if not self.learns_response or s.response.declared.dynamics == "steps":
+            return o
+        if s.response.update(o):
+            task = replace(s.task, robot=s.response.robot)
+            if s.controls is not None:
+                s.controls.set_response(task.robot)
+            elif not task.robot.stepwise:  # from now on the ants in the space of controls drive it
+                self._start(task, s.seed, s.response)
+                s = self.state = carried_on(self._state, s)
+            if self.guard is not None:
+                self.guard.set_robot(task)
+            s.task, s.decision, s.until = task, None, -math.inf
+        return o if s.response.robot is s.response.declared else s.response.with_pending(o)
+
+    def sent(self, observation: Observation, command: Command) -> None:
+        """Take note of the command that was sent in place of the one returned for an observation."""
+        self._state.response.record(observation, command)
 
     def _update_tracks(self, o: Observation) -> None:
         """Update the track estimates with a scan."""
@@ -399,6 +381,8 @@ class AntwayPolicy:
                 s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
             )
             s.decision = explain(situation, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
+            if s.response.robot is not s.response.declared:
+                s.decision = replace(s.decision, reason=f"{s.decision.reason}; {s.response}")
         return s.decision
 
     def planned(self) -> TimedPath | None:

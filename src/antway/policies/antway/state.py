@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import Terrain
-from antway.kernels.crossing import Crowd, Plan, Settings
+from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
@@ -19,6 +19,7 @@ from antway.kernels.tracking import crowd, prediction_error
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
+from antway.policies.antway.response import Response
 from antway.policies.antway.tracker import MOST_ROWS, ROWS, Tracker, longer
 from antway.policies.guard import relative_swerve
 from antway.world.policy import Decision, Observation, RobotSpec, Task
@@ -50,8 +51,12 @@ class State:
         To search in; None: that of the thread (`shared_memory`).
     tracker : Tracker
         The track estimates.
+    seed : int
+        Of the episode.
     rng : uint64[1]
         State of the random generator.
+    response : Response
+        How the robot answers commands.
     detours : Detours
         Times to the goal that count with obstacles which stay.
     controls : ControlColony or None
@@ -79,8 +84,10 @@ class State:
     trails: Trails
     plan: Plan
     crowd: Crowd
+    seed: int
     rng: NDArray[np.uint64]
     detours: Detours
+    response: Response
     controls: ControlColony | None = None
     tracker: Tracker = field(default_factory=Tracker)
     started: float = math.nan
@@ -165,6 +172,13 @@ def make_crowd(task: Task) -> Crowd:
         missed=np.zeros(1, np.int64),
         velocity_error=np.zeros(ROWS),
     )
+
+
+def carried_on(new: State, old: State) -> State:
+    """Return the state `new` with what is known of obstacles in `old`, and without a plan."""
+    old.plan.state[KNOT_COUNT], old.plan.state[ARRIVAL] = 0, math.inf
+    settings = new.settings if old.settings.tubes.edges else without_edges(new.settings)
+    return replace(new, settings=settings, plan=old.plan, crowd=old.crowd, tracker=old.tracker, started=old.started)
 
 
 def full_and_careful(context: PlanningContext, stopping_time: float, robot: RobotSpec, guarded: bool) -> Paces:

@@ -1,0 +1,111 @@
+"""How a robot answers its commands: candidates for its latency and its ramps, compared with the speeds that it reaches."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.records import HOLONOMIC, RobotLimits
+from antway.kernels.robot.motion import clip_twist, clip_velocity, holonomic_ramp, wheels_segment
+
+_LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia any time is enough to change the speeds
+_RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
+
+
+@bare_kernel
+def _under(a: float, b: float, ca: float, cb: float, limits: RobotLimits, left: float) -> tuple[float, float]:
+    """Return the speeds of a robot after `left` s under the command (ca, cb)."""
+    if limits.drive == HOLONOMIC:
+        cx, cy = clip_velocity(ca, cb, limits)
+        ax, ay, time = holonomic_ramp(a, b, cx, cy, limits)
+        return (cx, cy) if time <= left else (a + ax * left, b + ay * left)
+    cv, cw = clip_twist(ca, cb, limits)
+    while left > 0.0:
+        h, _, _, _, _, a, b = wheels_segment(a, b, cv, cw, limits, left)
+        left -= h
+    return a, b
+
+
+@bare_kernel
+def answered(
+    a: float, b: float, start: float, end: float, given: NDArray[np.float64], commands: NDArray[np.float64], limits: RobotLimits
+) -> tuple[float, float]:
+    """Return the speeds at `end` s of a robot with speeds (a, b) at `start` s, to which commands were given before.
+
+    Parameters
+    ----------
+    a, b : float
+        (v, omega) of wheels, (vx, vy) of a holonomic robot.
+    start, end : float
+    given : float64[M]
+        When each command was given, s, in this order; it acts from `limits.latency` s later until the next one does. What acts
+        before the first is not known, and the speeds then stay.
+    commands : float64[M, 2]
+    limits : RobotLimits
+    """
+    for i in range(len(given)):
+        first = max(given[i] + limits.latency, start)
+        last = min(given[i + 1] + limits.latency, end) if i + 1 < len(given) else end
+        if last - first > _LEAST:
+            a, b = _under(a, b, commands[i, 0], commands[i, 1], limits, last - first)
+    return a, b
+
+
+@kernel
+def add_errors(
+    before: NDArray[np.float64],
+    now: NDArray[np.float64],
+    given: NDArray[np.float64],
+    commands: NDArray[np.float64],
+    limits: RobotLimits,
+    latencies: NDArray[np.float64],
+    ramps: NDArray[np.float64],
+    memory: float,
+    error: NDArray[np.float64],
+) -> None:
+    """Add how wrong each candidate foretells the speeds of now from those before; only the first, while it has been right.
+
+    Parameters
+    ----------
+    before, now : float64[3]
+        Time in s, and the two speeds as in `RobotState`.
+    given, commands : float64[M], float64[M, 2]
+        As in `answered`.
+    limits : RobotLimits
+        As declared.
+    latencies : float64[L]
+        Candidates for the latency, s.
+    ramps : float64[R, 3]
+        Candidates for a_max, brake_max (m/s^2) and alpha_max (rad/s^2).
+    memory : float
+        Share in (0, 1] of the earlier errors that is kept.
+    error : float64[2, L, R]
+        Sums of squared errors as shares of the top speed and of the turn rate. Of a holonomic robot the second is 0.
+    """
+    for i in range(len(latencies)):
+        for k in range(len(ramps)):
+            one = RobotLimits(
+                limits.drive,
+                limits.v_max,
+                limits.v_reverse,
+                ramps[k, 0],
+                ramps[k, 1],
+                limits.turn_rate,
+                ramps[k, 2],
+                limits.turning_radius,
+                latencies[i],
+                limits.radius,
+            )
+            a, b = answered(before[1], before[2], before[0], now[0], given, commands, one)
+            miss_a, miss_b = (a - now[1]) / limits.v_max, b - now[2]
+            if limits.drive == HOLONOMIC:
+                miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0
+            elif limits.turn_rate < math.inf:
+                miss_b /= limits.turn_rate
+            error[0, i, k] = memory * error[0, i, k] + miss_a * miss_a
+            error[1, i, k] = memory * error[1, i, k] + miss_b * miss_b
+            if i == 0 and k == 0 and error[0, 0, 0] + error[1, 0, 0] < _RIGHT:
+                return

@@ -1,0 +1,74 @@
+"""The numbers with which policy antway plans: how wide tubes are, and how the ants in space and time search."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from antway.kernels.crossing import Settings
+from antway.kernels.spacetime.ants import ColonySettings
+from antway.kernels.tracking.predict import TubeMargins
+from antway.policies.guard import assumed_accel
+from antway.world.policy import Task
+
+if TYPE_CHECKING:
+    from antway.policies.antway.policy import AntwayPolicy
+
+_DISCOUNT = 0.3  # 1; a plan keeps this share of a tube's width, because full tubes would close every passage
+_MARGIN = 0.005  # m; least distance kept to predicted obstacles
+_DRIFT_TIME = 0.2  # s; the margin grows by this times the standard deviation of a track's velocity
+_EXTRA_DRIFT_TIME = 1.0  # s; a plan with additional clearance keeps this times that deviation more from 1.5 s ahead on
+_DELAY_PER_ERROR = 2.0  # s^2/m; such a plan may arrive later by this times the mean of that standard deviation
+
+
+def make_settings(policy: AntwayPolicy, task: Task) -> Settings:
+    """Return the settings of the cycle of kernels/crossing.py for a task, with the options of the policy."""
+    robot = task.robot
+    controlled = not robot.stepwise  # then the colony in the space of controls keeps the margins
+    guarded = policy.guard is not None and not controlled
+    stopping = robot.dt + (0.0 if math.isinf(robot.a_max) else robot.stop_time)
+    strict = policy.mode == "strict"
+    tubes = TubeMargins(
+        robot_radius=robot.radius,
+        margin=_MARGIN if policy.margin is None else policy.margin,
+        quantile=policy.quantile if strict else 0.0 if controlled else policy.quantile * _DISCOUNT,
+        speed_bound=float(task.obstacle_speed) if guarded else 0.0,
+        acceleration_bound=float(task.obstacle_surge) if guarded else 0.0,
+        stopping_time=stopping if guarded else 0.0,
+        vector_bound=assumed_accel(task, policy.mode),
+        drift_time=0.0 if strict or controlled or policy.margin is not None else _DRIFT_TIME,
+    )
+    colony = ColonySettings(
+        leg_cells=2,
+        betas=np.array([100.0, 30.0, 10.0, 100.0]),
+        slack=np.array([9.0, 0.0, 0.05, 0.2]),
+        minimum_improvement=policy.minimum_improvement,
+        amount=policy.deposit,
+        distance_weight=policy.distance_weight,
+        stay=float(task.stay),
+    )
+    short = np.flatnonzero(np.abs(policy.moves.offsets).max(axis=1) == 1)  # moves to neighbouring nodes
+    return Settings(
+        dt=robot.dt,
+        horizon=policy.horizon,
+        stores_predictions=True,
+        preferred_speed=float(task.obstacle_speed),
+        hysteresis=policy.hysteresis,
+        tracking_tolerance=0.02,
+        expansions=policy.expansions,
+        improvement_expansions=policy.improvement_expansions,
+        least_persistence=0.1,
+        greatest_persistence=0.9,
+        goal_x=task.goal[0],
+        goal_y=task.goal[1],
+        tubes=tubes,
+        narrow_tubes=TubeMargins(0.0 if strict else robot.radius, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
+        wide_tubes=tubes._replace(
+            robot_radius=0.0 if strict or controlled else robot.radius, extra_drift_time=_EXTRA_DRIFT_TIME
+        ),
+        delay_per_error=_DELAY_PER_ERROR,
+        colony=colony,
+        few_moves=colony._replace(moves=np.uint64(0 if len(short) == len(policy.moves.offsets) else (1 << short).sum())),
+    )
