@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-ACKERMANN = 2
+HOLONOMIC, ACKERMANN = 0, 2
 MS = 1e-3
 
 
@@ -118,3 +118,13 @@ def wall_gap(corners: np.ndarray, blocked: np.ndarray, size: float, reach: float
             square = np.array([(c, r), (c + 1, r), (c + 1, r + 1), (c, r + 1)]) * size
             least = min(least, hull_gap(corners, square))
     return least
+
+
+def answered(state, start: float, end: float, given, commands, limits) -> tuple[float, float]:
+    """The speeds at `end` after every millisecond under the command that acts then; without one they stay."""
+    for k in range(round((end - start) / MS)):
+        now = start + (k + 0.5) * MS
+        acting = [command for when, command in zip(given, commands, strict=True) if when + limits.latency <= now]
+        if acting:
+            state = (holonomic if limits.drive == HOLONOMIC else wheels)(state, acting[-1], limits, MS)[-1]
+    return state[3], state[4]

@@ -11,6 +11,7 @@ from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.robot.motion import clip_twist, clip_velocity, holonomic_ramp, wheels_segment
 
+GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 _LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia any time is enough to change the speeds
 _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
 
@@ -82,9 +83,12 @@ def add_errors(
         Candidates for a_max, brake_max (m/s^2) and alpha_max (rad/s^2).
     memory : float
         Share in (0, 1] of the earlier errors that is kept.
-    error : float64[2, L, R]
-        Sums of squared errors as shares of the top speed and of the turn rate. Of a holonomic robot the second is 0.
+    error : float64[3, L, R]
+        Sums of squared errors of the speed, as shares of the top speed, while it grows or stays (GROWS) and while it falls
+        (SLOWS), and of the turn rate as shares of its limit (TURNS), 0 for a holonomic robot.
     """
+    holonomic = limits.drive == HOLONOMIC
+    slows = math.hypot(now[1], now[2]) < math.hypot(before[1], before[2]) if holonomic else abs(now[1]) < abs(before[1])
     for i in range(len(latencies)):
         for k in range(len(ramps)):
             one = RobotLimits(
@@ -101,11 +105,12 @@ def add_errors(
             )
             a, b = answered(before[1], before[2], before[0], now[0], given, commands, one)
             miss_a, miss_b = (a - now[1]) / limits.v_max, b - now[2]
-            if limits.drive == HOLONOMIC:
+            if holonomic:
                 miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0
             elif limits.turn_rate < math.inf:
                 miss_b /= limits.turn_rate
-            error[0, i, k] = memory * error[0, i, k] + miss_a * miss_a
-            error[1, i, k] = memory * error[1, i, k] + miss_b * miss_b
-            if i == 0 and k == 0 and error[0, 0, 0] + error[1, 0, 0] < _RIGHT:
+            error[:, i, k] *= memory
+            error[SLOWS if slows else GROWS, i, k] += miss_a * miss_a
+            error[TURNS, i, k] += miss_b * miss_b
+            if i == 0 and k == 0 and error[:, 0, 0].sum() < _RIGHT:
                 return

@@ -27,7 +27,7 @@ from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.detours import Detours
 from antway.policies.antway.explain import explain, wait_of
 from antway.policies.antway.nodes import away_from_walls, on_cells, planning_context, with_far_nodes, with_fine_cells
-from antway.policies.antway.response import Response
+from antway.policies.antway.response import Response, tops
 from antway.policies.antway.settings import make_settings
 from antway.policies.antway.state import (
     Cycle,
@@ -229,11 +229,12 @@ class AntwayPolicy:
             return o
         if s.response.update(o):
             task = replace(s.task, robot=s.response.robot)
-            if s.controls is not None:
-                s.controls.set_response(task.robot)
-            elif not task.robot.stepwise:  # from now on the ants in the space of controls drive it
+            anew = (s.controls is None) != task.robot.stepwise or tops(task.robot) != tops(s.task.robot)
+            if anew:  # other ants drive it, or the times to the goal are others
                 self._start(task, s.seed, s.response)
                 s = self.state = carried_on(self._state, s)
+            elif s.controls is not None:
+                s.controls.set_response(task.robot)
             if self.guard is not None:
                 self.guard.set_robot(task)
             s.task, s.decision, s.until = task, None, -math.inf

@@ -1,4 +1,4 @@
-"""How the robot really answers its commands, which is learnt where it is slower than declared."""
+"""How the robot really answers its commands, which is learnt where it does less than declared."""
 
 from __future__ import annotations
 
@@ -21,13 +21,16 @@ _CLEAR = 0.5  # 1; another candidate is taken if its squared error is at most th
 _LEAST = 3e-4  # 1; and lower by this, which is the square of 2 % of the top speed
 _TIE = 3e-5  # 1; candidates whose errors differ by less count as equally good; that nearest to the declared one is taken
 _GAP = 1.5  # control periods; after a longer gap between observations, earlier commands are forgotten
+_SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
+_MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
 
 
 class Response:
     """Compares the speeds of a robot with those that its spec foretells from the commands that it was given.
 
-    Candidates are latencies of up to 0.4 s more than declared, and limits of acceleration and of the change of the turn rate
-    down to a fifth of those declared. What is in use is kept until another candidate has at most half of its squared error.
+    Candidates are latencies of up to 0.4 s more than declared, and limits of acceleration, of braking and of the change of the
+    turn rate down to a fifth of those declared. What is in use is kept until another candidate has at most half of its squared
+    error. A speed or turn rate at which the robot stays, while faster ones are commanded, becomes its top speed or turn rate.
 
     Attributes
     ----------
@@ -36,7 +39,7 @@ class Response:
     """
 
     def __init__(self, declared: RobotSpec) -> None:
-        self.robot = self.declared = declared
+        self.robot = self.limited = self.declared = declared  # `limited`: with the top speeds that were learnt
         others = _STEP * np.arange(round((declared.latency + _LATER) / _STEP) + 1.0)
         others = others[np.abs(others - declared.latency) > 0.5 * _STEP]
         nearest = np.argsort(np.abs(others - declared.latency), kind="stable")
@@ -44,16 +47,17 @@ class Response:
         limits = np.array([declared.a_max, declared.braking, declared.alpha_max])
         slower = [np.where(np.isinf(limits), end, factor * limits) for factor, end in zip(_FACTORS, _FINITE, strict=True)]
         self.ramps = np.array([limits, *slower])
-        self.error = np.zeros((2, len(self.latencies), len(self.ramps)))
-        self.used = 0, 0, 0  # indices of the latency, of the ramp of the speed, and of that of the turn rate
+        self.error = np.zeros((3, len(self.latencies), len(self.ramps)))
+        self.used = np.zeros(4, np.int64)  # indices of the latency in use, and of a_max, brake_max and alpha_max in `ramps`
         most = math.ceil((self.latencies.max() + declared.dt) / declared.dt) + 1
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
-        self.before = np.full(3, math.nan)  # time and speeds of the last observation
+        self.seen = np.full((most, 3), math.nan)  # times and speeds of the last observations
 
     def update(self, o: Observation) -> bool:
         """Learn from the speeds of an observation; tell whether `robot` has changed."""
         now = np.array([o.t, *((o.speed, o.turn_rate) if self.declared.wheels else o.velocity)])
-        before, self.before = self.before, now
+        before = self.seen[-1].copy()
+        self.seen[:-1], self.seen[-1] = self.seen[1:].copy(), now
         goes_on = 0.0 < now[0] - before[0] <= _GAP * self.declared.dt
         if not goes_on:
             self.known = 0
@@ -61,9 +65,11 @@ class Response:
         if not goes_on or self.known == 0:
             return False
         given, commands = self.given[-self.known :], self.commands[-self.known :]
-        arguments = before, now, given, commands, self.declared.limits, self.latencies, self.ramps, _MEMORY, self.error
+        arguments = before, now, given, commands, self.limited.limits, self.latencies, self.ramps, _MEMORY, self.error
         entry(add_errors, *arguments)(*arguments)
-        return self.error[:, 0, 0].sum() > _LEAST and self._choose()
+        if self.error[:, 0, 0].sum() <= _LEAST:
+            return False
+        return self._limit() or self._choose()
 
     def _take_pending(self, o: Observation) -> None:
         """Take the commands that do not act yet, if they are told, in place of those that were recorded."""
@@ -73,19 +79,45 @@ class Response:
             self.given[-n:] = o.t - self.declared.dt * np.arange(n, 0.0, -1.0)
             self.known = max(self.known, n)
 
+    def _limit(self) -> bool:
+        """Take speeds at which the robot stays as its top speeds, those declared if it is faster; tell whether they change."""
+        if self.known < len(self.given):
+            return False
+        robot, (speed, turn), (asked, asked_turn) = self.declared, self.seen[:, 1:].T, self.commands.T
+        tops = {"v_max": (speed, asked), "v_reverse": (-speed, -asked), "turn_rate": (turn, asked_turn)}
+        if not robot.wheels:
+            tops = {"v_max": (np.hypot(speed, turn), np.hypot(asked, asked_turn))}
+        elif turn[-1] < 0.0:
+            tops["turn_rate"] = -turn, -asked_turn
+        found = {}
+        for name, (fast, wanted) in tops.items():
+            declared, used, most = getattr(robot, name), getattr(self.limited, name), float(fast.max())
+            if np.ptp(fast) < _SAME * declared < fast.min() and min(wanted.min(), declared) > most + _MORE * declared:
+                found[name] = most
+            elif fast[-1] > used + _MORE * declared:
+                found[name] = declared
+        if not found:
+            return False
+        v_max = found.get("v_max", self.limited.v_max)
+        v_reverse = min(found.get("v_reverse", self.limited.v_reverse), v_max)
+        turn_rate = found.get("turn_rate", self.limited.turn_rate)
+        self.limited = replace(robot, v_max=v_max, v_reverse=v_reverse, turn_rate=turn_rate)
+        self.error[:], self.used[:], self.robot = 0.0, 0, self.limited
+        return True
+
     def _choose(self) -> bool:
         """Take the best candidate if it is clearly better than the one in use; tell whether it was."""
-        speed, turn = self.error
-        latency, ramp, turn_ramp = self.used
-        total, present = speed.min(axis=1) + turn.min(axis=1), speed[latency, ramp] + turn[latency, turn_ramp]
+        kinds, (latency, *ramps) = np.arange(len(self.error)), self.used.tolist()
+        total, present = self.error.min(axis=2).sum(axis=0), self.error[kinds, latency, ramps].sum()
         best = int(np.argmax(total <= total.min() + _TIE))
         if total[best] > min(_CLEAR * present, present - _LEAST):
             return False
-        ramp, turn_ramp = (int(np.argmax(one[best] <= one[best].min() + _TIE)) for one in (speed, turn))
-        self.used = best, ramp, turn_ramp
-        a_max, brake_max, _ = self.ramps[ramp].tolist()
-        alpha_max, late = float(self.ramps[turn_ramp, 2]), float(self.latencies[best])
-        self.robot = replace(self.declared, latency=late, a_max=a_max, brake_max=brake_max, alpha_max=alpha_max)
+        self.used[:] = best, *(int(np.argmax(one[best] <= one[best].min() + _TIE)) for one in self.error)
+        self.robot = self.limited
+        if self.used.any():
+            a_max, brake_max, alpha_max = self.ramps[self.used[1:], kinds].tolist()
+            late = float(self.latencies[best])
+            self.robot = replace(self.limited, latency=late, a_max=a_max, brake_max=brake_max, alpha_max=alpha_max)
         return True
 
     def record(self, o: Observation, command: Command) -> None:
@@ -102,7 +134,13 @@ class Response:
 
     def __str__(self) -> str:
         """Say how the robot differs from what was declared; empty if it does not."""
-        units = {"latency": "s", "a_max": "m/s^2", "alpha_max": "rad/s^2"}
+        units = {"latency": "s", "v_max": "m/s", "v_reverse": "m/s", "turn_rate": "rad/s"}
+        units |= {"a_max": "m/s^2", "braking": "m/s^2", "alpha_max": "rad/s^2"}
         found = [(name, unit, getattr(self.robot, name), getattr(self.declared, name)) for name, unit in units.items()]
         differ = [f"{name} {now:.2g} in place of {was:.2g} {unit}" for name, unit, now, was in found if now != was]
         return f"the robot answers with {', '.join(differ)}" if differ else ""
+
+
+def tops(robot: RobotSpec) -> tuple[float, float, float]:
+    """Return the top speed, that in reverse (m/s) and the top turn rate (rad/s)."""
+    return robot.v_max, robot.v_reverse, robot.turn_rate

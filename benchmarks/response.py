@@ -1,0 +1,142 @@
+"""Robots that answer their commands otherwise than declared: python benchmarks/response.py --robot diff.
+
+Plays the episodes FIRST to FIRST + EPISODES - 1 of the three kinds of a level of suite `synthetic` with each policy. The policy
+is told the robot as it is declared, but another one drives, or its place and speeds are measured wrongly:
+
+declared          nothing is different
+latency 0.1, 0.2  commands act so many seconds later
+weak              acceleration and braking are 0.7 of what is declared (1 m/s^2 if that is infinite)
+slow turns        the turn rate changes by at most half of what is declared
+lag 0.1, 0.3      speeds approach the command exponentially, with this time constant in s
+lag, latency      both, 0.2 and 0.1 s
+slow              top speed and turn rate are 0.7 of what is declared
+noise             places are wrong by 1 cm, speeds by 2 cm/s and 0.02 rad/s
+
+The table has how many episodes reach the goal, contacts with obstacles and with walls, and the mean time over the optimum.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import repeat
+
+import numpy as np
+
+from antway import Command, Decision, Observation, Policy, RobotSpec, Task, make_policy, run
+from antway.arena.suites import Episode, build, facts
+
+KINDS = ("open", "clutter", "aisles")
+
+
+@dataclass(frozen=True)
+class Change:
+    """How the robot differs from what the policy is told."""
+
+    latency: float = 0.0  # s, more
+    accelerations: float = 1.0  # factor
+    turns: float = 1.0  # factor of alpha_max
+    lag: float = 0.0  # s, time constant
+    noise: float = 0.0  # m, standard deviation
+    tops: float = 1.0  # factor of the top speed and the turn rate
+
+    def of(self, robot: RobotSpec) -> RobotSpec:
+        """Return the robot that drives."""
+        if self.accelerations != 1.0:
+            weak = min(robot.a_max * self.accelerations, 1.0), min(robot.braking * self.accelerations, 1.0)
+            robot = replace(robot, a_max=weak[0], brake_max=weak[1])
+        robot = replace(robot, v_max=robot.v_max * self.tops, turn_rate=robot.turn_rate * self.tops)
+        return replace(robot, latency=robot.latency + self.latency, alpha_max=robot.alpha_max * self.turns)
+
+
+CHANGES = {
+    "declared": Change(),
+    "latency 0.1": Change(latency=0.1),
+    "latency 0.2": Change(latency=0.2),
+    "weak": Change(accelerations=0.7),
+    "slow turns": Change(turns=0.5),
+    "lag 0.1": Change(lag=0.1),
+    "lag 0.3": Change(lag=0.3),
+    "lag, latency": Change(latency=0.1, lag=0.2),
+    "slow": Change(tops=0.7),
+    "noise": Change(noise=0.01),
+}
+
+
+class Misled:
+    """A policy that is told `declared`, and whose robot changes otherwise."""
+
+    def __init__(self, policy: Policy, declared: RobotSpec, change: Change) -> None:
+        self.policy, self.declared, self.change = policy, declared, change
+
+    def reset(self, task: Task, seed: int) -> None:
+        """Begin an episode."""
+        self.rng, self.lagging = np.random.default_rng(seed), np.zeros(2)
+        self.policy.reset(replace(task, robot=self.declared), seed)
+
+    def act(self, observation: Observation) -> Command:
+        """Return the policy's command as the robot answers it."""
+        o, noise = observation, self.change.noise
+        if noise > 0.0:
+            (x, y, vx, vy), turn = (
+                self.rng.normal(0.0, (noise, noise, 2.0 * noise, 2.0 * noise)),
+                self.rng.normal(0.0, 2.0 * noise),
+            )
+            place, velocity = (o.xy[0] + x, o.xy[1] + y), (o.velocity[0] + vx, o.velocity[1] + vy)
+            o = replace(o, xy=place, velocity=velocity, turn_rate=o.turn_rate + turn)
+        if self.change.latency > 0.0 and self.declared.latency == 0.0:
+            o = replace(o, pending=None)
+        command = self.policy.act(o)
+        if self.change.lag == 0.0:
+            return command
+        asked = np.array(command.acts(o, self.declared))
+        self.lagging += (1.0 - math.exp(-self.declared.dt / self.change.lag)) * (asked - self.lagging)
+        one, two = self.lagging.tolist()
+        return Command(twist=(one, two)) if self.declared.wheels else Command((one, two))
+
+    def explain(self) -> Decision:
+        """Return the policy's decision."""
+        return self.policy.explain()
+
+
+def play(episode: Episode, name: str, change: Change) -> tuple[str, float]:
+    """Return the outcome, and the time over the optimum."""
+    scenario = build(episode)
+    misled = Misled(make_policy(name), scenario.robot, change)
+    result = run(replace(scenario, robot=change.of(scenario.robot)), misled, seed=episode.seed, record=False)
+    return result.outcome.value, result.time / facts(scenario, episode.seed).bound
+
+
+def main() -> None:
+    """Play, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robot", default="diff", help="which robot is declared, as in `antway bench`")
+    parser.add_argument("--level", default="medium")
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--episodes", type=int, default=20, help="of each kind of the level")
+    parser.add_argument("--policies", default="antway,antway/learns_response=False", help="separated by commas")
+    parser.add_argument("--changes", default=",".join(name.replace(", ", "+") for name in CHANGES), help="separated by commas")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes that play; the rows stay the same")
+    options = parser.parse_args()
+    robot = "" if options.robot == "holonomic" else options.robot
+    print("| change | policy | reached | obstacles | walls | time / optimum |\n|---|---|--:|--:|--:|--:|")
+    with ProcessPoolExecutor(options.workers) as pool:
+        for change in (name.replace("+", ", ") for name in options.changes.split(",")):
+            for name in options.policies.split(","):
+                numbers = range(options.first, options.first + options.episodes)
+                wanted = [
+                    Episode("synthetic", "synthetic", f"{kind}/{options.level}", k, robot) for kind in KINDS for k in numbers
+                ]
+                played = list(pool.map(play, wanted, repeat(name), repeat(CHANGES[change])))
+                outcomes = [outcome for outcome, _ in played]
+                contacts = sum(outcome in ("hit-moving", "hit-standing") for outcome in outcomes)
+                times = [time for outcome, time in played if outcome == "reached"]
+                row = f"{outcomes.count('reached')} of {len(played)} | {contacts} | {outcomes.count('hit-wall')}"
+                print(f"| {change} | {name} | {row} | {np.mean(times) if times else math.nan:.3f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""Policy antway learns how the robot answers commands where it is slower than declared."""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from antway import Command, Observation, RobotSpec, Tracks, check_episode, make_policy, run
+from antway.arena.suites import Episode, build
+from antway.errors import BadParameter
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.motion import drive_cycle
+from antway.kernels.robot.response import add_errors, answered
+from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.response import Response
+from antway.policies.guard import Guarded
+from antway.tables import ROBOTS
+from antway.world.robots import load_robot
+from common import cases
+from naive import motion as twin
+from test_motion import DRIVES, some_command, some_limits, some_state
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from response import CHANGES, Change, Misled, play
+
+DIFF = load_robot("diff")
+NOBODY = Tracks.none()
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_speeds_are_foretold_as_steps_of_a_millisecond_foretell_them(drive: int) -> None:
+    """For commands at each 0.1 s that act up to 0.4 s later, some before the time looked at and some within it."""
+    rng = np.random.default_rng(drive)
+    for _ in range(cases(40, 2000)):
+        limits = some_limits(rng, drive, latency=0.05 * float(rng.integers(9)), at_once=True)
+        state, n = some_state(rng, limits), int(rng.integers(1, 7))
+        given, commands = 0.1 * np.arange(10 - n, 10), np.array([some_command(rng) for _ in range(n)])
+        expected = twin.answered(state, 0.9, 1.0, given, commands, limits)
+        found = answered(state.a, state.b, 0.9, 1.0, given, commands, limits)
+        assert np.allclose(found, expected, atol=1e-6), (limits, commands)
+
+
+def test_errors_are_those_of_each_candidate() -> None:
+    """Sums over cycles with a memory; while the first candidate has been right, the others are not tried."""
+    limits = DIFF.limits
+    latencies, ramps = np.array([0.0, 0.1, 0.2]), np.array([[1.0, 1.0, 3.0], [0.5, 0.5, 1.5]])
+    given, commands, error = np.array([0.0, 0.1]), np.array([[0.0, 0.0], [1.0, 1.9]]), np.zeros((2, 3, 2))
+    right = answered(0.0, 0.0, 0.1, 0.2, given, commands, limits)
+    add_errors(np.array([0.1, 0.0, 0.0]), np.array([0.2, *right]), given, commands, limits, latencies, ramps, 0.9, error)
+    assert error.max() < 1e-20
+    for k in range(2):
+        add_errors(np.array([0.1, 0.0, 0.0]), np.array([0.2, 0.05, 0.0]), given, commands, limits, latencies, ramps, 0.9, error)
+        sums = sum(0.9**i for i in range(k + 1))
+        assert np.allclose(error[0], sums * np.array([[0.05**2, 0.0], [0.05**2, 0.05**2], [0.05**2, 0.05**2]]))
+        assert np.allclose(error[1], sums * np.array([[(0.3 / 1.9) ** 2, (0.15 / 1.9) ** 2], [0.0, 0.0], [0.0, 0.0]]))
+
+
+def drive(response: Response, real: RobotSpec, cycles: int, seed: int = 0, noise: float = 0.0) -> None:
+    """Let `real` answer random commands that are held for half a second, while `response` watches."""
+    rng, late = np.random.default_rng(seed), math.ceil(real.latency / real.dt - 1e-9)
+    state, sent = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), [(0.0, 0.0)] * (late + 1)
+    for k in range(cycles):
+        one, two = (float(at) for at in np.array([state.a, state.b]) + rng.normal(0.0, noise, 2))
+        seen = Observation(k * real.dt, (0.0, 0.0), (one, 0.0 if real.wheels else two), 0.0, NOBODY, turn_rate=two)
+        response.update(seen)
+        if k % 5 == 0:
+            asked = (float(rng.uniform(-0.3, 1.0)), float(rng.uniform(-1.0, 1.0)))
+        command = Command(twist=asked) if real.wheels else Command(asked)
+        response.record(seen, command)
+        sent = [*sent[1:], asked]
+        between = real.dt * late - real.latency  # for so long the newer of two commands acts
+        now = real.limits
+        if late:
+            state = drive_cycle(state, *sent[0], now, real.dt - between)
+            state = drive_cycle(state, *sent[1], now, between)
+        else:
+            state = drive_cycle(state, *sent[-1], now, real.dt)
+        state = state._replace(theta=0.0)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.05, 0.1, 0.25, 0.4])
+@pytest.mark.parametrize("factor", [1.0, 0.7, 0.3])
+@pytest.mark.parametrize("name", ["diff", "inertia", "holonomic"])
+def test_what_differs_is_found(name: str, factor: float, latency: float) -> None:
+    """Latency and accelerations to the step of the candidates, with and without 1 cm/s of noise."""
+    declared = load_robot(name)
+    a_max = 1.0 if math.isinf(declared.a_max) and factor < 1.0 else declared.a_max * factor
+    real = replace(declared, a_max=a_max, latency=latency)
+    for noise in (0.0, 0.01):
+        response = Response(declared)
+        drive(response, real, 60, noise=noise)
+        assert response.robot.latency == pytest.approx(latency, abs=1e-9 if noise == 0.0 else 0.051)
+        assert response.robot.a_max == pytest.approx(a_max, rel=1e-9 if noise == 0.0 else 0.35)
+        assert bool(str(response)) == (response.robot != declared)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_that_is_as_declared_stays_so(name: str) -> None:
+    """For all robots with a name, also where speeds are measured with 2 cm/s of noise."""
+    for noise in (0.0, 0.02):
+        response = Response(load_robot(name))
+        drive(response, load_robot(name), 300, noise=noise)
+        assert response.robot is response.declared and str(response) == ""
+
+
+def test_commands_before_a_gap_are_forgotten_and_those_that_are_told_count() -> None:
+    """What was sent during a gap is not known; what does not act yet is told by some simulators; what replaces counts."""
+    late = replace(DIFF, latency=0.2)
+    response, moves = Response(late), Command(twist=(1.0, 0.0))
+    for k in range(5):
+        seen = Observation(0.1 * k, (0.0, 0.0), (0.0, 0.0), 0.0, NOBODY)
+        response.update(seen)
+        response.record(seen, moves)
+        response.record(seen, Command(twist=(0.0, 0.0)))  # is what was sent
+    assert response.robot is late and response.error.max() == 0.0
+    response.record(seen, moves)
+    response.update(Observation(3.0, (0.0, 0.0), (0.0, 0.0), 0.0, NOBODY))
+    assert response.known == 0 and response.robot is late
+    told = np.array([[1.0, 0.0], [1.0, 0.0]])
+    response.update(Observation(3.1, (0.0, 0.0), (0.0, 0.0), 0.0, NOBODY, pending=told))
+    assert response.known == 2 and response.robot is late
+    response.update(Observation(3.2, (0.0, 0.0), (0.1, 0.0), 0.0, NOBODY, pending=told))
+    assert response.error.max() < 1e-12
+    assert (response.with_pending(Observation(3.2, (0.0, 0.0), (0.1, 0.0), 0.0, NOBODY)).pending == told).all()
+
+
+@pytest.mark.parametrize(
+    ("robot", "change"),
+    [
+        ("diff", "latency 0.2"),
+        ("diff", "slow turns"),
+        ("holonomic", "latency 0.1"),
+        ("holonomic", "weak"),
+        ("jackal", "latency 0.2"),
+        ("inertia", "lag, latency"),
+    ],
+)
+def test_robots_that_are_slower_than_declared_arrive(robot: str, change: str) -> None:
+    """Without what is learnt, contacts with walls and obstacles end some of these episodes; with it they all arrive."""
+    named = "" if robot == "holonomic" else robot
+    drives = [Episode("synthetic", "synthetic", f"{kind}/medium", k, named) for kind in ("clutter", "aisles") for k in range(6)]
+    assert {play(one, "antway", CHANGES[change])[0] for one in drives} == {"reached"}
+    without = [play(one, "antway/learns_response=False", CHANGES[change])[0] for one in drives]
+    assert not all(outcome == "reached" for outcome in without)
+
+
+def test_the_explanation_says_what_was_found() -> None:
+    """And every such episode passes its check; the same policy then starts anew with the robot that it is told."""
+    episode = Episode("synthetic", "synthetic", "open/medium", 0, "diff")
+    scenario = build(episode)
+    late = replace(scenario, robot=Change(latency=0.2).of(scenario.robot))
+    policy = make_policy("antway")
+    results = []
+    for _ in range(2):
+        results.append(run(late, Misled(policy, scenario.robot, Change(latency=0.2)), seed=1))
+        check_episode(results[-1])
+        assert "the robot answers with latency 0.2 in place of 0 s" in policy.explain().reason
+    first, second = (result.trace for result in results)
+    assert first is not None and second is not None and first.xy.tobytes() == second.xy.tobytes()
+
+
+def test_a_guard_around_the_policy_tells_what_it_sent() -> None:
+    """Otherwise a robot that the guard slows down would seem to be slow itself."""
+    episode = Episode("synthetic", "synthetic", "aisles/high", 0, "diff")
+    policy = AntwayPolicy(guard=False)
+    guarded = Guarded(policy)
+    run(build(episode), guarded, seed=0, horizon=15.0, record=False)
+    assert policy.state is not None
+    assert policy.state.response.robot is policy.state.response.declared and policy.state.response.error.max() < 1e-9
+
+
+def test_what_learns_can_be_chosen() -> None:
+    """Only a bool is taken; a weight of distances, for which the ants in the space of controls do not drive, turns it off."""
+    with pytest.raises(BadParameter, match="learns_response"):
+        AntwayPolicy(learns_response=1)  # type: ignore[arg-type]
+    assert not AntwayPolicy(distance_weight=0.1).learns_response and AntwayPolicy().learns_response
