@@ -7,10 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits
 from antway.kernels.robot.motion import clip_twist, clip_velocity, holonomic_ramp, wheels_segment
 
+T, X, Y, HEADING, A, B = range(6)  # columns of observations
+COLUMNS = 6
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 _LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia any time is enough to change the speeds
 _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
@@ -55,8 +58,26 @@ def answered(
     return a, b
 
 
+@bare_kernel
+def place_miss(before: NDArray[np.float64], now: NDArray[np.float64], holonomic: bool) -> float:
+    """Return how far the robot is from where its speeds led it since the observation before, m; the parameters as in `learn`.
+
+    The speeds have changed evenly or, without inertia, at once; the smaller distance counts.
+    """
+    passed = now[T] - before[T]
+    heading = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
+    least = math.inf
+    for share in (0.5, 1.0):
+        vx = share * now[A] + (1.0 - share) * before[A]
+        vy = share * now[B] + (1.0 - share) * before[B]
+        if not holonomic:
+            vx, vy = vx * math.cos(heading), vx * math.sin(heading)
+        least = min(least, math.hypot(now[X] - before[X] - passed * vx, now[Y] - before[Y] - passed * vy))
+    return least
+
+
 @kernel
-def add_errors(
+def learn(
     before: NDArray[np.float64],
     now: NDArray[np.float64],
     given: NDArray[np.float64],
@@ -66,13 +87,15 @@ def add_errors(
     ramps: NDArray[np.float64],
     memory: float,
     error: NDArray[np.float64],
+    place: NDArray[np.float64],
 ) -> None:
     """Add how wrong each candidate foretells the speeds of now from those before; only the first, while it has been right.
 
     Parameters
     ----------
-    before, now : float64[3]
-        Time in s, and the two speeds as in `RobotState`.
+    before, now : float64[6]
+        Two successive observations: time in s (T), place in m (X, Y), heading in rad (HEADING), and the two speeds as in
+        `RobotState` (A, B).
     given, commands : float64[M], float64[M, 2]
         As in `answered`.
     limits : RobotLimits
@@ -86,9 +109,14 @@ def add_errors(
     error : float64[3, L, R]
         Sums of squared errors of the speed, as shares of the top speed, while it grows or stays (GROWS) and while it falls
         (SLOWS), and of the turn rate as shares of its limit (TURNS), 0 for a holonomic robot.
+    place : float64[2]
+        Sum of the squares of `place_miss`, m^2, and of their weights.
     """
     holonomic = limits.drive == HOLONOMIC
-    slows = math.hypot(now[1], now[2]) < math.hypot(before[1], before[2]) if holonomic else abs(now[1]) < abs(before[1])
+    miss = place_miss(before, now, holonomic)
+    place[0] = memory * place[0] + miss * miss
+    place[1] = memory * place[1] + 1.0
+    slows = math.hypot(now[A], now[B]) < math.hypot(before[A], before[B]) if holonomic else abs(now[A]) < abs(before[A])
     for i in range(len(latencies)):
         for k in range(len(ramps)):
             one = RobotLimits(
@@ -103,8 +131,8 @@ def add_errors(
                 latencies[i],
                 limits.radius,
             )
-            a, b = answered(before[1], before[2], before[0], now[0], given, commands, one)
-            miss_a, miss_b = (a - now[1]) / limits.v_max, b - now[2]
+            a, b = answered(before[A], before[B], before[T], now[T], given, commands, one)
+            miss_a, miss_b = (a - now[A]) / limits.v_max, b - now[B]
             if holonomic:
                 miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0
             elif limits.turn_rate < math.inf:

@@ -31,6 +31,7 @@ _ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
 _BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
 _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
+_SPREADS = 2.0  # 1; number of standard deviations of the robot's place that are added to margins
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -204,6 +205,12 @@ class ControlColony:
         weights = _weights(self.options, robot, self.slowness, self.swerve)
         self.problem = self.problem._replace(limits=finite_limits(robot), weights=weights)
         self.margins, self.bounds = self._by_response()
+
+    def set_spread(self, spread: float) -> None:
+        """Keep more room from walls and obstacles where the robot's place is wrong by this standard deviation, m."""
+        more, weights = _SPREADS * spread, self.problem.weights
+        self.problem = self.problem._replace(weights=weights._replace(wall_margin=self.options.wall_margin + more))
+        self.margins = self.margins._replace(margin=self.options.margin + more)
 
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""

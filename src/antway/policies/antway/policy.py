@@ -238,6 +238,8 @@ class AntwayPolicy:
             if self.guard is not None:
                 self.guard.set_robot(task)
             s.task, s.decision, s.until = task, None, -math.inf
+        if s.controls is not None and s.response.spread > 0.0:
+            s.controls.set_spread(s.response.spread)
         return o if s.response.robot is s.response.declared else s.response.with_pending(o)
 
     def sent(self, observation: Observation, command: Command) -> None:
@@ -382,8 +384,8 @@ class AntwayPolicy:
                 s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
             )
             s.decision = explain(situation, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
-            if s.response.robot is not s.response.declared:
-                s.decision = replace(s.decision, reason=f"{s.decision.reason}; {s.response}")
+            if learnt := str(s.response):
+                s.decision = replace(s.decision, reason=f"{s.decision.reason}; {learnt}")
         return s.decision
 
     def planned(self) -> TimedPath | None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.response import add_errors
+from antway.kernels.robot.response import COLUMNS, A, B, T, learn
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -22,6 +22,8 @@ _LEAST = 3e-4  # 1; and lower by this, which is the square of 2 % of the top spe
 _TIE = 3e-5  # 1; candidates whose errors differ by less count as equally good; that nearest to the declared one is taken
 _GAP = 1.5  # control periods; after a longer gap between observations, earlier commands are forgotten
 _SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
+_PLACE = 0.002  # m; a smaller error of the robot's place does not count
+_AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
 
 
@@ -36,6 +38,9 @@ class Response:
     ----------
     declared, robot : RobotSpec
         The robot as it was declared, and as it is taken to be now.
+    spread : float
+        m; the standard deviation of the errors of the robot's place in x and in y, as far as they change between observations;
+        0 while it is less than 2 mm.
     """
 
     def __init__(self, declared: RobotSpec) -> None:
@@ -51,25 +56,30 @@ class Response:
         self.used = np.zeros(4, np.int64)  # indices of the latency in use, and of a_max, brake_max and alpha_max in `ramps`
         most = math.ceil((self.latencies.max() + declared.dt) / declared.dt) + 1
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
-        self.seen = np.full((most, 3), math.nan)  # times and speeds of the last observations
+        self.seen = np.zeros((most, COLUMNS))  # the last observations
+        self.spread, self.misses = 0.0, np.zeros(2)
 
     def update(self, o: Observation) -> bool:
-        """Learn from the speeds of an observation; tell whether `robot` has changed."""
-        now = np.array([o.t, *((o.speed, o.turn_rate) if self.declared.wheels else o.velocity)])
-        before = self.seen[-1].copy()
-        self.seen[:-1], self.seen[-1] = self.seen[1:].copy(), now
-        goes_on = 0.0 < now[0] - before[0] <= _GAP * self.declared.dt
-        if not goes_on:
+        """Learn from the robot's place and speeds; tell whether `robot` has changed."""
+        speeds = (o.speed, o.turn_rate) if self.declared.wheels else o.velocity
+        self.seen[:-1] = self.seen[1:]
+        self.seen[-1] = o.t, *o.xy, o.heading, *speeds
+        if not (self.seen[-2, T] < o.t <= self.seen[-2, T] + _GAP * self.declared.dt):
             self.known = 0
+            self._take_pending(o)
+            return False
         self._take_pending(o)
-        if not goes_on or self.known == 0:
-            return False
-        given, commands = self.given[-self.known :], self.commands[-self.known :]
-        arguments = before, now, given, commands, self.limited.limits, self.latencies, self.ramps, _MEMORY, self.error
-        entry(add_errors, *arguments)(*arguments)
-        if self.error[:, 0, 0].sum() <= _LEAST:
-            return False
-        return self._limit() or self._choose()
+        given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
+        candidates = self.limited.limits, self.latencies, self.ramps
+        arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.error, self.misses
+        entry(learn, *arguments)(*arguments)
+        changed = self.error[:, 0, 0].sum() > _LEAST and (self._limit() or self._choose())
+        self.spread = 0.5 * math.sqrt(self.misses[0] / self.misses[1])  # two errors in two directions
+        if self.spread <= _PLACE:
+            self.spread = 0.0
+        elif self.robot.stepwise:
+            self.robot, changed = replace(self.robot, a_max=_AT_ONCE), True
+        return changed
 
     def _take_pending(self, o: Observation) -> None:
         """Take the commands that do not act yet, if they are told, in place of those that were recorded."""
@@ -83,7 +93,7 @@ class Response:
         """Take speeds at which the robot stays as its top speeds, those declared if it is faster; tell whether they change."""
         if self.known < len(self.given):
             return False
-        robot, (speed, turn), (asked, asked_turn) = self.declared, self.seen[:, 1:].T, self.commands.T
+        robot, (speed, turn), (asked, asked_turn) = self.declared, self.seen[:, [A, B]].T, self.commands.T
         tops = {"v_max": (speed, asked), "v_reverse": (-speed, -asked), "turn_rate": (turn, asked_turn)}
         if not robot.wheels:
             tops = {"v_max": (np.hypot(speed, turn), np.hypot(asked, asked_turn))}
@@ -94,7 +104,7 @@ class Response:
             declared, used, most = getattr(robot, name), getattr(self.limited, name), float(fast.max())
             if np.ptp(fast) < _SAME * declared < fast.min() and min(wanted.min(), declared) > most + _MORE * declared:
                 found[name] = most
-            elif fast[-1] > used + _MORE * declared:
+            elif used < declared and fast[-1] > used + _MORE * declared:
                 found[name] = declared
         if not found:
             return False
@@ -133,12 +143,14 @@ class Response:
         return replace(o, pending=self.commands[len(self.commands) - late :].copy())
 
     def __str__(self) -> str:
-        """Say how the robot differs from what was declared; empty if it does not."""
+        """Say how the robot differs from what was declared, and how wrong its place is; empty if neither shows."""
         units = {"latency": "s", "v_max": "m/s", "v_reverse": "m/s", "turn_rate": "rad/s"}
         units |= {"a_max": "m/s^2", "braking": "m/s^2", "alpha_max": "rad/s^2"}
         found = [(name, unit, getattr(self.robot, name), getattr(self.declared, name)) for name, unit in units.items()]
         differ = [f"{name} {now:.2g} in place of {was:.2g} {unit}" for name, unit, now, was in found if now != was]
-        return f"the robot answers with {', '.join(differ)}" if differ else ""
+        said = [f"the robot answers with {', '.join(differ)}"] if differ else []
+        said += [f"its place is wrong by {self.spread:.2g} m"] if self.spread > 0.0 else []
+        return "; ".join(said)
 
 
 def tops(robot: RobotSpec) -> tuple[float, float, float]:
