@@ -120,24 +120,28 @@ def test_what_differs_is_found(name: str, factor: float, latency: float) -> None
         assert response.robot.latency == pytest.approx(latency, abs=0.101 if math.isinf(a_max) else 0.051)
         if math.isfinite(a_max):
             assert response.robot.a_max == pytest.approx(a_max, rel=0.35)
-        assert bool(str(response)) == (response.robot != declared)
+        assert ("the robot answers" in str(response)) == (response.robot != declared)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_robot_that_is_as_declared_stays_so(name: str) -> None:
-    """For all robots with a name, also where speeds are measured with 2 cm/s of noise."""
-    for noise in (0.0, 0.02):
-        response = Response(load_robot(name))
-        drive(response, load_robot(name), 300, noise=noise)
-        assert response.robot is response.declared and str(response) == "" and response.spread == 0.0
+    """For all robots with a name; where speeds are measured with 2 cm/s of noise, it only keeps a little more room."""
+    declared = load_robot(name)
+    response = Response(declared)
+    drive(response, declared, 300)
+    assert response.robot is declared and str(response) == "" and response.spread == 0.0
+    response = Response(declared)
+    drive(response, declared, 300, noise=0.02)
+    assert 0.0 < response.spread < 0.05
+    assert response.robot == (replace(declared, a_max=8.0) if declared.stepwise else declared)
 
 
 @pytest.mark.parametrize("name", ["diff", "inertia", "jackal", "amr", "holonomic"])
 def test_the_error_of_the_robots_place_is_found(name: str) -> None:
     """A robot that may change its velocity at once is driven with care from then on, as one with inertia is."""
     response = Response(load_robot(name))
-    drive(response, load_robot(name), 100, misplaced=0.01)
-    assert response.spread == pytest.approx(0.01, rel=0.3) and "its place is wrong by 0.0" in str(response)
+    drive(response, load_robot(name), 100, misplaced=0.02)
+    assert response.spread == pytest.approx(0.02, rel=0.5) and "its place is uncertain by 0.0" in str(response)
     assert not response.robot.stepwise
 
 

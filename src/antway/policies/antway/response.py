@@ -22,9 +22,12 @@ _LEAST = 3e-4  # 1; and lower by this, which is the square of 2 % of the top spe
 _TIE = 3e-5  # 1; candidates whose errors differ by less count as equally good; that nearest to the declared one is taken
 _GAP = 1.5  # control periods; after a longer gap between observations, earlier commands are forgotten
 _SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
-_PLACE = 0.002  # m; a smaller error of the robot's place does not count
+_DRIFT = 0.3  # s; speeds that are foretold wrongly make the robot's place wrong for this time
+_PLACE = 0.002  # m; a smaller uncertainty of the robot's place does not count
+_SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
+_KINDS = np.arange(3)  # of errors: GROWS, SLOWS and TURNS
 
 
 class Response:
@@ -39,8 +42,8 @@ class Response:
     declared, robot : RobotSpec
         The robot as it was declared, and as it is taken to be now.
     spread : float
-        m; the standard deviation of the errors of the robot's place in x and in y, as far as they change between observations;
-        0 while it is less than 2 mm.
+        m; how uncertain the robot's place is: the standard deviation of its errors in x and in y, as far as they change between
+        observations, and how far it is from where wrong speeds lead it; 0 while it is less than 2 mm.
     """
 
     def __init__(self, declared: RobotSpec) -> None:
@@ -74,12 +77,19 @@ class Response:
         arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.error, self.misses
         entry(learn, *arguments)(*arguments)
         changed = self.error[:, 0, 0].sum() > _LEAST and (self._limit() or self._choose())
-        self.spread = 0.5 * math.sqrt(self.misses[0] / self.misses[1])  # two errors in two directions
-        if self.spread <= _PLACE:
-            self.spread = 0.0
-        elif self.robot.stepwise:
+        self.spread = self._uncertainty()
+        if self.spread > 0.0 and self.robot.stepwise:
             self.robot, changed = replace(self.robot, a_max=_AT_ONCE), True
         return changed
+
+    def _uncertainty(self) -> float:
+        """Return how wrong the robot's place is when it is measured, and becomes by speeds that are foretold wrongly, m."""
+        measured = 0.5 * math.sqrt(self.misses[0] / self.misses[1])  # two errors in two directions
+        grows, slows, turns = (self.error[_KINDS, self.used[0], self.used[1:]] / self.misses[1]).tolist()
+        turn_rate = self.robot.turn_rate if math.isfinite(self.robot.turn_rate) else 1.0
+        wrong = self.robot.v_max * (math.sqrt(grows + slows) + _DRIFT * turn_rate * math.sqrt(turns))  # m/s
+        total = measured + _DRIFT * wrong
+        return total if total > _PLACE else 0.0
 
     def _take_pending(self, o: Observation) -> None:
         """Take the commands that do not act yet, if they are told, in place of those that were recorded."""
@@ -117,15 +127,14 @@ class Response:
 
     def _choose(self) -> bool:
         """Take the best candidate if it is clearly better than the one in use; tell whether it was."""
-        kinds, (latency, *ramps) = np.arange(len(self.error)), self.used.tolist()
-        total, present = self.error.min(axis=2).sum(axis=0), self.error[kinds, latency, ramps].sum()
+        total, present = self.error.min(axis=2).sum(axis=0), self.error[_KINDS, self.used[0], self.used[1:]].sum()
         best = int(np.argmax(total <= total.min() + _TIE))
         if total[best] > min(_CLEAR * present, present - _LEAST):
             return False
         self.used[:] = best, *(int(np.argmax(one[best] <= one[best].min() + _TIE)) for one in self.error)
         self.robot = self.limited
         if self.used.any():
-            a_max, brake_max, alpha_max = self.ramps[self.used[1:], kinds].tolist()
+            a_max, brake_max, alpha_max = self.ramps[self.used[1:], _KINDS].tolist()
             late = float(self.latencies[best])
             self.robot = replace(self.limited, latency=late, a_max=a_max, brake_max=brake_max, alpha_max=alpha_max)
         return True
@@ -143,13 +152,13 @@ class Response:
         return replace(o, pending=self.commands[len(self.commands) - late :].copy())
 
     def __str__(self) -> str:
-        """Say how the robot differs from what was declared, and how wrong its place is; empty if neither shows."""
+        """Say how the robot differs from what was declared, and if its place is uncertain by 1 cm or more; may be empty."""
         units = {"latency": "s", "v_max": "m/s", "v_reverse": "m/s", "turn_rate": "rad/s"}
         units |= {"a_max": "m/s^2", "braking": "m/s^2", "alpha_max": "rad/s^2"}
         found = [(name, unit, getattr(self.robot, name), getattr(self.declared, name)) for name, unit in units.items()]
         differ = [f"{name} {now:.2g} in place of {was:.2g} {unit}" for name, unit, now, was in found if now != was]
         said = [f"the robot answers with {', '.join(differ)}"] if differ else []
-        said += [f"its place is wrong by {self.spread:.2g} m"] if self.spread > 0.0 else []
+        said += [f"its place is uncertain by {self.spread:.2g} m"] if self.spread >= _SHOWN else []
         return "; ".join(said)
 
 
