@@ -48,7 +48,8 @@ class Change:
         if self.accelerations != 1.0:
             weak = min(robot.a_max * self.accelerations, 1.0), min(robot.braking * self.accelerations, 1.0)
             robot = replace(robot, a_max=weak[0], brake_max=weak[1])
-        robot = replace(robot, v_max=robot.v_max * self.tops, turn_rate=robot.turn_rate * self.tops)
+        tops = {name: getattr(robot, name) * self.tops for name in ("v_max", "v_reverse", "turn_rate")}
+        robot = replace(robot, **tops)
         return replace(robot, latency=robot.latency + self.latency, alpha_max=robot.alpha_max * self.turns)
 
 

@@ -59,7 +59,7 @@ class Response:
         self.used = np.zeros(4, np.int64)  # indices of the latency in use, and of a_max, brake_max and alpha_max in `ramps`
         most = math.ceil((self.latencies.max() + declared.dt) / declared.dt) + 1
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
-        self.seen = np.zeros((most, COLUMNS))  # the last observations
+        self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
         self.spread, self.misses = 0.0, np.zeros(2)
 
     def update(self, o: Observation) -> bool:
