@@ -223,7 +223,7 @@ class AntwayPolicy:
         return command
 
     def _learn_response(self, o: Observation) -> Observation:
-        """Learn how the robot answers commands; return the observation with those that do not act yet."""
+        """Learn how the robot answers commands; return the observation with what it lacks."""
         s = self._state
         if not self.learns_response or s.response.declared.dynamics == "steps":
             return o
@@ -238,9 +238,9 @@ class AntwayPolicy:
             if self.guard is not None:
                 self.guard.set_robot(task)
             s.task, s.decision, s.until = task, None, -math.inf
-        if s.controls is not None and s.response.spread > 0.0:
+        if s.controls is not None:
             s.controls.set_spread(s.response.spread)
-        return o if s.response.robot is s.response.declared else s.response.with_pending(o)
+        return s.response.completed(o)
 
     def sent(self, observation: Observation, command: Command) -> None:
         """Take note of the command that was sent in place of the one returned for an observation."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.response import COLUMNS, A, B, T, learn
+from antway.kernels.robot.response import COLUMNS, HEADING, TURNS, A, B, T, answered, learn
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -24,6 +24,7 @@ _GAP = 1.5  # control periods; after a longer gap between observations, earlier 
 _SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
 _DRIFT = 0.3  # s; speeds that are foretold wrongly make the robot's place wrong for this time
 _PLACE = 0.002  # m; a smaller uncertainty of the robot's place does not count
+_UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
@@ -61,6 +62,7 @@ class Response:
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
         self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
         self.spread, self.misses = 0.0, np.zeros(2)
+        self.turn_rate: float | None = None  # rad/s, as foretold; None while it is measured
 
     def update(self, o: Observation) -> bool:
         """Learn from the robot's place and speeds; tell whether `robot` has changed."""
@@ -76,11 +78,22 @@ class Response:
         candidates = self.limited.limits, self.latencies, self.ramps
         arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.error, self.misses
         entry(learn, *arguments)(*arguments)
-        changed = self.error[:, 0, 0].sum() > _LEAST and (self._limit() or self._choose())
+        unseen = self.turn_rate is None and self._turns_unseen()
+        if unseen:
+            self.turn_rate, self.error[:], self.used[:], self.robot = 0.0, 0.0, 0, self.limited
+        if self.turn_rate is not None:
+            _, self.turn_rate = answered(o.speed, self.turn_rate, self.seen[-2, T], o.t, given, commands, self.robot.limits)
+            self.error[TURNS] = 0.0
+        changed = (self.error[:, 0, 0].sum() > _LEAST and (self._limit() or self._choose())) or unseen
         self.spread = self._uncertainty()
         if self.spread > 0.0 and self.robot.stepwise:
             self.robot, changed = replace(self.robot, a_max=_AT_ONCE), True
         return changed
+
+    def _turns_unseen(self) -> bool:
+        """Tell whether the robot has turned although its turn rate was 0, because nobody measures it."""
+        (before, rate_before), (now, rate) = self.seen[-2:, [HEADING, B]].tolist()
+        return self.declared.wheels and rate == rate_before == 0.0 and abs(math.remainder(now - before, math.tau)) > _UNSEEN
 
     def _uncertainty(self) -> float:
         """Return how wrong the robot's place is when it is measured, and becomes by speeds that are foretold wrongly, m."""
@@ -146,8 +159,15 @@ class Response:
             self.known = min(self.known + 1, len(self.given))
         self.given[-1], self.commands[-1] = o.t, command.acts(o, self.declared)
 
-    def with_pending(self, o: Observation) -> Observation:
-        """Return the observation with the commands that do not act yet on the robot as it is taken to be."""
+    def completed(self, o: Observation) -> Observation:
+        """Return the observation with the commands that do not act yet on the robot as it is taken to be.
+
+        A turn rate that is not measured is replaced by the one that is foretold.
+        """
+        if self.turn_rate is not None:
+            o = replace(o, turn_rate=self.turn_rate)
+        if self.robot is self.declared:
+            return o
         late = math.ceil(self.robot.latency / self.robot.dt - 1e-9)
         return replace(o, pending=self.commands[len(self.commands) - late :].copy())
 
