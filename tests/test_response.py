@@ -161,6 +161,20 @@ def test_a_lower_top_speed_is_found_and_forgotten(name: str) -> None:
     assert response.robot.v_max == declared.v_max
 
 
+def test_who_accelerates_weakly_brakes_weakly_until_it_is_seen_to_brake_better() -> None:
+    """Otherwise it would find out only when it has to stop."""
+    response, state, weak = Response(DIFF), RobotState(0.0, 0.0, 0.0, 0.0, 0.0), replace(DIFF, a_max=0.5, brake_max=1.0)
+    for k in range(40):
+        seen = Observation(0.1 * k, (state.x, 0.0), (state.a, 0.0), 0.0, NOBODY)
+        response.update(seen)
+        command = (0.8 if k < 20 else 0.0, 0.0)
+        response.record(seen, Command(twist=command))
+        assert k < 2 or response.robot.a_max == 0.5
+        assert not 2 <= k < 20 or response.robot.brake_max == 0.5
+        state = drive_cycle(state, *command, weak.limits, 0.1)
+    assert response.robot.brake_max == 1.0
+
+
 def test_a_turn_rate_that_is_not_measured_is_foretold() -> None:
     """Simulators of others may leave it out of their observations, where it is 0 then."""
     response, twist = Response(DIFF), Command(twist=(0.0, 1.9))

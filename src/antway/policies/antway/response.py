@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.response import COLUMNS, HEADING, TURNS, A, B, T, answered, learn
+from antway.kernels.robot.response import COLUMNS, GROWS, HEADING, SLOWS, TURNS, A, B, T, answered, learn
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -144,7 +144,10 @@ class Response:
         best = int(np.argmax(total <= total.min() + _TIE))
         if total[best] > min(_CLEAR * present, present - _LEAST):
             return False
-        self.used[:] = best, *(int(np.argmax(one[best] <= one[best].min() + _TIE)) for one in self.error)
+        as_good = self.error[:, best] <= self.error[:, best].min(axis=1, keepdims=True) + _TIE
+        self.used[:] = best, *np.argmax(as_good, axis=1)
+        if as_good[SLOWS, self.used[1 + GROWS]]:  # it brakes as weakly as it accelerates, until it is seen to brake better
+            self.used[1 + SLOWS] = self.used[1 + GROWS]
         self.robot = self.limited
         if self.used.any():
             a_max, brake_max, alpha_max = self.ramps[self.used[1:], _KINDS].tolist()
