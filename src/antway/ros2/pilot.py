@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,7 @@ from antway.ros2.markers import predictions
 from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks, towards
+from antway.world.robots import RobotSpec
 
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/msg/DiagnosticStatus
 STAND = Command((0.0, 0.0))
@@ -85,6 +87,16 @@ class Goal:
     path: NDArray[np.float64] | None = None
     gives_up: bool = False
     yaw: float = math.nan
+
+
+@cache
+def prepare(robot: RobotSpec) -> None:
+    """Compile what drives a robot with inertia: one that was declared without it often turns out to have some on the way."""
+    if robot.stepwise and robot.dynamics == "ramps":
+        policy, side = AntwayPolicy(), 12.0 * robot.radius
+        grid = Grid(np.zeros((12, 12), np.bool_), robot.radius)
+        policy.reset(Task(grid, replace(robot, a_max=1.0), (0.3 * side, 0.5 * side), (0.7 * side, 0.5 * side)), 0)
+        policy.act(Observation(0.0, (0.3 * side, 0.5 * side), (0.0, 0.0), 0.0, Tracks.none()))
 
 
 class Pilot:
@@ -311,6 +323,7 @@ class Pilot:
         grid = self.grid
         if goal.path is not None:
             grid = corridor(grid, np.vstack((here, move(into, goal.path))), settings.corridor + settings.robot.radius)
+        prepare(settings.robot)
         policy = AntwayPolicy(**settings.policy)
         task = Task(grid, settings.robot, here, move_point(into, goal.xy), **settings.task)
         policy.reset(task, 0)

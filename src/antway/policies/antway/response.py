@@ -180,9 +180,9 @@ class Response:
         units |= {"a_max": "m/s^2", "braking": "m/s^2", "alpha_max": "rad/s^2"}
         found = [(name, unit, getattr(self.robot, name), getattr(self.declared, name)) for name, unit in units.items()]
         differ = [f"{name} {now:.2g} in place of {was:.2g} {unit}" for name, unit, now, was in found if now != was]
-        said = [f"the robot answers with {', '.join(differ)}"] if differ else []
-        said += [f"its place is uncertain by {self.spread:.2g} m"] if self.spread >= _SHOWN else []
-        return "; ".join(said)
+        parts = [f"the robot answers with {', '.join(differ)}"] if differ else []
+        parts += [f"its place is uncertain by {self.spread:.2g} m"] if self.spread >= _SHOWN else []
+        return "; ".join(parts)
 
 
 def tops(robot: RobotSpec) -> tuple[float, float, float]:
