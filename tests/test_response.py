@@ -49,19 +49,19 @@ def test_errors_are_those_of_each_candidate() -> None:
     """Sums over cycles with a memory; while the first candidate has been right, the others are not tried."""
     limits, given, commands = DIFF.limits, np.array([0.0, 0.1]), np.array([[0.0, 0.0], [1.0, 1.9]])
     latencies, ramps = np.array([0.0, 0.1, 0.2]), np.array([[1.0, 1.0, 3.0], [0.5, 0.5, 1.5]])
-    error, place = np.zeros((3, 3, 2)), np.zeros(2)
+    used, error, place = np.zeros(4, np.int64), np.zeros((3, 3, 2)), np.zeros(2)
     before, now = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0, 0.0, 0.05, 0.0])
     right = np.array([0.2, 0.005, 0.0, 0.0, *answered(0.0, 0.0, 0.1, 0.2, given, commands, limits)])
-    learn(before, right, given, commands, limits, latencies, ramps, 0.9, error, place)
+    learn(before, right, given, commands, limits, latencies, ramps, 0.9, used, error, place)
     assert error.max() < 1e-20
     for k in range(2):
-        learn(before, now, given, commands, limits, latencies, ramps, 0.9, error, place)
+        learn(before, now, given, commands, limits, latencies, ramps, 0.9, used, error, place)
         sums = sum(0.9**i for i in range(k + 1))
         assert np.allclose(error[GROWS], sums * np.array([[0.05**2, 0.0], [0.05**2, 0.05**2], [0.05**2, 0.05**2]]))
         assert error[SLOWS].max() == 0.0
         assert np.allclose(error[TURNS], sums * np.array([[(0.3 / 1.9) ** 2, (0.15 / 1.9) ** 2], [0.0, 0.0], [0.0, 0.0]]))
     later = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    learn(now, later, given, commands, limits, latencies, ramps, 0.9, error, place)
+    learn(now, later, given, commands, limits, latencies, ramps, 0.9, used, error, place)
     assert error[SLOWS].max() > 0.0 and place[1] == pytest.approx(0.9**3 + 0.9**2 + 0.9 + 1.0)
 
 

@@ -86,9 +86,10 @@ def learn(
     latencies: NDArray[np.float64],
     ramps: NDArray[np.float64],
     memory: float,
+    used: NDArray[np.int64],
     error: NDArray[np.float64],
     place: NDArray[np.float64],
-) -> None:
+) -> tuple[float, float, float, float]:
     """Add how wrong each candidate foretells the speeds of now from those before; only the first, while it has been right.
 
     Parameters
@@ -106,11 +107,22 @@ def learn(
         Candidates for a_max, brake_max (m/s^2) and alpha_max (rad/s^2).
     memory : float
         Share in (0, 1] of the earlier errors that is kept.
+    used : int64[4]
+        The candidate in use: index of the latency, and of each of the three limits in `ramps`.
     error : float64[3, L, R]
         Sums of squared errors of the speed, as shares of the top speed, while it grows or stays (GROWS) and while it falls
         (SLOWS), and of the turn rate as shares of its limit (TURNS), 0 for a holonomic robot.
     place : float64[2]
         Sum of the squares of `place_miss`, m^2, and of their weights.
+
+    Returns
+    -------
+    first : float
+        Sum of the squared errors of the first candidate.
+    misplaced : float
+        Standard deviation of the errors of the robot's place in x and in y, m, by `place_miss`.
+    speed, turn : float
+        Root mean squares of the errors of the candidate in use, as shares like `error`.
     """
     holonomic = limits.drive == HOLONOMIC
     miss = place_miss(before, now, holonomic)
@@ -141,4 +153,9 @@ def learn(
             error[SLOWS if slows else GROWS, i, k] += miss_a * miss_a
             error[TURNS, i, k] += miss_b * miss_b
             if i == 0 and k == 0 and error[:, 0, 0].sum() < _RIGHT:
-                return
+                return 0.0, 0.5 * math.sqrt(place[0] / place[1]), 0.0, 0.0
+    speed = error[GROWS, used[0], used[1]] + error[SLOWS, used[0], used[2]]
+    turn = error[TURNS, used[0], used[3]]
+    # Both places of a distance are wrong, in both directions.
+    misplaced = 0.5 * math.sqrt(place[0] / place[1])
+    return error[:, 0, 0].sum(), misplaced, math.sqrt(speed / place[1]), math.sqrt(turn / place[1])

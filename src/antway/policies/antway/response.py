@@ -52,6 +52,7 @@ class Response:
         others = _STEP * np.arange(round((declared.latency + _LATER) / _STEP) + 1.0)
         others = others[np.abs(others - declared.latency) > 0.5 * _STEP]
         nearest = np.argsort(np.abs(others - declared.latency), kind="stable")
+        self.limits = declared.limits  # of `limited`
         self.latencies = np.append(declared.latency, others[nearest])
         limits = np.array([declared.a_max, declared.braking, declared.alpha_max])
         slower = [np.where(np.isinf(limits), end, factor * limits) for factor, end in zip(_FACTORS, _FINITE, strict=True)]
@@ -75,17 +76,20 @@ class Response:
             return False
         self._take_pending(o)
         given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
-        candidates = self.limited.limits, self.latencies, self.ramps
-        arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.error, self.misses
-        entry(learn, *arguments)(*arguments)
-        unseen = self.turn_rate is None and self._turns_unseen()
+        candidates = self.limits, self.latencies, self.ramps
+        arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.used, self.error, self.misses
+        first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
+        unseen = self.declared.wheels and self.turn_rate is None and o.turn_rate == 0.0 and self._turns_unseen()
         if unseen:
             self.turn_rate, self.error[:], self.used[:], self.robot = 0.0, 0.0, 0, self.limited
         if self.turn_rate is not None:
             _, self.turn_rate = answered(o.speed, self.turn_rate, self.seen[-2, T], o.t, given, commands, self.robot.limits)
-            self.error[TURNS] = 0.0
-        changed = (self.error[:, 0, 0].sum() > _LEAST and (self._limit() or self._choose())) or unseen
-        self.spread = self._uncertainty()
+            self.error[TURNS] = turn = 0.0
+        changed = (first > _LEAST and (self._limit() or self._choose())) or unseen
+        turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
+        self.spread = misplaced + _DRIFT * self.robot.v_max * (speed + _DRIFT * turn)
+        if self.spread <= _PLACE:
+            self.spread = 0.0
         if self.spread > 0.0 and self.robot.stepwise:
             self.robot, changed = replace(self.robot, a_max=_AT_ONCE), True
         return changed
@@ -93,16 +97,7 @@ class Response:
     def _turns_unseen(self) -> bool:
         """Tell whether the robot has turned although its turn rate was 0, because nobody measures it."""
         (before, rate_before), (now, rate) = self.seen[-2:, [HEADING, B]].tolist()
-        return self.declared.wheels and rate == rate_before == 0.0 and abs(math.remainder(now - before, math.tau)) > _UNSEEN
-
-    def _uncertainty(self) -> float:
-        """Return how wrong the robot's place is when it is measured, and becomes by speeds that are foretold wrongly, m."""
-        measured = 0.5 * math.sqrt(self.misses[0] / self.misses[1])  # two errors in two directions
-        grows, slows, turns = (self.error[_KINDS, self.used[0], self.used[1:]] / self.misses[1]).tolist()
-        turn_rate = self.robot.turn_rate if math.isfinite(self.robot.turn_rate) else 1.0
-        wrong = self.robot.v_max * (math.sqrt(grows + slows) + _DRIFT * turn_rate * math.sqrt(turns))  # m/s
-        total = measured + _DRIFT * wrong
-        return total if total > _PLACE else 0.0
+        return rate == rate_before == 0.0 and abs(math.remainder(now - before, math.tau)) > _UNSEEN
 
     def _take_pending(self, o: Observation) -> None:
         """Take the commands that do not act yet, if they are told, in place of those that were recorded."""
@@ -135,6 +130,7 @@ class Response:
         v_reverse = min(found.get("v_reverse", self.limited.v_reverse), v_max)
         turn_rate = found.get("turn_rate", self.limited.turn_rate)
         self.limited = replace(robot, v_max=v_max, v_reverse=v_reverse, turn_rate=turn_rate)
+        self.limits = self.limited.limits
         self.error[:], self.used[:], self.robot = 0.0, 0, self.limited
         return True
 
