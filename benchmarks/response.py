@@ -45,12 +45,11 @@ class Change:
 
     def of(self, robot: RobotSpec) -> RobotSpec:
         """Return the robot that drives."""
+        real = {name: getattr(robot, name) * self.tops for name in ("v_max", "v_reverse", "turn_rate")}
         if self.accelerations != 1.0:
-            weak = min(robot.a_max * self.accelerations, 1.0), min(robot.braking * self.accelerations, 1.0)
-            robot = replace(robot, a_max=weak[0], brake_max=weak[1])
-        tops = {name: getattr(robot, name) * self.tops for name in ("v_max", "v_reverse", "turn_rate")}
-        robot = replace(robot, **tops)
-        return replace(robot, latency=robot.latency + self.latency, alpha_max=robot.alpha_max * self.turns)
+            rates = {"a_max": robot.a_max, "brake_max": robot.braking}
+            real |= {name: min(rate * self.accelerations, 1.0) for name, rate in rates.items()}
+        return replace(robot, latency=robot.latency + self.latency, alpha_max=robot.alpha_max * self.turns, **real)
 
 
 CHANGES = {
@@ -82,10 +81,8 @@ class Misled:
         """Return the policy's command as the robot answers it."""
         o, noise = observation, self.change.noise
         if noise > 0.0:
-            (x, y, vx, vy), turn = (
-                self.rng.normal(0.0, (noise, noise, 2.0 * noise, 2.0 * noise)),
-                self.rng.normal(0.0, 2.0 * noise),
-            )
+            x, y, vx, vy = self.rng.normal(0.0, (noise, noise, 2.0 * noise, 2.0 * noise))
+            turn = self.rng.normal(0.0, 2.0 * noise)
             place, velocity = (o.xy[0] + x, o.xy[1] + y), (o.velocity[0] + vx, o.velocity[1] + vy)
             o = replace(o, xy=place, velocity=velocity, turn_rate=o.turn_rate + turn)
         if self.change.latency > 0.0 and self.declared.latency == 0.0:

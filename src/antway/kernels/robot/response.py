@@ -9,28 +9,14 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import bare_kernel, kernel
-from antway.kernels.base.records import HOLONOMIC, RobotLimits
-from antway.kernels.robot.motion import clip_twist, clip_velocity, holonomic_ramp, wheels_segment
+from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
+from antway.kernels.robot.motion import drive_roughly
 
 T, X, Y, HEADING, A, B = range(6)  # columns of observations
 COLUMNS = 6
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 _LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia any time is enough to change the speeds
 _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
-
-
-@bare_kernel
-def _under(a: float, b: float, ca: float, cb: float, limits: RobotLimits, left: float) -> tuple[float, float]:
-    """Return the speeds of a robot after `left` s under the command (ca, cb)."""
-    if limits.drive == HOLONOMIC:
-        cx, cy = clip_velocity(ca, cb, limits)
-        ax, ay, time = holonomic_ramp(a, b, cx, cy, limits)
-        return (cx, cy) if time <= left else (a + ax * left, b + ay * left)
-    cv, cw = clip_twist(ca, cb, limits)
-    while left > 0.0:
-        h, _, _, _, _, a, b = wheels_segment(a, b, cv, cw, limits, left)
-        left -= h
-    return a, b
 
 
 @bare_kernel
@@ -54,7 +40,8 @@ def answered(
         first = max(given[i] + limits.latency, start)
         last = min(given[i + 1] + limits.latency, end) if i + 1 < len(given) else end
         if last - first > _LEAST:
-            a, b = _under(a, b, commands[i, 0], commands[i, 1], limits, last - first)
+            later = drive_roughly(RobotState(0.0, 0.0, 0.0, a, b), commands[i, 0], commands[i, 1], limits, last - first)
+            a, b = later.a, later.b
     return a, b
 
 
@@ -100,7 +87,7 @@ def learn(
     given, commands : float64[M], float64[M, 2]
         As in `answered`.
     limits : RobotLimits
-        As declared.
+        Of the robot; each candidate replaces its latency, a_max, brake_max and alpha_max.
     latencies : float64[L]
         Candidates for the latency, s.
     ramps : float64[R, 3]

@@ -209,6 +209,8 @@ class ControlColony:
     def set_spread(self, spread: float) -> None:
         """Keep more room from walls and obstacles where the robot's place is wrong by this standard deviation, m."""
         more, weights = _SPREADS * spread, self.problem.weights
+        if self.margins.margin == self.options.margin + more:
+            return
         self.problem = self.problem._replace(weights=weights._replace(wall_margin=self.options.wall_margin + more))
         self.margins = self.margins._replace(margin=self.options.margin + more)
 

@@ -15,7 +15,7 @@ from antway.errors import BadParameter
 from antway.grid import Moves
 from antway.kernels.base.jit import entry
 from antway.kernels.base.rng import stream
-from antway.kernels.crossing import ARRIVAL, KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
+from antway.kernels.crossing import KEPT, KNOT_COUNT, NEW, NEXT_SEARCH, SEGMENT_COUNT, cycle
 from antway.kernels.sidestep import sidestep
 from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.pheromone import window
@@ -33,6 +33,7 @@ from antway.policies.antway.state import (
     Cycle,
     State,
     carried_on,
+    drop_plan,
     fit_tables,
     full_and_careful,
     make_crowd,
@@ -267,7 +268,7 @@ class AntwayPolicy:
         if not s.detours.update(s.tracker.estimates, s.tracker.last_seen, float(o.sensed_at), o.xy):
             return
         s.paces = tuple((s.detours.timed(context), stopping_time) for context, stopping_time in s.paces)
-        s.plan.state[KNOT_COUNT], s.plan.state[ARRIVAL] = 0, math.inf
+        drop_plan(s.plan)
         if s.controls is not None:
             s.controls.set_times(s.detours.times[1])
 

@@ -54,9 +54,9 @@ class Response:
         nearest = np.argsort(np.abs(others - declared.latency), kind="stable")
         self.limits = declared.limits  # of `limited`
         self.latencies = np.append(declared.latency, others[nearest])
-        limits = np.array([declared.a_max, declared.braking, declared.alpha_max])
-        slower = [np.where(np.isinf(limits), end, factor * limits) for factor, end in zip(_FACTORS, _FINITE, strict=True)]
-        self.ramps = np.array([limits, *slower])
+        rates = np.array([declared.a_max, declared.braking, declared.alpha_max])
+        slower = [np.where(np.isinf(rates), end, factor * rates) for factor, end in zip(_FACTORS, _FINITE, strict=True)]
+        self.ramps = np.array([rates, *slower])
         self.error = np.zeros((3, len(self.latencies), len(self.ramps)))
         self.used = np.zeros(4, np.int64)  # indices of the latency in use, and of a_max, brake_max and alpha_max in `ramps`
         most = math.ceil((self.latencies.max() + declared.dt) / declared.dt) + 1
@@ -112,13 +112,12 @@ class Response:
         if self.known < len(self.given):
             return False
         robot, (speed, turn), (asked, asked_turn) = self.declared, self.seen[:, [A, B]].T, self.commands.T
-        tops = {"v_max": (speed, asked), "v_reverse": (-speed, -asked), "turn_rate": (turn, asked_turn)}
+        side = math.copysign(1.0, turn[-1])
+        driven = {"v_max": (speed, asked), "v_reverse": (-speed, -asked), "turn_rate": (side * turn, side * asked_turn)}
         if not robot.wheels:
-            tops = {"v_max": (np.hypot(speed, turn), np.hypot(asked, asked_turn))}
-        elif turn[-1] < 0.0:
-            tops["turn_rate"] = -turn, -asked_turn
+            driven = {"v_max": (np.hypot(speed, turn), np.hypot(asked, asked_turn))}
         found = {}
-        for name, (fast, wanted) in tops.items():
+        for name, (fast, wanted) in driven.items():
             declared, used, most = getattr(robot, name), getattr(self.limited, name), float(fast.max())
             if np.ptp(fast) < _SAME * declared < fast.min() and min(wanted.min(), declared) > most + _MORE * declared:
                 found[name] = most
@@ -154,7 +153,7 @@ class Response:
     def record(self, o: Observation, command: Command) -> None:
         """Record the command that is sent in answer to an observation; a second one replaces the first."""
         if self.known == 0 or self.given[-1] != o.t:
-            self.given[:-1], self.commands[:-1] = self.given[1:].copy(), self.commands[1:].copy()
+            self.given[:-1], self.commands[:-1] = self.given[1:], self.commands[1:]
             self.known = min(self.known + 1, len(self.given))
         self.given[-1], self.commands[-1] = o.t, command.acts(o, self.declared)
 

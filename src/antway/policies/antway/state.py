@@ -174,9 +174,14 @@ def make_crowd(task: Task) -> Crowd:
     )
 
 
+def drop_plan(plan: Plan) -> None:
+    """Let the next cycle plan anew."""
+    plan.state[KNOT_COUNT], plan.state[ARRIVAL] = 0, math.inf
+
+
 def carried_on(new: State, old: State) -> State:
     """Return the state `new` with what is known of obstacles in `old`, and without a plan."""
-    old.plan.state[KNOT_COUNT], old.plan.state[ARRIVAL] = 0, math.inf
+    drop_plan(old.plan)
     settings = new.settings if old.settings.tubes.edges else without_edges(new.settings)
     return replace(new, settings=settings, plan=old.plan, crowd=old.crowd, tracker=old.tracker, started=old.started)
 
