@@ -111,6 +111,17 @@ def test_an_interrupt_that_a_compiler_swallows_comes_again() -> None:
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
+@pytest.mark.parametrize("module", ["importlib._bootstrap", "llvmlite.binding.ffi", "numba.core.serialize"])
+def test_an_interrupt_waits_until_a_delicate_module_is_left(module: str) -> None:
+    """An exception at any line of these modules becomes another error or crashes: Ctrl-C comes again when they are left."""
+    delicate = f"exec('import signal; signal.raise_signal(signal.SIGINT); print(1)', {{'__name__': '{module}'}})"
+    code = f"import signal, time, antway.cli\ndef run(): {delicate}; time.sleep(20)\nantway.cli.main = run\n"
+    code += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where the tests run in the background
+    code += "from antway.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "1\n", "interrupted\n")
+
+
 @pytest.mark.skipif(not Path("/proc/self/cmdline").exists(), reason="looks at processes in /proc")
 def test_what_a_killed_run_leaves_is_sound_or_refused(tmp_path: Path) -> None:
     """kill -9 leaves no trace, a sound one, or one that is refused; the next run to the same folder succeeds."""

@@ -10,7 +10,9 @@ from types import FrameType
 from typing import Any
 
 _AGAIN = 0.05  # s; delay before an interrupt is repeated
-_IMPORTS = "<frozen importlib._bootstrap>"  # the file of the frames that import modules
+# Modules that an exception must not leave at any line: half of an import turns it into other errors or crashes, LLVM's objects
+# are freed twice, and compiled kernels that unpickle their constants return a result beside it.
+_DELICATE = ("_frozen_importlib", "importlib._bootstrap", "llvmlite.", "numba.core.serialize")
 
 
 def _repeat() -> None:
@@ -19,9 +21,9 @@ def _repeat() -> None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, but not while a module is imported: half of a module can turn it into other errors or crash."""
+    """Raise KeyboardInterrupt, or repeat the interrupt shortly after it came within a delicate module."""
     while frame is not None:
-        if frame.f_code.co_filename == _IMPORTS:
+        if str(frame.f_globals.get("__name__")).startswith(_DELICATE):
             _thread.start_new_thread(_repeat, ())
             return
         frame = frame.f_back
