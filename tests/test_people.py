@@ -203,32 +203,37 @@ def test_three_abreast_and_a_runner_do_not_touch_the_robot(way: str, velocity: s
 
 
 def test_the_guard_knows_velocities_that_are_not_told() -> None:
-    """In mode least-harm it is given the filter's, of one who was seen twice; in mode strict it takes them as unknown."""
+    """In mode least-harm it is given the filter's, soon after the first scan; in mode strict it takes them as unknown."""
     for mode in MODES:
         policy = AntwayPolicy(mode=mode)
         policy.reset(Task(Grid(np.zeros((50, 50), np.bool_), 0.2), RobotSpec(), (1.0, 5.0), (9.0, 5.0)), 1)
-        for i in range(3):
-            one = Tracks(np.array([4]), np.array([[6.2 - 0.13 * i, 5.02]]), np.full((1, 2), math.nan), np.array([0.3]))
+        for i in range(6):
+            one = Tracks(np.array([4]), np.array([[6.7 - 0.13 * i, 5.02]]), np.full((1, 2), math.nan), np.array([0.3]))
             policy.act(Observation(0.1 * i, (3.0, 5.0), (0.0, 0.0), 0.0, one))
             guard = policy.guard
             assert guard is not None
-            assert guard.tracks[0, 2] == pytest.approx(-1.3 if i > 0 and mode == "least-harm" else 0.0, abs=0.05)
+            known = i > 0 and mode == "least-harm"
+            assert guard.tracks[0, 2] == pytest.approx(-1.3 if known else 0.0, abs=0.5 if i == 1 else 0.08)
 
 
-def test_places_of_noise_are_told_from_their_innovations() -> None:
-    """The noise of places is found to within a third, and exact places have next to none, though obstacles turn."""
+@pytest.mark.parametrize("measured", [True, False])
+def test_places_of_noise_are_told_from_their_innovations(measured: bool) -> None:
+    """The noise of places is found to within a third, with velocities or without; exact places have next to none."""
     rng = np.random.default_rng(3)
     for sigma in (0.0, 0.02, 0.05, 0.1):
-        xy, v, scans = rng.uniform(0, 9, (8, 2)), rng.uniform(-1, 1, (8, 2)), []
+        xy, v, t, scans = rng.uniform(0, 9, (8, 2)), rng.uniform(-1, 1, (8, 2)), 0.0, []
         for i in range(300):
             v = np.where(rng.random((8, 1)) < 0.03, rng.uniform(-1, 1, (8, 2)), v)
-            scans.append((0.1 * i, np.arange(8), xy + rng.normal(0, sigma, (8, 2)) if sigma else xy.copy(), v.copy()))
-            xy = xy + v * 0.1
-        rows, state, found = np.zeros((16, noise.COLUMNS)), np.zeros(2), 0.0
+            velocity = v.copy() if measured else np.full((8, 2), math.nan)
+            scans.append((t, np.arange(8), xy + rng.normal(0, sigma, (8, 2)) if sigma else xy.copy(), velocity))
+            dt = 0.1 if measured else rng.uniform(0.05, 0.2)
+            xy, t = xy + v * dt, t + dt
+        rows, state, found = np.zeros((16, noise.COLUMNS)), np.zeros(3), []
         for t, ids, places, velocity in scans:
-            found = noise.place_noise(rows, state, t, ids, places, velocity)
+            found.append(noise.place_noise(rows, state, t, ids, places, velocity))
         slow = naive.place_noise(scans)
-        assert math.sqrt(found) == pytest.approx(sigma, rel=0.34, abs=1e-3)
+        assert math.sqrt(found[-1]) == pytest.approx(sigma, rel=0.34, abs=1e-3)
+        assert measured or math.sqrt(found[20]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
         assert math.sqrt(slow) == pytest.approx(sigma, rel=0.1, abs=1e-3)
 
 

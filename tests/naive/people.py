@@ -120,15 +120,24 @@ def turns(scans, side, radius, least=0.7, gap=0.3, first=10.0):
 
 
 def place_noise(scans) -> float:
-    """Variance of places from scans (t, ids, xy, velocity): the true median of all squared innovations."""
-    last, squares = {}, []
+    """Variance of places from scans (t, ids, xy, velocity): the true median of all squared innovations.
+
+    Velocities of NaN are taken from the two places before; the squares are then divided by their mean in units of the variance.
+    """
+    tracks: dict[int, list] = {}
     for t, ids, xy, velocity in scans:
         for name, place, speed in zip(ids, xy, velocity):
-            if name in last:
-                before, there, then = last[name]
-                squares.append(float(((place - there - (then + speed) / 2 * (t - before)) ** 2).sum()))
-            last[name] = t, place, speed
-    return float(np.median(squares)) / (4.0 * math.log(2.0))
+            tracks.setdefault(int(name), []).append((t, place, speed))
+    squares = []
+    for places in tracks.values():
+        for (t1, x1, v1), (t2, x2, v2) in zip(places, places[1:]):
+            if not np.isnan(v1[0]):
+                squares.append(((x2 - x1 - (v1 + v2) / 2 * (t2 - t1)) ** 2).sum() / 4.0)
+        for (t0, x0, v0), (t1, x1, _), (t2, x2, _) in zip(places, places[1:], places[2:]):
+            if np.isnan(v0[0]):
+                weights = np.array([(t2 - t1) / (t1 - t0), -(t2 - t0) / (t1 - t0), 1.0])
+                squares.append(((weights @ np.array([x0, x1, x2])) ** 2).sum() / (2.0 * (weights**2).sum()))
+    return float(np.median(squares)) / math.log(2.0)
 
 
 def stays(scans, place=1.0, least_memory=1.0):

@@ -41,7 +41,7 @@ class Tracker:
         self.estimates = self._estimates[:0]
         self.averages, self.averages_count = np.zeros((ROWS, averages.COLUMNS)), 0
         self.pool = np.zeros(averages.POOL)
-        self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(2)  # see kernels/tracking/noise.py
+        self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(3)  # see kernels/tracking/noise.py
         self._variance = np.zeros((64, 2))  # of the last scan
         self._seen, self._seen_count = np.zeros((ROWS, bounces.COLUMNS)), 0  # see kernels/tracking/turns.py
         self._turns = np.array([turns.FIRST_SECONDS, 0.0, 0.0])
