@@ -7,6 +7,7 @@ worlds that no suite has:
 
 noise         places are wrong by 0.05 m, and no covariance tells it
 no-velocity   the sensor gives no velocities
+noisy-places  both: no velocities, and places that are wrong by 0.05 m, which no covariance tells
 untold        nothing is declared but a speed of 1.5 m/s, whatever the obstacles do
 fast          discs go from key frame to key frame at 0.5 to 2.5 m/s, the robot drives 2 m/s, and nobody tells (suite barn)
 """
@@ -63,6 +64,7 @@ def fast(scenario: Scenario) -> Scenario:
 CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "none": lambda scenario: scenario,
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
+    "noisy-places": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05, velocity="none")),
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "fast": fast,
@@ -74,7 +76,7 @@ def play(episode: Episode, names: list[str], change: str, check: bool) -> list[R
     scenario = CHANGES[change](build(episode))
     bound, rows = facts(scenario, episode.seed).bound, []
     for name in names:
-        policy = Untold(make_policy(name)) if change == "noise" else make_policy(name)
+        policy = Untold(make_policy(name)) if change in ("noise", "noisy-places") else make_policy(name)
         result = run(scenario, policy, seed=episode.seed)
         assert result.trace is not None
         if check:
