@@ -222,7 +222,7 @@ def test_places_of_noise_are_told_from_their_innovations(measured: bool) -> None
     rng = np.random.default_rng(3)
     for sigma in (0.0, 0.02, 0.05, 0.1):
         xy, v, t, scans = rng.uniform(0, 9, (8, 2)), rng.uniform(-1, 1, (8, 2)), 0.0, []
-        for i in range(300):
+        for _ in range(300):
             v = np.where(rng.random((8, 1)) < 0.03, rng.uniform(-1, 1, (8, 2)), v)
             velocity = v.copy() if measured else np.full((8, 2), math.nan)
             scans.append((t, np.arange(8), xy + rng.normal(0, sigma, (8, 2)) if sigma else xy.copy(), velocity))

@@ -130,7 +130,7 @@ def place_noise(scans) -> float:
             tracks.setdefault(int(name), []).append((t, place, speed))
     squares = []
     for places in tracks.values():
-        for (t1, x1, v1), (t2, x2, v2) in zip(places, places[1:]):
+        for (t1, x1, v1), (t2, x2, v2) in pairwise(places):
             if not np.isnan(v1[0]):
                 squares.append(((x2 - x1 - (v1 + v2) / 2 * (t2 - t1)) ** 2).sum() / 4.0)
         for (t0, x0, v0), (t1, x1, _), (t2, x2, _) in zip(places, places[1:], places[2:]):
