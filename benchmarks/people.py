@@ -8,6 +8,7 @@ worlds that no suite has:
 noise         places are wrong by 0.05 m, and no covariance tells it
 no-velocity   the sensor gives no velocities
 noisy-places  both: no velocities, and places that are wrong by 0.05 m, which no covariance tells
+nameless      nobody has a number
 untold        nothing is declared but a speed of 1.5 m/s, whatever the obstacles do
 fast          discs go from key frame to key frame at 0.5 to 2.5 m/s, the robot drives 2 m/s, and nobody tells (suite barn)
 """
@@ -22,6 +23,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import repeat
 
+import numpy as np
+
 from antway import Command, Decision, Observation, Policy, Scenario, Task, check_episode, make_policy, run
 from antway.arena.causes import by_cause, with_cause
 from antway.arena.store import Row
@@ -33,10 +36,10 @@ SLOWEST = 10  # number of episodes that are named because they lose most time
 
 
 class Untold:
-    """A policy that is not told how wrong its sensor is."""
+    """A policy that is told less than its sensor knows: no covariance or no numbers."""
 
-    def __init__(self, policy: Policy) -> None:
-        self.policy = policy
+    def __init__(self, policy: Policy, missing: str) -> None:
+        self.policy, self.missing = policy, missing
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
@@ -44,7 +47,12 @@ class Untold:
 
     def act(self, observation: Observation) -> Command:
         """Return the policy's command."""
-        return self.policy.act(replace(observation, tracks=replace(observation.tracks, covariance=None)))
+        tracks = observation.tracks
+        if self.missing == "covariance":
+            tracks = replace(tracks, covariance=None)
+        else:
+            tracks = replace(tracks, id=np.full(len(tracks), -1))
+        return self.policy.act(replace(observation, tracks=tracks))
 
     def explain(self) -> Decision:
         """Return the policy's decision."""
@@ -65,10 +73,12 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "none": lambda scenario: scenario,
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
     "noisy-places": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05, velocity="none")),
+    "nameless": lambda scenario: scenario,
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "fast": fast,
 }
+MISSING = {"noise": "covariance", "noisy-places": "covariance", "nameless": "numbers"}  # what the policy is not told
 
 
 def play(episode: Episode, names: list[str], change: str, check: bool) -> list[Row]:
@@ -76,7 +86,9 @@ def play(episode: Episode, names: list[str], change: str, check: bool) -> list[R
     scenario = CHANGES[change](build(episode))
     bound, rows = facts(scenario, episode.seed).bound, []
     for name in names:
-        policy = Untold(make_policy(name)) if change in ("noise", "noisy-places") else make_policy(name)
+        policy = make_policy(name)
+        if change in MISSING:
+            policy = Untold(policy, MISSING[change])
         result = run(scenario, policy, seed=episode.seed)
         assert result.trace is not None
         if check:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from antway import Command, Grid, Observation, RobotSpec, Scenario, Task, Tracks, World, check_episode, run
 from antway.arena.predict import forecast, left_tubes
+from antway.arena.suites import build, episodes
 from antway.kernels import sidestep
 from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.harm import harm, least_harm
@@ -29,6 +31,7 @@ from antway.kernels.tracking.predict import (
 from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
+from antway.policies.antway.tracker import Tracker
 from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
 from antway.world.sensor import Sensor
@@ -214,6 +217,53 @@ def test_the_guard_knows_velocities_that_are_not_told() -> None:
             assert guard is not None
             known = i > 0 and mode == "least-harm"
             assert guard.tracks[0, 2] == pytest.approx(-1.3 if known else 0.0, abs=0.5 if i == 1 else 0.08)
+
+
+class _Nameless(AntwayPolicy):
+    """Policy antway with a sensor that reports no names, or the same name for all, in any order."""
+
+    def __init__(self, name: int) -> None:
+        super().__init__()
+        self.name, self.rng = name, np.random.default_rng(1)
+
+    def act(self, observation: Observation) -> Command:
+        seen, order = observation.tracks, self.rng.permutation(len(observation.tracks))
+        tracks = Tracks(np.full(len(seen), self.name), seen.xy[order], seen.velocity[order], seen.radius[order])
+        return super().act(replace(observation, tracks=tracks))
+
+
+@pytest.mark.parametrize("robot", ["", "diff"])
+@pytest.mark.parametrize("name", [-1, 7])
+def test_tracks_without_names_are_followed_by_their_places(name: int, robot: str) -> None:
+    """A robot whose sensor gives no names, or the same one twice, is as fast as one that is given them."""
+    total = {False: 0.0, True: 0.0}
+    for one in episodes("synthetic", 2, robot):
+        if one.group in ("open/medium", "aisles/medium"):
+            for nameless in total:
+                result = run(build(one), _Nameless(name) if nameless else "antway", seed=one.seed)
+                check_episode(result)
+                assert result.reached, one.name
+                total[nameless] += result.time
+    assert total[True] <= 1.15 * total[False]
+
+
+def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
+    """Names follow predicted places; whoever is far from all of them, or whose place is taken, gets a new one."""
+    tracker = Tracker()
+
+    def names(t: float, xy: list[tuple[float, float]]) -> list[int]:
+        n = len(xy)
+        tracks = Tracks(np.full(n, -1), np.array(xy), np.tile((1.0, 0.0), (n, 1)), np.full(n, 0.3))
+        seen = tracker.with_names(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
+        tracker.update(seen.tracks, t)
+        return seen.tracks.id.tolist()
+
+    a, b = names(0.0, [(1.0, 1.0), (4.0, 1.0)])
+    assert names(0.0, [(4.0, 1.0), (1.0, 1.0)]) == [b, a], "the same scan again"
+    assert names(0.5, [(4.5, 1.0), (1.5, 1.0)]) == [b, a]
+    *new, old = names(0.6, [(9.0, 9.0), (1.9, 1.0), (1.6, 1.1)])
+    assert old == a and not {a, b} & set(new) and len(set(new)) == 2
+    assert names(0.7, [(4.7, 1.0)]) == [b], "unseen for one scan"
 
 
 @pytest.mark.parametrize("measured", [True, False])

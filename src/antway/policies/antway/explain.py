@@ -14,6 +14,7 @@ from antway.kernels.spacetime.memory import Memory
 from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.planning import TimedPath
 from antway.policies.antway.alternatives import Situation, Weighed, manner
+from antway.policies.antway.tracker import NAMELESS
 from antway.policies.encounter import closest_approach, encounter
 from antway.world.policy import XY, Decision
 
@@ -66,6 +67,7 @@ def explain(
     alternatives: Sequence[tuple[str, float]] = (("on along the path", late),)
     if k is not None:
         name = int(now.estimates[k, NAME])
+        name = -1 if name >= NAMELESS else name
         kind = encounter(velocity, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
         how = manner(kind, velocity, path, now.segments_of(k), now.now)
         does = f"wait {waiting:.1f} s, {how}" if waiting > 0.0 else how

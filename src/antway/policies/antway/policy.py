@@ -205,14 +205,16 @@ class AntwayPolicy:
         BadParameter
             For an observation that is not finite.
         """
-        observation = self._learn_response(check_observation(observation))
+        as_sensed = self._learn_response(check_observation(observation))
         s = self._state
+        observation = s.tracker.with_names(as_sensed)
         self._update_tracks(observation)
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
         drive = self._follow_plan if s.controls is None else self._roll_out
         command, what, arrival, bound = drive(observation)
-        command = self._guarded(observation, command)
+        # Which track is which is a guess where the sensor gives no names: nothing is proven by it.
+        command = self._guarded(as_sensed if self.mode == "strict" else observation, command)
         guard_did = "" if self.guard is None else self.guard.did
         if what != KEPT or guard_did != s.guard_did or observation.t >= s.until:
             s.decision, s.until = None, math.inf

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, bounces, kalman, noise, turns
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY
+from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.world.policy import Observation, Tracks
 
 ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and hold at most
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
+NAMELESS = 2**52  # tracks that the sensor gives no name are named by numbers from here on; above, floats lose whole numbers
 _NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
 
 
@@ -46,6 +47,26 @@ class Tracker:
         self._seen, self._seen_count = np.zeros((ROWS, bounces.COLUMNS)), 0  # see kernels/tracking/turns.py
         self._turns = np.array([turns.FIRST_SECONDS, 0.0, 0.0])
         self.fastest = 0.0
+        self._next_name = NAMELESS
+
+    def with_names(self, seen: Observation) -> Observation:
+        """Return the observation with a name for each track: that of the nearest known track, or else a new one."""
+        ids = seen.tracks.id
+        if not len(ids) or ids.min() >= 0:
+            return seen
+        ids, nameless = ids.copy(), np.flatnonzero(ids < 0)
+        known = self.table[: self.count]
+        known = known[~np.isin(known[:, NAME], ids)]
+        place = known[:, X : Y + 1] + known[:, VX : VY + 1] * (seen.sensed_at - known[:, kalman.T])[:, None]
+        gap = np.hypot(*(place[:, None] - seen.tracks.xy[nameless]).transpose(2, 0, 1))
+        while gap.size and gap.min() < _NEAR:  # the nearest pair first
+            i, k = np.unravel_index(gap.argmin(), gap.shape)
+            ids[nameless[k]] = known[i, NAME]
+            gap[i], gap[:, k] = math.inf, math.inf
+        new = np.flatnonzero(ids < 0)
+        ids[new] = self._next_name + np.arange(len(new))
+        self._next_name += len(new)
+        return replace(seen, tracks=replace(seen.tracks, id=ids))
 
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
