@@ -9,6 +9,7 @@ noise         places are wrong by 0.05 m, and no covariance tells it
 no-velocity   the sensor gives no velocities
 noisy-places  both: no velocities, and places that are wrong by 0.05 m, which no covariance tells
 nameless      nobody has a number
+radius        each scan has other radii, wrong by up to 20 %
 untold        nothing is declared but a speed of 1.5 m/s, whatever the obstacles do
 fast          discs go from key frame to key frame at 0.5 to 2.5 m/s, the robot drives 2 m/s, and nobody tells (suite barn)
 """
@@ -36,13 +37,14 @@ SLOWEST = 10  # number of episodes that are named because they lose most time
 
 
 class Untold:
-    """A policy that is told less than its sensor knows: no covariance or no numbers."""
+    """A policy that is told less than its sensor knows: no covariance, no numbers or wrong radii."""
 
     def __init__(self, policy: Policy, missing: str) -> None:
         self.policy, self.missing = policy, missing
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
+        self.rng = np.random.default_rng(seed)
         self.policy.reset(task, seed)
 
     def act(self, observation: Observation) -> Command:
@@ -50,6 +52,8 @@ class Untold:
         tracks = observation.tracks
         if self.missing == "covariance":
             tracks = replace(tracks, covariance=None)
+        elif self.missing == "radii":
+            tracks = replace(tracks, radius=tracks.radius * self.rng.uniform(0.8, 1.2, len(tracks)))
         else:
             tracks = replace(tracks, id=np.full(len(tracks), -1))
         return self.policy.act(replace(observation, tracks=tracks))
@@ -74,11 +78,13 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
     "noisy-places": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05, velocity="none")),
     "nameless": lambda scenario: scenario,
+    "radius": lambda scenario: scenario,
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "fast": fast,
 }
-MISSING = {"noise": "covariance", "noisy-places": "covariance", "nameless": "numbers"}  # what the policy is not told
+# What the policy is not told.
+MISSING = {"noise": "covariance", "noisy-places": "covariance", "nameless": "numbers", "radius": "radii"}
 
 
 def play(episode: Episode, names: list[str], change: str, check: bool) -> list[Row]:

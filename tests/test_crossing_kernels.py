@@ -17,7 +17,7 @@ from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, t
 from antway.kernels.spacetime.pheromone import TRAILS, edge, evaporate, lay, slot, window
 from antway.kernels.spacetime.segments import earliest_departure, unsafe_departures, unsafe_stay
 from antway.kernels.tracking import kalman as track
-from antway.kernels.tracking.predict import NO_PREDICTIONS, TubeMargins, predict
+from antway.kernels.tracking.predict import NO_PREDICTIONS, RADIUS, TubeMargins, predict
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.state import fit_tables, make_trails
 from antway.search.sipp import Sipp
@@ -275,6 +275,24 @@ def test_who_turns_has_his_new_velocity_in_two_scans() -> None:
         off.append(float(np.hypot(*(estimates[0, 2:4] - velocity))))
         at = at + (0.06 * np.array([0.9, 0.1]) + 0.04 * np.array([-0.5, 0.6]) if i == 6 else 0.1 * velocity)
     assert estimates[0, 6] < track.UNKNOWN and max(off[1:7]) < 0.01 and off[7] > 0.3 and max(off[8:]) < 0.02
+
+
+def test_a_radius_grows_at_once_and_shrinks_slowly() -> None:
+    """One that is measured with errors is seldom taken for less than it is; one that never changes stays as it is."""
+    table, estimates, count = np.zeros((8, track.COLUMNS)), np.zeros((8, 8)), 0
+    rng, variance, found = np.random.default_rng(5), np.zeros((2, 2)), []
+    for i in range(200):
+        xy, velocity = np.array([[0.1 * i, 0.0], [0.1 * i, 5.0]]), np.array([[1.0, 0.0], [1.0, 0.0]])
+        radius = np.array([0.3, 0.3 * rng.uniform(0.8, 1.2)])
+        scan = np.array([3, 4]), xy, velocity, radius, variance
+        count, _ = track.update(table, count, 0.1 * i, *scan, 1.0, 0.8, estimates)
+        assert estimates[0, RADIUS] == 0.3 and estimates[1, RADIUS] >= radius[1]
+        found.append(estimates[1, RADIUS])
+    assert np.quantile(found[10:], 0.02) >= 0.3 and max(found) <= 0.36
+    for i in range(200, 240):
+        scan = np.array([4]), np.array([[0.1 * i, 5.0]]), np.array([[1.0, 0.0]]), np.array([0.2]), variance[:1]
+        count, _ = track.update(table, count, 0.1 * i, *scan, 1.0, 0.8, estimates)
+    assert estimates[0, RADIUS] == pytest.approx(0.2, abs=0.01)
 
 
 def test_nameless_tracks_are_told_apart_by_nearness() -> None:

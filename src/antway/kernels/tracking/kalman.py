@@ -21,6 +21,7 @@ from antway.kernels.tracking.table import drop_lost, row_of
 T, P11, P12, P22 = range(8, 12)
 COLUMNS = 12  # of the track table
 UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
+_SHRINK = 0.1  # 1; a radius grows at once, and shrinks by this share of the difference with each scan
 _TURNED = 4.0  # standard deviations; a track farther than this from its predicted place has turned
 
 
@@ -116,7 +117,8 @@ def update(
                 p11, p12, p22 = p11 - g1 * p12, (1 - g2) * p12, (1 - g2) * p22
             table[i, X], table[i, Y], table[i, VX], table[i, VY], table[i, T] = x, y, vx, vy, t
             table[i, P11], table[i, P12], table[i, P22] = p11, p12, p22
-        table[i, RADIUS] = radius[k]
+        shrunk = table[i, RADIUS] + _SHRINK * (radius[k] - table[i, RADIUS])
+        table[i, RADIUS] = radius[k] if is_new else max(radius[k], shrunk)
     count = drop_lost(table, count, T, t)
     known_tracks = min(count, len(estimates))
     for i in range(known_tracks):
