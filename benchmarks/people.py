@@ -26,7 +26,7 @@ from itertools import repeat
 
 import numpy as np
 
-from antway import Command, Decision, Observation, Policy, Scenario, Task, check_episode, make_policy, run
+from antway import Command, Decision, Observation, Policy, Scenario, Task, Tracks, check_episode, make_policy, run
 from antway.arena.causes import by_cause, with_cause
 from antway.arena.store import Row
 from antway.arena.suites import Episode, build, episodes, facts
@@ -37,10 +37,10 @@ SLOWEST = 10  # number of episodes that are named because they lose most time
 
 
 class Untold:
-    """A policy that is told less than its sensor knows: no covariance, no numbers or wrong radii."""
+    """A policy that is told less of the tracks, or wrongly: what `told` makes of them."""
 
-    def __init__(self, policy: Policy, missing: str) -> None:
-        self.policy, self.missing = policy, missing
+    def __init__(self, policy: Policy, told: Callable[[Tracks, np.random.Generator], Tracks]) -> None:
+        self.policy, self.told = policy, told
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
@@ -49,14 +49,7 @@ class Untold:
 
     def act(self, observation: Observation) -> Command:
         """Return the policy's command."""
-        tracks = observation.tracks
-        if self.missing == "covariance":
-            tracks = replace(tracks, covariance=None)
-        elif self.missing == "radii":
-            tracks = replace(tracks, radius=tracks.radius * self.rng.uniform(0.8, 1.2, len(tracks)))
-        else:
-            tracks = replace(tracks, id=np.full(len(tracks), -1))
-        return self.policy.act(replace(observation, tracks=tracks))
+        return self.policy.act(replace(observation, tracks=self.told(observation.tracks, self.rng)))
 
     def explain(self) -> Decision:
         """Return the policy's decision."""
@@ -83,8 +76,13 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "fast": fast,
 }
-# What the policy is not told.
-MISSING = {"noise": "covariance", "noisy-places": "covariance", "nameless": "numbers", "radius": "radii"}
+# What the policy is told of the tracks.
+TOLD: dict[str, Callable[[Tracks, np.random.Generator], Tracks]] = {
+    "noise": lambda tracks, rng: replace(tracks, covariance=None),
+    "noisy-places": lambda tracks, rng: replace(tracks, covariance=None),
+    "nameless": lambda tracks, rng: replace(tracks, id=np.full(len(tracks), -1)),
+    "radius": lambda tracks, rng: replace(tracks, radius=tracks.radius * rng.uniform(0.8, 1.2, len(tracks))),
+}
 
 
 def play(episode: Episode, names: list[str], change: str, check: bool) -> list[Row]:
@@ -93,8 +91,8 @@ def play(episode: Episode, names: list[str], change: str, check: bool) -> list[R
     bound, rows = facts(scenario, episode.seed).bound, []
     for name in names:
         policy = make_policy(name)
-        if change in MISSING:
-            policy = Untold(policy, MISSING[change])
+        if change in TOLD:
+            policy = Untold(policy, TOLD[change])
         result = run(scenario, policy, seed=episode.seed)
         assert result.trace is not None
         if check:

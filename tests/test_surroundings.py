@@ -101,24 +101,24 @@ def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path) -> None:
         assert "Traceback" not in errors and "Error" not in errors, (delay, errors)
 
 
-def test_an_interrupt_that_a_compiler_swallows_comes_again() -> None:
-    """LLVM calls Python to keep what it compiled, and ignores what is raised there: Ctrl-C then ends the run all the same."""
-    swallowed = "ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))(); time.sleep(20)"
-    code = f"import ctypes, signal, sys, time, antway.cli\ndef run(): {swallowed}\nantway.cli.main = run\n"
+def ended(run: str) -> subprocess.CompletedProcess[str]:
+    """Let the command line do `run`, a statement, then wait for 20 s, and return how it ended."""
+    code = f"import ctypes, signal, time, antway.cli\ndef run(): {run}; time.sleep(20)\nantway.cli.main = run\n"
     code += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where the tests run in the background
     code += "from antway.__main__ import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_an_interrupt_that_a_compiler_swallows_comes_again() -> None:
+    """LLVM calls Python to keep what it compiled, and ignores what is raised there: Ctrl-C then ends the run all the same."""
+    done = ended("ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()")
     assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 @pytest.mark.parametrize("module", ["importlib._bootstrap", "llvmlite.binding.ffi", "numba.core.serialize"])
 def test_an_interrupt_waits_until_a_delicate_module_is_left(module: str) -> None:
     """An exception at any line of these modules becomes another error or crashes: Ctrl-C comes again when they are left."""
-    delicate = f"exec('import signal; signal.raise_signal(signal.SIGINT); print(1)', {{'__name__': '{module}'}})"
-    code = f"import signal, time, antway.cli\ndef run(): {delicate}; time.sleep(20)\nantway.cli.main = run\n"
-    code += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where the tests run in the background
-    code += "from antway.__main__ import main; main()"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    done = ended(f"exec('import signal; signal.raise_signal(signal.SIGINT); print(1)', {{'__name__': '{module}'}})")
     assert (done.returncode, done.stdout, done.stderr) == (130, "1\n", "interrupted\n")
 
 

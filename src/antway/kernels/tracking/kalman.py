@@ -117,8 +117,10 @@ def update(
                 p11, p12, p22 = p11 - g1 * p12, (1 - g2) * p12, (1 - g2) * p22
             table[i, X], table[i, Y], table[i, VX], table[i, VY], table[i, T] = x, y, vx, vy, t
             table[i, P11], table[i, P12], table[i, P22] = p11, p12, p22
-        shrunk = table[i, RADIUS] + _SHRINK * (radius[k] - table[i, RADIUS])
-        table[i, RADIUS] = radius[k] if is_new else max(radius[k], shrunk)
+        if is_new or radius[k] >= table[i, RADIUS]:
+            table[i, RADIUS] = radius[k]
+        else:
+            table[i, RADIUS] += _SHRINK * (radius[k] - table[i, RADIUS])
     count = drop_lost(table, count, T, t)
     known_tracks = min(count, len(estimates))
     for i in range(known_tracks):

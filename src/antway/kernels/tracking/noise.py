@@ -18,8 +18,8 @@ from antway.kernels.tracking.table import row_of
 _NAME, _T, _X, _Y, _VX, _VY, _DT = range(7)
 COLUMNS = 7
 _LEAST = 1e-8  # m^2; a smaller variance counts as none
-_STEP = 0.1  # 1; each measurement changes the logarithm of the median by this,
-_FIRST_STEPS = 2.0  # or, the n-th one without a velocity, by this divided by n, if that is more
+_STEP = 0.1  # 1; each innovation changes the logarithm of the median by this.
+_FIRST_STEPS = 2.0  # 1; the n-th innovation without measured velocities changes it by this / n, if that is more than `_STEP`.
 _UNSEEN = 4.0 * math.log(2.0) * 0.05**2  # m^2; the median at first, if velocities are not measured: less would give wrong ones
 _FAR = 0.5  # s; an older measurement is not compared
 
