@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from antway import Grid, RobotSpec, Scenario, World, check_episode, run
+from antway import Grid, RobotSpec, Scenario, Task, World, check_episode, run
 from antway.kernels.base.records import Terrain
 from antway.kernels.controls.outlook import Margins, SpeedBounds, look_ahead
 from antway.kernels.controls.problem import CONTACT, TURN_DISTANCE, TURN_TIME
@@ -15,7 +15,7 @@ from antway.kernels.tracking.bounces import COLUMNS
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA_V, VX, VY, X, Y
 from antway.kernels.tracking.turns import FIRST_SECONDS, count_turns
-from antway.policies.antway.controls import ControlOptions
+from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Waypoints
 from antway.world.rollouts import empty_outlook
@@ -80,6 +80,21 @@ def test_the_reach_of_turns_is_what_an_obstacle_gains_before_the_robot_is_out_of
         assert reach[k] == pytest.approx(gain.max(), abs=1e-6)
         assert outlook.disc[k, 0, TURN_TIME] == pytest.approx(min(0.1 * (k + 1), 0.15 + change / 2.0))
     assert (outlook.near == 1).all()
+
+
+def test_velocities_count_as_wrong_by_as_much_as_turns_change_them() -> None:
+    """A turn of 2 m/s in every 5 s has, drawn at random again and again, the spread along an axis that is assumed."""
+    task = Task(Grid(np.zeros((40, 40), np.bool_), 0.1), RobotSpec(a_max=1.0), (1.0, 1.0), (3.0, 3.0))
+    colony = ControlColony(ControlOptions(turned=0.4), task, np.zeros((40, 40)), 3, None)
+    estimates = np.zeros((2, 8))
+    estimates[:, VX] = 0.1, 8.0
+    _, velocity = colony.deviations(estimates, np.array([0.02, 0.02]), 1.0, (0.2, 2.0)).T
+    rng = np.random.default_rng(5)
+    number, angle = rng.poisson(0.2 * 0.4, 100_000), rng.uniform(-math.pi, math.pi, 100_000)
+    assert velocity[0] == pytest.approx((2.0 * number.astype(bool) * np.cos(angle)).std(), rel=0.05)
+    assert velocity[1] == pytest.approx(0.12 * 8.0)
+    _, velocity = colony.deviations(estimates, np.array([0.02, 0.02]), 0.0, (0.0, 0.0)).T
+    assert velocity == pytest.approx(0.02)
 
 
 def test_a_robot_with_inertia_keeps_away_from_obstacles_that_turn_again_and_again() -> None:

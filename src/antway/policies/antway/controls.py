@@ -76,6 +76,8 @@ class ControlOptions:
         1; least standard deviation of an obstacle's predicted velocity, as a share of its speed, while one in twenty
         predictions or more fails, as is assumed at first. It falls with that share (kernels/tracking/prediction_error.py), and
         is smaller if the scenario declares that obstacles swerve less than people do.
+    turned : float
+        s; velocities count as wrong by at least as much as the turns of obstacles change them in this time.
     margin : float
         m; is added to the distance of the centres at which contact begins.
     preferred_gap : float
@@ -127,6 +129,7 @@ class ControlOptions:
     off_plan: float = 0.5
     trust: float = 0.3
     unsure: float = 0.12
+    turned: float = 0.25
     margin: float = 0.01
     preferred_gap: float = 0.05
     near: float = 0.2
@@ -223,7 +226,11 @@ class ControlColony:
         self.nearest += static_time(field, last) - before
 
     def deviations(
-        self, estimates: NDArray[np.float64], velocity_error: NDArray[np.float64], distrust: float
+        self,
+        estimates: NDArray[np.float64],
+        velocity_error: NDArray[np.float64],
+        distrust: float,
+        turns: tuple[float, float],
     ) -> NDArray[np.float64]:
         """Return the standard deviations of the tracks' places (m) and velocities (m/s), float64[K, 2].
 
@@ -235,10 +242,15 @@ class ControlColony:
             Standard deviations of predicted velocities, m/s, of kernels/tracking/prediction_error.py.
         distrust : float
             0 to 1, of the same kernels; how much of `ControlOptions.unsure` applies.
+        turns : (float, float)
+            As in `act`.
         """
+        rate, change = turns
+        turned = math.sqrt(0.5 * rate * self.options.turned) * change  # along one axis
         speed = np.hypot(estimates[:, VX], estimates[:, VY])
         unsure = self.unsure * min(self.slowness * distrust, 1.0)
-        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, unsure * speed)))
+        least = np.maximum(unsure * speed, turned)
+        return np.column_stack((estimates[:, SIGMA], np.maximum(velocity_error, least)))
 
     def act(
         self,

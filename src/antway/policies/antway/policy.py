@@ -292,10 +292,10 @@ class AntwayPolicy:
         delay, acting_at, robot = acting(o, s.task.robot)
         _, _, _, arrival, bound = self._plan(acting_at, o.t - o.sensed_at + delay)
         n, m, known = int(s.plan.state[KNOT_COUNT]), int(s.plan.state[SEGMENT_COUNT]), len(s.tracker.estimates)
-        sigma = s.controls.deviations(
-            s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.pool, s.crowd.missed)
-        )
         turns = s.tracker.count_turns(o.sensed_at, s.terrain)
+        sigma = s.controls.deviations(
+            s.tracker.estimates, s.crowd.velocity_error[:known], distrust(s.crowd.pool, s.crowd.missed), turns
+        )
         command = s.controls.act(o, acting_at.t, robot, s.plan.segments[:m], sigma, s.plan.knots[:n], arrival, turns)
         return command, KEPT if s.controls.same_path() else NEW, arrival, bound
 
