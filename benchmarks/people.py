@@ -11,6 +11,7 @@ noisy-places  both: no velocities, and places that are wrong by 0.05 m, which no
 nameless      nobody has a number
 radius        each scan has other radii, wrong by up to 20 %
 untold        nothing is declared but a speed of 1.5 m/s, whatever the obstacles do
+circles       discs go round on circles, and only a speed of 1.5 m/s is declared (suite synthetic, groups open/...)
 fast          discs go from key frame to key frame at 0.5 to 2.5 m/s, the robot drives 2 m/s, and nobody tells (suite barn)
 """
 
@@ -31,7 +32,7 @@ from antway.arena.causes import by_cause, with_cause
 from antway.arena.store import Row
 from antway.arena.suites import Episode, build, episodes, facts
 from antway.version import __version__
-from antway.world.motions import Waypoints
+from antway.world.motions import Bounce, Replay, Waypoints
 
 SLOWEST = 10  # number of episodes that are named because they lose most time
 
@@ -66,6 +67,22 @@ def fast(scenario: Scenario) -> Scenario:
     return replace(scenario, world=world, robot=replace(scenario.robot, v_max=2.0), obstacle_speed=1.5)
 
 
+def circles(scenario: Scenario) -> Scenario:
+    """Let the discs of suite synthetic go round on circles of 0.7 to 3 m, on the side of the map's middle."""
+    world, t, discs = scenario.world, np.arange(0.0, scenario.horizon + 0.05, 0.1), []
+    rows, cols = world.grid.shape
+    middle = np.array(world.grid.centre((rows // 2, cols // 2)))
+    for i, one in enumerate(world.obstacles):
+        assert isinstance(one.motion, Bounce) and isinstance(one.motion.heading, float), "for suite synthetic"
+        radius, start = 0.7 + 2.3 * (one.motion.heading / math.tau % 1.0), np.array(one.motion.start)
+        arm = radius * (start - middle) / math.dist(start, middle)
+        angle = (-1) ** i * one.motion.speed / radius * t
+        turned = np.outer(np.cos(angle), arm) + np.outer(np.sin(angle), (-arm[1], arm[0]))
+        points = tuple(map(tuple, (start - arm + turned).tolist()))
+        discs.append(replace(one, motion=Replay(tuple(t.tolist()), points)))
+    return CHANGES["untold"](replace(scenario, world=replace(world, obstacles=tuple(discs))))
+
+
 CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "none": lambda scenario: scenario,
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
@@ -74,6 +91,7 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "radius": lambda scenario: scenario,
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
+    "circles": circles,
     "fast": fast,
 }
 # What the policy is told of the tracks.

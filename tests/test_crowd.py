@@ -116,7 +116,7 @@ def test_courses_are_straightened_by_no_more_than_a_centimetre() -> None:
         angle = np.cumsum(rng.normal(0.0, rng.choice([0.0, 0.02, 0.2]), crowd.STEPS))
         trajectory = np.column_stack((np.cos(angle), np.sin(angle)))
         straight, first = trajectory.copy(), int(rng.integers(0, 10))
-        crowd._straighten(straight, first, crowd.STEPS)
+        crowd.straighten(straight, first, crowd.STEPS)
         off = np.hypot(*np.cumsum((straight - trajectory) * STEP_TIME, axis=0).T)
         changes = np.flatnonzero((np.diff(straight, axis=0) != 0.0).any(axis=1))
         assert off.max() <= 0.01 + 1e-12 and off[[*changes, -1]].max() < 1e-12

@@ -155,3 +155,39 @@ def stays(scans, place=1.0, least_memory=1.0):
                 since, places = t, [xy]
             known[name] = since, t, places
     return known
+
+
+def turn_rates(scans, memory=0.4, later=0.8, least=0.05, lost=1.0):
+    """Turn rates of the last scan, 0 for a straight line: whole histories, sums written out, without walls.
+
+    A scan is (t, {name: (x, y, vx, vy)}). Returns {name: rate}. The straight line is that of the last velocity.
+    """
+    past, errors, pending = {}, {}, {}  # pending: (t, place, velocity, rate) of the forecast
+    pool, comparisons, out = np.zeros(2), 0, {}
+    for t, tracks in scans:
+        for name, (x, y, vx, vy) in tracks.items():
+            if name in past and t - past[name][-1][0] > lost:
+                del past[name], errors[name]
+                pending.pop(name, None)
+            history = past.setdefault(name, [])
+            history.append((t, complex(vx, vy)))
+            weights, turned = [], []
+            for (a, u), (b, v) in pairwise(history):
+                weights.append((1 - math.exp(-(b - a) / memory)) * math.exp(-(t - b) / memory))
+                turned.append(np.angle(v / u) / (b - a) if min(abs(u), abs(v)) > least else 0.0)
+            rate = float(np.average(turned, weights=weights)) if weights else 0.0
+            own = errors.setdefault(name, [])
+            since = t - pending[name][0] if name in pending else math.inf
+            if len(history) > 1 and since >= later - 1e-6:
+                if since < 2 * later:
+                    _, place, velocity, old = pending[name]
+                    moments = (np.arange(2000) + 0.5) * since / 2000
+                    ends = place + velocity * since, place + (velocity * np.exp(1j * old * moments)).mean() * since
+                    off = np.abs(np.array(ends) - complex(x, y)) / since
+                    comparisons += 1
+                    pool = pool + max(0.05, 1.0 / comparisons) * (off - pool)
+                    own.append(off)
+                pending[name] = t, complex(x, y), complex(vx, vy), rate
+            straight, circle = sum((0.8**i * off for i, off in enumerate(reversed(own))), 2.0 * pool)
+            out[name] = rate if circle < 0.5 * straight else 0.0
+    return out

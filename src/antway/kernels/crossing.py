@@ -19,6 +19,7 @@ from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
 from antway.kernels.tracking.crowd import foresee
+from antway.kernels.tracking.curves import predict_turns
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 from antway.kernels.tracking.prediction_error import compare_predictions, store_predictions
 
@@ -67,6 +68,7 @@ class Crowd(NamedTuple):
     counts: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `stored` in use
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
+    turn_rate: NDArray[np.float64]  # [M] rad/s; of kernels/tracking/curves.py
     stored: NDArray[np.float64]  # [M, prediction_error.COLUMNS] stored predictions and their errors
     pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
     missed: NDArray[np.int64]  # [1] number of predictions of all tracks that missed
@@ -302,6 +304,7 @@ def cycle(
         most_delay = s.delay_per_error * velocity_error.mean()
     # Predict all obstacles.
     crowd.counts[0] = foresee(crowd.rows, crowd.counts[0], estimates, scanned, s.preferred_speed, crowd.prediction)
+    predict_turns(estimates, crowd.turn_rate[:n], crowd.prediction)
     c = _Cycle(context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
     as_predicted = _as_predicted(c)
     count = _predict(c, s.tubes, plan.segments)

@@ -17,7 +17,7 @@ from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 
 # First columns of a row in tables that compare scans: the name of the track, and when, where and with what velocity it was last
 # seen.
-NAMED, SEEN, _X, _Y, _VX, _VY = range(6)
+NAMED, SEEN, _X, _Y, LAST_VX, LAST_VY = range(6)
 COLUMNS = 6
 GAP = 0.3  # s; a wall explains a change of velocity if the track would have touched it within this time
 _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
@@ -27,7 +27,7 @@ _CHANGED = 0.1  # m/s; a smaller change of velocity is not looked at as a bounce
 def remember(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float) -> None:
     """Store when, where and with what velocity a track is seen."""
     row[NAMED], row[SEEN], row[_X], row[_Y] = estimate[NAME], t, estimate[X], estimate[Y]
-    row[_VX], row[_VY] = estimate[VX], estimate[VY]
+    row[LAST_VX], row[LAST_VY] = estimate[VX], estimate[VY]
 
 
 @bare_kernel
@@ -39,7 +39,7 @@ def velocity_change(
     If the new velocity is nearer to the last one, mirrored at a wall or an edge of the map, the change is measured from that.
     Otherwise the normal is (0, 0).
     """
-    vx, vy, last_vx, last_vy = estimate[VX], estimate[VY], row[_VX], row[_VY]
+    vx, vy, last_vx, last_vy = estimate[VX], estimate[VY], row[LAST_VX], row[LAST_VY]
     change = math.hypot(vx - last_vx, vy - last_vy)
     if change >= _CHANGED:
         time = max(t - row[SEEN], GAP)

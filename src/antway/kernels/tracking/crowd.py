@@ -148,7 +148,7 @@ def _learn_goal(
 
 
 @bare_kernel
-def _straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
+def straighten(prediction: NDArray[np.float64], first: int, last: int) -> None:
     """Replace runs of steps in [first, last) by their mean velocity where that moves the person by at most _DEVIATION m.
 
     Steps with one velocity become one motion segment (kernels/tracking/predict.py), which makes planning faster.
@@ -223,8 +223,8 @@ def foresee(
         people, after = after, people
     if avoiding:
         for k in range(n):
-            _straighten(prediction[k], _EXACT, _FAR_STEP)
-            _straighten(prediction[k], _FAR_STEP, STEPS)
+            straighten(prediction[k], _EXACT, _FAR_STEP)
+            straighten(prediction[k], _FAR_STEP, STEPS)
     return n
 
 

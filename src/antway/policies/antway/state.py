@@ -167,6 +167,7 @@ def make_crowd(task: Task) -> Crowd:
         counts=np.zeros(2, np.int64),
         prediction=np.empty((ROWS, crowd.STEPS, 2)),
         averaged=np.zeros((ROWS, 8)),
+        turn_rate=np.zeros(ROWS),
         stored=np.zeros((ROWS, prediction_error.COLUMNS)),
         pool=np.array([error * relative_swerve(task), weight]),
         missed=np.zeros(1, np.int64),
@@ -216,6 +217,7 @@ def fit_tables(s: State, tracks: int) -> None:
         rows=longer(c.rows, n),
         prediction=longer(c.prediction, n),
         averaged=longer(c.averaged, n),
+        turn_rate=longer(c.turn_rate, n),
         stored=longer(c.stored, n),
         velocity_error=longer(c.velocity_error, n),
     )

@@ -1,0 +1,166 @@
+"""Tracks that turn at a constant rate: they are predicted on a circle where that has foretold them better than a straight line.
+
+The model is that of constant turn rate and velocity (Schubert, Richter and Wanielik: Comparison and evaluation of advanced
+motion models for vehicle tracking, Fusion 2008).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import reflected
+from antway.kernels.base.jit import bare_kernel, kernel
+from antway.kernels.base.records import Terrain
+from antway.kernels.tracking import bounces
+from antway.kernels.tracking.bounces import NAMED, SEEN, remember, velocity_change
+from antway.kernels.tracking.crowd import STEPS, straighten
+from antway.kernels.tracking.kalman import UNKNOWN
+from antway.kernels.tracking.predict import NAME, SIGMA_V, STEP_TIME, VX, VY, X, Y
+from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error
+from antway.kernels.tracking.table import drop_lost, row_of
+
+# Columns of a row after those of kernels/tracking/bounces.py: the average turn rate and the weight of what went into it; when
+# and where the models predicted from, the velocity of the straight line, and velocity and turn rate of the circle. The last
+# POOL are the errors of both (see `count_comparison`).
+_RATE = bounces.COLUMNS
+_WEIGHT = _RATE + 1
+_SINCE = _RATE + 2
+_FROM = _RATE + 3
+_LINE = _RATE + 5
+_CIRCLE = _RATE + 7
+POOL = 3  # entries of `pool`
+COLUMNS = _CIRCLE + 3 + POOL
+_STRAIGHT, _TURNING = range(2)  # the models
+_MEMORY = 0.4  # s; turn rates are averaged over this time
+_STANDS = 0.05  # m/s; a slower track has no direction that could turn
+_BETTER = 0.5  # 1; a track is predicted on a circle if the error of that is below this share
+_TURNS_FOR = 4.0  # s; after this time ahead it is predicted to go straight
+_MOST = 32  # only so many tracks are predicted on circles, because the memory for motion segments is limited
+
+
+@kernel
+def turn_rates(
+    rows: NDArray[np.float64],
+    count: int,
+    pool: NDArray[np.float64],
+    estimates: NDArray[np.float64],
+    straight: NDArray[np.float64],
+    terrain: Terrain,
+    t: float,
+    out: NDArray[np.float64],
+) -> int:
+    """Write the turn rate with which each track is predicted, rad/s, 0 for a straight line; return how many rows are in use.
+
+    Parameters
+    ----------
+    rows : float64[M, COLUMNS]
+        The tracks known so far are the rows below `count`.
+    pool : float64[POOL]
+        As in `count_comparison`; zeros at first.
+    estimates : float64[K, 8]
+        As in kernels/tracking/predict.py, at time `t` s.
+    straight : float64[K, 8]
+        The same with the velocities of the straight lines; a track that turns gets its last velocity.
+    terrain : Terrain
+    out : float64[K]
+        Filled.
+    """
+    count = drop_lost(rows, count, SEEN, t)
+    for k in range(len(estimates)):
+        estimate = estimates[k]
+        out[k] = 0.0
+        if estimate[NAME] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
+            continue
+        i = row_of(rows, count, NAMED, estimate[NAME])
+        if i == len(rows):
+            continue
+        row = rows[i]
+        if i == count:
+            count += 1
+            row[:] = 0.0
+            row[_SINCE] = -math.inf
+        elif t > row[SEEN]:
+            _average(row, estimate, t, terrain)
+            _compare(row, pool, estimate, straight[k], t)
+        remember(row, estimate, t)
+        if summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
+            out[k] = row[_RATE]
+            straight[k, VX], straight[k, VY] = estimate[VX], estimate[VY]
+    return count
+
+
+@bare_kernel
+def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float, terrain: Terrain) -> None:
+    """Take the turn since a track was seen last into its average turn rate; a bounce mirrors the rate, and is no turn."""
+    vx, vy, dt = row[bounces.LAST_VX], row[bounces.LAST_VY], t - row[SEEN]
+    _, n_x, n_y = velocity_change(row, estimate, t, terrain)
+    if n_x != 0.0 or n_y != 0.0:
+        vx, vy = reflected(vx, vy, n_x, n_y)
+        row[_RATE], row[_SINCE] = -row[_RATE], -math.inf
+    turn = 0.0
+    if min(math.hypot(vx, vy), math.hypot(estimate[VX], estimate[VY])) > _STANDS:
+        turn = math.atan2(vx * estimate[VY] - vy * estimate[VX], vx * estimate[VX] + vy * estimate[VY])
+    old = math.exp(-dt / _MEMORY) * row[_WEIGHT]
+    row[_WEIGHT] = old + 1.0 - math.exp(-dt / _MEMORY)
+    row[_RATE] += (1.0 - old / row[_WEIGHT]) * (turn / dt - row[_RATE])
+
+
+@bare_kernel
+def _compare(
+    row: NDArray[np.float64],
+    pool: NDArray[np.float64],
+    estimate: NDArray[np.float64],
+    straight: NDArray[np.float64],
+    t: float,
+) -> None:
+    """Compare where both models predicted a track with where it is, if that is due, and predict anew."""
+    since = t - row[_SINCE]
+    if since < LATER - 1e-6:
+        return
+    if since < 2.0 * LATER:
+        dx, dy = estimate[X] - row[_FROM], estimate[Y] - row[_FROM + 1]
+        count_comparison(row, pool)
+        add_error(row, pool, _STRAIGHT, math.hypot(dx / since - row[_LINE], dy / since - row[_LINE + 1]))
+        vx, vy = mean_velocity(row[_CIRCLE], row[_CIRCLE + 1], row[_CIRCLE + 2], 0.0, since)
+        add_error(row, pool, _TURNING, math.hypot(dx / since - vx, dy / since - vy))
+    row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimate[X], estimate[Y]
+    row[_LINE], row[_LINE + 1] = straight[VX], straight[VY]
+    row[_CIRCLE], row[_CIRCLE + 1], row[_CIRCLE + 2] = estimate[VX], estimate[VY], row[_RATE]
+
+
+@bare_kernel
+def mean_velocity(vx: float, vy: float, rate: float, start: float, end: float) -> tuple[float, float]:
+    """Return the mean velocity from `start` to `end` s ahead of a track that turns at `rate` rad/s."""
+    half, middle = 0.5 * rate * (end - start), 0.5 * rate * (start + end)
+    shorter = math.sin(half) / half if abs(half) > 1e-9 else 1.0  # the chord of the arc by its length
+    c, s = shorter * math.cos(middle), shorter * math.sin(middle)
+    return vx * c - vy * s, vx * s + vy * c
+
+
+@kernel
+def predict_turns(estimates: NDArray[np.float64], rates: NDArray[np.float64], prediction: NDArray[np.float64]) -> None:
+    """Write the velocities of tracks that turn, at `rates` rad/s, to `prediction`, where it has none of them.
+
+    Parameters
+    ----------
+    estimates : float64[K, 8]
+        As in kernels/tracking/predict.py.
+    rates : float64[K]
+        Of `turn_rates`.
+    prediction : float64[N, STEPS, 2]
+        As `predict` takes it, N >= K.
+    """
+    last, written = round(_TURNS_FOR / STEP_TIME), 0
+    for k in range(len(estimates)):
+        if rates[k] == 0.0 or not math.isnan(prediction[k, 0, 0]) or written == _MOST:
+            continue
+        written += 1
+        for s in range(STEPS):
+            start = min(s, last) * STEP_TIME
+            end = start + STEP_TIME if s < last else start
+            vx, vy = mean_velocity(estimates[k, VX], estimates[k, VY], rates[k], start, end)
+            prediction[k, s, 0], prediction[k, s, 1] = vx, vy
+        straighten(prediction[k], 0, last)
