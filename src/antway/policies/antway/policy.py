@@ -263,7 +263,6 @@ class AntwayPolicy:
             s.crowd.averaged[: len(estimates)] = estimates
         else:
             s.tracker.average(t, s.terrain, s.crowd.averaged)
-            s.tracker.turn_rates(t, s.terrain, s.crowd.averaged, s.crowd.turn_rate)
 
     def _look_for_detours(self, o: Observation) -> None:
         """If obstacles have stayed where they are for long, plan anew with times to the goal that count with that."""

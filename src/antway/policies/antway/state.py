@@ -15,7 +15,7 @@ from antway.kernels.crossing import ARRIVAL, KNOT_COUNT, Crowd, Plan, Settings
 from antway.kernels.spacetime.context import PlanningContext
 from antway.kernels.spacetime.memory import HEAP, KNOTS, LEGS, NEAR, SEGMENTS, STATES, Memory
 from antway.kernels.spacetime.pheromone import TRAILS, Trails
-from antway.kernels.tracking import crowd, prediction_error
+from antway.kernels.tracking import crowd, curves, prediction_error
 from antway.planning import TimedPath
 from antway.policies.antway.controls import ControlColony
 from antway.policies.antway.detours import Detours
@@ -164,9 +164,11 @@ def make_crowd(task: Task) -> Crowd:
     error, weight = prediction_error.POOL
     return Crowd(
         rows=np.zeros((ROWS, crowd.COLUMNS)),
-        counts=np.zeros(2, np.int64),
+        counts=np.zeros(3, np.int64),
         prediction=np.empty((ROWS, crowd.STEPS, 2)),
         averaged=np.zeros((ROWS, 8)),
+        turning=np.zeros((ROWS, curves.COLUMNS)),
+        turning_pool=np.zeros(curves.POOL),
         turn_rate=np.zeros(ROWS),
         stored=np.zeros((ROWS, prediction_error.COLUMNS)),
         pool=np.array([error * relative_swerve(task), weight]),
@@ -217,6 +219,7 @@ def fit_tables(s: State, tracks: int) -> None:
         rows=longer(c.rows, n),
         prediction=longer(c.prediction, n),
         averaged=longer(c.averaged, n),
+        turning=longer(c.turning, n),
         turn_rate=longer(c.turn_rate, n),
         stored=longer(c.stored, n),
         velocity_error=longer(c.velocity_error, n),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking import averages, bounces, curves, kalman, noise, turns
+from antway.kernels.tracking import averages, bounces, kalman, noise, turns
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.world.policy import Observation, Tracks
 
@@ -45,8 +45,6 @@ class Tracker:
         self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(3)  # see kernels/tracking/noise.py
         self._variance = np.zeros((64, 2))  # of the last scan
         self._seen, self._seen_count = np.zeros((ROWS, bounces.COLUMNS)), 0  # see kernels/tracking/turns.py
-        self._curves, self._curves_count = np.zeros((ROWS, curves.COLUMNS)), 0
-        self._curves_pool = np.zeros(curves.POOL)
         self._turns = np.array([turns.FIRST_SECONDS, 0.0, 0.0])
         self.fastest = 0.0
         self._next_name = NAMELESS
@@ -93,11 +91,6 @@ class Tracker:
         arguments = self.averages, self.averages_count, self.pool, self.estimates, terrain, float(t), out
         self.averages_count = entry(averages.averaged, *arguments)(*arguments)
 
-    def turn_rates(self, t: float, terrain: Terrain, straight: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-        """Write the turn rates of tracks that turn at time `t` s to `out`, as `curves.turn_rates` does."""
-        arguments = self._curves, self._curves_count, self._curves_pool, self.estimates, straight, terrain, float(t), out
-        self._curves_count = entry(curves.turn_rates, *arguments)(*arguments)
-
     def count_turns(self, t: float, terrain: Terrain) -> tuple[float, float]:
         """Count the turns in the scan at time `t` s; return how often tracks turn, 1/s, and by how much on average, m/s."""
         arguments = self._seen, self._seen_count, self._turns, self.estimates, terrain, float(t)
@@ -107,8 +100,8 @@ class Tracker:
 
     def resize(self, rows: int) -> None:
         """Make the tables so long."""
-        self.table, self._estimates, self.averages, self._seen, self._curves = (
-            longer(table, rows) for table in (self.table, self._estimates, self.averages, self._seen, self._curves)
+        self.table, self._estimates, self.averages, self._seen = (
+            longer(table, rows) for table in (self.table, self._estimates, self.averages, self._seen)
         )
 
     def _variances(self, tracks: Tracks, t: float) -> NDArray[np.float64]:
