@@ -75,7 +75,8 @@ def circles(scenario: Scenario) -> Scenario:
     for i, one in enumerate(world.obstacles):
         assert isinstance(one.motion, Bounce) and isinstance(one.motion.heading, float), "for suite synthetic"
         radius, start = 0.7 + 2.3 * (one.motion.heading / math.tau % 1.0), np.array(one.motion.start)
-        arm = radius * (start - middle) / math.dist(start, middle)
+        out = start - middle if math.dist(start, middle) > 0.0 else np.array([1.0, 0.0])
+        arm = radius * out / np.hypot(*out)
         angle = (-1) ** i * one.motion.speed / radius * t
         turned = np.outer(np.cos(angle), arm) + np.outer(np.sin(angle), (-arm[1], arm[0]))
         points = tuple(map(tuple, (start - arm + turned).tolist()))

@@ -157,7 +157,7 @@ def stays(scans, place=1.0, least_memory=1.0):
     return known
 
 
-def turn_rates(scans, memory=0.4, later=0.8, least=0.05, lost=1.0):
+def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0):
     """Turn rates of the last scan, 0 for a straight line: whole histories, sums written out, without walls.
 
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: rate}. The straight line is that of the last velocity.

@@ -19,7 +19,7 @@ from antway.kernels.spacetime.memory import EXPANSIONS, Memory
 from antway.kernels.spacetime.motion import first_conflict, place_at, shorten, trace_back
 from antway.kernels.spacetime.pheromone import Trails, evaporate
 from antway.kernels.tracking.crowd import foresee
-from antway.kernels.tracking.curves import predict_turns, turn_rates
+from antway.kernels.tracking.curves import Turning, predict_turns, turn_rates
 from antway.kernels.tracking.predict import SIGMA_V, VX, VY, TubeMargins, X, Y, predict, time_shift
 from antway.kernels.tracking.prediction_error import compare_predictions, store_predictions
 
@@ -65,12 +65,10 @@ class Crowd(NamedTuple):
     """Estimates and predictions of obstacles; kernels/tracking/crowd.py predicts people who avoid one another."""
 
     rows: NDArray[np.float64]  # [M, COLUMNS]
-    counts: NDArray[np.int64]  # [3] number of rows in use of `rows`, `stored` and `turning`
+    counts: NDArray[np.int64]  # [2] number of `rows` in use, and number of rows of `stored` in use
     prediction: NDArray[np.float64]  # [M, STEPS, 2] m/s; predicted velocities
     averaged: NDArray[np.float64]  # [M, 8] the estimates with the velocities of kernels/tracking/averages.py
-    turning: NDArray[np.float64]  # [M, curves.COLUMNS] turns of each track, and their errors
-    turning_pool: NDArray[np.float64]  # [3] errors of all tracks together, see kernels/tracking/curves.py
-    turn_rate: NDArray[np.float64]  # [M] rad/s; with which each track is predicted, 0 for a straight line
+    turning: Turning
     stored: NDArray[np.float64]  # [M, prediction_error.COLUMNS] stored predictions and their errors
     pool: NDArray[np.float64]  # [2] errors of all tracks together, see kernels/tracking/prediction_error.py
     missed: NDArray[np.int64]  # [1] number of predictions of all tracks that missed
@@ -298,9 +296,7 @@ def cycle(
     s, n, scanned, most_delay = settings, len(estimates), now - age, 0.0
     averaged, velocity_error = crowd.averaged[:n], crowd.velocity_error[:n]
     # Compare earlier predictions with what happened.
-    crowd.counts[2] = turn_rates(
-        crowd.turning, crowd.counts[2], crowd.turning_pool, estimates, averaged, terrain, scanned, crowd.turn_rate
-    )
+    turn_rates(crowd.turning, estimates, averaged, terrain, scanned)
     crowd.counts[1] = compare_predictions(
         crowd.stored, crowd.counts[1], crowd.pool, crowd.missed, averaged, scanned, velocity_error
     )
@@ -309,7 +305,7 @@ def cycle(
         most_delay = s.delay_per_error * velocity_error.mean()
     # Predict all obstacles.
     crowd.counts[0] = foresee(crowd.rows, crowd.counts[0], estimates, scanned, s.preferred_speed, crowd.prediction)
-    predict_turns(estimates, crowd.turn_rate[:n], crowd.prediction)
+    predict_turns(estimates, crowd.turning.rate, crowd.prediction)
     c = _Cycle(context, terrain, s, plan, averaged, crowd.prediction[:n], now, age, xy[0], xy[1])
     as_predicted = _as_predicted(c)
     count = _predict(c, s.tubes, plan.segments)

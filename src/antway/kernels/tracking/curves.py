@@ -7,6 +7,7 @@ motion models for vehicle tracking, Fusion 2008).
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from antway.kernels.tracking.bounces import NAMED, SEEN, remember, velocity_chan
 from antway.kernels.tracking.crowd import STEPS, straighten
 from antway.kernels.tracking.kalman import UNKNOWN
 from antway.kernels.tracking.predict import NAME, SIGMA_V, STEP_TIME, VX, VY, X, Y
-from antway.kernels.tracking.prediction_error import LATER, add_error, count_comparison, summed_error
+from antway.kernels.tracking.prediction_error import add_error, count_comparison, summed_error
 from antway.kernels.tracking.table import drop_lost, row_of
 
 # Columns of a row after those of kernels/tracking/bounces.py: the average turn rate and the weight of what went into it; when
@@ -34,44 +35,43 @@ _CIRCLE = _RATE + 7
 POOL = 3  # entries of `pool`
 COLUMNS = _CIRCLE + 3 + POOL
 _STRAIGHT, _TURNING = range(2)  # the models
-_MEMORY = 0.4  # s; turn rates are averaged over this time
+_LATER = 0.4  # s; a predicted place is compared with the true one after this time
+_MEMORY = 0.3  # s; turn rates are averaged over this time
 _STANDS = 0.05  # m/s; a slower track has no direction that could turn
 _BETTER = 0.5  # 1; a track is predicted on a circle if the error of that is below this share
-_TURNS_FOR = 4.0  # s; after this time ahead it is predicted to go straight
+_TURNS_FOR = 1.5  # s; after this time ahead a track that turns is predicted to go along the tangent
 _MOST = 32  # only so many tracks are predicted on circles, because the memory for motion segments is limited
+
+
+class Turning(NamedTuple):
+    """What is known of the turns of tracks."""
+
+    rows: NDArray[np.float64]  # [M, COLUMNS] what is known of each track
+    pool: NDArray[np.float64]  # [POOL] errors of all tracks together, see `count_comparison`; zeros at first
+    used: NDArray[np.int64]  # [1] number of rows in use
+    rate: NDArray[np.float64]  # [M] rad/s; turn rate with which a track is predicted, 0 for a straight line
 
 
 @kernel
 def turn_rates(
-    rows: NDArray[np.float64],
-    count: int,
-    pool: NDArray[np.float64],
-    estimates: NDArray[np.float64],
-    straight: NDArray[np.float64],
-    terrain: Terrain,
-    t: float,
-    out: NDArray[np.float64],
-) -> int:
-    """Write the turn rate with which each track is predicted, rad/s, 0 for a straight line; return how many rows are in use.
+    turning: Turning, estimates: NDArray[np.float64], straight: NDArray[np.float64], terrain: Terrain, t: float
+) -> None:
+    """Write to `turning.rate` with which turn rate each track is predicted.
 
     Parameters
     ----------
-    rows : float64[M, COLUMNS]
-        The tracks known so far are the rows below `count`.
-    pool : float64[POOL]
-        As in `count_comparison`; zeros at first.
+    turning : Turning
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py, at time `t` s.
     straight : float64[K, 8]
         The same with the velocities of the straight lines; a track that turns gets its last velocity.
     terrain : Terrain
-    out : float64[K]
-        Filled.
     """
-    count = drop_lost(rows, count, SEEN, t)
+    rows, pool, rate = turning.rows, turning.pool, turning.rate
+    count = drop_lost(rows, turning.used[0], SEEN, t)
     for k in range(len(estimates)):
         estimate = estimates[k]
-        out[k] = 0.0
+        rate[k] = 0.0
         if estimate[NAME] < 0.0 or estimate[SIGMA_V] >= UNKNOWN:
             continue
         i = row_of(rows, count, NAMED, estimate[NAME])
@@ -87,9 +87,9 @@ def turn_rates(
             _compare(row, pool, estimate, straight[k], t)
         remember(row, estimate, t)
         if summed_error(row, pool, _TURNING) < _BETTER * summed_error(row, pool, _STRAIGHT):
-            out[k] = row[_RATE]
+            rate[k] = row[_RATE]
             straight[k, VX], straight[k, VY] = estimate[VX], estimate[VY]
-    return count
+    turning.used[0] = count
 
 
 @bare_kernel
@@ -118,14 +118,14 @@ def _compare(
 ) -> None:
     """Compare where both models predicted a track with where it is, if that is due, and predict anew."""
     since = t - row[_SINCE]
-    if since < LATER - 1e-6:
+    if since < _LATER - 1e-6:
         return
-    if since < 2.0 * LATER:
-        dx, dy = estimate[X] - row[_FROM], estimate[Y] - row[_FROM + 1]
-        count_comparison(row, pool)
-        add_error(row, pool, _STRAIGHT, math.hypot(dx / since - row[_LINE], dy / since - row[_LINE + 1]))
+    if since < 2.0 * _LATER:
+        ux, uy = (estimate[X] - row[_FROM]) / since, (estimate[Y] - row[_FROM + 1]) / since  # what was its mean velocity
         vx, vy = mean_velocity(row[_CIRCLE], row[_CIRCLE + 1], row[_CIRCLE + 2], 0.0, since)
-        add_error(row, pool, _TURNING, math.hypot(dx / since - vx, dy / since - vy))
+        count_comparison(row, pool)
+        add_error(row, pool, _STRAIGHT, math.hypot(ux - row[_LINE], uy - row[_LINE + 1]))
+        add_error(row, pool, _TURNING, math.hypot(ux - vx, uy - vy))
     row[_SINCE], row[_FROM], row[_FROM + 1] = t, estimate[X], estimate[Y]
     row[_LINE], row[_LINE + 1] = straight[VX], straight[VY]
     row[_CIRCLE], row[_CIRCLE + 1], row[_CIRCLE + 2] = estimate[VX], estimate[VY], row[_RATE]
@@ -141,26 +141,26 @@ def mean_velocity(vx: float, vy: float, rate: float, start: float, end: float) -
 
 
 @kernel
-def predict_turns(estimates: NDArray[np.float64], rates: NDArray[np.float64], prediction: NDArray[np.float64]) -> None:
-    """Write the velocities of tracks that turn, at `rates` rad/s, to `prediction`, where it has none of them.
+def predict_turns(estimates: NDArray[np.float64], rate: NDArray[np.float64], prediction: NDArray[np.float64]) -> None:
+    """Write the velocities of tracks that turn to `prediction`, unless it has others of them.
 
     Parameters
     ----------
     estimates : float64[K, 8]
         As in kernels/tracking/predict.py.
-    rates : float64[K]
-        Of `turn_rates`.
+    rate : float64[M]
+        Of `turn_rates`, M >= K.
     prediction : float64[N, STEPS, 2]
         As `predict` takes it, N >= K.
     """
     last, written = round(_TURNS_FOR / STEP_TIME), 0
     for k in range(len(estimates)):
-        if rates[k] == 0.0 or not math.isnan(prediction[k, 0, 0]) or written == _MOST:
+        if rate[k] == 0.0 or not math.isnan(prediction[k, 0, 0]) or written == _MOST:
             continue
         written += 1
         for s in range(STEPS):
             start = min(s, last) * STEP_TIME
             end = start + STEP_TIME if s < last else start
-            vx, vy = mean_velocity(estimates[k, VX], estimates[k, VY], rates[k], start, end)
+            vx, vy = mean_velocity(estimates[k, VX], estimates[k, VY], rate[k], start, end)
             prediction[k, s, 0], prediction[k, s, 1] = vx, vy
         straighten(prediction[k], 0, last)

@@ -164,12 +164,10 @@ def make_crowd(task: Task) -> Crowd:
     error, weight = prediction_error.POOL
     return Crowd(
         rows=np.zeros((ROWS, crowd.COLUMNS)),
-        counts=np.zeros(3, np.int64),
+        counts=np.zeros(2, np.int64),
         prediction=np.empty((ROWS, crowd.STEPS, 2)),
         averaged=np.zeros((ROWS, 8)),
-        turning=np.zeros((ROWS, curves.COLUMNS)),
-        turning_pool=np.zeros(curves.POOL),
-        turn_rate=np.zeros(ROWS),
+        turning=curves.Turning(np.zeros((ROWS, curves.COLUMNS)), np.zeros(curves.POOL), np.zeros(1, np.int64), np.zeros(ROWS)),
         stored=np.zeros((ROWS, prediction_error.COLUMNS)),
         pool=np.array([error * relative_swerve(task), weight]),
         missed=np.zeros(1, np.int64),
@@ -219,8 +217,7 @@ def fit_tables(s: State, tracks: int) -> None:
         rows=longer(c.rows, n),
         prediction=longer(c.prediction, n),
         averaged=longer(c.averaged, n),
-        turning=longer(c.turning, n),
-        turn_rate=longer(c.turn_rate, n),
+        turning=c.turning._replace(rows=longer(c.turning.rows, n), rate=longer(c.turning.rate, n)),
         stored=longer(c.stored, n),
         velocity_error=longer(c.velocity_error, n),
     )
