@@ -157,7 +157,7 @@ def stays(scans, place=1.0, least_memory=1.0):
     return known
 
 
-def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0):
+def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0, jump=4.0):
     """Turn rates of the last scan, 0 for a straight line: whole histories, sums written out, without walls.
 
     A scan is (t, {name: (x, y, vx, vy)}). Returns {name: rate}. The straight line is that of the last velocity.
@@ -170,6 +170,12 @@ def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0):
                 del past[name], errors[name]
                 pending.pop(name, None)
             history = past.setdefault(name, [])
+            if history and min(abs(history[-1][1]), math.hypot(vx, vy)) > least:
+                turn = np.angle(complex(vx, vy) / history[-1][1])
+                if abs(turn) > jump * (t - history[-1][0]):
+                    history.clear()
+                    pending.pop(name, None)
+            first = name not in errors
             history.append((t, complex(vx, vy)))
             weights, turned = [], []
             for (a, u), (b, v) in pairwise(history):
@@ -178,7 +184,7 @@ def turn_rates(scans, memory=0.3, later=0.4, least=0.05, lost=1.0):
             rate = float(np.average(turned, weights=weights)) if weights else 0.0
             own = errors.setdefault(name, [])
             since = t - pending[name][0] if name in pending else math.inf
-            if len(history) > 1 and since >= later - 1e-6:
+            if not first and since >= later - 1e-6:
                 if since < 2 * later:
                     _, place, velocity, old = pending[name]
                     moments = (np.arange(2000) + 0.5) * since / 2000

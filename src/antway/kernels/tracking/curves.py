@@ -38,6 +38,7 @@ _STRAIGHT, _TURNING = range(2)  # the models
 _LATER = 0.4  # s; a predicted place is compared with the true one after this time
 _MEMORY = 0.3  # s; turn rates are averaged over this time
 _STANDS = 0.05  # m/s; a slower track has no direction that could turn
+_JUMP = 4.0  # rad/s; a track that turns faster has changed its direction at once
 _BETTER = 0.5  # 1; a track is predicted on a circle if the error of that is below this share
 _TURNS_FOR = 1.5  # s; after this time ahead a track that turns is predicted to go along the tangent
 _MOST = 32  # only so many tracks are predicted on circles, because the memory for motion segments is limited
@@ -94,7 +95,10 @@ def turn_rates(
 
 @bare_kernel
 def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float, terrain: Terrain) -> None:
-    """Take the turn since a track was seen last into its average turn rate; a bounce mirrors the rate, and is no turn."""
+    """Take the turn since a track was seen last into its average turn rate.
+
+    A bounce mirrors the rate, and a jump of the direction ends the turn; neither is a turn itself.
+    """
     vx, vy, dt = row[bounces.LAST_VX], row[bounces.LAST_VY], t - row[SEEN]
     _, n_x, n_y = velocity_change(row, estimate, t, terrain)
     if n_x != 0.0 or n_y != 0.0:
@@ -103,6 +107,9 @@ def _average(row: NDArray[np.float64], estimate: NDArray[np.float64], t: float, 
     turn = 0.0
     if min(math.hypot(vx, vy), math.hypot(estimate[VX], estimate[VY])) > _STANDS:
         turn = math.atan2(vx * estimate[VY] - vy * estimate[VX], vx * estimate[VX] + vy * estimate[VY])
+    if abs(turn) > _JUMP * dt:
+        row[_RATE], row[_WEIGHT], row[_SINCE] = 0.0, 0.0, -math.inf
+        return
     old = math.exp(-dt / _MEMORY) * row[_WEIGHT]
     row[_WEIGHT] = old + 1.0 - math.exp(-dt / _MEMORY)
     row[_RATE] += (1.0 - old / row[_WEIGHT]) * (turn / dt - row[_RATE])
