@@ -68,3 +68,4 @@ plain: $(READY)
 
 clean:
 	rm -rf $(VENV) .venv-ros demo
+	find src -name '*.nb[ic]' -delete
