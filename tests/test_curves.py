@@ -12,7 +12,7 @@ from antway.kernels.base import records
 from antway.kernels.base.records import Terrain
 from antway.kernels.crossing import SEGMENT_COUNT
 from antway.kernels.tracking import curves
-from antway.kernels.tracking.predict import NAME, VX, VY, X, Y
+from antway.kernels.tracking.predict import NAME, RADIUS, VX, VY, X, Y
 from antway.policies.antway.policy import AntwayPolicy
 from antway.world.motions import Replay
 from antway.world.policy import RobotSpec, Task
@@ -63,7 +63,7 @@ def test_a_disc_that_bounces_does_not_turn() -> None:
     aisle, x, y, vx, vy, scans = Terrain(np.zeros((15, 200), np.bool_), 0.0, 0.0, 0.1), 2.0, 0.7, 0.4, 0.6, []
     for i in range(100):
         estimates = _rows({7: (x, y, vx, vy)})
-        estimates[0, 4] = 0.3
+        estimates[0, RADIUS] = 0.3
         scans.append((0.1 * i, estimates))
         x, y = x + 0.1 * vx, y + 0.1 * vy
         if not 0.3 <= y <= 1.2:
