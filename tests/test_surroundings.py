@@ -102,8 +102,8 @@ def test_an_interrupt_at_any_time_is_quiet(tmp_path: Path) -> None:
 
 
 def ended(run: str) -> subprocess.CompletedProcess[str]:
-    """Let the command line do `run`, a statement, then wait for 20 s, and return how it ended."""
-    code = f"import ctypes, signal, time, antway.cli\ndef run(): {run}; time.sleep(20)\nantway.cli.main = run\n"
+    """Let the command line do `run`, a statement, then wait for 100 s, and return how it ended, which must be soon."""
+    code = f"import ctypes, signal, time, antway.cli\ndef run(): {run}; time.sleep(100)\nantway.cli.main = run\n"
     code += "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored where the tests run in the background
     code += "from antway.__main__ import main; main()"
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)

@@ -10,14 +10,19 @@ from types import FrameType
 from typing import Any
 
 _AGAIN = 0.05  # s; delay before an interrupt is repeated
+_MAIN_THREAD = _thread.get_ident()  # this module is imported by the thread that runs the command line
 # Modules that an exception must not leave at any line: half of an import turns it into other errors or crashes, LLVM's objects
 # are freed twice, and compiled kernels that unpickle their constants return a result beside it.
 _DELICATE = ("_frozen_importlib", "importlib._bootstrap", "llvmlite.", "numba.core.serialize")
 
 
 def _repeat() -> None:
+    """Interrupt the main thread shortly, also where it waits in a call of the operating system."""
     time.sleep(_AGAIN)
-    _thread.interrupt_main()
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(_MAIN_THREAD, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
