@@ -163,8 +163,32 @@ def test_the_tracker_names_and_measures():
     assert Tracker().update(0.0, named) is named
     unknown = replace(named, velocity=np.full((1, 2), math.nan))
     assert Tracker().update(0.0, unknown).id.tolist() == [7]
-    with pytest.raises(BadParameter, match=r"tracks\.id"):
-        Tracker().update(0.0, Tracks(np.array([1, -1]), np.zeros((2, 2)), np.zeros((2, 2)), np.ones(2)))
+
+
+def test_nameless_tracks_are_told_apart_by_nearness() -> None:
+    """Two crossing discs without names keep their own velocities; one that vanishes is forgotten after a second."""
+    tracker, nan = Tracker(noise=0.01), np.full((2, 2), math.nan)
+    for i in range(40):
+        t = i * 0.1
+        xy = np.array([[-2.0 + t, 0.0], [0.6, -2.0 + t]])
+        tracks = tracker.update(t, Tracks(np.array([-1, -1]), xy[:: (-1) ** i].copy(), nan, np.full(2, 0.3)))
+        assert len(tracks) == 2
+    assert {tuple(v) for v in (np.round(tracks.velocity, 1) + 0.0).tolist()} == {(1.0, 0.0), (0.0, 1.0)}
+    for t, left in ((4.5, 2), (6.0, 0)):
+        assert len(tracker.update(t, Tracks.none())) == left
+
+
+def test_numbers_that_are_missing_or_occur_twice_are_replaced() -> None:
+    """Whoever has a number of his own keeps it, and the others get numbers that nobody has."""
+    tracker, xy, velocity, radius = (
+        Tracker(),
+        np.array([[0.0, 0.0], [3.0, 0.0], [6.0, 0.0], [9.0, 0.0]]),
+        np.zeros((4, 2)),
+        np.ones(4),
+    )
+    first = tracker.update(0.0, Tracks(np.array([4, -1, 7, 7]), xy, velocity, radius)).id.tolist()
+    assert first == [4, 5, 6, 7]
+    assert tracker.update(0.1, Tracks(np.array([-1, 4, -1, -1]), xy[[1, 0, 3, 2]], velocity, radius)).id.tolist() == first
 
 
 class Seeing:

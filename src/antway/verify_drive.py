@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from antway import checks
 from antway.errors import BadParameter, InvalidPlan
@@ -165,7 +165,7 @@ class _Walls:
         hidden = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
         cells = np.argwhere(grid.blocked & ~hidden)
         self.middles = (cells[:, ::-1] + 0.5) * self.size
-        self.tree = cKDTree(self.middles) if len(cells) else None
+        self.tree = scipy.spatial.cKDTree(self.middles) if len(cells) else None
         self.corners = np.zeros((1, 2)) if robot.footprint is None else np.array(robot.footprint)
         self.rounding = robot.radius if robot.footprint is None else 0.0
         self.far = robot.radius + 2.0 * self.size + _FINEST  # farther cell centres do not matter

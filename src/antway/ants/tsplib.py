@@ -6,8 +6,8 @@ import os
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from antway import checks
 from antway.errors import BadMap, BadParameter, TooLarge
@@ -143,7 +143,7 @@ class Tsp:
         elif by_quadrant:
             near = _around(xy, k)
         else:
-            found = np.asarray(cKDTree(xy).query(xy, k + 1)[1])
+            found = np.asarray(scipy.spatial.cKDTree(xy).query(xy, k + 1)[1])
             # If several cities are in one place, the tree may return the city itself anywhere, or not at all.
             own = found == np.arange(n)[:, None]
             own[~own.any(axis=1), k] = True
@@ -168,7 +168,7 @@ def _around(xy: NDArray[np.float64], k: int) -> NDArray[np.int64]:
     cluster or row, but a tour needs edges that leave it.
     """
     n = len(xy)
-    tree, many = cKDTree(xy), min(n - 1, 12 * k) + 1
+    tree, many = scipy.spatial.cKDTree(xy), min(n - 1, 12 * k) + 1
     near = np.empty((n, k), dtype=np.int64)
     for first in range(0, n, _BLOCK):
         part = np.arange(first, min(first + _BLOCK, n))

@@ -10,8 +10,8 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import label
 
 from antway.arena.suites import Chance, Suite
 from antway.errors import BadMap, BadScenario, TooLarge
@@ -46,7 +46,7 @@ def maps(file: str) -> Suite:
     """Return discs that bounce about on the map in `file`, and a robot that crosses its largest connected part."""
     grid = load_map(file)
     inflated = grid.inflate(ROBOT.radius + grid.resolution)
-    rooms, _ = label(~inflated.blocked)
+    rooms, _ = scipy.ndimage.label(~inflated.blocked)
     sizes = np.bincount(rooms[~inflated.blocked], minlength=2)
     free = np.argwhere(rooms == int(np.argmax(sizes[1:])) + 1)
     if len(free) < 100:

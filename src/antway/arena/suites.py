@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import label
+import scipy
 
 from antway import checks
 from antway.errors import BadParameter, CellBlocked
@@ -209,7 +209,7 @@ def build(episode: Episode) -> Scenario:
 def _connected(scenario: Scenario) -> bool:
     """Tell whether the robot has a path from start to goal on the map, and no obstacle starts too near."""
     free = ~scenario.world.grid.inflate(scenario.robot.radius).blocked
-    regions, _ = label(free)
+    regions, _ = scipy.ndimage.label(free)
     ends = [regions[scenario.world.grid.cell_at(end)] for end in (scenario.start, scenario.goal)]
     at_start = scenario.world.timeline(0, 1.0).places(np.zeros(1))[0]
     radius = scenario.robot.radius

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
-from antway.kernels.tracking import kalman as track
+from antway.kernels.tracking import kalman
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
 from antway.limits import MAX_ANGLE, MAX_PLACE
+from antway.policies.antway.tracker import with_names
 from antway.ros2.frames import Pose, move
 from antway.world.policy import Tracks
 
@@ -136,59 +137,36 @@ class Tracker:
         Standard deviation of the places, m, > 0.
     agility : float
         Expected acceleration of obstacles, m/s^2, > 0.
-    near : float
-        Largest distance of a track without a name from its prediction, m, > 0.
     """
 
-    def __init__(self, noise: float = 0.05, agility: float = 1.0, near: float = 0.8) -> None:
-        self.noise, self.agility, self.near = noise, agility, near
-        self.table, self.estimates = np.zeros((256, track.COLUMNS)), np.zeros((256, 8))
-        self.count, self.named, self.t = 0, 0, -math.inf
+    def __init__(self, noise: float = 0.05, agility: float = 1.0) -> None:
+        self.noise, self.agility = noise, agility
+        self.table, self.estimates = np.zeros((256, kalman.COLUMNS)), np.zeros((256, 8))
+        self.count, self.next_name, self.t = 0, 0, -math.inf
 
     def update(self, t: float, seen: Tracks) -> Tracks:
         """Update with the tracks seen at `t` s; return all tracks that should be there at `t`. If time goes back, restart.
 
-        Complete tracks are returned unchanged.
-
-        Raises
-        ------
-        BadParameter
-            If some tracks have names and some (with the id -1, or an id that occurs twice) do not.
+        Complete tracks are returned unchanged. Tracks without a name (with the id -1, or an id that occurs twice) get one.
         """
         seen = seen.distinct()
-        nameless = seen.id < 0
-        if nameless.any() and not nameless.all():
-            raise BadParameter("tracks.id", seen.id.tolist(), "names >= 0 throughout, or -1 throughout")
-        if len(seen) and not nameless.any() and not np.isnan(seen.velocity).any():
+        if len(seen) and seen.id.min() >= 0 and not np.isnan(seen.velocity).any():
             return seen
         if t < self.t:
             self.count = 0
         self.t = t
+        seen = with_names(seen, t, self.table[: self.count], self.next_name)
+        self.next_name = max(self.next_name, int(seen.id.max(initial=-1)) + 1)
         variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
-        self.count, known = track.update(
-            self.table,
-            self.count,
-            t,
-            seen.id,
-            seen.xy,
-            seen.velocity,
-            seen.radius,
-            variance,
-            self.agility,
-            self.near,
-            self.estimates,
-        )
+        scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
+        self.count, known = kalman.update(self.table, self.count, t, *scan, self.agility, self.estimates)
         table, estimate = self.table[:known], self.estimates[:known]
-        fresh = np.flatnonzero(table[:, NAME] < 0.0)
-        table[fresh, NAME] = np.arange(self.named, self.named + len(fresh))
-        self.named += len(fresh)
-        estimate[:, NAME] = table[:, NAME]
         covariance = np.zeros((known, 4, 4))
-        age = t - table[:, track.T]
+        age = t - table[:, kalman.T]
         for place, speed in ((0, 2), (1, 3)):
             covariance[:, place, place] = estimate[:, SIGMA] ** 2
             covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
-            covariance[:, place, speed] = covariance[:, speed, place] = table[:, track.P12] + age * table[:, track.P22]
+            covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
         return Tracks(
             estimate[:, NAME].astype(np.int64),
             estimate[:, :2].copy(),

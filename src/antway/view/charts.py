@@ -7,12 +7,12 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import ListedColormap, to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.ndimage import center_of_mass, label
 
 from antway import checks
 from antway.ants.gridpath import Exploration
@@ -196,8 +196,8 @@ def _points(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
 
 def _middles(taken: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return the middle of each connected occupied part."""
-    parts, count = label(taken)
-    return [(round(when), round(where)) for when, where in center_of_mass(taken, parts, range(1, count + 1))]
+    parts, count = scipy.ndimage.label(taken)
+    return [(round(when), round(where)) for when, where in scipy.ndimage.center_of_mass(taken, parts, range(1, count + 1))]
 
 
 def _apart(numbers: list[tuple[int, int, str]], wide: float, high: float) -> list[tuple[int, int, str]]:

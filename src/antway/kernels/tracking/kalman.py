@@ -26,23 +26,6 @@ _TURNED = 4.0  # standard deviations; a track farther than this from its predict
 
 
 @kernel
-def _row(table: NDArray[np.float64], count: int, name: float, x: float, y: float, t: float, near: float) -> int:
-    """Return the row of the track with this name, or `count` if there is none.
-
-    Without a name (-1) it is the track whose predicted place is nearest to (x, y), if that is nearer than `near` m.
-    """
-    if name >= 0.0:
-        return row_of(table, count, NAME, name)
-    best, row = near, count
-    for i in range(count):
-        dt = t - table[i, T]
-        gap = math.hypot(table[i, X] + table[i, VX] * dt - x, table[i, Y] + table[i, VY] * dt - y)
-        if dt > 0.0 and gap < best:
-            best, row = gap, i
-    return row
-
-
-@kernel
 def update(
     table: NDArray[np.float64],
     count: int,
@@ -53,7 +36,6 @@ def update(
     radius: NDArray[np.float64],
     variance: NDArray[np.float64],
     agility: float,
-    near: float,
     estimates: NDArray[np.float64],
 ) -> tuple[int, int]:
     """Update the track table with one scan; return the number of its rows and the number of estimates written.
@@ -65,19 +47,17 @@ def update(
     t : float
         Time of the scan, s.
     name, xy, velocity, radius : int64[K], float64[K, 2], float64[K, 2], float64[K]
-        The scan. A track without a name (-1) is found by its place. A velocity of NaN is estimated.
+        The scan; every track has a name >= 0. A velocity of NaN is estimated.
     variance : float64[K, 2]
         Variances of the places (m^2) and of the velocities (m^2/s^2); 0 means exact. A negative variance of the place means
         that the scan is the output of a filter with the absolute values as variances; it then replaces the estimate.
     agility : float
         Standard deviation of the obstacles' acceleration, m/s^2.
-    near : float
-        A track without a name is matched if it is nearer than this to its predicted place, m.
     estimates : float64[N, 8]
         Filled with the tracks that were seen within the last second, predicted to time `t`.
     """
     for k in range(len(name)):
-        i = _row(table, count, float(name[k]), xy[k, 0], xy[k, 1], t, near)
+        i = row_of(table, count, NAME, float(name[k]))
         known = not math.isnan(velocity[k, 0])
         is_new, filtered = i == count, variance[k, 0] < 0.0
         if is_new or filtered:

@@ -51,27 +51,16 @@ class Tracker:
 
     def with_names(self, seen: Observation) -> Observation:
         """Return the observation with a name for each track: that of the nearest known track, or else a new one."""
-        ids = seen.tracks.id
-        if not len(ids) or ids.min() >= 0:
+        tracks = with_names(seen.tracks, seen.sensed_at, self.table[: self.count], self._next_name)
+        if tracks is seen.tracks:
             return seen
-        ids, nameless = ids.copy(), np.flatnonzero(ids < 0)
-        known = self.table[: self.count]
-        known = known[~np.isin(known[:, NAME], ids)]
-        place = known[:, X : Y + 1] + known[:, VX : VY + 1] * (seen.sensed_at - known[:, kalman.T])[:, None]
-        gap = np.hypot(*(place[:, None] - seen.tracks.xy[nameless]).transpose(2, 0, 1))
-        while gap.size and gap.min() < _NEAR:  # the nearest pair first
-            i, k = np.unravel_index(gap.argmin(), gap.shape)
-            ids[nameless[k]] = known[i, NAME]
-            gap[i], gap[:, k] = math.inf, math.inf
-        new = np.flatnonzero(ids < 0)
-        ids[new] = self._next_name + np.arange(len(new))
-        self._next_name += len(new)
-        return replace(seen, tracks=replace(seen.tracks, id=ids))
+        self._next_name = max(self._next_name, int(tracks.id.max()) + 1)
+        return replace(seen, tracks=tracks)
 
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
         scan = tracks.id, tracks.xy, tracks.velocity, tracks.radius, self._variances(tracks, t)
-        self.count, known = kalman.update(self.table, self.count, t, *scan, _AGILITY, _NEAR, self._estimates)
+        self.count, known = kalman.update(self.table, self.count, t, *scan, _AGILITY, self._estimates)
         self.estimates = self._estimates[:known]
         if known:
             self.fastest = max(self.fastest, float(np.hypot(self.estimates[:, VX], self.estimates[:, VY]).max()))
@@ -145,6 +134,33 @@ class Tracker:
         covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
         return replace(seen, tracks=Tracks(e[:, NAME].astype(np.int64), e[:, :2], velocity, e[:, RADIUS], covariance))
+
+
+def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int) -> Tracks:
+    """Return the tracks seen at time `t` s with a name for each: that of the nearest known track, or else a new one.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        Those with the id -1 get another id.
+    table : float64[M, COLUMNS]
+        The known tracks, as in kernels/tracking/kalman.py. Those that have a track already are not considered.
+    first : int
+        New names are counted from here on.
+    """
+    if not len(tracks) or tracks.id.min() >= 0:
+        return tracks
+    ids, nameless = tracks.id.copy(), np.flatnonzero(tracks.id < 0)
+    known = table[~np.isin(table[:, NAME], ids)]
+    place = known[:, X : Y + 1] + known[:, VX : VY + 1] * (t - known[:, kalman.T])[:, None]
+    gap = np.hypot(*(place[:, None] - tracks.xy[nameless]).transpose(2, 0, 1))
+    while gap.size and gap.min() < _NEAR:  # the nearest pair first
+        i, k = np.unravel_index(gap.argmin(), gap.shape)
+        ids[nameless[k]] = known[i, NAME]
+        gap[i], gap[:, k] = math.inf, math.inf
+    new = np.flatnonzero(ids < 0)
+    ids[new] = max(first, int(ids.max()) + 1) + np.arange(len(new))
+    return replace(tracks, id=ids)
 
 
 def longer(table: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
