@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 CORE   := $(VENV)/.core
 READY  := $(VENV)/.ready
 
-.PHONY: demo browser ros test check tests nightly bounds plain clean
+.PHONY: demo browser ros warm test check tests nightly bounds plain clean
 
 $(CORE): pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -47,9 +47,13 @@ check: $(READY)
 	$(BIN)/lint-imports
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
+# Kernels that are compiled before the tests are compiled once, not by each of two processes that need them.
+warm: $(READY)
+	@$(BIN)/antway warmup
+
 # What is installed for the tests is installed side by side, and what is checked runs beside the tests, which often wait.
 test:
-	@$(MAKE) --no-print-directory -j3 $(READY) browser ros
+	@$(MAKE) --no-print-directory -j3 warm browser ros
 	@$(MAKE) --no-print-directory -j2 check tests
 
 tests: $(READY)

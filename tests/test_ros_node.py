@@ -187,7 +187,7 @@ def test_the_guards_process_brakes_for_a_node_that_is_stopped_or_killed(drive):
     for took, speeds in zip(result["took"], result["speeds"], strict=True):
         assert took <= 2 * period, result
         assert speeds[0] > 0.3 and speeds[-1] == 0.0 and all(b <= a for a, b in pairwise(speeds)), result
-    assert result["left"] == 0, "the guard's process ends once the robot of a killed node stands"
+    assert result["guards"] == 1 and result["left"] == 0, "the guard's process ends once the robot of a killed node stands"
 
 
 @pytest.mark.timeout(1200)

@@ -20,10 +20,11 @@ from websockets.sync.client import connect
 
 from antway import Grid, RobotSpec, Scenario, World
 from antway.errors import BadInput
+from antway.web import session as sessions
 from antway.web.files import MAX_OBSTACLES, read_upload
 from antway.web.player import SLICE, Player
 from antway.web.server import Gate, serve
-from antway.web.session import MAX_UNDO_BYTES, Session
+from antway.web.session import Session
 from antway.world.episode import Episode
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
@@ -158,13 +159,14 @@ def test_no_wildcard_is_served(host: str) -> None:
         serve(host, 0, ready=lambda url: pytest.fail("it listens"))
 
 
-def test_undo_keeps_no_more_than_its_budget_of_maps() -> None:
+def test_undo_keeps_no_more_than_its_budget_of_maps(monkeypatch: pytest.MonkeyPatch) -> None:
     """D14: strokes on a large map drop the oldest ones."""
-    session = Session()
+    most, session = 3 * 2**20, Session()
+    monkeypatch.setattr(sessions, "MAX_UNDO_BYTES", most)
     session._open(Scenario(World(Grid(np.zeros((1000, 1000), bool))), (1.5, 1.5), (998.5, 998.5), name="large"))
-    for k in range(MAX_UNDO_BYTES // 1_000_000 + 5):
+    for k in range(most // 1_000_000 + 5):
         session.apply({"op": "paint", "blocked": True, "cells": [[500, 10 + k]]})
-    assert sum(one.world.grid.blocked.nbytes for one in session.history) <= MAX_UNDO_BYTES
+    assert sum(one.world.grid.blocked.nbytes for one in session.history) <= most
     assert len(session.history) > 2 and session.scenario.world.grid.blocked[500, 10 + k]
     session.apply({"op": "undo"})
     assert not session.scenario.world.grid.blocked[500, 10 + k]

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import rclpy
@@ -56,10 +57,27 @@ class Base(Robot):
         return True
 
 
+def status(pid: int) -> list[str]:
+    """Return what /proc says of a process after its name, from its state on; nothing if there is no such process."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return []
+
+
+def runs(pid: int) -> bool:
+    return status(pid)[:1] not in ([], ["Z"])
+
+
+def children(pid: int) -> list[int]:
+    pids = [int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit()]
+    return [one for one in pids if status(one)[1:2] == [str(pid)]]
+
+
 def main(stops: int, period: float, command: list[str]) -> None:
     rclpy.init()
     node, rng = subprocess.Popen(command), np.random.default_rng(5)
-    robot, took, rest = Base(), [], []
+    robot, took, rest, guards = Base(), [], [], []
     try:
         robot.meets()
         robot.charts(Grid(np.zeros((40, 40), bool), 0.5))
@@ -71,6 +89,7 @@ def main(stops: int, period: float, command: list[str]) -> None:
                 robot.go(goal)
                 robot.commands.clear()
             robot.drive(lambda: False, float(rng.uniform(0.0, 2 * period)))
+            guards = children(node.pid)
             os.kill(node.pid, signal.SIGSTOP if k < stops else signal.SIGKILL)
             before, ended = robot.commands[-1], time.monotonic()
             robot.commands.clear()
@@ -82,12 +101,12 @@ def main(stops: int, period: float, command: list[str]) -> None:
                 os.kill(node.pid, signal.SIGCONT)
                 robot.commands.clear()
         node.wait()
-        robot.drive(lambda: robot.count_publishers("cmd_vel") == 0, 30.0)
-        left = robot.count_publishers("cmd_vel")
+        robot.drive(lambda: not any(map(runs, guards)), 30.0)
+        left = sum(map(runs, guards))
     finally:
         node.kill()
         node.wait()
-    end(robot, took=took, speeds=rest, left=left)
+    end(robot, took=took, speeds=rest, guards=len(guards), left=left)
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ class Tracker:
         tracks = with_names(seen.tracks, seen.sensed_at, self.table[: self.count], self._next_name)
         if tracks is seen.tracks:
             return seen
-        self._next_name = max(self._next_name, int(tracks.id.max()) + 1)
+        self._next_name += len(tracks)
         return replace(seen, tracks=tracks)
 
     def update(self, tracks: Tracks, t: float) -> None:
@@ -146,7 +146,7 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     table : float64[M, COLUMNS]
         The known tracks, as in kernels/tracking/kalman.py. Those that have a track already are not considered.
     first : int
-        New names are counted from here on.
+        New names are the least from here on that no other track has; they are less than `first` + the number of tracks.
     """
     if not len(tracks) or tracks.id.min() >= 0:
         return tracks
@@ -159,7 +159,7 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
         ids[nameless[k]] = known[i, NAME]
         gap[i], gap[:, k] = math.inf, math.inf
     new = np.flatnonzero(ids < 0)
-    ids[new] = max(first, int(ids.max()) + 1) + np.arange(len(new))
+    ids[new] = np.setdiff1d(first + np.arange(len(ids)), ids)[: len(new)]
     return replace(tracks, id=ids)
 
 
