@@ -187,7 +187,7 @@ def test_numbers_that_are_missing_or_occur_twice_are_replaced() -> None:
         np.ones(4),
     )
     first = tracker.update(0.0, Tracks(np.array([4, -1, 7, 7]), xy, velocity, radius)).id.tolist()
-    assert first == [4, 5, 6, 7]
+    assert first == [4, 0, 1, 2]
     assert tracker.update(0.1, Tracks(np.array([-1, 4, -1, -1]), xy[[1, 0, 3, 2]], velocity, radius)).id.tolist() == first
 
 
