@@ -23,7 +23,7 @@ def lines_among(rng: np.random.Generator, n: int) -> np.ndarray:
 def test_the_half_plane_is_what_sampling_finds() -> None:
     """The shift is half of the least change of velocity that ends, or just keeps out of, a contact within the horizon."""
     rng = np.random.default_rng(0)
-    for _ in range(cases(8, 500)):
+    for _ in range(cases(5, 500)):
         angle, far = rng.uniform(-math.pi, math.pi), rng.uniform(0.65, 4.0)
         a, u = far * np.array([math.cos(angle), math.sin(angle)]), rng.uniform(-1.5, 1.5, 2)
         x, y, dx, dy = orca.half_plane(*a, *u, 0.6, 5.0, 0.25)
