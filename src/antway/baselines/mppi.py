@@ -89,6 +89,8 @@ class Mppi(Follow):
             turn_risk=0.0,
             wall=100.0,
             wall_margin=self.wall_margin,
+            wall_risk=0.0,
+            wall_room=0.0,
             off_plan=0.0,
             stop=0.0,
             stopping_time=0.0,

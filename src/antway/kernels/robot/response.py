@@ -15,20 +15,24 @@ from antway.kernels.robot.motion import drive_roughly
 T, X, Y, HEADING, A, B = range(6)  # columns of observations
 COLUMNS = 6
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
+# Entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and the
+# sums by which the factor is fitted by which speeds are wrong, m^2.
+ERROR_X, ERROR_Y, SQUARES, WEIGHT, FACTOR, LED = range(6)
+PLACE = 6
+_FADES = 3.0  # s; errors of the robot's place are forgotten in this time
 _LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia any time is enough to change the speeds
 _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
 
 
 @bare_kernel
 def answered(
-    a: float, b: float, start: float, end: float, given: NDArray[np.float64], commands: NDArray[np.float64], limits: RobotLimits
-) -> tuple[float, float]:
-    """Return the speeds at `end` s of a robot with speeds (a, b) at `start` s, to which commands were given before.
+    state: RobotState, start: float, end: float, given: NDArray[np.float64], commands: NDArray[np.float64], limits: RobotLimits
+) -> RobotState:
+    """Return the state at `end` s of a robot that is in `state` at `start` s, to which commands were given before.
 
     Parameters
     ----------
-    a, b : float
-        (v, omega) of wheels, (vx, vy) of a holonomic robot.
+    state : RobotState
     start, end : float
     given : float64[M]
         When each command was given, s, in this order; it acts from `limits.latency` s later until the next one does. What acts
@@ -36,31 +40,66 @@ def answered(
     commands : float64[M, 2]
     limits : RobotLimits
     """
+    known = min(given[0] + limits.latency, end) if len(given) else end
+    if known - start > _LEAST:
+        later = drive_roughly(state, state.a, state.b, limits, known - start)
+        state = RobotState(later.x, later.y, later.theta, state.a, state.b)
     for i in range(len(given)):
         first = max(given[i] + limits.latency, start)
         last = min(given[i + 1] + limits.latency, end) if i + 1 < len(given) else end
         if last - first > _LEAST:
-            later = drive_roughly(RobotState(0.0, 0.0, 0.0, a, b), commands[i, 0], commands[i, 1], limits, last - first)
-            a, b = later.a, later.b
-    return a, b
+            state = drive_roughly(state, commands[i, 0], commands[i, 1], limits, last - first)
+    return state
 
 
 @bare_kernel
-def place_miss(before: NDArray[np.float64], now: NDArray[np.float64], holonomic: bool) -> float:
-    """Return how far the robot is from where its speeds led it since the observation before, m; the parameters as in `learn`.
+def learn_place(
+    before: NDArray[np.float64],
+    now: NDArray[np.float64],
+    foretold: RobotState,
+    holonomic: bool,
+    memory: float,
+    place: NDArray[np.float64],
+) -> float:
+    """Return the standard deviation of the errors of the robot's place in x and in y, m; the parameters as in `learn`.
 
-    The speeds have changed evenly or, without inertia, at once; the smaller distance counts.
+    An error is what is left, after a few seconds, of all misses: a place that jumps stays wrong until it jumps again. A miss is
+    the distance of the robot from where it is foretold to be, if its speeds have become what they are evenly. Speeds that are
+    wrong by a constant factor do not count. `foretold` is the state now if it was at (0, 0), with the heading 0, before.
     """
-    passed = now[T] - before[T]
-    heading = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
-    least = math.inf
-    for share in (0.5, 1.0):
-        vx = share * now[A] + (1.0 - share) * before[A]
-        vy = share * now[B] + (1.0 - share) * before[B]
-        if not holonomic:
-            vx, vy = vx * math.cos(heading), vx * math.sin(heading)
-        least = min(least, math.hypot(now[X] - before[X] - passed * vx, now[Y] - before[Y] - passed * vy))
-    return least
+    half = 0.5 * (now[T] - before[T])
+    led_x, led_y = foretold.x + half * (now[A] - foretold.a), foretold.y + half * (now[B] - foretold.b)
+    if not holonomic:  # the chord of an arc has the heading of its middle
+        chord = math.copysign(math.hypot(foretold.x, foretold.y), foretold.x) + half * (now[A] - foretold.a)
+        heading = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
+        led_x, led_y = chord * math.cos(heading), chord * math.sin(heading)
+    miss_x, miss_y = now[X] - before[X] - led_x, now[Y] - before[Y] - led_y
+    place[FACTOR] = memory * place[FACTOR] + miss_x * led_x + miss_y * led_y
+    place[LED] = memory * place[LED] + led_x * led_x + led_y * led_y
+    factor = place[FACTOR] / place[LED] if place[LED] > 0.0 else 0.0
+    fades = math.exp(-2.0 * half / _FADES)
+    place[ERROR_X] = fades * place[ERROR_X] + miss_x - factor * led_x
+    place[ERROR_Y] = fades * place[ERROR_Y] + miss_y - factor * led_y
+    place[SQUARES] = memory * place[SQUARES] + place[ERROR_X] ** 2 + place[ERROR_Y] ** 2
+    place[WEIGHT] = memory * place[WEIGHT] + 1.0
+    return math.sqrt(0.5 * place[SQUARES] / place[WEIGHT])
+
+
+@bare_kernel
+def _limited(limits: RobotLimits, a_max: float, brake_max: float, alpha_max: float, latency: float) -> RobotLimits:
+    """Return the limits with another latency and other ramps."""
+    return RobotLimits(
+        limits.drive,
+        limits.v_max,
+        limits.v_reverse,
+        a_max,
+        brake_max,
+        limits.turn_rate,
+        alpha_max,
+        limits.turning_radius,
+        latency,
+        limits.radius,
+    )
 
 
 @kernel
@@ -99,39 +138,29 @@ def learn(
     error : float64[3, L, R]
         Sums of squared errors of the speed, as shares of the top speed, while it grows or stays (GROWS) and while it falls
         (SLOWS), and of the turn rate as shares of its limit (TURNS), 0 for a holonomic robot.
-    place : float64[2]
-        Sum of the squares of `place_miss`, m^2, and of their weights.
+    place : float64[PLACE]
+        What is known of the errors of the robot's place; zeros at first.
 
     Returns
     -------
     first : float
         Sum of the squared errors of the first candidate.
     misplaced : float
-        Standard deviation of the errors of the robot's place in x and in y, m, by `place_miss`.
+        Standard deviation of the errors of the robot's place in x and in y, m.
     speed, turn : float
         Root mean squares of the errors of the candidate in use, as shares like `error`.
     """
     holonomic = limits.drive == HOLONOMIC
-    miss = place_miss(before, now, holonomic)
-    place[0] = memory * place[0] + miss * miss
-    place[1] = memory * place[1] + 1.0
+    state = RobotState(0.0, 0.0, 0.0, before[A], before[B])
+    in_use = _limited(limits, ramps[used[1], 0], ramps[used[2], 1], ramps[used[3], 2], latencies[used[0]])
+    foretold = answered(state, before[T], now[T], given, commands, in_use)
+    misplaced = learn_place(before, now, foretold, holonomic, memory, place)
     slows = math.hypot(now[A], now[B]) < math.hypot(before[A], before[B]) if holonomic else abs(now[A]) < abs(before[A])
     for i in range(len(latencies)):
         for k in range(len(ramps)):
-            one = RobotLimits(
-                limits.drive,
-                limits.v_max,
-                limits.v_reverse,
-                ramps[k, 0],
-                ramps[k, 1],
-                limits.turn_rate,
-                ramps[k, 2],
-                limits.turning_radius,
-                latencies[i],
-                limits.radius,
-            )
-            a, b = answered(before[A], before[B], before[T], now[T], given, commands, one)
-            miss_a, miss_b = (a - now[A]) / limits.v_max, b - now[B]
+            one = _limited(limits, ramps[k, 0], ramps[k, 1], ramps[k, 2], latencies[i])
+            later = answered(state, before[T], now[T], given, commands, one)
+            miss_a, miss_b = (later.a - now[A]) / limits.v_max, later.b - now[B]
             if holonomic:
                 miss_a, miss_b = math.hypot(miss_a, miss_b / limits.v_max), 0.0
             elif limits.turn_rate < math.inf:
@@ -140,9 +169,7 @@ def learn(
             error[SLOWS if slows else GROWS, i, k] += miss_a * miss_a
             error[TURNS, i, k] += miss_b * miss_b
             if i == 0 and k == 0 and error[:, 0, 0].sum() < _RIGHT:
-                return 0.0, 0.5 * math.sqrt(place[0] / place[1]), 0.0, 0.0
+                return 0.0, misplaced, 0.0, 0.0
     speed = error[GROWS, used[0], used[1]] + error[SLOWS, used[0], used[2]]
     turn = error[TURNS, used[0], used[3]]
-    # Both places of a distance are wrong, in both directions.
-    misplaced = 0.5 * math.sqrt(place[0] / place[1])
-    return error[:, 0, 0].sum(), misplaced, math.sqrt(speed / place[1]), math.sqrt(turn / place[1])
+    return error[:, 0, 0].sum(), misplaced, math.sqrt(speed / place[WEIGHT]), math.sqrt(turn / place[WEIGHT])

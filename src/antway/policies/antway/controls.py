@@ -31,7 +31,7 @@ _ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
 _BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
 _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
-_SPREADS = 2.0  # 1; number of standard deviations of the robot's place that are added to margins
+_SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many standard deviations of the robot's place
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -101,6 +101,9 @@ class ControlOptions:
         way. It is charged like `risk`.
     wall_margin : float
         m; distance to keep from walls, a little more than the guard's (policies/guard.py), so that it seldom has to brake.
+    wall_risk : float
+        1; cost of each second at `wall_margin`, where the robot's place is uncertain. It decreases to zero at two standard
+        deviations of the place from there. One standard deviation is added to `wall_margin` and to `margin`.
     contact : float
         s; cost of a predicted contact, and of each metre of its depth. It is charged once for each obstacle.
     decay : float
@@ -139,6 +142,7 @@ class ControlOptions:
     late: float = 0.4
     turn_risk: float = 40.0
     wall_margin: float = 0.015
+    wall_risk: float = 5.0
     contact: float = 600.0
     decay: float = 0.1
     stop: float = 10.0
@@ -211,11 +215,12 @@ class ControlColony:
 
     def set_spread(self, spread: float) -> None:
         """Keep more room from walls and obstacles where the robot's place is wrong by this standard deviation, m."""
-        more, weights = _SPREADS * spread, self.problem.weights
-        if self.margins.margin == self.options.margin + more:
+        o, weights = self.options, self.problem.weights
+        if self.margins.margin == o.margin + spread:
             return
-        self.problem = self.problem._replace(weights=weights._replace(wall_margin=self.options.wall_margin + more))
-        self.margins = self.margins._replace(margin=self.options.margin + more)
+        weights = weights._replace(wall_margin=o.wall_margin + spread, wall_room=_SPREADS * spread)
+        self.problem = self.problem._replace(weights=weights)
+        self.margins = self.margins._replace(margin=o.margin + spread)
 
     def set_times(self, time_to_goal: NDArray[np.float64]) -> None:
         """Drive from now on by other times to the goal, float64[H * W], s."""
@@ -345,6 +350,8 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         turn_risk=o.turn_risk if slowness == 1.0 else 0.0,
         wall=_WALL_COST,
         wall_margin=o.wall_margin,
+        wall_risk=o.wall_risk,
+        wall_room=0.0,
         off_plan=o.off_plan,
         stop=0.0 if swerve is None else o.stop,
         stopping_time=robot.latency + robot.dt,

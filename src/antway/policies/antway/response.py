@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.jit import entry
-from antway.kernels.robot.response import COLUMNS, GROWS, HEADING, SLOWS, TURNS, A, B, T, answered, learn
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.response import COLUMNS, GROWS, HEADING, PLACE, SLOWS, TURNS, A, B, T, answered, learn
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -62,7 +63,7 @@ class Response:
         most = math.ceil((self.latencies.max() + declared.dt) / declared.dt) + 1
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
         self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
-        self.spread, self.misses = 0.0, np.zeros(2)
+        self.spread, self.place = 0.0, np.zeros(PLACE)
         self.turn_rate: float | None = None  # rad/s, as foretold; None while it is measured
 
     def update(self, o: Observation) -> bool:
@@ -77,13 +78,14 @@ class Response:
         self._take_pending(o)
         given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
         candidates = self.limits, self.latencies, self.ramps
-        arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.used, self.error, self.misses
+        arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.used, self.error, self.place
         first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
         unseen = self.declared.wheels and self.turn_rate is None and o.turn_rate == 0.0 and self._turns_unseen()
         if unseen:
             self.turn_rate, self.error[:], self.used[:], self.robot = 0.0, 0.0, 0, self.limited
         if self.turn_rate is not None:
-            _, self.turn_rate = answered(o.speed, self.turn_rate, self.seen[-2, T], o.t, given, commands, self.robot.limits)
+            before = RobotState(0.0, 0.0, 0.0, o.speed, self.turn_rate)
+            self.turn_rate = answered(before, self.seen[-2, T], o.t, given, commands, self.robot.limits).b
             self.error[TURNS] = turn = 0.0
         changed = (first > _LEAST and (self._limit() or self._choose())) or unseen
         turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
