@@ -88,6 +88,8 @@ class Response:
             self.turn_rate = answered(before, self.seen[-2, T], o.t, given, commands, self.robot.limits).b
             self.error[TURNS] = turn = 0.0
         changed = (first > _LEAST and (self._limit() or self._choose())) or unseen
+        if changed:  # places were foretold by another candidate
+            self.place[:], misplaced = 0.0, 0.0
         turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
         self.spread = misplaced + _DRIFT * self.robot.v_max * (speed + _DRIFT * turn)
         if self.spread <= _PLACE:
