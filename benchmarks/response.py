@@ -11,6 +11,8 @@ lag 0.1, 0.3      speeds approach the command exponentially, with this time cons
 lag, latency      both, 0.2 and 0.1 s
 slow              top speed and turn rate are 0.7 of what is declared
 noise             places are wrong by 1 cm, speeds by 2 cm/s and 0.02 rad/s
+jumps 0.05, 0.1   the robot's place on the map is wrong by so many m along each axis, its heading by 0.02 or 0.04 rad; both jump
+                  once a second on average, and the obstacles, which are seen from the robot, with them
 
 The table has how many episodes reach the goal, contacts with obstacles and with walls, and the mean time over the optimum.
 """
@@ -42,6 +44,7 @@ class Change:
     lag: float = 0.0  # s, time constant
     noise: float = 0.0  # m, standard deviation
     tops: float = 1.0  # factor of the top speed and the turn rate
+    jumps: float = 0.0  # m, standard deviation
 
     def of(self, robot: RobotSpec) -> RobotSpec:
         """Return the robot that drives."""
@@ -63,7 +66,11 @@ CHANGES = {
     "lag, latency": Change(latency=0.1, lag=0.2),
     "slow": Change(tops=0.7),
     "noise": Change(noise=0.01),
+    "jumps 0.05": Change(jumps=0.05),
+    "jumps 0.1": Change(jumps=0.1),
 }
+JUMPS_EVERY = 1.0  # s, on average
+TURNED = 0.4  # rad/m; standard deviation of the heading over that of the place
 
 
 class Misled:
@@ -74,7 +81,7 @@ class Misled:
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
-        self.rng, self.lagging = np.random.default_rng(seed), np.zeros(2)
+        self.rng, self.lagging, self.off = np.random.default_rng(seed), np.zeros(2), (0.0, 0.0, 0.0)
         self.policy.reset(replace(task, robot=self.declared), seed)
 
     def act(self, observation: Observation) -> Command:
@@ -85,6 +92,8 @@ class Misled:
             turn = self.rng.normal(0.0, 2.0 * noise)
             place, velocity = (o.xy[0] + x, o.xy[1] + y), (o.velocity[0] + vx, o.velocity[1] + vy)
             o = replace(o, xy=place, velocity=velocity, turn_rate=o.turn_rate + turn)
+        if self.change.jumps > 0.0:
+            o = self._misplaced(o)
         if self.change.latency > 0.0 and self.declared.latency == 0.0:
             o = replace(o, pending=None)
         command = self.policy.act(o)
@@ -94,6 +103,17 @@ class Misled:
         self.lagging += (1.0 - math.exp(-self.declared.dt / self.change.lag)) * (asked - self.lagging)
         one, two = self.lagging.tolist()
         return Command(twist=(one, two)) if self.declared.wheels else Command((one, two))
+
+    def _misplaced(self, o: Observation) -> Observation:
+        """Return the observation of a robot that is taken to be elsewhere on the map."""
+        if self.rng.random() < self.declared.dt / JUMPS_EVERY:
+            sigma = self.change.jumps
+            self.off = tuple(self.rng.normal(0.0, (sigma, sigma, TURNED * sigma)).tolist())
+        x, y, angle = self.off
+        turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+        place, velocity = (o.xy[0] + x, o.xy[1] + y), tuple((np.array(o.velocity) @ turn).tolist())
+        tracks = replace(o.tracks, xy=(o.tracks.xy - o.xy) @ turn + place, velocity=o.tracks.velocity @ turn)
+        return replace(o, xy=place, velocity=velocity, heading=o.heading + angle, tracks=tracks)
 
     def explain(self) -> Decision:
         """Return the policy's decision."""
