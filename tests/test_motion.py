@@ -13,7 +13,7 @@ from antway.kernels.base.records import ACKERMANN, DIFFERENTIAL, HOLONOMIC, Robo
 from antway.kernels.robot.contact import GOES_ON, HIT_MOVING, HIT_STANDING, HIT_WALL, REACHED, Record
 from antway.kernels.robot.cycle import play
 from antway.kernels.robot.motion import delayed, drive_cycle, drive_roughly
-from antway.kernels.robot.sweep import Body
+from antway.kernels.robot.sweep import Body, meets_wall, pose, rolling
 from antway.world.terrain import walls_of
 from antway.world.timeline import Timeline
 from common import cases
@@ -192,3 +192,29 @@ def test_contact_is_where_samples_find_it(drive: int, shape: str) -> None:
             assert abs(math.dist((x, y), aim[:2]) - aim[2]) < 1e-7 or end < 1e-9
         assert -5e-3 < clearance - np.min(gaps) < 5e-6  # the samples are a millisecond apart
     assert sum(told[what] > 0 for what in told) >= 2, told
+
+
+@pytest.mark.timeout(60)
+def test_a_body_that_overlaps_a_wall_gets_out_of_it_without_delay() -> None:
+    """It touches where it gets deeper, and where it only gets out, as after a jump of its place, it takes few steps to tell.
+
+    Steps of a nanosecond, each because another corner in the wall got deeper, once took minutes for a control cycle.
+    """
+    rng, walls, told = np.random.default_rng(4), walls_of(Grid(np.zeros((40, 40), bool), 0.1)), [0, 0]
+    corners = np.array([(-0.25, -0.2), (0.25, -0.2), (0.25, 0.2), (-0.25, 0.2)])
+    body = Body(corners, 0.0, math.hypot(0.25, 0.2), np.zeros((1, 2)))
+    for _ in range(cases(300, 3000)):
+        x, theta = rng.uniform(0.1, 0.3), rng.uniform(-math.pi, math.pi)
+        speeds = rng.uniform((-1.0, -2.0, -4.0, -4.0), (2.0, 2.0, 4.0, 4.0)).tolist()
+        m = rolling(x, 2.0, theta, *speeds, 0.1)
+        first = meets_wall(m, 0.1, body, walls)
+        times = np.linspace(0.0, 0.1, 201)
+        deep = [twin.body_at(corners, *pose(m, s)[:3])[:, 0].min() for s in times]
+        inside = int(deep[0] < 0.0)
+        told[inside] += first == math.inf
+        until = times < first - 1e-9
+        assert np.array(deep)[until].min(initial=1.0) > min(deep[0], 0.0) - 1e-6
+        if first < math.inf:
+            x, later = (twin.body_at(corners, *pose(m, s)[:3])[:, 0].min() for s in (first, first + 1e-4))
+            assert x < 1e-6 and later < x + 1e-7
+    assert min(told) > 10

@@ -121,6 +121,8 @@ def axis_gap(
 ) -> tuple[float, float, float]:
     """Return the gap of the body from the half plane n.p <= level, its rate, and for how long it surely stays above 0.
 
+    A body that overlaps the half plane already, because its place was not known well, stays above the present gap.
+
     Parameters
     ----------
     m, at : Segment, Pose
@@ -137,16 +139,21 @@ def axis_gap(
     """
     x, y, theta, vx, vy, w = at
     c, s = math.cos(theta), math.sin(theta)
-    gap, opening, time = math.inf, 0.0, math.inf
+    gap, opening, time, least = math.inf, 0.0, math.inf, 0.0
     base, speed = nx * x + ny * y - level, nx * vx + ny * vy - rate
     push = (nx * m.ax + ny * m.ay if not m.curved else -m.bend) - growth
-    for i in range(len(corners)):
-        rx, ry = c * corners[i, 0] - s * corners[i, 1], s * corners[i, 0] + c * corners[i, 1]
-        d, closing = base + nx * rx + ny * ry, speed + w * (ny * rx - nx * ry)
-        bend = push - m.spin * math.hypot(rx, ry) if m.curved else push
-        if d < gap:
-            gap, opening = d, closing
-        time = min(time, when_lost(max(d, _CLOSE), closing, bend))
+    for _ in range(2):
+        time = math.inf
+        for i in range(len(corners)):
+            rx, ry = c * corners[i, 0] - s * corners[i, 1], s * corners[i, 0] + c * corners[i, 1]
+            d, closing = base + nx * rx + ny * ry, speed + w * (ny * rx - nx * ry)
+            bend = push - m.spin * math.hypot(rx, ry) if m.curved else push
+            if d < gap:
+                gap, opening = d, closing
+            time = min(time, when_lost(max(d - least, _CLOSE), closing, bend))
+        if gap >= least:
+            break
+        least = gap
     return gap, opening, time
 
 
