@@ -51,8 +51,8 @@ def cost_of(controls: np.ndarray, problem: ControlProblem, corners: Corners = ()
             )
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
-        elif wall < w.wall_margin + w.wall_room:
-            cost += w.wall_risk * dt * decay * (w.wall_margin + w.wall_room - wall) / w.wall_room
+        elif wall < w.wall_margin + w.wall_range:
+            cost += w.wall_risk * dt * decay * (w.wall_margin + w.wall_range - wall) / w.wall_range
         speed = abs(a) if limits.drive else math.hypot(a, b)
         course = (
             math.copysign(1.0, a) * np.array([math.cos(theta), math.sin(theta)])

@@ -90,7 +90,7 @@ class Mppi(Follow):
             wall=100.0,
             wall_margin=self.wall_margin,
             wall_risk=0.0,
-            wall_room=0.0,
+            wall_range=0.0,
             off_plan=0.0,
             stop=0.0,
             stopping_time=0.0,

@@ -155,8 +155,7 @@ class Tracker:
         if t < self.t:
             self.count = 0
         self.t = t
-        seen = with_names(seen, t, self.table[: self.count], self.next_name)
-        self.next_name = max(self.next_name, int(seen.id.max(initial=-1)) + 1)
+        seen, self.next_name = with_names(seen, t, self.table[: self.count], self.next_name)
         variance = np.column_stack((np.full(len(seen), self.noise**2), np.zeros(len(seen))))
         scan = seen.id, seen.xy, seen.velocity, seen.radius, variance
         self.count, known = kalman.update(self.table, self.count, t, *scan, self.agility, self.estimates)

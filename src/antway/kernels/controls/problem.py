@@ -55,8 +55,8 @@ class CostWeights(NamedTuple):
     turn_risk: float  # 1; where contact begins, for each s of TURN_TIME; falls to nothing at TURN_DISTANCE; see `Outlook.harm`
     wall: float  # s; at each step at which the robot is nearer to a wall than `wall_margin`
     wall_margin: float  # m
-    wall_risk: float  # 1; for each second at `wall_margin`; falls to nothing at `wall_room` from there
-    wall_room: float  # m
+    wall_risk: float  # 1; for each second at `wall_margin`; falls to nothing at `wall_range` from there
+    wall_range: float  # m
     off_plan: float  # s/m; added to the time that the plan still takes, for each metre between the robot and the plan
     stop: float  # s/m; at each step, for the depth to which an obstacle could enter the robot's stop from there
     stopping_time: float  # s; delay before a stop begins

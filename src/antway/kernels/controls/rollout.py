@@ -216,11 +216,11 @@ def judge(controls: NDArray[np.float64], problem: ControlProblem, limit: float, 
         left = steps - 1 - k
         if k < rows:
             path[k, 0], path[k, 1] = at.x, at.y
-        wall = clearance(field, at, w.wall_margin + w.wall_room)
+        wall = clearance(field, at, w.wall_margin + w.wall_range)
         if wall < w.wall_margin:
             cost += w.wall * decay * (1.0 + 10.0 * (w.wall_margin - wall))
-        elif wall < w.wall_margin + w.wall_room:
-            cost += w.wall_risk * dt * decay * (w.wall_margin + w.wall_room - wall) / w.wall_room
+        elif wall < w.wall_margin + w.wall_range:
+            cost += w.wall_risk * dt * decay * (w.wall_margin + w.wall_range - wall) / w.wall_range
         if outlook.near[k] > 0:
             cost += obstacle_cost(before, at, k, decay, problem)
         decay *= decay_of_step

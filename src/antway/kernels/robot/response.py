@@ -15,11 +15,11 @@ from antway.kernels.robot.motion import drive_roughly
 T, X, Y, HEADING, A, B = range(6)  # columns of observations
 COLUMNS = 6
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
-# Entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and the
-# sums by which the factor is fitted by which speeds are wrong, m^2.
+# The entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and
+# the sums by which the factor is fitted by which speeds are wrong, m^2.
 ERROR_X, ERROR_Y, SQUARES, WEIGHT, FACTOR, LED = range(6)
-PLACE = 6
-_FADES = 3.0  # s; errors of the robot's place are forgotten in this time
+PLACE = 6  # entries of `place`
+_PLACE_MEMORY = 3.0  # s; errors of the robot's place are forgotten in this time
 _LEAST = 1e-9  # s; rounding errors of times are shorter, and without inertia any time is enough to change the speeds
 _RIGHT = 1e-12  # 1; while the squared error of the first candidate is less, the others are not tried
 
@@ -77,9 +77,9 @@ def learn_place(
     place[FACTOR] = memory * place[FACTOR] + miss_x * led_x + miss_y * led_y
     place[LED] = memory * place[LED] + led_x * led_x + led_y * led_y
     factor = place[FACTOR] / place[LED] if place[LED] > 0.0 else 0.0
-    fades = math.exp(-2.0 * half / _FADES)
-    place[ERROR_X] = fades * place[ERROR_X] + miss_x - factor * led_x
-    place[ERROR_Y] = fades * place[ERROR_Y] + miss_y - factor * led_y
+    kept = math.exp(-2.0 * half / _PLACE_MEMORY)
+    place[ERROR_X] = kept * place[ERROR_X] + miss_x - factor * led_x
+    place[ERROR_Y] = kept * place[ERROR_Y] + miss_y - factor * led_y
     place[SQUARES] = memory * place[SQUARES] + place[ERROR_X] ** 2 + place[ERROR_Y] ** 2
     place[WEIGHT] = memory * place[WEIGHT] + 1.0
     return math.sqrt(0.5 * place[SQUARES] / place[WEIGHT])

@@ -218,7 +218,7 @@ class ControlColony:
         o, weights = self.options, self.problem.weights
         if self.margins.margin == o.margin + spread:
             return
-        weights = weights._replace(wall_margin=o.wall_margin + spread, wall_room=_SPREADS * spread)
+        weights = weights._replace(wall_margin=o.wall_margin + spread, wall_range=_SPREADS * spread)
         self.problem = self.problem._replace(weights=weights)
         self.margins = self.margins._replace(margin=o.margin + spread)
 
@@ -351,7 +351,7 @@ def _weights(o: ControlOptions, robot: RobotSpec, slowness: float, swerve: float
         wall=_WALL_COST,
         wall_margin=o.wall_margin,
         wall_risk=o.wall_risk,
-        wall_room=0.0,
+        wall_range=0.0,
         off_plan=o.off_plan,
         stop=0.0 if swerve is None else o.stop,
         stopping_time=robot.latency + robot.dt,

@@ -24,7 +24,7 @@ _TIE = 3e-5  # 1; candidates whose errors differ by less count as equally good; 
 _GAP = 1.5  # control periods; after a longer gap between observations, earlier commands are forgotten
 _SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
 _DRIFT = 0.3  # s; speeds that are foretold wrongly make the robot's place wrong for this time
-_PLACE = 0.002  # m; a smaller uncertainty of the robot's place does not count
+_LEAST_SPREAD = 0.002  # m; a smaller uncertainty of the robot's place does not count
 _UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
@@ -92,7 +92,7 @@ class Response:
             self.place[:], misplaced = 0.0, 0.0
         turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
         self.spread = misplaced + _DRIFT * self.robot.v_max * (speed + _DRIFT * turn)
-        if self.spread <= _PLACE:
+        if self.spread <= _LEAST_SPREAD:
             self.spread = 0.0
         if self.spread > 0.0 and self.robot.stepwise:
             self.robot, changed = replace(self.robot, a_max=_AT_ONCE), True

@@ -51,11 +51,8 @@ class Tracker:
 
     def with_names(self, seen: Observation) -> Observation:
         """Return the observation with a name for each track: that of the nearest known track, or else a new one."""
-        tracks = with_names(seen.tracks, seen.sensed_at, self.table[: self.count], self._next_name)
-        if tracks is seen.tracks:
-            return seen
-        self._next_name += len(tracks)
-        return replace(seen, tracks=tracks)
+        tracks, self._next_name = with_names(seen.tracks, seen.sensed_at, self.table[: self.count], self._next_name)
+        return seen if tracks is seen.tracks else replace(seen, tracks=tracks)
 
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
@@ -136,8 +133,10 @@ class Tracker:
         return replace(seen, tracks=Tracks(e[:, NAME].astype(np.int64), e[:, :2], velocity, e[:, RADIUS], covariance))
 
 
-def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int) -> Tracks:
+def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int) -> tuple[Tracks, int]:
     """Return the tracks seen at time `t` s with a name for each: that of the nearest known track, or else a new one.
+
+    The second result is from where on new names are counted the next time.
 
     Parameters
     ----------
@@ -146,10 +145,10 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     table : float64[M, COLUMNS]
         The known tracks, as in kernels/tracking/kalman.py. Those that have a track already are not considered.
     first : int
-        New names are the least from here on that no other track has; they are less than `first` + the number of tracks.
+        New names are the least from here on that nobody has.
     """
     if not len(tracks) or tracks.id.min() >= 0:
-        return tracks
+        return tracks, first
     ids, nameless = tracks.id.copy(), np.flatnonzero(tracks.id < 0)
     known = table[~np.isin(table[:, NAME], ids)]
     place = known[:, X : Y + 1] + known[:, VX : VY + 1] * (t - known[:, kalman.T])[:, None]
@@ -159,8 +158,9 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
         ids[nameless[k]] = known[i, NAME]
         gap[i], gap[:, k] = math.inf, math.inf
     new = np.flatnonzero(ids < 0)
-    ids[new] = np.setdiff1d(first + np.arange(len(ids)), ids)[: len(new)]
-    return replace(tracks, id=ids)
+    taken = np.append(ids, table[:, NAME])  # floats, as names in the table are
+    ids[new] = np.setdiff1d(first + np.arange(float(len(taken))), taken)[: len(new)]
+    return replace(tracks, id=ids), int(ids[new].max(initial=first - 1)) + 1
 
 
 def longer(table: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
