@@ -148,8 +148,8 @@ def test_a_robot_that_is_as_declared_stays_so(name: str) -> None:
 def test_the_error_of_the_robots_place_is_found(name: str, held: int) -> None:
     """Whether it changes in each cycle or once a second; one without inertia is then driven with care, as one with it is."""
     response = Response(load_robot(name))
-    drive(response, load_robot(name), 200, misplaced=0.03, held=held)
-    assert response.spread == pytest.approx(0.03, rel=0.5) and "its place is uncertain by 0.0" in str(response)
+    drive(response, load_robot(name), 100, misplaced=0.02, held=held)
+    assert response.spread == pytest.approx(0.02, rel=0.5) and "its place is uncertain by 0.0" in str(response)
     assert not response.robot.stepwise
 
 

@@ -204,7 +204,7 @@ def test_a_footprint_passes_doors_narrower_than_the_disc_that_holds_it(door: flo
 
 @pytest.mark.parametrize(
     ("robot", "width", "size", "latest"),
-    [("diff", 0.65, 0.05, 15.0), ("inertia", 0.65, 0.05, 20.0), ("jackal", 0.53, 0.01, 30.0), ("amr", 0.8, 0.01, 30.0)],
+    [("diff", 0.65, 0.05, 15.0), ("inertia", 0.65, 0.05, 15.0), ("jackal", 0.53, 0.01, 30.0), ("amr", 0.8, 0.01, 30.0)],
 )
 def test_corridors_a_few_centimetres_wider_than_the_robot_are_passed(
     robot: str, width: float, size: float, latest: float

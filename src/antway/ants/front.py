@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import maximum_filter
 
 from antway import checks
 from antway.ants.grid_walk import NO_PATH, AntGraph, Ants, plan_of
@@ -213,7 +213,7 @@ def alternatives(
             found_paths.append(moves_of)
             zone = np.zeros(problem.grid.shape, dtype=bool)
             zone[tuple(np.array(np.divmod(graph.cells(moves_of), graph.net.width)) - 1)] = True
-            near.append(graph.flat(maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
+            near.append(graph.flat(scipy.ndimage.maximum_filter(zone, 2 * apart + 1).astype(np.float64)) == 1.0)
     if not found_paths:
         return (plan_of(problem, Status.BUDGET, None, graph.bound, 0, clock),)
     plans = (plan_of(problem, Status.FOUND, moves_of, graph.bound, 0, clock) for moves_of in found_paths)

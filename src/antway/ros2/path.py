@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
@@ -35,7 +35,7 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     far = np.ones(high - low + 1, bool)
     inside = ((cells >= low) & (cells <= high)).all(axis=1)
     far[tuple((cells[inside] - low).T)] = False
-    far = distance_transform_edt(far) * size > width
+    far = scipy.ndimage.distance_transform_edt(far) * size > width
     window = slice(low[0], high[0] + 1), slice(low[1], high[1] + 1)
     unknown = None if grid.unknown is None else grid.unknown[window]
     corner = grid.origin[0] + float(low[1]) * size, grid.origin[1] + float(low[0]) * size, 0.0

@@ -16,7 +16,7 @@ T, X, Y, HEADING, A, B = range(6)  # columns of observations
 COLUMNS = 6
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 # The entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and
-# the sums by which the factor is fitted by which speeds are wrong, m^2.
+# the two sums, m^2, whose ratio is the factor by which speeds are wrong.
 ERROR_X, ERROR_Y, SQUARES, WEIGHT, FACTOR, LED = range(6)
 PLACE = 6  # entries of `place`
 _PLACE_MEMORY = 3.0  # s; errors of the robot's place are forgotten in this time
@@ -67,17 +67,19 @@ def learn_place(
     the distance of the robot from where it is foretold to be, if its speeds have become what they are evenly. Speeds that are
     wrong by a constant factor do not count. `foretold` is the state now if it was at (0, 0), with the heading 0, before.
     """
-    half = 0.5 * (now[T] - before[T])
-    led_x, led_y = foretold.x + half * (now[A] - foretold.a), foretold.y + half * (now[B] - foretold.b)
-    if not holonomic:  # the chord of an arc has the heading of its middle
-        chord = math.copysign(math.hypot(foretold.x, foretold.y), foretold.x) + half * (now[A] - foretold.a)
+    passed = now[T] - before[T]
+    more_a, more_b = 0.5 * passed * (now[A] - foretold.a), 0.5 * passed * (now[B] - foretold.b)
+    if holonomic:
+        led_x, led_y = foretold.x + more_a, foretold.y + more_b
+    else:  # the chord of an arc has the heading of its middle
+        chord = math.copysign(math.hypot(foretold.x, foretold.y), foretold.x) + more_a
         heading = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
         led_x, led_y = chord * math.cos(heading), chord * math.sin(heading)
     miss_x, miss_y = now[X] - before[X] - led_x, now[Y] - before[Y] - led_y
     place[FACTOR] = memory * place[FACTOR] + miss_x * led_x + miss_y * led_y
     place[LED] = memory * place[LED] + led_x * led_x + led_y * led_y
     factor = place[FACTOR] / place[LED] if place[LED] > 0.0 else 0.0
-    kept = math.exp(-2.0 * half / _PLACE_MEMORY)
+    kept = math.exp(-passed / _PLACE_MEMORY)
     place[ERROR_X] = kept * place[ERROR_X] + miss_x - factor * led_x
     place[ERROR_Y] = kept * place[ERROR_Y] + miss_y - factor * led_y
     place[SQUARES] = memory * place[SQUARES] + place[ERROR_X] ** 2 + place[ERROR_Y] ** 2
