@@ -30,6 +30,7 @@ import numpy as np
 
 from antway import Command, Decision, Observation, Policy, RobotSpec, Task, make_policy, run
 from antway.arena.suites import Episode, build, facts
+from antway.ros2.frames import chain, inverse, move_tracks, turn
 
 KINDS = ("open", "clutter", "aisles")
 
@@ -89,9 +90,9 @@ class Misled:
         o, noise = observation, self.change.noise
         if noise > 0.0:
             x, y, vx, vy = self.rng.normal(0.0, (noise, noise, 2.0 * noise, 2.0 * noise))
-            turn = self.rng.normal(0.0, 2.0 * noise)
+            turn_noise = self.rng.normal(0.0, 2.0 * noise)
             place, velocity = (o.xy[0] + x, o.xy[1] + y), (o.velocity[0] + vx, o.velocity[1] + vy)
-            o = replace(o, xy=place, velocity=velocity, turn_rate=o.turn_rate + turn)
+            o = replace(o, xy=place, velocity=velocity, turn_rate=o.turn_rate + turn_noise)
         if self.change.jumps > 0.0:
             o = self._misplaced(o)
         if self.change.latency > 0.0 and self.declared.latency == 0.0:
@@ -110,9 +111,9 @@ class Misled:
             sigma = self.change.jumps
             self.off = tuple(self.rng.normal(0.0, (sigma, sigma, TURNED * sigma)).tolist())
         x, y, angle = self.off
-        turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-        place, velocity = (o.xy[0] + x, o.xy[1] + y), tuple((np.array(o.velocity) @ turn).tolist())
-        tracks = replace(o.tracks, xy=(o.tracks.xy - o.xy) @ turn + place, velocity=o.tracks.velocity @ turn)
+        place = o.xy[0] + x, o.xy[1] + y
+        moved = chain((*place, angle), inverse((*o.xy, 0.0)))
+        velocity, tracks = turn(angle, o.velocity), move_tracks(moved, o.tracks)
         return replace(o, xy=place, velocity=velocity, heading=o.heading + angle, tracks=tracks)
 
     def explain(self) -> Decision:
