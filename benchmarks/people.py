@@ -9,6 +9,7 @@ noise         places are wrong by 0.05 m, and no covariance tells it
 no-velocity   the sensor gives no velocities
 noisy-places  both: no velocities, and places that are wrong by 0.05 m, which no covariance tells
 nameless      nobody has a number
+swaps         in one of twenty scans, two obstacles swap their numbers for good
 radius        each scan has other radii, wrong by up to 20 %
 untold        nothing is declared but a speed of 1.5 m/s, whatever the obstacles do
 circles       discs go round on circles, and only a speed of 1.5 m/s is declared (suite synthetic, groups open/...)
@@ -34,23 +35,24 @@ from antway.arena.suites import Episode, build, episodes, facts
 from antway.version import __version__
 from antway.world.motions import Bounce, Replay, Waypoints
 
+Told = Callable[[Tracks], Tracks]
 SLOWEST = 10  # number of episodes that are named because they lose most time
 
 
 class Untold:
-    """A policy that is told less of the tracks, or wrongly: what `told` makes of them."""
+    """A policy that is told less of the tracks, or wrongly: what `change` makes of them, given random numbers."""
 
-    def __init__(self, policy: Policy, told: Callable[[Tracks, np.random.Generator], Tracks]) -> None:
-        self.policy, self.told = policy, told
+    def __init__(self, policy: Policy, change: Callable[[np.random.Generator], Told]) -> None:
+        self.policy, self.change = policy, change
 
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
-        self.rng = np.random.default_rng(seed)
+        self.told = self.change(np.random.default_rng(seed))
         self.policy.reset(task, seed)
 
     def act(self, observation: Observation) -> Command:
         """Return the policy's command."""
-        return self.policy.act(replace(observation, tracks=self.told(observation.tracks, self.rng)))
+        return self.policy.act(replace(observation, tracks=self.told(observation.tracks)))
 
     def explain(self) -> Decision:
         """Return the policy's decision."""
@@ -89,18 +91,35 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
     "noise": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05)),
     "noisy-places": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, noise=0.05, velocity="none")),
     "nameless": lambda scenario: scenario,
+    "swaps": lambda scenario: scenario,
     "radius": lambda scenario: scenario,
     "no-velocity": lambda scenario: replace(scenario, sensor=replace(scenario.sensor, velocity="none")),
     "untold": lambda scenario: replace(scenario, obstacle_speed=1.5, obstacle_surge=math.inf, obstacle_swerve=math.inf),
     "circles": circles,
     "fast": fast,
 }
+
+
+def swaps(rng: np.random.Generator) -> Told:
+    """Swap the numbers of two obstacles for good, in one of twenty scans."""
+    names: dict[int, int] = {}
+
+    def told(tracks: Tracks) -> Tracks:
+        if len(tracks) > 1 and rng.random() < 0.05:
+            one, other = rng.choice(tracks.id, 2, replace=False).tolist()
+            names[one], names[other] = names.get(other, other), names.get(one, one)
+        return replace(tracks, id=np.array([names.get(name, name) for name in tracks.id.tolist()], np.int64))
+
+    return told
+
+
 # What the policy is told of the tracks.
-TOLD: dict[str, Callable[[Tracks, np.random.Generator], Tracks]] = {
-    "noise": lambda tracks, rng: replace(tracks, covariance=None),
-    "noisy-places": lambda tracks, rng: replace(tracks, covariance=None),
-    "nameless": lambda tracks, rng: replace(tracks, id=np.full(len(tracks), -1)),
-    "radius": lambda tracks, rng: replace(tracks, radius=tracks.radius * rng.uniform(0.8, 1.2, len(tracks))),
+TOLD: dict[str, Callable[[np.random.Generator], Told]] = {
+    "noise": lambda rng: lambda tracks: replace(tracks, covariance=None),
+    "noisy-places": lambda rng: lambda tracks: replace(tracks, covariance=None),
+    "nameless": lambda rng: lambda tracks: replace(tracks, id=np.full(len(tracks), -1)),
+    "swaps": swaps,
+    "radius": lambda rng: lambda tracks: replace(tracks, radius=tracks.radius * rng.uniform(0.8, 1.2, len(tracks))),
 }
 
 

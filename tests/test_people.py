@@ -31,7 +31,7 @@ from antway.kernels.tracking.predict import (
 from antway.kernels.tracking.spread import place_variance, tube_radius
 from antway.policies.antway.nodes import make_context
 from antway.policies.antway.policy import AntwayPolicy
-from antway.policies.antway.tracker import Tracker
+from antway.policies.antway.tracker import NAMELESS, Tracker
 from antway.policies.guard import MODES, Guard
 from antway.world.motions import Replay
 from antway.world.sensor import Sensor
@@ -219,6 +219,21 @@ def test_the_guard_knows_velocities_that_are_not_told() -> None:
             assert guard.tracks[0, 2] == pytest.approx(-1.3 if known else 0.0, abs=0.5 if i == 1 else 0.08)
 
 
+class _Swapping(AntwayPolicy):
+    """Policy antway with a sensor that swaps the names of two tracks in one of ten scans, for good."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.names, self.rng = np.arange(1000), np.random.default_rng(1)
+
+    def act(self, observation: Observation) -> Command:
+        seen = observation.tracks
+        if len(seen) > 1 and self.rng.random() < 0.1:
+            pair = self.rng.choice(seen.id, 2, replace=False)
+            self.names[pair] = self.names[pair[::-1]]
+        return super().act(replace(observation, tracks=replace(seen, id=self.names[seen.id])))
+
+
 class _Nameless(AntwayPolicy):
     """Policy antway with a sensor that reports no names, or the same name for all, in any order."""
 
@@ -264,6 +279,56 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
     *new, old = names(0.6, [(9.0, 9.0), (1.9, 1.0), (1.6, 1.1)])
     assert old == a and not {a, b} & set(new) and len(set(new)) == 2
     assert names(0.7, [(4.7, 1.0)]) == [b], "unseen for one scan"
+
+
+@pytest.mark.parametrize("robot", ["", "diff"])
+def test_swapped_names_are_put_right(robot: str) -> None:
+    """A robot whose sensor swaps names again and again is nearly as fast as one whose sensor does not."""
+    total = {False: 0.0, True: 0.0}
+    for one in episodes("synthetic", 2, robot):
+        if one.group in ("open/medium", "aisles/medium"):
+            for swapping in total:
+                result = run(build(one), _Swapping() if swapping else "antway", seed=one.seed)
+                check_episode(result)
+                assert result.reached, one.name
+                total[swapping] += result.time
+    assert total[True] <= 1.1 * total[False]
+
+
+def test_whatever_names_a_sensor_gives_a_body_keeps_its_own() -> None:
+    """Of bodies a metre apart, some unseen in each scan, everyone keeps the name of the first scan, however names are dealt."""
+    rng = np.random.default_rng(2)
+    for _ in range(cases(20, 500)):
+        n, t, tracker = int(rng.integers(2, 7)), 0.0, Tracker()
+        xy, v, names = np.column_stack((rng.uniform(0, 9, n), np.arange(n))), rng.uniform(-1.5, 1.5, n), np.arange(n)
+        for i in range(30):
+            if rng.random() < 0.3:
+                names = rng.permutation(n)
+            seen = rng.permutation(np.flatnonzero((rng.random(n) < 0.8) | (i == 0)))
+            velocity = np.column_stack((v, np.zeros(n)))
+            given = np.arange(n) if i == 0 else names
+            tracks = Tracks(given[seen], xy[seen], velocity[seen], np.full(len(seen), 0.3))
+            found = tracker.with_names(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks)).tracks
+            assert found.id.tolist() == seen.tolist()
+            tracker.update(found, t)
+            t, xy = t + 0.1, xy + velocity * 0.1
+
+
+def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
+    """Whoever jumps, or turns, keeps its name if nobody else was expected there; a taken name goes to whom it fits."""
+    tracker = Tracker()
+
+    def names(t: float, ids: list[int], x: list[float]) -> list[int]:
+        n = len(x)
+        tracks = Tracks(np.array(ids), np.column_stack((x, np.ones(n))), np.tile((1.0, 0.0), (n, 1)), np.full(n, 0.3))
+        seen = tracker.with_names(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
+        tracker.update(seen.tracks, t)
+        return seen.tracks.id.tolist()
+
+    assert names(0.0, [4, 5], [1.0, 6.0]) == [4, 5]
+    assert names(0.1, [4, 5], [0.6, 6.1]) == [4, 5], "0.5 m from where it was expected, and nobody was expected there"
+    assert names(0.2, [5, 9], [3.0, 6.2]) == [NAMELESS, 5], "the name 5 is given to somebody new, and another one to who had it"
+    assert names(0.3, [5, 9, 4], [3.1, 6.3, 0.8]) == [NAMELESS, 5, 4]
 
 
 @pytest.mark.parametrize("measured", [True, False])

@@ -21,6 +21,7 @@ from antway.kernels.tracking.table import drop_lost, row_of
 T, P11, P12, P22 = range(8, 12)
 COLUMNS = 12  # of the track table
 UNKNOWN = 1.0  # m/s; standard deviation of the velocity of a track that was seen once without a measured velocity
+FAR = 0.3  # m; a track farther than this from its predicted place may be another one
 _SHRINK = 0.1  # 1; a radius grows at once, and shrinks by this share of the difference with each scan
 _TURNED = 4.0  # standard deviations; a track farther than this from its predicted place has turned
 
@@ -111,3 +112,15 @@ def update(
         estimate[SIGMA] = math.sqrt(max(row[P11] + 2 * age * row[P12] + age * age * row[P22], 0.0))
         estimate[SIGMA_V] = math.sqrt(max(row[P22], 0.0))
     return count, known_tracks
+
+
+@kernel
+def jumped(table: NDArray[np.float64], t: float, name: NDArray[np.int64], xy: NDArray[np.float64]) -> bool:
+    """Tell whether a known track is farther than `FAR` from where it was predicted to be at time `t` s."""
+    for k in range(len(name)):
+        i = row_of(table, len(table), NAME, float(name[k]))
+        if i < len(table):
+            row, age = table[i], t - table[i, T]
+            if math.hypot(xy[k, 0] - row[X] - row[VX] * age, xy[k, 1] - row[Y] - row[VY] * age) > FAR:
+                return True
+    return False

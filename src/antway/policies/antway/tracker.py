@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, bounces, kalman, noise, turns
+from antway.kernels.tracking.kalman import jumped
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.world.policy import Observation, Tracks
 
@@ -50,7 +51,7 @@ class Tracker:
         self._next_name = NAMELESS
 
     def with_names(self, seen: Observation) -> Observation:
-        """Return the observation with a name for each track: that of the nearest known track, or else a new one."""
+        """Return the observation with a name for each track: see `with_names`."""
         tracks, self._next_name = with_names(seen.tracks, seen.sensed_at, self.table[: self.count], self._next_name)
         return seen if tracks is seen.tracks else replace(seen, tracks=tracks)
 
@@ -136,7 +137,8 @@ class Tracker:
 def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int) -> tuple[Tracks, int]:
     """Return the tracks seen at time `t` s with a name for each: that of the nearest known track, or else a new one.
 
-    The second result is from where on new names are counted the next time.
+    A name that the sensor gives counts, unless its track was expected far from there and another known track near: then the
+    sensor has swapped names. The second result is from where on new names are counted the next time.
 
     Parameters
     ----------
@@ -147,20 +149,46 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     first : int
         New names are the least from here on that nobody has.
     """
-    if not len(tracks) or tracks.id.min() >= 0:
+    suspect = first > NAMELESS or jumped(table, t, tracks.id, tracks.xy)
+    if not suspect and (not len(tracks) or tracks.id.min() >= 0):
         return tracks, first
-    ids, nameless = tracks.id.copy(), np.flatnonzero(tracks.id < 0)
-    known = table[~np.isin(table[:, NAME], ids)]
-    place = known[:, X : Y + 1] + known[:, VX : VY + 1] * (t - known[:, kalman.T])[:, None]
-    gap = np.hypot(*(place[:, None] - tracks.xy[nameless]).transpose(2, 0, 1))
+    age = t - table[:, kalman.T]
+    place = table[:, X : Y + 1] + table[:, VX : VY + 1] * age[:, None]
+    gap = np.hypot(*(place[:, None] - tracks.xy).transpose(2, 0, 1))
+    given = np.where(_doubtful(gap, table[:, NAME, None] == tracks.id), -1, tracks.id)
+    ids = given.copy()
+    gap[np.isin(table[:, NAME], given)] = math.inf
+    gap[:, given >= 0] = math.inf
     while gap.size and gap.min() < _NEAR:  # the nearest pair first
         i, k = np.unravel_index(gap.argmin(), gap.shape)
-        ids[nameless[k]] = known[i, NAME]
+        ids[k] = table[i, NAME]
         gap[i], gap[:, k] = math.inf, math.inf
+    ids = np.where((ids < 0) & ~np.isin(tracks.id, ids), tracks.id, ids)  # a doubtful name that nobody else got
     new = np.flatnonzero(ids < 0)
     taken = np.append(ids, table[:, NAME])  # floats, as names in the table are
     ids[new] = np.setdiff1d(first + np.arange(float(len(taken))), taken)[: len(new)]
     return replace(tracks, id=ids), int(ids[new].max(initial=first - 1)) + 1
+
+
+def _doubtful(gap: NDArray[np.float64], same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell of each track of a scan whether its name is doubtful.
+
+    It is if no known track has that name, or if that track was expected more than `kalman.FAR` away and another one half as far
+    at most: a known track is nearer to this place, or a track of the scan to the place expected.
+
+    Parameters
+    ----------
+    gap : float64[M, K]
+        How far each track of the scan is from where each known track was expected, m.
+    same : bool[M, K]
+        Whether both have the same name.
+    """
+    own, others = np.where(same, gap, math.inf), np.where(same, math.inf, gap)
+    known = others.min(axis=0, initial=math.inf)
+    seen = np.where(same, others.min(axis=1, initial=math.inf)[:, None], math.inf).min(axis=0, initial=math.inf)
+    own = own.min(axis=0, initial=math.inf)
+    doubtful: NDArray[np.bool_] = ~same.any(axis=0) | (own > kalman.FAR) & (np.minimum(known, seen) <= 0.5 * own)
+    return doubtful
 
 
 def longer(table: NDArray[np.float64], rows: int) -> NDArray[np.float64]:
