@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from antway.arena.suites import build, episodes
 from antway.kernels import sidestep
 from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.harm import harm, least_harm
-from antway.kernels.tracking import averages, noise
+from antway.kernels.tracking import averages, noise, reported
 from antway.kernels.tracking.predict import (
     NAME,
     NO_PREDICTIONS,
@@ -269,7 +270,7 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
     def names(t: float, xy: list[tuple[float, float]]) -> list[int]:
         n = len(xy)
         tracks = Tracks(np.full(n, -1), np.array(xy), np.tile((1.0, 0.0), (n, 1)), np.full(n, 0.3))
-        seen = tracker.with_names(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
+        seen = tracker.corrected(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
         tracker.update(seen.tracks, t)
         return seen.tracks.id.tolist()
 
@@ -308,7 +309,7 @@ def test_whatever_names_a_sensor_gives_a_body_keeps_its_own() -> None:
             velocity = np.column_stack((v, np.zeros(n)))
             given = np.arange(n) if i == 0 else names
             tracks = Tracks(given[seen], xy[seen], velocity[seen], np.full(len(seen), 0.3))
-            found = tracker.with_names(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks)).tracks
+            found = tracker.corrected(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks)).tracks
             assert found.id.tolist() == seen.tolist()
             tracker.update(found, t)
             t, xy = t + 0.1, xy + velocity * 0.1
@@ -321,7 +322,7 @@ def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
     def names(t: float, ids: list[int], x: list[float]) -> list[int]:
         n = len(x)
         tracks = Tracks(np.array(ids), np.column_stack((x, np.ones(n))), np.tile((1.0, 0.0), (n, 1)), np.full(n, 0.3))
-        seen = tracker.with_names(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
+        seen = tracker.corrected(Observation(t, (0.0, 0.0), (0.0, 0.0), 0.0, tracks))
         tracker.update(seen.tracks, t)
         return seen.tracks.id.tolist()
 
@@ -350,6 +351,60 @@ def test_places_of_noise_are_told_from_their_innovations(measured: bool) -> None
         assert math.sqrt(found[-1]) == pytest.approx(sigma, rel=0.34, abs=1e-3)
         assert measured or math.sqrt(found[20]) == pytest.approx(sigma, rel=0.5, abs=5e-3)  # after two seconds
         assert math.sqrt(slow) == pytest.approx(sigma, rel=0.1, abs=1e-3)
+
+
+WRONG_VELOCITIES: dict[str, Callable[[np.ndarray, np.random.Generator], np.ndarray]] = {
+    "zero": lambda v, rng: np.zeros(v.shape),
+    "noise": lambda v, rng: v + rng.normal(0.0, 0.3, v.shape),
+    "too large": lambda v, rng: 1.3 * v,
+}
+
+
+@pytest.mark.parametrize("how", ["right", "none", "of noisy places", *WRONG_VELOCITIES])
+def test_velocities_that_do_not_fit_places_are_noticed(how: str) -> None:
+    """Kernel and slow twin agree after each scan; wrong velocities are noticed in a second, right ones are never called so."""
+    rng = np.random.default_rng(4)
+    for _ in range(cases(5, 100)):
+        xy, v, t, scans = rng.uniform(0, 9, (4, 2)), rng.uniform(0.5, 1.2, (4, 2)), 0.0, []
+        for _ in range(40):
+            v = np.where(rng.random((4, 1)) < 0.02, rng.uniform(-1.2, 1.2, (4, 2)), v)
+            told = WRONG_VELOCITIES[how](v, rng) if how in WRONG_VELOCITIES else v * (math.nan if how == "none" else 1.0)
+            seen = rng.random(4) < 0.9
+            places = xy + rng.normal(0.0, 0.05, xy.shape) * (how == "of noisy places")
+            scans.append((t, np.flatnonzero(seen), places[seen], told[seen]))
+            dt = float(rng.choice([0.1, 0.2, 0.6], p=[0.8, 0.18, 0.02]))
+            xy, t = xy + v * dt, t + dt
+        rows, state = np.zeros((16, reported.COLUMNS)), np.zeros(4)
+        found = [reported.wrong(rows, state, *scan) for scan in scans]
+        assert found == naive.velocities_are_wrong(scans)
+        if how in WRONG_VELOCITIES:
+            assert all(found[10:])
+        else:
+            assert not any(found)
+
+
+@pytest.mark.parametrize("robot", ["", "diff"])
+@pytest.mark.parametrize("how", WRONG_VELOCITIES)
+def test_a_robot_arrives_though_its_sensor_reports_wrong_velocities(how: str, robot: str) -> None:
+    """It is nearly as fast as with right ones, and says that those reported are not used."""
+
+    class Misled(AntwayPolicy):
+        def reset(self, task: Task, seed: int) -> None:
+            self.rng = np.random.default_rng(seed)
+            super().reset(task, seed)
+
+        def act(self, observation: Observation) -> Command:
+            seen = observation.tracks
+            told = replace(seen, velocity=WRONG_VELOCITIES[how](seen.velocity, self.rng))
+            return super().act(replace(observation, tracks=told))
+
+    for one in episodes("synthetic", 1, robot):
+        if one.group == "open/medium":
+            policy = Misled()
+            result, right = run(build(one), policy, seed=one.seed), run(build(one), "antway", seed=one.seed)
+            check_episode(result)
+            assert result.reached and result.time <= 1.1 * right.time
+            assert "do not fit their places" in policy.explain().reason
 
 
 @pytest.mark.parametrize("chance", [0.05, 0.2])

@@ -140,6 +140,25 @@ def place_noise(scans) -> float:
     return float(np.median(squares)) / math.log(2.0)
 
 
+def velocities_are_wrong(scans, memory=0.995, enough=10.0, least=0.03, most=1.0, far=0.5) -> list[bool]:
+    """After each scan (t, ids, xy, velocity): whether reported velocities foretold worse than the two places before did."""
+    past, errors, out = {}, [], []  # of each track: all its (t, place, velocity); errors: (reported, between)
+    for t, ids, xy, velocity in scans:
+        for name, place, speed in zip(ids, xy, velocity):
+            places = past.setdefault(int(name), [])
+            places.append((t, place, speed))
+            if len(places) > 2:
+                (t0, x0, _), (t1, x1, v1), _ = places[-3:]
+                found = (place - x1) / (t - t1)
+                both = math.dist(found, v1), math.dist(found, (x1 - x0) / (t1 - t0))
+                if t - t1 <= far and not any(map(math.isnan, both)):
+                    errors.append(np.minimum(both, most))
+        weights = memory ** np.arange(len(errors))[::-1]
+        reported, between = weights @ errors if errors else (0.0, 0.0)
+        out.append(weights.sum() >= enough and reported > 2.0 * between + least * weights.sum())
+    return out
+
+
 def stays(scans, place=1.0, least_memory=1.0):
     """Return of each obstacle {name: (since, seen, places)}: the places of its stay, whose box is no longer than `place`.
 

@@ -53,6 +53,7 @@ _OUTSET = 0.5  # s; during this time after the start, the velocities of tracks a
 _NEARBY = 3.0  # s; during the outset, the robot plans around predictions only up to this time ahead
 _STANDS = 1.0  # s; an explanation is renewed after this time, even if the plan stays
 _WALKS = 0.3  # m/s; once a track was faster than this, the fastest observed speed is taken as the preferred speed of all
+_DOUBT = "the velocities of obstacles that the sensor reports do not fit their places and are not used"
 _EXPANSIONS_SHOWN = 5  # number of moves that the ants test in one displayed cycle
 
 
@@ -207,7 +208,10 @@ class AntwayPolicy:
         """
         as_sensed = self._learn_response(check_observation(observation))
         s = self._state
-        observation = s.tracker.with_names(as_sensed)
+        doubted = s.tracker.doubts_velocities
+        observation = s.tracker.corrected(as_sensed)
+        if s.tracker.doubts_velocities != doubted:  # predictions were from other velocities
+            s.crowd = make_crowd(s.task, len(s.crowd.rows))
         self._update_tracks(observation)
         if observation.sensed_at >= s.detours.due:
             self._look_for_detours(observation)
@@ -387,8 +391,8 @@ class AntwayPolicy:
                 s.plan.segments[: int(s.plan.state[SEGMENT_COUNT])].copy(),
             )
             s.decision = explain(situation, s.path, arrival - t, bound - t, s.guard_did, self.pheromone(), self.memory())
-            if learnt := str(s.response):
-                s.decision = replace(s.decision, reason=f"{s.decision.reason}; {learnt}")
+            learnt = [str(s.response), _DOUBT if s.tracker.doubts_velocities else ""]
+            s.decision = replace(s.decision, reason="; ".join([s.decision.reason, *filter(None, learnt)]))
         return s.decision
 
     def planned(self) -> TimedPath | None:

@@ -159,19 +159,19 @@ def make_plan() -> Plan:
     return Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
 
 
-def make_crowd(task: Task) -> Crowd:
-    """Return the predictions of no tracks yet. The less obstacles may swerve, the less wrong predictions seem at first."""
+def make_crowd(task: Task, rows: int = ROWS) -> Crowd:
+    """Return tables for predictions of no tracks yet. The less obstacles may swerve, the less wrong they seem at first."""
     error, weight = prediction_error.POOL
     return Crowd(
-        rows=np.zeros((ROWS, crowd.COLUMNS)),
+        rows=np.zeros((rows, crowd.COLUMNS)),
         counts=np.zeros(2, np.int64),
-        prediction=np.empty((ROWS, crowd.STEPS, 2)),
-        averaged=np.zeros((ROWS, 8)),
-        turning=curves.Turning(np.zeros((ROWS, curves.COLUMNS)), np.zeros(curves.POOL), np.zeros(1, np.int64), np.zeros(ROWS)),
-        stored=np.zeros((ROWS, prediction_error.COLUMNS)),
+        prediction=np.empty((rows, crowd.STEPS, 2)),
+        averaged=np.zeros((rows, 8)),
+        turning=curves.Turning(np.zeros((rows, curves.COLUMNS)), np.zeros(curves.POOL), np.zeros(1, np.int64), np.zeros(rows)),
+        stored=np.zeros((rows, prediction_error.COLUMNS)),
         pool=np.array([error * relative_swerve(task), weight]),
         missed=np.zeros(1, np.int64),
-        velocity_error=np.zeros(ROWS),
+        velocity_error=np.zeros(rows),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
-from antway.kernels.tracking import averages, bounces, kalman, noise, turns
+from antway.kernels.tracking import averages, bounces, kalman, noise, reported, turns
 from antway.kernels.tracking.kalman import jumped
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.world.policy import Observation, Tracks
@@ -35,25 +35,40 @@ class Tracker:
         The table and the pool of kernels/tracking/averages.py, and the number of rows in use.
     fastest : float
         Speed of the fastest track seen, m/s.
+    doubts_velocities : bool
+        Whether the velocities that the sensor reports are not used, because they do not foretell places.
     """
 
     def __init__(self) -> None:
         self.table, self.count = np.zeros((ROWS, kalman.COLUMNS)), 0
         self._estimates = np.zeros((ROWS, 8))
         self.estimates = self._estimates[:0]
-        self.averages, self.averages_count = np.zeros((ROWS, averages.COLUMNS)), 0
-        self.pool = np.zeros(averages.POOL)
+        self.averages = np.zeros((ROWS, averages.COLUMNS))
         self._measured, self._noise = np.zeros((MOST_ROWS, noise.COLUMNS)), np.zeros(3)  # see kernels/tracking/noise.py
+        self._last, self._errors = np.zeros((MOST_ROWS, reported.COLUMNS)), np.zeros(4)  # see kernels/tracking/reported.py
         self._variance = np.zeros((64, 2))  # of the last scan
-        self._seen, self._seen_count = np.zeros((ROWS, bounces.COLUMNS)), 0  # see kernels/tracking/turns.py
-        self._turns = np.array([turns.FIRST_SECONDS, 0.0, 0.0])
-        self.fastest = 0.0
+        self._seen = np.zeros((ROWS, bounces.COLUMNS))  # see kernels/tracking/turns.py
+        self.doubts_velocities = False
+        self._forget()
         self._next_name = NAMELESS
 
-    def with_names(self, seen: Observation) -> Observation:
-        """Return the observation with a name for each track: see `with_names`."""
-        tracks, self._next_name = with_names(seen.tracks, seen.sensed_at, self.table[: self.count], self._next_name)
+    def corrected(self, seen: Observation) -> Observation:
+        """Return the observation with a name for each track (`with_names`), and without velocities that are wrong."""
+        t = seen.sensed_at
+        tracks, self._next_name = with_names(seen.tracks, t, self.table[: self.count], self._next_name)
+        if tracks.covariance is None:
+            wrong = reported.wrong(self._last, self._errors, t, tracks.id, tracks.xy, tracks.velocity)
+            if wrong != self.doubts_velocities:
+                self.doubts_velocities = wrong
+                self._forget()
+            if wrong:
+                tracks = replace(tracks, velocity=np.full(tracks.velocity.shape, math.nan))
         return seen if tracks is seen.tracks else replace(seen, tracks=tracks)
+
+    def _forget(self) -> None:
+        """Forget what was learnt from velocities."""
+        self.averages_count, self._seen_count, self.fastest = 0, 0, 0.0
+        self.pool, self._turns = np.zeros(averages.POOL), np.array([turns.FIRST_SECONDS, 0.0, 0.0])
 
     def update(self, tracks: Tracks, t: float) -> None:
         """Update the estimates with a scan at time `t` s."""
