@@ -13,6 +13,9 @@ slow              top speed and turn rate are 0.7 of what is declared
 noise             places are wrong by 1 cm, speeds by 2 cm/s and 0.02 rad/s
 jumps 0.05, 0.1   the robot's place on the map is wrong by so many m along each axis, its heading by 0.02 or 0.04 rad; both jump
                   once a second on average, and the obstacles, which are seen from the robot, with them
+no speeds         speeds are reported as 0
+robot's frame     the velocity is reported in the robot's frame, in place of the map's
+late speeds       speeds are reported 0.3 s late
 
 The table has how many episodes reach the goal, contacts with obstacles and with walls, and the mean time over the optimum.
 """
@@ -46,6 +49,7 @@ class Change:
     noise: float = 0.0  # m, standard deviation
     tops: float = 1.0  # factor of the top speed and the turn rate
     jumps: float = 0.0  # m, standard deviation
+    speeds: str = ""  # how they are reported: as "zero", in the "robot's frame", or "late"
 
     def of(self, robot: RobotSpec) -> RobotSpec:
         """Return the robot that drives."""
@@ -69,8 +73,12 @@ CHANGES = {
     "noise": Change(noise=0.01),
     "jumps 0.05": Change(jumps=0.05),
     "jumps 0.1": Change(jumps=0.1),
+    "no speeds": Change(speeds="zero"),
+    "robot's frame": Change(speeds="robot's frame"),
+    "late speeds": Change(speeds="late"),
 }
 JUMPS_EVERY = 1.0  # s, on average
+LATE = 3  # control periods; late speeds are as old as this
 TURNED = 0.4  # rad/m; standard deviation of the heading over that of the place
 
 
@@ -83,6 +91,7 @@ class Misled:
     def reset(self, task: Task, seed: int) -> None:
         """Begin an episode."""
         self.rng, self.lagging, self.off = np.random.default_rng(seed), np.zeros(2), (0.0, 0.0, 0.0)
+        self.speeds: list[tuple[tuple[float, float], float]] = []  # those of all observations
         self.policy.reset(replace(task, robot=self.declared), seed)
 
     def act(self, observation: Observation) -> Command:
@@ -95,6 +104,8 @@ class Misled:
             o = replace(o, xy=place, velocity=velocity, turn_rate=o.turn_rate + turn_noise)
         if self.change.jumps > 0.0:
             o = self._misplaced(o)
+        if self.change.speeds:
+            o = self._with_other_speeds(o)
         if self.change.latency > 0.0 and self.declared.latency == 0.0:
             o = replace(o, pending=None)
         command = self.policy.act(o)
@@ -115,6 +126,16 @@ class Misled:
         moved = chain((*place, angle), inverse((*o.xy, 0.0)))
         velocity, tracks = turn(angle, o.velocity), move_tracks(moved, o.tracks)
         return replace(o, xy=place, velocity=velocity, heading=o.heading + angle, tracks=tracks)
+
+    def _with_other_speeds(self, o: Observation) -> Observation:
+        """Return the observation of a robot whose speeds are reported wrongly."""
+        self.speeds.append((o.velocity, o.turn_rate))
+        if self.change.speeds == "zero":
+            return replace(o, velocity=(0.0, 0.0), turn_rate=0.0)
+        if self.change.speeds == "late":
+            velocity, turn_rate = self.speeds[max(len(self.speeds) - 1 - LATE, 0)]
+            return replace(o, velocity=velocity, turn_rate=turn_rate)
+        return replace(o, velocity=turn(-o.heading, o.velocity))
 
     def explain(self) -> Decision:
         """Return the policy's decision."""

@@ -78,6 +78,18 @@ def test_a_cycle_in_two_parts_is_the_cycle(drive: int) -> None:
         assert np.abs(np.array(drive_cycle(half, *command, limits, dt - dt * share)) - whole).max() < 1e-9
 
 
+@pytest.mark.parametrize("drive", DRIVES)
+def test_a_speed_of_next_to_nothing_is_driven_like_rest(drive: int) -> None:
+    """However small the change of a speed is, nothing overflows: velocities that computations leave are often 1e-310 m/s."""
+    rng = np.random.default_rng(5)
+    for power in range(-324, -200, 3):
+        limits = some_limits(rng, drive)
+        state, tiny = RobotState(0.0, 0.0, 0.0, 0.0, 0.0), 10.0**power
+        for command in ((0.0, 0.0), (tiny, 0.0), (0.0, tiny)):
+            moving = state._replace(a=tiny, b=tiny if drive == HOLONOMIC else 0.0)
+            assert np.allclose(drive_cycle(moving, *command, limits, 0.1), state, atol=1e-99)
+
+
 def test_a_late_command_acts_when_it_arrives() -> None:
     """`delayed` drives the oldest pending command until the next one arrives, for latencies of whole and broken cycles."""
     rng = np.random.default_rng(5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from antway.arena.suites import Episode, build
 from antway.errors import BadParameter
 from antway.kernels.base.records import HOLONOMIC, RobotState
 from antway.kernels.robot.motion import drive_cycle
+from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, ODOMETRY, A, B, T, X, Y, compare_speeds
 from antway.kernels.robot.response import GROWS, LED, PLACE, SLOWS, TURNS, WEIGHT, answered, learn, learn_place
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.antway.response import Response
@@ -51,18 +53,19 @@ def test_errors_are_those_of_each_candidate() -> None:
     limits, given, commands = DIFF.limits, np.array([0.0, 0.1]), np.array([[0.0, 0.0], [1.0, 1.9]])
     latencies, ramps = np.array([0.0, 0.1, 0.2]), np.array([[1.0, 1.0, 3.0], [0.5, 0.5, 1.5]])
     used, error, place = np.zeros(4, np.int64), np.zeros((3, 3, 2)), np.zeros(PLACE)
+    odometry = np.zeros(ODOMETRY)
     before, now = np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.2, 0.0, 0.0, 0.0, 0.05, 0.0])
     right = np.array([0.2, 0.005, 0.0, 0.0, *answered(REST, 0.1, 0.2, given, commands, limits)[3:]])
-    learn(before, right, given, commands, limits, latencies, ramps, 0.9, used, error, place)
+    learn(before, right, given, commands, limits, latencies, ramps, 0.9, used, error, place, odometry)
     assert error.max() < 1e-20
     for k in range(2):
-        learn(before, now, given, commands, limits, latencies, ramps, 0.9, used, error, place)
+        learn(before, now, given, commands, limits, latencies, ramps, 0.9, used, error, place, odometry)
         sums = sum(0.9**i for i in range(k + 1))
         assert np.allclose(error[GROWS], sums * np.array([[0.05**2, 0.0], [0.05**2, 0.05**2], [0.05**2, 0.05**2]]))
         assert error[SLOWS].max() == 0.0
         assert np.allclose(error[TURNS], sums * np.array([[(0.3 / 1.9) ** 2, (0.15 / 1.9) ** 2], [0.0, 0.0], [0.0, 0.0]]))
     later = np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    learn(now, later, given, commands, limits, latencies, ramps, 0.9, used, error, place)
+    learn(now, later, given, commands, limits, latencies, ramps, 0.9, used, error, place, odometry)
     assert error[SLOWS].max() > 0.0 and place[WEIGHT] == pytest.approx(0.9**3 + 0.9**2 + 0.9 + 1.0)
 
 
@@ -176,10 +179,11 @@ def test_a_lower_top_speed_is_found_and_forgotten(name: str) -> None:
     """From where the robot stays; once it is faster than that, what was declared counts again."""
     declared = load_robot(name)
     slow = replace(declared, v_max=0.7 * declared.v_max, v_reverse=0.7 * declared.v_reverse)
-    response, full = Response(declared), Command((1.0, 0.0), (1.0, 0.0) if declared.wheels else None)
+    response, full, x, speed = Response(declared), Command((1.0, 0.0), (1.0, 0.0) if declared.wheels else None), 0.0, 0.0
     for k in range(40):
-        speed = min(0.1 * k, slow.v_max if k < 30 else declared.v_max)
-        seen = Observation(0.1 * k, (0.1 * k * speed, 0.0), (speed, 0.0), 0.0, NOBODY)
+        before, speed = speed, min(0.1 * k, slow.v_max if k < 30 else declared.v_max)
+        x += 0.05 * (before + speed)
+        seen = Observation(0.1 * k, (x, 0.0), (speed, 0.0), 0.0, NOBODY)
         response.update(seen)
         response.record(seen, full)
         if k == 29:
@@ -236,6 +240,68 @@ def test_commands_before_a_gap_are_forgotten_and_those_that_are_told_count() -> 
     response.update(Observation(3.2, (0.0, 0.0), (0.1, 0.0), 0.0, NOBODY, pending=told))
     assert response.error.max() < 1e-12
     assert (response.commands[-2:] == told).all()
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_speeds_are_compared_with_places(drive: int) -> None:
+    """By sums over the history; speeds are as wrong as the velocity between two places is far from all between them."""
+    rng, memory, holonomic = np.random.default_rng(drive), 0.99, drive == HOLONOMIC
+    for _ in range(cases(5, 200)):
+        odometry, n = np.zeros(ODOMETRY), 20
+        odometry[LAST_X] = math.nan
+        seen = rng.normal(0.0, 1.0, (n, 6))
+        seen[:, T] = np.cumsum(rng.uniform(0.05, 0.2, n))
+        led = [RobotState(*rng.normal(0.0, 1.0, 5)) for _ in range(n - 1)]
+        for (before, now), foretold in zip(pairwise(seen), led):
+            compare_speeds(before, now, foretold, holonomic, memory, odometry)
+        passed, sums, weight = np.diff(seen[:, T]), np.zeros(3), 0.0
+        velocity = np.diff(seen[:, [X, Y]], axis=0) / passed[:, None]
+        for k in range(1, n - 1):
+            middle = seen[k, HEADING] + 0.5 * math.remainder(seen[k + 1, HEADING] - seen[k, HEADING], math.tau)
+            axes = (
+                np.eye(2)
+                if holonomic
+                else np.array([[math.cos(middle), math.sin(middle)], [-math.sin(middle), math.cos(middle)]])
+            )
+            here, between = axes @ velocity[k], np.linspace(seen[k, [A, B]], seen[k + 1, [A, B]], 20_001)
+            ahead = np.array(led[k][:2]) / passed[k]
+            if not holonomic:
+                between[:, 1], ahead = 0.0, np.array([math.copysign(math.hypot(*ahead), ahead[0]), 0.0])
+            errors = [np.hypot(*(between - here).T).min(), math.dist(velocity[k], velocity[k - 1]), math.dist(here, ahead)]
+            sums, weight = memory * sums + errors, memory * weight + 1.0
+        assert np.allclose(odometry[:3], sums, atol=1e-3) and odometry[COMPARED] == pytest.approx(weight)
+
+
+@pytest.mark.parametrize("robot", ["holonomic", "diff", "jackal"])
+@pytest.mark.parametrize("change", ["no speeds", "robot's frame"])
+def test_a_robot_arrives_though_its_speeds_are_reported_wrongly(robot: str, change: str) -> None:
+    """It notices, says so, and is not much slower."""
+    named = "" if robot == "holonomic" else robot
+    episode = Episode("synthetic", "synthetic", "aisles/medium", 0, named)
+    scenario, policy = build(episode), AntwayPolicy()
+    result = run(scenario, Misled(policy, scenario.robot, CHANGES[change]), seed=episode.seed)
+    check_episode(result)
+    assert result.reached and "do not fit its places" in policy.explain().reason
+    assert result.time <= 1.5 * run(scenario, "antway", seed=episode.seed).time
+
+
+def test_speeds_that_fit_places_are_believed() -> None:
+    """Whatever noise places have, and wherever they jump, speeds that are right are used."""
+    rng = np.random.default_rng(7)
+    for _ in range(cases(10, 300)):
+        robot, noise, jumps = load_robot("inertia"), float(rng.choice([0.0, 0.01, 0.05])), float(rng.choice([0.0, 0.05, 0.1]))
+        response, state, off, command = Response(robot), REST, np.zeros(2), (0.0, 0.0)
+        for i in range(200):
+            if i % 20 == 0:
+                command = tuple(rng.uniform(-0.7, 0.7, 2).tolist())
+            if rng.random() < 0.1:
+                off = rng.normal(0.0, jumps, 2)
+            x, y = state[:2] + off + rng.normal(0.0, noise, 2)
+            seen = Observation(0.1 * i, (x, y), (state.a, state.b), state.theta, NOBODY)
+            response.update(seen)
+            response.record(seen, Command(command))
+            state = drive_cycle(state, *command, robot.limits, robot.dt)
+            assert response.odometry.measured, (noise, jumps, i)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ REST = 1e-9  # m/s; a slower robot is at rest
 _TURN = 0.8  # rad; largest turn of a part on which four nodes give the place to 1e-10 of its length
 _EVEN = 1e-9  # m^2/s^2; a ramp at a right angle to the command counts as braking in spite of rounding errors
 _AT_END = 1e-12  # s; a speed that becomes 0 this near to the end of a command does not change sign before it
+_SAME = 1e-290  # m/s; velocities that differ by less are the same: an acceleration divided by this would overflow
 _SNAP = 1e-12  # rad/s; a turn rate this near to its bound is on it, so that no segment is as short as a rounding error
 
 _NODE1, _NODE2 = 0.3399810435848563, 0.8611363115940526  # Gauss-Legendre nodes and weights on [-1, 1]
@@ -200,7 +201,7 @@ def holonomic_ramp(vx: float, vy: float, cx: float, cy: float, limits: RobotLimi
     dx, dy = cx - vx, cy - vy
     change = math.hypot(dx, dy)
     rate = limits.brake_max if cx * dx + cy * dy <= _EVEN else limits.a_max
-    if change == 0.0 or rate == math.inf:
+    if change < _SAME or rate == math.inf:
         return 0.0, 0.0, 0.0
     return dx * (rate / change), dy * (rate / change), change / rate
 

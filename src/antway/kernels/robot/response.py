@@ -11,9 +11,8 @@ from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.robot.motion import drive_roughly
+from antway.kernels.robot.odometry import FORETOLD_A, FORETOLD_B, HEADING, LAST_X, A, B, T, X, Y, compare_speeds
 
-T, X, Y, HEADING, A, B = range(6)  # columns of observations
-COLUMNS = 6
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 # The entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and
 # the two sums, m^2, whose ratio is the factor by which speeds are wrong.
@@ -117,14 +116,14 @@ def learn(
     used: NDArray[np.int64],
     error: NDArray[np.float64],
     place: NDArray[np.float64],
+    odometry: NDArray[np.float64],
 ) -> tuple[float, float, float, float]:
     """Add how wrong each candidate foretells the speeds of now from those before; only the first, while it has been right.
 
     Parameters
     ----------
-    before, now : float64[6]
-        Two successive observations: time in s (T), place in m (X, Y), heading in rad (HEADING), and the two speeds as in
-        `RobotState` (A, B).
+    before, now : float64[COLUMNS]
+        Two successive observations, as in kernels/robot/odometry.py.
     given, commands : float64[M], float64[M, 2]
         As in `answered`.
     limits : RobotLimits
@@ -142,6 +141,8 @@ def learn(
         (SLOWS), and of the turn rate as shares of its limit (TURNS), 0 for a holonomic robot.
     place : float64[PLACE]
         What is known of the errors of the robot's place; zeros at first.
+    odometry : float64[ODOMETRY]
+        As in `compare_speeds`.
 
     Returns
     -------
@@ -156,6 +157,11 @@ def learn(
     state = RobotState(0.0, 0.0, 0.0, before[A], before[B])
     in_use = _limited(limits, ramps[used[1], 0], ramps[used[2], 1], ramps[used[3], 2], latencies[used[0]])
     foretold = answered(state, before[T], now[T], given, commands, in_use)
+    if math.isnan(odometry[LAST_X]):
+        odometry[FORETOLD_A], odometry[FORETOLD_B] = before[A], before[B]
+    alone = RobotState(0.0, 0.0, 0.0, odometry[FORETOLD_A], odometry[FORETOLD_B])
+    declared = _limited(limits, ramps[0, 0], ramps[0, 1], ramps[0, 2], latencies[0])
+    compare_speeds(before, now, answered(alone, before[T], now[T], given, commands, declared), holonomic, memory, odometry)
     misplaced = learn_place(before, now, foretold, holonomic, memory, place)
     slows = math.hypot(now[A], now[B]) < math.hypot(before[A], before[B]) if holonomic else abs(now[A]) < abs(before[A])
     for i in range(len(latencies)):

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from antway.kernels.base.jit import entry
-from antway.kernels.base.records import RobotState
-from antway.kernels.robot.response import COLUMNS, GROWS, HEADING, PLACE, SLOWS, TURNS, A, B, T, answered, learn
+from antway.kernels.robot.odometry import COLUMNS, A, B, T
+from antway.kernels.robot.response import GROWS, PLACE, SLOWS, TURNS, learn
+from antway.policies.antway.odometry import Odometry
 from antway.world.policy import Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -25,7 +26,6 @@ _GAP = 1.5  # control periods; after a longer gap between observations, earlier 
 _SAME = 0.02  # 1; a speed that changes by less, as a share of the declared top speed, stays
 _DRIFT = 0.3  # s; speeds that are foretold wrongly make the robot's place wrong for this time
 _LEAST_SPREAD = 0.002  # m; a smaller uncertainty of the robot's place does not count
-_UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
 _SHOWN = 0.01  # m; from this uncertainty on, explanations tell it
 _AT_ONCE = 8.0  # m/s^2; stands for an infinite acceleration where the robot's place is not known exactly
 _MORE = 0.05  # 1; a robot that stays at a speed though it was asked for this much more, as such a share, cannot go faster
@@ -64,7 +64,7 @@ class Response:
         self.given, self.commands, self.known = np.zeros(most), np.zeros((most, 2)), 0  # the last commands, and how many
         self.seen = np.full((most, COLUMNS), math.nan)  # the last observations
         self.spread, self.place = 0.0, np.zeros(PLACE)
-        self.turn_rate: float | None = None  # rad/s, as foretold; None while it is measured
+        self.odometry = Odometry(declared)
 
     def update(self, o: Observation) -> bool:
         """Learn from the robot's place and speeds; tell whether `robot` has changed."""
@@ -72,22 +72,25 @@ class Response:
         self.seen[:-1] = self.seen[1:]
         self.seen[-1] = o.t, *o.xy, o.heading, *speeds
         if not (self.seen[-2, T] < o.t <= self.seen[-2, T] + _GAP * self.declared.dt):
+            self.odometry.pause()
             self.known = 0
             self._take_pending(o)
             return False
         self._take_pending(o)
         given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
-        candidates = self.limits, self.latencies, self.ramps
-        arguments = self.seen[-2], self.seen[-1], given, commands, *candidates, _MEMORY, self.used, self.error, self.place
+        motion = self.seen[-2], self.seen[-1], given, commands
+        self.odometry.correct(*motion, self.robot.limits)
+        tables = self.limits, self.latencies, self.ramps, _MEMORY, self.used, self.error, self.place, self.odometry.table
+        arguments = *motion, *tables
         first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
-        unseen = self.declared.wheels and self.turn_rate is None and o.turn_rate == 0.0 and self._turns_unseen()
-        if unseen:
-            self.turn_rate, self.error[:], self.used[:], self.robot = 0.0, 0.0, 0, self.limited
-        if self.turn_rate is not None:
-            before = RobotState(0.0, 0.0, 0.0, o.speed, self.turn_rate)
-            self.turn_rate = answered(before, self.seen[-2, T], o.t, given, commands, self.robot.limits).b
+        wrong = self.odometry.check(self.seen[-2], self.seen[-1])
+        if wrong:  # what was learnt came from wrong speeds
+            self.error[:], self.used[:], self.robot = 0.0, 0, self.declared
+            self.limited, self.limits = self.declared, self.declared.limits
+        if self.odometry.turn_rate is not None:
+            self.odometry.turn(*motion, self.robot.limits)
             self.error[TURNS] = turn = 0.0
-        changed = (first > _LEAST and (self._limit() or self._choose())) or unseen
+        changed = (first > _LEAST and (self._limit() or self._choose())) or wrong
         if changed:  # places were foretold by another candidate
             self.place[:], misplaced = 0.0, 0.0
         turn *= self.robot.turn_rate if self.robot.turn_rate < math.inf else 1.0
@@ -97,11 +100,6 @@ class Response:
         if self.spread > 0.0 and self.robot.stepwise:
             self.robot, changed = replace(self.robot, a_max=_AT_ONCE), True
         return changed
-
-    def _turns_unseen(self) -> bool:
-        """Tell whether the robot has turned although its turn rate was 0, because nobody measures it."""
-        (before, rate_before), (now, rate) = self.seen[-2:, [HEADING, B]].tolist()
-        return rate == rate_before == 0.0 and abs(math.remainder(now - before, math.tau)) > _UNSEEN
 
     def _take_pending(self, o: Observation) -> None:
         """Take the commands that do not act yet, if they are told, in place of those that were recorded."""
@@ -164,23 +162,23 @@ class Response:
     def completed(self, o: Observation) -> Observation:
         """Return the observation with the commands that do not act yet on the robot as it is taken to be.
 
-        A turn rate that is not measured is replaced by the one that is foretold.
+        Speeds that are wrong are replaced by those that fit its places, and a turn rate that is not measured by that foretold.
         """
-        if self.turn_rate is not None:
-            o = replace(o, turn_rate=self.turn_rate)
+        o = self.odometry.completed(o, self.seen[-1])
         if self.robot is self.declared:
             return o
         late = math.ceil(self.robot.latency / self.robot.dt - 1e-9)
         return replace(o, pending=self.commands[len(self.commands) - late :].copy())
 
     def __str__(self) -> str:
-        """Say how the robot differs from what was declared, and if its place is uncertain by 1 cm or more; may be empty."""
+        """Say how the robot differs from what was declared, if its place is uncertain by 1 cm, and if its speeds are wrong."""
         units = {"latency": "s", "v_max": "m/s", "v_reverse": "m/s", "turn_rate": "rad/s"}
         units |= {"a_max": "m/s^2", "braking": "m/s^2", "alpha_max": "rad/s^2"}
         found = [(name, unit, getattr(self.robot, name), getattr(self.declared, name)) for name, unit in units.items()]
         differ = [f"{name} {now:.2g} in place of {was:.2g} {unit}" for name, unit, now, was in found if now != was]
         parts = [f"the robot answers with {', '.join(differ)}"] if differ else []
         parts += [f"its place is uncertain by {self.spread:.2g} m"] if self.spread >= _SHOWN else []
+        parts += [] if self.odometry.measured else ["its measured speeds do not fit its places and are not used"]
         return "; ".join(parts)
 
 

@@ -1,0 +1,67 @@
+"""Compare the speeds that a robot measures with its places."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.geometry import wrap
+from antway.kernels.base.jit import bare_kernel
+from antway.kernels.base.records import RobotState
+
+# Columns of observations: time in s, place in m, heading in rad, and the two speeds as in `RobotState`.
+T, X, Y, HEADING, A, B = range(6)
+COLUMNS = 6
+# The entries of `odometry`: sums of the errors, m/s, of the measured speeds, of the velocity between the two places before, and
+# of the speeds that are foretold from the commands alone; the sum of their weights; the velocity between the last
+# two places, m/s; and the speeds that are so foretold for now.
+MEASURED, BETWEEN, FORETOLD, COMPARED, LAST_X, LAST_Y, FORETOLD_A, FORETOLD_B = range(8)
+ODOMETRY = 8  # entries of `odometry`
+
+
+@bare_kernel
+def compare_speeds(
+    before: NDArray[np.float64],
+    now: NDArray[np.float64],
+    foretold: RobotState,
+    holonomic: bool,
+    memory: float,
+    odometry: NDArray[np.float64],
+) -> None:
+    """Add how far the velocity between two places is from the speeds measured there, and from two that do without them.
+
+    Measured speeds are right if it lies between those before and now.
+
+    Parameters
+    ----------
+    before, now : float64[COLUMNS]
+        Two successive observations.
+    foretold : RobotState
+        Where the robot as it is declared would be now if it was at (0, 0), with the heading 0, before, and had always followed
+        its commands.
+    holonomic : bool
+    memory : float
+        Share in (0, 1] of the earlier errors that is kept.
+    odometry : float64[ODOMETRY]
+        What is known of the errors; zeros at first, and no number for LAST_X.
+    """
+    passed, heading = now[T] - before[T], 0.0 if holonomic else before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
+    c, s = math.cos(heading), math.sin(heading)
+    vx, vy = (now[X] - before[X]) / passed, (now[Y] - before[Y]) / passed
+    ahead, left = c * vx + s * vy, c * vy - s * vx
+    a, b, more_a, more_b = before[A], before[B], now[A] - before[A], now[B] - before[B]
+    led_a, led_b = foretold.x / passed, foretold.y / passed
+    if not holonomic:
+        b, more_b, led_a, led_b = 0.0, 0.0, math.copysign(math.hypot(led_a, led_b), led_a), 0.0
+    more = more_a * more_a + more_b * more_b
+    part = min(max(((ahead - a) * more_a + (left - b) * more_b) / more, 0.0), 1.0) if more > 0.0 else 0.0
+    if not math.isnan(odometry[LAST_X]):
+        measured = math.hypot(ahead - a - part * more_a, left - b - part * more_b)
+        between = math.hypot(vx - odometry[LAST_X], vy - odometry[LAST_Y])
+        odometry[MEASURED] = memory * odometry[MEASURED] + measured
+        odometry[BETWEEN] = memory * odometry[BETWEEN] + between
+        odometry[FORETOLD] = memory * odometry[FORETOLD] + math.hypot(ahead - led_a, left - led_b)
+        odometry[COMPARED] = memory * odometry[COMPARED] + 1.0
+    odometry[LAST_X], odometry[LAST_Y], odometry[FORETOLD_A], odometry[FORETOLD_B] = vx, vy, foretold.a, foretold.b

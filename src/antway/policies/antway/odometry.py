@@ -1,0 +1,105 @@
+"""The speeds of the robot: as measured while they fit its places, else as its commands and places tell them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from antway.kernels.base.records import RobotLimits, RobotState
+from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, LAST_Y, ODOMETRY, A, B, T, X, Y
+from antway.kernels.robot.response import answered
+from antway.world.policy import Observation
+from antway.world.robots import RobotSpec
+
+_ENOUGH = 3.0  # number of comparisons before measured speeds can be found wrong
+_SLIP = 0.05  # m/s; a smaller error of measured speeds does not matter
+_UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
+
+
+class Odometry:
+    """Tells whether the speeds that a robot measures are right, and what they are where they are wrong.
+
+    They are wrong if the velocity from one place to the next lies outside of what is measured at both, and is foretold twice as
+    well by the velocity before, or by the commands alone.
+
+    Attributes
+    ----------
+    measured : bool
+        Whether the speeds that are measured are used.
+    turn_rate : float or None
+        rad/s; as foretold; None while it is measured.
+    table : float64[ODOMETRY]
+        See kernels/robot/odometry.py.
+    """
+
+    def __init__(self, robot: RobotSpec) -> None:
+        self.wheels, self.measured, self.table = robot.wheels, True, np.zeros(ODOMETRY)
+        self.turn_rate: float | None = None
+        self.pause()
+
+    def pause(self) -> None:
+        """Compare nothing with the last observation: the next one comes too late."""
+        self.table[LAST_X] = math.nan
+
+    def check(self, before: NDArray[np.float64], now: NDArray[np.float64]) -> bool:
+        """Tell whether speeds turn out to be wrong; those of the observation `now` are then corrected."""
+        wrong, (error, between, foretold, compared) = False, self.table[: COMPARED + 1].tolist()
+        if self.measured and compared >= _ENOUGH and error > 2.0 * min(between, foretold) + _SLIP * compared:
+            vx, vy = self.table[[LAST_X, LAST_Y]].tolist()
+            if self.wheels:
+                now[A] = vx * math.cos(now[HEADING]) + vy * math.sin(now[HEADING])
+            else:
+                now[A], now[B] = vx, vy
+            self.measured, wrong = False, True
+        turned = abs(math.remainder(now[HEADING] - before[HEADING], math.tau))
+        unseen = now[B] == before[B] == 0.0 and turned > _UNSEEN
+        if self.wheels and self.turn_rate is None and (wrong or unseen):
+            self.turn_rate, wrong = 0.0, True
+        return wrong
+
+    def correct(
+        self,
+        before: NDArray[np.float64],
+        now: NDArray[np.float64],
+        given: NDArray[np.float64],
+        commands: NDArray[np.float64],
+        limits: RobotLimits,
+    ) -> None:
+        """Take the speeds that are foretold for measured ones, and how much farther the robot came in this cycle than foretold.
+
+        The arguments are as in kernels/robot/response.py; `now` is changed.
+        """
+        if self.measured:
+            return
+        passed, dx, dy = now[T] - before[T], now[X] - before[X], now[Y] - before[Y]
+        foretold = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), before[T], now[T], given, commands, limits)
+        if self.wheels:
+            middle = before[HEADING] + 0.5 * math.remainder(now[HEADING] - before[HEADING], math.tau)
+            ahead = dx * math.cos(middle) + dy * math.sin(middle)
+            expected = math.copysign(math.hypot(foretold.x, foretold.y), foretold.x)
+            now[A] = foretold.a + (ahead - expected) / passed
+        else:
+            now[A], now[B] = foretold.a + (dx - foretold.x) / passed, foretold.b + (dy - foretold.y) / passed
+
+    def turn(
+        self,
+        before: NDArray[np.float64],
+        now: NDArray[np.float64],
+        given: NDArray[np.float64],
+        commands: NDArray[np.float64],
+        limits: RobotLimits,
+    ) -> None:
+        """Foretell the turn rate; the arguments are as in `correct`."""
+        if self.turn_rate is not None:
+            state = RobotState(0.0, 0.0, 0.0, float(now[A]), self.turn_rate)
+            self.turn_rate = answered(state, before[T], now[T], given, commands, limits).b
+
+    def completed(self, o: Observation, now: NDArray[np.float64]) -> Observation:
+        """Return the observation with the speeds of `now` in place of wrong ones, and the turn rate in place of none."""
+        if not self.measured:
+            one, two = now[[A, B]].tolist()
+            o = replace(o, velocity=(one * math.cos(o.heading), one * math.sin(o.heading)) if self.wheels else (one, two))
+        return o if self.turn_rate is None else replace(o, turn_rate=self.turn_rate)
