@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from antway.kernels.base.geometry import segment_hits_cells, swept_discs
 from antway.kernels.base.records import RobotState, Terrain
 from antway.kernels.robot.dynamics import drive
 from antway.kernels.robot.guard import BRAKED, FREE, SLOWED, STEPPED_ASIDE, TABLE_COLUMNS, Rules, guarded, within_reach
-from antway.policies.guard import Guard, Guarded
+from antway.policies.guard import Guard, Guarded, check_observation
 from common import cases
 from naive import guard as naive
 
@@ -231,8 +232,18 @@ def test_stale_future_and_reversed_stamps_stop_the_robot() -> None:
         return guard.did
 
     assert did(1.0, 1.0) == "free" and did(1.5, 1.0) == "free" and did(1.6, 1.0) == "braked"
-    assert did(1.6, 1.7) == "braked" and did(1.7, 1.7) == "free" and did(1.8, 1.2) == "braked"
+    assert did(1.56, 1.6) == "free" and did(1.6, 1.7) == "braked" and did(1.7, 1.7) == "free" and did(1.8, 1.2) == "braked"
     assert did(0.5, 0.5) == "braked" and did(2.0, -math.inf) == "braked"
+
+
+def test_a_robot_is_moved_on_to_a_scan_that_is_a_little_newer() -> None:
+    """By its speeds; so a sensor whose clock is a few milliseconds ahead of odometry does not stop it."""
+    o = Observation(1.0, (5.0, 5.0), (0.5, -1.0), 0.2, Tracks.none(), 1.02, 0.5)
+    moved = check_observation(o)
+    assert moved.t == moved.sensed_at == 1.02 and moved.velocity == o.velocity
+    assert moved.xy == pytest.approx((5.01, 4.98)) and moved.heading == pytest.approx(0.21)
+    for stamp in (0.9, 1.0, 1.06, -math.inf, math.nan):
+        assert check_observation(replace(o, stamp=stamp)).t == 1.0
 
 
 @pytest.mark.parametrize("what", ["xy", "velocity", "radius", "lengths", "covariance", "own"])

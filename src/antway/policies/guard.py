@@ -34,6 +34,8 @@ from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
 from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks
 from antway.world.terrain import terrain_of, walls_of
 
+_EARLY = 1e-6  # s; a stamp that is ahead by less is now
+_NEWER = 0.05  # s; a scan that is newer than the robot's place by more is not used
 _MARGIN = 0.01  # m; distance that robots with inertia keep from walls
 _TRACKS = 128  # number of tracks for which there is memory at first
 _NOW = 1e-9  # s; a track that is no older was seen in the last scan, and that was now
@@ -53,7 +55,9 @@ _TWICE = 5  # result of `fault` if two tracks have the same number
 
 
 def check_observation(o: Observation) -> Observation:
-    """Return `o` for policies and guards; numbers that several tracks share are removed.
+    """Return `o` for policies and guards: without numbers that several tracks share, and not earlier than its scan.
+
+    Where obstacles were seen up to 0.05 s after the robot's place was measured, the robot is moved on by its speeds until then.
 
     Raises
     ------
@@ -81,6 +85,10 @@ def check_observation(o: Observation) -> Observation:
         spread = t.covariance.diagonal(axis1=1, axis2=2) if t.covariance.shape == (n, 4, 4) else np.array([-1.0])
         if not ((spread >= 0.0) & (spread <= MAX_PLACE**2)).all():
             raise BadParameter("tracks.covariance", t.covariance, f"float64[{n}, 4, 4] of finite variances >= 0")
+    ahead = o.stamp - o.t
+    if _EARLY < ahead <= _NEWER:
+        place = o.xy[0] + o.velocity[0] * ahead, o.xy[1] + o.velocity[1] * ahead
+        o = replace(o, t=o.stamp, xy=place, heading=o.heading + o.turn_rate * ahead)
     return o if what != _TWICE else replace(o, tracks=t.distinct())
 
 
@@ -186,7 +194,7 @@ class Guard:
         o, robot = observation, self.task.robot
         stamp = o.sensed_at
         if (
-            not -1e-6 <= o.t - stamp <= self.timeout
+            not -_EARLY <= o.t - stamp <= self.timeout
             or stamp < self.last_stamp
             or command is None
             or not all(map(math.isfinite, command.velocity if command.twist is None else command.twist))

@@ -85,6 +85,7 @@ class Response:
         first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
         wrong = self.odometry.check(self.seen[-2], self.seen[-1])
         if wrong:  # what was learnt came from wrong speeds
+            first = speed = turn = 0.0
             self.error[:], self.used[:], self.robot = 0.0, 0, self.declared
             self.limited, self.limits = self.declared, self.declared.limits
         if self.odometry.turn_rate is not None:
