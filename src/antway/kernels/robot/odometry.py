@@ -15,8 +15,8 @@ from antway.kernels.base.records import RobotState
 T, X, Y, HEADING, A, B = range(6)
 COLUMNS = 6
 # The entries of `odometry`: sums of the errors, m/s, of the measured speeds, of the velocity between the two places before, and
-# of the speeds that are foretold from the commands alone; the sum of their weights; the velocity between the last
-# two places, m/s; and the speeds that are so foretold for now.
+# of the speeds that are foretold from the commands alone; the sum of their weights; the velocity between the last two places,
+# m/s; and the speeds that are so foretold for now.
 MEASURED, BETWEEN, FORETOLD, COMPARED, LAST_X, LAST_Y, FORETOLD_A, FORETOLD_B = range(8)
 ODOMETRY = 8  # entries of `odometry`
 

@@ -43,6 +43,7 @@ from antway.policies.antway.state import (
     shared_memory,
     without_edges,
 )
+from antway.policies.antway.tracker import Tracker
 from antway.policies.guard import MODES, Guard, check_observation
 from antway.world.ants import AntStep, LaidTrails
 from antway.world.policy import XY, Command, Decision, Observation, Task
@@ -167,7 +168,7 @@ class AntwayPolicy:
 
     def _start(self, task: Task, seed: int, response: Response) -> None:
         """Make the state of an episode."""
-        robot, settings, controls = task.robot, make_settings(self, task), None
+        robot, settings, controls, tracker = task.robot, make_settings(self, task), None, Tracker()
         fine = task if robot.stepwise else with_fine_cells(task)
         over_cells, start, goal = planning_context(fine, self.moves)
         kept = over_cells if robot.stepwise else away_from_walls(fine, over_cells, start, goal, self.moves)
@@ -190,7 +191,8 @@ class AntwayPolicy:
             memory=None if self._in_common else make_memory(cells),
             trails=make_trails(cells),
             plan=make_plan(),
-            crowd=make_crowd(task),
+            tracker=tracker,
+            crowd=make_crowd(task, len(tracker.table)),
             seed=seed,
             rng=np.array([stream(np.uint64(seed), np.uint64(0))], np.uint64),
             response=response,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -83,13 +83,13 @@ class State:
     memory: Memory | None
     trails: Trails
     plan: Plan
+    tracker: Tracker
     crowd: Crowd
     seed: int
     rng: NDArray[np.uint64]
     detours: Detours
     response: Response
     controls: ControlColony | None = None
-    tracker: Tracker = field(default_factory=Tracker)
     started: float = math.nan
     path: TimedPath | None = None
     cycle: Cycle | None = None
@@ -159,8 +159,8 @@ def make_plan() -> Plan:
     return Plan(np.empty((KNOTS, 3)), np.empty((most_segments(ROWS), 8)), state)
 
 
-def make_crowd(task: Task, rows: int = ROWS) -> Crowd:
-    """Return tables for predictions of no tracks yet. The less obstacles may swerve, the less wrong they seem at first."""
+def make_crowd(task: Task, rows: int) -> Crowd:
+    """Return tables of so many rows without predictions yet. The less obstacles may swerve, the less wrong they seem at first."""
     error, weight = prediction_error.POOL
     return Crowd(
         rows=np.zeros((rows, crowd.COLUMNS)),
