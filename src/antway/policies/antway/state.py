@@ -160,7 +160,7 @@ def make_plan() -> Plan:
 
 
 def make_crowd(task: Task, rows: int) -> Crowd:
-    """Return tables of so many rows without predictions yet. The less obstacles may swerve, the less wrong they seem at first."""
+    """Return tables for predictions of so many tracks. The less obstacles may swerve, the less wrong they seem at first."""
     error, weight = prediction_error.POOL
     return Crowd(
         rows=np.zeros((rows, crowd.COLUMNS)),
