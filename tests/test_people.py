@@ -315,6 +315,19 @@ def test_whatever_names_a_sensor_gives_a_body_keeps_its_own() -> None:
             t, xy = t + 0.1, xy + velocity * 0.1
 
 
+def test_the_largest_names_are_kept_as_far_as_floats_hold_them() -> None:
+    """A sensor may count to 2^63 - 1; filtered tracks then have a name that both floats and whole numbers of 64 bits hold."""
+    most, policy = 2**63 - 1, AntwayPolicy()
+    policy.reset(Task(Grid(np.zeros((50, 50), np.bool_), 0.2), RobotSpec(), (1.0, 5.0), (9.0, 5.0)), 1)
+    for i in range(3):
+        tracks = Tracks(np.array([4, most]), np.array([[6.0, 5.0], [7.0, 6.0]]), np.full((2, 2), math.nan), np.full(2, 0.3))
+        seen = Observation(0.1 * i, (3.0, 5.0), (0.0, 0.0), 0.0, tracks)
+        policy.act(seen)
+        assert policy.state is not None
+        names = policy.state.tracker.for_guard(seen, False).tracks.id
+        assert names.tolist() == [4, most - 1023]
+
+
 def test_a_name_is_believed_where_no_other_track_is_nearer() -> None:
     """Whoever jumps, or turns, keeps its name if nobody else was expected there; a taken name goes to whom it fits."""
     tracker = Tracker()

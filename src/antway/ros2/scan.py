@@ -12,9 +12,9 @@ from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.tracking import kalman
-from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V
+from antway.kernels.tracking.predict import RADIUS, SIGMA, SIGMA_V
 from antway.limits import MAX_ANGLE, MAX_PLACE
-from antway.policies.antway.tracker import with_names
+from antway.policies.antway.tracker import names_of, with_names
 from antway.ros2.frames import Pose, move
 from antway.world.policy import Tracks
 
@@ -167,7 +167,7 @@ class Tracker:
             covariance[:, speed, speed] = estimate[:, SIGMA_V] ** 2
             covariance[:, place, speed] = covariance[:, speed, place] = table[:, kalman.P12] + age * table[:, kalman.P22]
         return Tracks(
-            estimate[:, NAME].astype(np.int64),
+            names_of(estimate),
             estimate[:, :2].copy(),
             estimate[:, 2:4].copy(),
             estimate[:, RADIUS].copy(),

@@ -19,6 +19,7 @@ ROWS, MOST_ROWS = 8, 256  # tracks that the tables of a new episode hold, and ho
 _AGILITY = 1.0  # m/s^2; standard deviation of the acceleration that the filter expects of obstacles
 _NEAR = 0.8  # m; a track without a name is matched if it is nearer than this to its predicted place
 NAMELESS = 2**52  # tracks that the sensor gives no name are named by numbers from here on; above, floats lose whole numbers
+_LARGEST_NAME = 2.0**63 - 1024.0  # the largest float that is a whole number of 64 bits
 _NOISY = 1e-4  # m^2; above this median of the squared innovations, the guard is given estimates instead of measurements
 
 
@@ -146,7 +147,12 @@ class Tracker:
         covariance = np.zeros((len(e), 4, 4))
         covariance[:, 0, 0] = covariance[:, 1, 1] = e[:, SIGMA] ** 2
         covariance[:, 2, 2] = covariance[:, 3, 3] = e[:, SIGMA_V] ** 2
-        return replace(seen, tracks=Tracks(e[:, NAME].astype(np.int64), e[:, :2], velocity, e[:, RADIUS], covariance))
+        return replace(seen, tracks=Tracks(names_of(e), e[:, :2], velocity, e[:, RADIUS], covariance))
+
+
+def names_of(estimates: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the names of tracks, which tables hold as floats; the largest whole numbers become one that both can hold."""
+    return np.minimum(estimates[:, NAME], _LARGEST_NAME).astype(np.int64)
 
 
 def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int) -> tuple[Tracks, int]:
@@ -176,7 +182,7 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     gap[:, given >= 0] = math.inf
     while gap.size and gap.min() < _NEAR:  # the nearest pair first
         i, k = np.unravel_index(gap.argmin(), gap.shape)
-        ids[k] = table[i, NAME]
+        ids[k] = names_of(table[i : i + 1])[0]
         gap[i], gap[:, k] = math.inf, math.inf
     ids = np.where((ids < 0) & ~np.isin(tracks.id, ids), tracks.id, ids)  # a doubtful name that nobody else got
     new = np.flatnonzero(ids < 0)
