@@ -99,12 +99,12 @@ CHANGES: dict[str, Callable[[Scenario], Scenario]] = {
 }
 
 
-def swaps(rng: np.random.Generator) -> Told:
-    """Swap the numbers of two obstacles for good, in one of twenty scans."""
+def swaps(rng: np.random.Generator, share: float = 0.05) -> Told:
+    """Swap the numbers of two obstacles for good, in this share of the scans."""
     names: dict[int, int] = {}
 
     def told(tracks: Tracks) -> Tracks:
-        if len(tracks) > 1 and rng.random() < 0.05:
+        if len(tracks) > 1 and rng.random() < share:
             one, other = rng.choice(tracks.id, 2, replace=False).tolist()
             names[one], names[other] = names.get(other, other), names.get(one, one)
         return replace(tracks, id=np.array([names.get(name, name) for name in tracks.id.tolist()], np.int64))

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,6 +42,9 @@ from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import SHARED, cases, needs_data
 from naive import people as naive
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from people import Told, Untold, swaps
 
 LIMITS = RobotSpec().limits
 OPEN = Terrain(np.zeros((100, 100), np.bool_), 0.0, 0.0, 0.2)
@@ -220,21 +226,6 @@ def test_the_guard_knows_velocities_that_are_not_told() -> None:
             assert guard.tracks[0, 2] == pytest.approx(-1.3 if known else 0.0, abs=0.5 if i == 1 else 0.08)
 
 
-class _Swapping(AntwayPolicy):
-    """Policy antway with a sensor that swaps the names of two tracks in one of ten scans, for good."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.names, self.rng = np.arange(1000), np.random.default_rng(1)
-
-    def act(self, observation: Observation) -> Command:
-        seen = observation.tracks
-        if len(seen) > 1 and self.rng.random() < 0.1:
-            pair = self.rng.choice(seen.id, 2, replace=False)
-            self.names[pair] = self.names[pair[::-1]]
-        return super().act(replace(observation, tracks=replace(seen, id=self.names[seen.id])))
-
-
 class _Nameless(AntwayPolicy):
     """Policy antway with a sensor that reports no names, or the same name for all, in any order."""
 
@@ -285,11 +276,12 @@ def test_the_nearest_of_all_pairs_keeps_its_name_first() -> None:
 @pytest.mark.parametrize("robot", ["", "diff"])
 def test_swapped_names_are_put_right(robot: str) -> None:
     """A robot whose sensor swaps names again and again is nearly as fast as one whose sensor does not."""
+    often = partial(swaps, share=0.1)
     total = {False: 0.0, True: 0.0}
     for one in episodes("synthetic", 2, robot):
         if one.group in ("open/medium", "aisles/medium"):
             for swapping in total:
-                result = run(build(one), _Swapping() if swapping else "antway", seed=one.seed)
+                result = run(build(one), Untold(AntwayPolicy(), often) if swapping else "antway", seed=one.seed)
                 check_episode(result)
                 assert result.reached, one.name
                 total[swapping] += result.time
@@ -401,19 +393,12 @@ def test_velocities_that_do_not_fit_places_are_noticed(how: str) -> None:
 def test_a_robot_arrives_though_its_sensor_reports_wrong_velocities(how: str, robot: str) -> None:
     """It is nearly as fast as with right ones, and says that those reported are not used."""
 
-    class Misled(AntwayPolicy):
-        def reset(self, task: Task, seed: int) -> None:
-            self.rng = np.random.default_rng(seed)
-            super().reset(task, seed)
-
-        def act(self, observation: Observation) -> Command:
-            seen = observation.tracks
-            told = replace(seen, velocity=WRONG_VELOCITIES[how](seen.velocity, self.rng))
-            return super().act(replace(observation, tracks=told))
+    def wrong(rng: np.random.Generator) -> Told:
+        return lambda tracks: replace(tracks, velocity=WRONG_VELOCITIES[how](tracks.velocity, rng))
 
     for one in episodes("synthetic", 1, robot):
         if one.group == "open/medium":
-            policy = Misled()
+            policy = Untold(AntwayPolicy(), wrong)
             result, right = run(build(one), policy, seed=one.seed), run(build(one), "antway", seed=one.seed)
             check_episode(result)
             assert result.reached and result.time <= 1.1 * right.time

@@ -22,6 +22,19 @@ ODOMETRY = 8  # entries of `odometry`
 
 
 @bare_kernel
+def chord(state: RobotState) -> float:
+    """Return how far wheels that began at (0, 0) with the heading 0 are from there, m; negative in reverse."""
+    return math.copysign(math.hypot(state.x, state.y), state.x)
+
+
+@bare_kernel
+def middle_heading(before: NDArray[np.float64], now: NDArray[np.float64]) -> float:
+    """Return the heading half way between two observations, rad, which is that of the chord of an arc."""
+    heading: float = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
+    return heading
+
+
+@bare_kernel
 def compare_speeds(
     before: NDArray[np.float64],
     now: NDArray[np.float64],
@@ -47,14 +60,14 @@ def compare_speeds(
     odometry : float64[ODOMETRY]
         What is known of the errors; zeros at first, and no number for LAST_X.
     """
-    passed, heading = now[T] - before[T], 0.0 if holonomic else before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
+    passed, heading = now[T] - before[T], 0.0 if holonomic else middle_heading(before, now)
     c, s = math.cos(heading), math.sin(heading)
     vx, vy = (now[X] - before[X]) / passed, (now[Y] - before[Y]) / passed
     ahead, left = c * vx + s * vy, c * vy - s * vx
     a, b, more_a, more_b = before[A], before[B], now[A] - before[A], now[B] - before[B]
     led_a, led_b = foretold.x / passed, foretold.y / passed
     if not holonomic:
-        b, more_b, led_a, led_b = 0.0, 0.0, math.copysign(math.hypot(led_a, led_b), led_a), 0.0
+        b, more_b, led_a, led_b = 0.0, 0.0, chord(foretold) / passed, 0.0
     more = more_a * more_a + more_b * more_b
     part = min(max(((ahead - a) * more_a + (left - b) * more_b) / more, 0.0), 1.0) if more > 0.0 else 0.0
     if not math.isnan(odometry[LAST_X]):

@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from antway.kernels.base.geometry import wrap
 from antway.kernels.base.jit import bare_kernel, kernel
 from antway.kernels.base.records import HOLONOMIC, RobotLimits, RobotState
 from antway.kernels.robot.motion import drive_roughly
-from antway.kernels.robot.odometry import FORETOLD_A, FORETOLD_B, HEADING, LAST_X, A, B, T, X, Y, compare_speeds
+from antway.kernels.robot.odometry import FORETOLD_A, FORETOLD_B, LAST_X, A, B, T, X, Y, chord, compare_speeds, middle_heading
 
 GROWS, SLOWS, TURNS = 0, 1, 2  # kinds of errors, each of which depends on one of the candidates' three limits
 # The entries of `place`: the error of the robot's place in x and y, m; the sum of its squares, m^2, and of their weights; and
@@ -70,10 +69,9 @@ def learn_place(
     more_a, more_b = 0.5 * passed * (now[A] - foretold.a), 0.5 * passed * (now[B] - foretold.b)
     if holonomic:
         led_x, led_y = foretold.x + more_a, foretold.y + more_b
-    else:  # the chord of an arc has the heading of its middle
-        chord = math.copysign(math.hypot(foretold.x, foretold.y), foretold.x) + more_a
-        heading = before[HEADING] + 0.5 * wrap(now[HEADING] - before[HEADING])
-        led_x, led_y = chord * math.cos(heading), chord * math.sin(heading)
+    else:
+        led, heading = chord(foretold) + more_a, middle_heading(before, now)
+        led_x, led_y = led * math.cos(heading), led * math.sin(heading)
     miss_x, miss_y = now[X] - before[X] - led_x, now[Y] - before[Y] - led_y
     place[FACTOR] = memory * place[FACTOR] + miss_x * led_x + miss_y * led_y
     place[LED] = memory * place[LED] + led_x * led_x + led_y * led_y

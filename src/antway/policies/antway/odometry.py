@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from antway.kernels.base.records import RobotLimits, RobotState
-from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, LAST_Y, ODOMETRY, A, B, T, X, Y
+from antway.kernels.robot.odometry import COMPARED, HEADING, LAST_X, LAST_Y, ODOMETRY, A, B, T, X, Y, chord, middle_heading
 from antway.kernels.robot.response import answered
 from antway.world.policy import Observation
 from antway.world.robots import RobotSpec
 
+# Of a control period: the observations before and now, when commands were given, and the commands (kernels/robot/response.py).
+Period = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 _ENOUGH = 3.0  # number of comparisons before measured speeds can be found wrong
 _SLIP = 0.05  # m/s; a smaller error of measured speeds does not matter
 _UNSEEN = 0.05  # rad; a robot that turns by more in a cycle at a turn rate of 0 does not measure it
@@ -60,40 +62,27 @@ class Odometry:
             self.turn_rate, wrong = 0.0, True
         return wrong
 
-    def correct(
-        self,
-        before: NDArray[np.float64],
-        now: NDArray[np.float64],
-        given: NDArray[np.float64],
-        commands: NDArray[np.float64],
-        limits: RobotLimits,
-    ) -> None:
+    def correct(self, period: Period, limits: RobotLimits) -> None:
         """Take the speeds that are foretold for measured ones, and how much farther the robot came in this cycle than foretold.
 
-        The arguments are as in kernels/robot/response.py; `now` is changed.
+        The observation of now is changed.
         """
         if self.measured:
             return
+        before, now, given, commands = period
         passed, dx, dy = now[T] - before[T], now[X] - before[X], now[Y] - before[Y]
         foretold = answered(RobotState(0.0, 0.0, 0.0, before[A], before[B]), before[T], now[T], given, commands, limits)
         if self.wheels:
-            middle = before[HEADING] + 0.5 * math.remainder(now[HEADING] - before[HEADING], math.tau)
+            middle = middle_heading(before, now)
             ahead = dx * math.cos(middle) + dy * math.sin(middle)
-            expected = math.copysign(math.hypot(foretold.x, foretold.y), foretold.x)
-            now[A] = foretold.a + (ahead - expected) / passed
+            now[A] = foretold.a + (ahead - chord(foretold)) / passed
         else:
             now[A], now[B] = foretold.a + (dx - foretold.x) / passed, foretold.b + (dy - foretold.y) / passed
 
-    def turn(
-        self,
-        before: NDArray[np.float64],
-        now: NDArray[np.float64],
-        given: NDArray[np.float64],
-        commands: NDArray[np.float64],
-        limits: RobotLimits,
-    ) -> None:
-        """Foretell the turn rate; the arguments are as in `correct`."""
+    def turn(self, period: Period, limits: RobotLimits) -> None:
+        """Foretell the turn rate, if it is not measured."""
         if self.turn_rate is not None:
+            before, now, given, commands = period
             state = RobotState(0.0, 0.0, 0.0, float(now[A]), self.turn_rate)
             self.turn_rate = answered(state, before[T], now[T], given, commands, limits).b
 

@@ -78,10 +78,10 @@ class Response:
             return False
         self._take_pending(o)
         given, commands = self.given[len(self.given) - self.known :], self.commands[len(self.given) - self.known :]
-        motion = self.seen[-2], self.seen[-1], given, commands
-        self.odometry.correct(*motion, self.robot.limits)
+        period = self.seen[-2], self.seen[-1], given, commands
+        self.odometry.correct(period, self.robot.limits)
         tables = self.limits, self.latencies, self.ramps, _MEMORY, self.used, self.error, self.place, self.odometry.table
-        arguments = *motion, *tables
+        arguments = *period, *tables
         first, misplaced, speed, turn = entry(learn, *arguments)(*arguments)
         wrong = self.odometry.check(self.seen[-2], self.seen[-1])
         if wrong:  # what was learnt came from wrong speeds
@@ -89,7 +89,7 @@ class Response:
             self.error[:], self.used[:], self.robot = 0.0, 0, self.declared
             self.limited, self.limits = self.declared, self.declared.limits
         if self.odometry.turn_rate is not None:
-            self.odometry.turn(*motion, self.robot.limits)
+            self.odometry.turn(period, self.robot.limits)
             self.error[TURNS] = turn = 0.0
         changed = (first > _LEAST and (self._limit() or self._choose())) or wrong
         if changed:  # places were foretold by another candidate

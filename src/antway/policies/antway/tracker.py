@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import Terrain
 from antway.kernels.tracking import averages, bounces, kalman, noise, reported, turns
-from antway.kernels.tracking.kalman import jumped
 from antway.kernels.tracking.predict import NAME, RADIUS, SIGMA, SIGMA_V, VX, VY, X, Y
 from antway.world.policy import Observation, Tracks
 
@@ -170,19 +169,19 @@ def with_names(tracks: Tracks, t: float, table: NDArray[np.float64], first: int)
     first : int
         New names are the least from here on that nobody has.
     """
-    suspect = first > NAMELESS or jumped(table, t, tracks.id, tracks.xy)
+    suspect = first > NAMELESS or kalman.jumped(table, t, tracks.id, tracks.xy)
     if not suspect and (not len(tracks) or tracks.id.min() >= 0):
         return tracks, first
     age = t - table[:, kalman.T]
     place = table[:, X : Y + 1] + table[:, VX : VY + 1] * age[:, None]
     gap = np.hypot(*(place[:, None] - tracks.xy).transpose(2, 0, 1))
     given = np.where(_doubtful(gap, table[:, NAME, None] == tracks.id), -1, tracks.id)
-    ids = given.copy()
+    ids, known = given.copy(), names_of(table)
     gap[np.isin(table[:, NAME], given)] = math.inf
     gap[:, given >= 0] = math.inf
     while gap.size and gap.min() < _NEAR:  # the nearest pair first
         i, k = np.unravel_index(gap.argmin(), gap.shape)
-        ids[k] = names_of(table[i : i + 1])[0]
+        ids[k] = known[i]
         gap[i], gap[:, k] = math.inf, math.inf
     ids = np.where((ids < 0) & ~np.isin(tracks.id, ids), tracks.id, ids)  # a doubtful name that nobody else got
     new = np.flatnonzero(ids < 0)
