@@ -45,7 +45,7 @@ def count_turns(
             continue
         if i == count:
             count += 1
-        elif t - rows[i, SEEN] <= GAP:
+        elif 0.0 < t - rows[i, SEEN] <= GAP:
             change, _, _ = velocity_change(rows[i], estimates[k], t, terrain)
             turns[SECONDS] += t - rows[i, SEEN]
             if change > TURN:
