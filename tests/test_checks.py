@@ -13,6 +13,7 @@ import pytest
 from antway import check_episode, check_motion, check_plan, check_tour, check_tsptw, checks, errors
 
 NO_NUMBERS = [True, np.True_, "1", None, math.nan, math.inf, -math.inf, 1j, [1.0], np.float64("nan"), 10**400, Decimal("NaN")]
+NO_NUMBERS += [np.complex64(1 + 2j), np.array(5.0)]
 
 
 @pytest.mark.parametrize("value", NO_NUMBERS)
@@ -55,9 +56,10 @@ def test_integers_and_seeds() -> None:
 def test_points_arrays_choices_instances() -> None:
     """Each check gives the value in its type or an error of the kind asked for."""
     assert checks.point("xy", np.array([1, 2])) == (1.0, 2.0)
-    for wrong in ("12", b"12", {1: 2, 3: 4}, (1,), (1, math.nan), 5, (1, "2")):
-        with pytest.raises(errors.BadMap):
-            checks.point("xy", wrong, error=errors.BadMap)
+    for wrong in ("12", b"12", {1: 2, 3: 4}, (1,), (1, math.nan), 5, (1, "2"), np.array(5.0)):
+        with pytest.raises(errors.BadParameter):
+            checks.point("xy", wrong)
+    assert checks.sequence("s", [[1, 2], [3]], "numbers") == [[1, 2], [3]], "ragged ones too"
     array = checks.array("a", [[1, 2]], (None, 2))
     assert array.dtype == np.float64 and not array.flags.writeable
     for wrong, shape in (

@@ -37,6 +37,8 @@ def test_a_problem_names_what_is_wrong_with_an_end() -> None:
         Problem(OPEN, (-1, 0), (0, 0))
     with pytest.raises(CellBlocked):
         Problem(Grid(np.eye(3, dtype=bool)), (0, 0), (0, 1))
+    with pytest.raises(BadParameter, match="goal = array"):
+        Problem(OPEN, (0, 0), np.array(3))  # type: ignore[arg-type]
 
 
 def test_no_time_is_not_no_limit() -> None:

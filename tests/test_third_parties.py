@@ -24,8 +24,12 @@ class Patient(Stop):
 
 def theirs(problem, *, seed=0, **options):
     return astar(problem, seed=seed, **options)
+
+def none(problem, *, seed, budget):
+    pass
 """
 POINTS = "[antway.policies]\npatient = their_package:Patient\n\n[antway.planners]\ntheirs = their_package:theirs\n"
+PROBLEM = Problem(Grid([[False, False]]), (0, 0), (0, 1))
 
 
 @pytest.fixture
@@ -62,11 +66,22 @@ def test_what_is_not_there_is_named(installed):
     """A wrong name lists the shipped ones and those of others; a wrong import says why."""
     with pytest.raises(BadParameter, match=r"policy = 'impatient': must be one of .*antway.*, patient, or MODULE:NAME"):
         make_policy("impatient")
-    for wrong in ("their_package:Nothing", "no_such_package:Patient", ":", "their_package:"):
-        with pytest.raises(BadParameter, match="MODULE:NAME"):
-            make_policy(wrong)
+    (installed / "unfinished.py").write_text("def planner(problem:\n")
+    (installed / "misspelt.py").write_text("plannner = planer\n")
+    wrong = ["their_package:Nothing", "no_such_package:Patient", ":", "their_package:", ".x:y", "..:x", "os:path"]
+    for name in [*wrong, "unfinished:planner", "misspelt:planner"]:
+        for use in (make_policy, lambda name: solve(PROBLEM, name)):
+            with pytest.raises(BadParameter, match="MODULE:NAME"):
+                use(name)
     with pytest.raises(BadParameter, match="colour = 'red': must be left out: the options of policy patient are"):
         make_policy("patient", colour="red")
+
+
+@pytest.mark.parametrize("name", ["math:sqrt", "builtins:dict", "their_package:Patient", "their_package:none"])
+def test_what_is_no_planner_is_refused(installed, name):
+    """A function of something else, and one that returns no plan."""
+    with pytest.raises(BadParameter, match=f"planner = '{name}'"):
+        solve(PROBLEM, name)
 
 
 def test_the_commands_take_modules_of_the_working_directory(installed):

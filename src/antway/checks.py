@@ -37,7 +37,7 @@ def number(
     1.0
     """
     allowed = f"a {'' if infinite else 'finite '}number{_range(low, high, open_low)}{f' ({unit})' if unit else ''}"
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (numbers.Real, np.number)):
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
         raise error(field, value, allowed, where=where)
     try:
         result = float(value)
@@ -100,23 +100,19 @@ def instance(field: str, value: object, kind: type[T]) -> T:
     return value
 
 
-def sequence(field: str, value: object, allowed: str) -> list[Any]:
-    """Return the elements of the iterable `value`."""
-    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)) or np.ndim(cast(Any, value)) == 0:
-        raise BadParameter(field, value, allowed)
-    return list(value)
+def sequence(field: str, value: object, allowed: str, *, size: int | None = None, where: str = "") -> list[Any]:
+    """Return the elements of the iterable `value`, `size` of them unless None."""
+    if not isinstance(value, (str, bytes, dict)) and isinstance(value, Iterable) and getattr(value, "ndim", 1) != 0:
+        parts = list(value)
+        if size is None or len(parts) == size:
+            return parts
+    raise BadParameter(field, value, allowed, where=where)
 
 
-def point(
-    field: str, value: object, *, size: int = 2, error: type[BadInput] = BadParameter, where: str = ""
-) -> tuple[float, ...]:
+def point(field: str, value: object, *, size: int = 2, where: str = "") -> tuple[float, ...]:
     """Return `value` as a tuple of `size` finite floats, such as (x, y) in m."""
-    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)):
-        raise error(field, value, f"{size} finite numbers", where=where)
-    parts = list(value)
-    if len(parts) != size:
-        raise error(field, value, f"{size} finite numbers", where=where)
-    return tuple(number(f"{field}[{i}]", part, error=error, where=where) for i, part in enumerate(parts))
+    parts = sequence(field, value, f"{size} finite numbers", size=size, where=where)
+    return tuple(number(f"{field}[{i}]", part, where=where) for i, part in enumerate(parts))
 
 
 def array(

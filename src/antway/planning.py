@@ -60,12 +60,8 @@ def free_cell(name: str, value: object, grid: Grid) -> Cell:
     if type(value) is tuple and len(value) == 2 and type(value[0]) is type(value[1]) is int:
         cell: Cell = value  # the usual case, without further checks
     else:
-        if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
-            raise BadParameter(name, value, "a cell (row, col)")
-        parts = list(value)
-        if len(parts) != 2:
-            raise BadParameter(name, value, "a cell (row, col)")
-        cell = (checks.integer(f"{name}[0]", parts[0]), checks.integer(f"{name}[1]", parts[1]))
+        row, col = checks.sequence(name, value, "a cell (row, col)", size=2)
+        cell = (checks.integer(f"{name}[0]", row), checks.integer(f"{name}[1]", col))
     rows, cols = grid.blocked.shape
     if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
         raise OutOfBounds(name, cell, f"on the map of {rows} rows and {cols} columns")
@@ -287,9 +283,12 @@ def find(kind: str, name: object, table: dict[str, str], group: str) -> Any:
         others = {point.name for point in entry_points(group=group)}
         raise BadParameter(kind, name, f"one of {', '.join([*table, *sorted(others)])}, or MODULE:NAME")
     try:
-        return _load(name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise BadParameter(kind, name, f"MODULE:NAME of what can be imported; {error}") from None
+        found = _load(name)
+    except Exception as error:  # whatever the module raises
+        raise BadParameter(kind, name, f"MODULE:NAME of what can be imported; {error}") from error
+    if not callable(found):
+        raise BadParameter(kind, name, f"MODULE:NAME of a {kind}; it is of type {type(found).__name__}")
+    return found
 
 
 def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: float | None = None, **options: Any) -> Plan:
@@ -314,7 +313,7 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
     Raises
     ------
     BadParameter
-        For an unknown planner, seed, limit or option.
+        For an unknown planner, seed, limit or option, and for a planner that cannot be called as one or returns no plan.
 
     Examples
     --------
@@ -327,21 +326,29 @@ def solve(problem: Problem, planner: str = "jps", *, seed: int = 0, time_limit: 
         time_limit = checks.number("time_limit", time_limit, low=0.0, infinite=True, unit="s")
     seed, budget = checks.seed(seed), Budget(seconds=time_limit)
     run = cast(Planner, find("planner", planner, PLANNERS, "antway.planners"))
-    if options:
-        _check_options(run, options)
+    if options or planner not in PLANNERS:
+        _check_options(planner, run, options)
     found = run(problem, seed=seed, budget=budget, **options)
-    if isinstance(found, Plan):
-        object.__setattr__(found, "grid", problem.grid)
+    if not isinstance(found, Plan):
+        raise BadParameter("planner", planner, f"one that returns a Plan; this one returns {found!r:.60}")
+    object.__setattr__(found, "grid", problem.grid)
     return found
 
 
-def _check_options(run: Planner, options: dict[str, Any]) -> None:
-    """Raise `BadParameter` for an option that a planner does not have; a planner with **options checks them itself."""
-    parameters = inspect.signature(run).parameters.values()
-    own = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY} - {"seed", "budget"}
-    for name, value in options.items():
-        if name not in own and (name == "budget" or all(p.kind is not p.VAR_KEYWORD for p in parameters)):
-            raise BadParameter(name, value, f"left out: the planner's own options are {', '.join(sorted(own)) or 'none'}")
+def _check_options(planner: str, run: Planner, options: dict[str, Any]) -> None:
+    """Raise `BadParameter` for no planner, or an option that it does not have; a planner with **options checks them itself."""
+    try:
+        signature = inspect.signature(run)
+        parameters = signature.parameters.values()
+        own = {p.name for p in parameters if p.kind is p.KEYWORD_ONLY} - {"seed", "budget"}
+        free = any(p.kind is p.VAR_KEYWORD for p in parameters)
+        wrong = [name for name in options if name not in own and (name == "budget" or not free)]
+        signature.bind(None, seed=0, budget=None, **{name: options[name] for name in options.keys() - wrong})
+    except (TypeError, ValueError) as error:
+        raise BadParameter("planner", planner, f"a function of a problem, a seed and a budget; {error}") from None
+    for name in wrong:
+        allowed = f"left out: the planner's own options are {', '.join(sorted(own)) or 'none'}"
+        raise BadParameter(name, options[name], allowed)
 
 
 def plan(
@@ -372,6 +379,5 @@ def plan(
     source, target = (standing_cell(name, xy, grid, inflated, robot_radius) for name, xy in (("start", start), ("goal", goal)))
     problem = Problem(inflated, source, target, moves)
     found = solve(problem, planner, seed=seed, time_limit=time_limit, **options)
-    if isinstance(found, Plan):
-        object.__setattr__(found, "grid", grid)
+    object.__setattr__(found, "grid", grid)
     return found
