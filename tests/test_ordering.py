@@ -176,6 +176,18 @@ def test_what_cannot_be_is_late_or_infinite() -> None:
     assert not late.feasible and late.lateness == pytest.approx(18.0)
 
 
+@pytest.mark.parametrize("initial", [None, [0, 3, 1, 2]])
+def test_a_stop_of_priority_zero_is_left_out(initial: list[int] | None) -> None:
+    """It would cost a way and collect nothing; only where the way through it is shorter it is a part of the tour."""
+    xy = np.array([(0, 0), (3, 0), (9, 9), (9, 0)])
+    matrix = np.hypot(*(xy[:, None] - xy[None]).T)
+    answer = order_stops(matrix, end="start", priorities=[0, 1, 0, 0], cycles=2, initial=initial)
+    assert answer.orders[0].tolist() == [0, 1, 0] and answer.cost == 6.0 and answer.collected == 1.0
+    matrix[0, 2] = matrix[2, 1] = 1.0
+    short = order_stops(matrix, end="start", priorities=[0, 1, 0, 0], cycles=2, initial=initial)
+    assert short.orders[0].tolist() == [0, 2, 1, 0] and short.cost == 5.0
+
+
 def test_spends_no_more_than_it_may() -> None:
     rng = np.random.default_rng(9)
     xy = rng.random((60, 2)) * 100

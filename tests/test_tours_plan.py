@@ -335,3 +335,13 @@ def test_the_command_plans_draws_and_prints(tmp_path, capsys) -> None:
     assert np.array([list(map(float, line[1:])) for line in lines]).tolist() == stop_distances(HALL, cells).tolist()
     with pytest.raises(BadParameter, match=r"\.csv"):
         app([*told, "--distances", str(tmp_path / "d.png")], standalone_mode=False)
+
+
+def test_the_command_says_what_a_bound_on_priorities_proves(capsys) -> None:
+    """That no tour collects more, which says nothing about its length."""
+    from antway.console import print_tour
+
+    for more, words in (({}, "; no tour collects more"), ({"deadline": 3.0}, "; at most 50.0 % more can be collected")):
+        print_tour(plan_tour(HALL, (2.5, 1.5), [*GOOD, (2.5, 3.5)], priorities=[1, 1, 1], cycles=2, **more))
+        printed = capsys.readouterr().out
+        assert re.search(words, printed) and "best" not in printed, printed

@@ -33,6 +33,8 @@ def test_few_stops_are_in_the_best_of_all_orders(end: str | None, symmetric: boo
         order = found.orders[0].tolist()
         assert order[0] == 0 and set(order) == set(range(n)) and len(order) == n + (end == "start")
         assert sum(away[a, b] for a, b in pairwise(order)) == pytest.approx(found.cost)
+        served = order_stops(away, end=last, cycles=1, service=range(n), objective="makespan")
+        assert served.cost == pytest.approx(best + sum(range(n))) == served.bound
 
 
 def test_one_trees_are_those_of_kruskal() -> None:

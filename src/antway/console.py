@@ -318,9 +318,12 @@ def print_tour(tour: TourPlan) -> None:
             rows.append(row if several else row[1:])
     heads = ["robot", "visit", "stop", "leg", "arrives", "waits", "window", "late"]
     _print_cells("Tour", heads if several else heads[1:], "stop", rows)
-    proof = f"; at most {100 * tour.gap:.1f} % over the best" if tour.feasible and tour.gap < 1.0 else ""
+    collects = task.priorities is not None
+    proof = ""
     if tour.feasible and tour.gap < 1e-6:
-        proof = "; proved the best"
+        proof = "; no tour collects more" if collects else "; proved the best"
+    elif tour.feasible and tour.gap < 1.0:
+        proof = f"; at most {100 * tour.gap:.1f} % " + ("more can be collected" if collects else "over the best")
     left = f"; left out: {', '.join(task.names[stop] for stop in tour.skipped)}" if tour.skipped else ""
     print(f"{tour.length:.1f} m, done after {tour.duration:.1f} s{proof}{left}")
     if not tour.feasible:

@@ -98,8 +98,8 @@ def order_stops(
     service : array_like[n] or None
         Duration of each stop, in s.
     priorities : array_like[n] or None
-        Value of each stop, >= 0: the sum collected by `deadline` is maximised, then the cost is minimised. None: every stop
-        must be visited.
+        Value of each stop, >= 0: the sum collected by `deadline` is maximised, then the cost is minimised; stops of value 0
+        are left out, unless the way through them is shorter. None: every stop must be visited.
     deadline : float
         Latest end time of each robot, in s.
     robots : int
@@ -139,7 +139,8 @@ def order_stops(
     if is_untimed(stops):
         if not quick or len(stops.matrix) <= FEW:
             order, least = shortest_order(stops, clock, cycles, seed, None if known is None else known[0])
-            return finished(stops, [order], least)
+            stays = float(stops.service.sum()) if stops.objective == "makespan" else 0.0
+            return finished(stops, [order], least + stays)
         assert known is not None
         known = [improved_order(stops, known[0])]
     quick = quick or (budget.seconds is not None and budget.seconds < _PREPARATION * len(stops.matrix) ** 3)

@@ -168,8 +168,8 @@ def plan_tour(
     service : float or float[N]
         Duration of each stop, s.
     priorities : float[N] or None
-        Value of each stop, >= 0: the sum collected within windows and deadline is maximised, then the cost is minimised.
-        None: all stops are visited.
+        Value of each stop, >= 0: the sum collected within windows and deadline is maximised, then the cost is minimised;
+        stops of value 0 are left out. None: all stops are visited.
     deadline : float
         Latest end time of each robot, s.
     robots : int

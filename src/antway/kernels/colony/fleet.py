@@ -114,7 +114,10 @@ def insert(fleet: Fleet, r: Routes, stop: int, state: rng.State) -> bool:
             then = here + fleet.time[stop, after]
             if then > r.latest[k, p]:
                 continue
-            cost = fleet.sum_weight * (fleet.time[before, stop] + fleet.time[stop, after] - fleet.time[before, after])
+            detour = fleet.time[before, stop] + fleet.time[stop, after] - fleet.time[before, after]
+            if fleet.worth[stop] == 0.0 and detour >= -1e-9:
+                continue  # a stop that is worth nothing is visited only where that saves time
+            cost = fleet.sum_weight * detour
             if fleet.last_weight > 0.0:
                 end = max(then + r.duration[k, p], r.earliest[k, p])
                 cost += fleet.last_weight * (max(others, end) + 0.01 * end)
