@@ -8,11 +8,12 @@ import sys
 import numpy as np
 import pytest
 
-from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run
+from antway import BadParameter, Grid, RobotSpec, Scenario, World, check_episode, make_policy, run, warmup
 from antway.arena.suites import build, episodes
 from antway.baselines.orca import outlines, tracked
 from antway.kernels.base.records import RobotState
 from antway.kernels.robot.motion import drive_cycle
+from antway.tables import NEED_PYRVO, POLICIES
 from antway.world.motions import BackAndForth
 from antway.world.policy import Observation, Tracks
 from antway.world.world import Obstacle
@@ -129,5 +130,10 @@ def test_without_pyrvo_it_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(BadParameter, match=option):
             make_policy("orca", **{option: -1.0})
     monkeypatch.setitem(sys.modules, "pyrvo", None)
-    with pytest.raises(BadParameter, match="arena"):
-        make_policy("orca")
+    for name in POLICIES:
+        if name in NEED_PYRVO:
+            with pytest.raises(BadParameter, match=f"policy = '{name}': .*arena"):
+                make_policy(name)
+        else:
+            make_policy(name)
+    assert not {name for _, name in warmup._TASKS["baselines"]} & set(NEED_PYRVO)

@@ -35,6 +35,8 @@ POLICIES: dict[str, str] = {
     "oracle": "antway.baselines.oracle:Oracle",
 }
 
+NEED_PYRVO = ("orca", "nh-orca")  # policies that need a package of the extra `arena`
+
 ROBOTS: tuple[str, ...] = (  # specifications and sources in antway.world.robots
     "holonomic",
     "inertia",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from antway import checks
 from antway.kernels.base.cache import is_compiled
-from antway.tables import PLANNERS, POLICIES, WARM
+from antway.tables import NEED_PYRVO, PLANNERS, POLICIES, WARM
 
 if TYPE_CHECKING:
     from antway.ants.tsp import Tsp
@@ -187,5 +187,5 @@ _TASKS = {
     "run": [("run", "antway"), ("paper's scene by", "paper"), ("rounds by", "antway")],
     "robots": [("wheels, policy", "antway"), ("inertia, policy", "antway")],
     "tours": [("tour", "of cities"), ("tour", "on a map"), ("tour", "with time windows")],
-    "baselines": [("paper's scene by", policy) for policy in POLICIES if policy not in ("antway", "paper", "orca")],
+    "baselines": [("paper's scene by", policy) for policy in POLICIES if policy not in ("antway", "paper", *NEED_PYRVO)],
 }

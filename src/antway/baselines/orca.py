@@ -55,7 +55,8 @@ class Orca(Follow):
         try:
             from pyrvo import RVOSimulator
         except ImportError:
-            raise BadParameter("policy", "orca", "another, or install pyrvo (the extra `arena`)") from None
+            name = "nh-orca" if isinstance(self, NhOrca) else "orca"
+            raise BadParameter("policy", name, "another, or install pyrvo (the extra `arena`)") from None
         self.simulator = RVOSimulator
 
     def reset(self, task: Task, seed: int) -> None:

@@ -17,6 +17,7 @@ from antway.grid import Grid
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import PathsFrom
 from antway.scenes import SCENES, scene
+from antway.tables import NEED_PYRVO
 from antway.view.packing import bits_to_base64
 from antway.view.replay import map_record
 from antway.web.files import EXPORTS, MAX_OBSTACLES, kept, link, scenario_file
@@ -29,7 +30,7 @@ from antway.world.scenario import Scenario, load_scenario
 from antway.world.stops import Stop
 from antway.world.world import Obstacle, World
 
-POLICIES = tuple(name for name in policy.POLICIES if name != "orca" or find_spec("pyrvo"))
+POLICIES = tuple(name for name in policy.POLICIES if name not in NEED_PYRVO or find_spec("pyrvo"))
 MAX_UNDO = 100
 MAX_UNDO_BYTES = 16 * 2**20  # limit of bytes of the maps kept for undo
 MAX_STOPS = 40
