@@ -134,6 +134,37 @@ def test_many_cities_in_one_place():
     assert (cities.near != np.arange(40)[:, None]).all()
 
 
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("immune", [None, Immune(), Immune(temperature=1e-320)])
+def test_a_tour_of_no_length_is_the_shortest(rule, immune):
+    """Distances may all be rounded to 0 on the best tour; the search for it ends there."""
+    rounded = Tsp([(0, 0), (0.8, 0), (0.4, 0), (0.4, 0)], metric="EUC_2D")
+    matrix = np.full((6, 6), 3.0)
+    hidden = np.array([0, 3, 1, 5, 2, 4])
+    matrix[hidden, np.roll(hidden, 1)] = matrix[np.roll(hidden, 1), hidden] = 0.0
+    for instance in (rounded, Tsp(matrix=matrix)):
+        tour = solve_tsp(instance, rule, immune=immune, cycles=200, candidates=2)
+        assert tour.length == 0.0 and np.isfinite(tour.pheromone).all()
+    assert tour.tours < 200 * 6
+
+
+@pytest.mark.parametrize("n", [9, 50])
+@pytest.mark.parametrize("local_search", ["oropt", "3opt"])
+def test_local_search_takes_few_candidates(n, local_search):
+    """With fewer candidates than the local search looks at, it looks at those."""
+    instance = Tsp(np.random.default_rng(0).random((n, 2)) * 100)
+    for candidates in (1, 2, 3, 4):
+        tour = solve_tsp(instance, local_search=local_search, candidates=candidates, cycles=10)
+        assert tour.length == pytest.approx(tour.history[-1, 1]) and tour.candidates.shape == (n, candidates)
+
+
+def test_the_diagonal_of_a_matrix_is_ignored():
+    """However long the way from a city to itself may be, gains of the others count."""
+    matrix = np.linalg.norm(RANDOM.xy[:, None] - RANDOM.xy, axis=-1) / 1e4
+    tours = [solve_tsp(Tsp(matrix=matrix + far * np.eye(60)), local_search="3opt", cycles=3) for far in (0.0, 1e12)]
+    assert contents(tours[0]) == contents(tours[1])
+
+
 @pytest.mark.parametrize("form", FORMATS)
 def test_matrix_formats(form):
     """Every EXPLICIT format gives the distances 1, 2, 3 of three cities."""
@@ -204,6 +235,18 @@ def test_a_comment_may_take_several_lines(tmp_path):
         load_tsp(path)
 
 
+def test_an_optimum_belongs_to_a_name_and_a_number_of_cities():
+    """A part of a well-known instance that kept its name has no known optimum."""
+    assert parse(BURMA.encode()).optimum == 3323
+    assert parse(PLANE.format("GEO").replace(": p", ": burma14").encode()).optimum is None
+
+
+def test_weights_that_differ_are_shown():
+    """Both ways between the first two cities that have two distances."""
+    with pytest.raises(BadMap, match=r"= \(1.0, 9.0\): .* between the cities 1 and 2"):
+        parse(EXPLICIT.format("FULL_MATRIX", "0 1 2 9 0 3 2 3 0").encode())
+
+
 def test_spoilt_files():
     """A file with flipped bits, parts cut out or numbers put in is an instance or a `BadInput`, within two seconds."""
     sound = [PLANE.format(kind).encode() for kind in ("EUC_2D", "CEIL_2D", "ATT")] + [BURMA.encode()]
@@ -236,14 +279,16 @@ def test_spoilt_files():
         {"candidates": 0},
         {"focused": True},
         {"pheromone": [[1.0]]},
+        {"persistence": 3},
         {"immune": 3},
     ],
     ids=str,
 )
 def test_wrong_options(wrong):
-    """An option outside its range is a `BadParameter`."""
-    with pytest.raises(BadParameter):
-        solve_tsp(RANDOM, **{"cycles": 1, **wrong})
+    """An option outside its range is a `BadParameter`, also where there is nothing to search."""
+    for instance in (RANDOM, Tsp([(0, 0)] * 9), Tsp([(0, 0), (1, 1)])):
+        with pytest.raises(BadParameter):
+            solve_tsp(instance, **{"cycles": 1, **wrong})
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ class Colony:
     Parameters
     ----------
     instance : Tsp
-        With at least four cities, not all in one place.
+        With at least four cities.
     rule : str or Rule
         A name of `RULES` ("as", "eas", "rank", "mmas", "acs"), or a rule with its parameters.
     ants, persistence : int, Persistence or None
@@ -98,9 +98,8 @@ class Colony:
         )
         kernel.combine(tau, eta, 1.0, self.state.weight, self.state.row_sum)
         greedy = kernel.walk_once(self.cities, self.state, self.numbers._replace(q0=1.0, xi=0.0), self._seed)
+        greedy = max(greedy, 1e-300)  # all cities may be in one place
         self.state.bests[:] = orders[0]
-        if greedy <= 0.0:
-            raise BadParameter("instance", instance.name, "of cities that are not all in one place")
         first = self.rule.initial(m, n, greedy)
         if self.numbers.p_best > 0.0:
             first = kernel.first_limit(self.numbers, greedy)

@@ -204,8 +204,9 @@ def vaccinate_path(path: Nodes, vaccine: Nodes) -> Nodes:
 
 def select(costs: NDArray[np.float64], temperature: float, draw: Draw) -> NDArray[np.int64]:
     """Draw as many ants as there are, with probability ~ exp(f / T), f = 1 - L / L_min; the best one stays."""
-    least = float(costs.min())
-    weights = np.cumsum(np.exp((1.0 - costs / least) / temperature))
+    costs = np.maximum(costs, 1e-300)
+    with np.errstate(over="ignore"):  # far from the best, the probability is 0
+        weights = np.cumsum(np.exp((1.0 - costs / costs.min()) / max(temperature, 1e-300)))
     chosen = [int(np.argmin(costs))]
     chosen += [int(np.searchsorted(weights, draw() * weights[-1], side="right")) for _ in range(len(costs) - 1)]
     return np.array(chosen)

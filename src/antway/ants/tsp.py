@@ -16,7 +16,7 @@ from antway import checks
 from antway.ants.colony import NO_LOCAL_SEARCH, Colony
 from antway.ants.immune import Immune
 from antway.ants.persistence import Constant, Persistence
-from antway.ants.rules import MaxMinAntSystem, Rule
+from antway.ants.rules import MaxMinAntSystem, Rule, make_rule
 from antway.ants.tsplib import Tsp as Tsp
 from antway.ants.tsplib import load_tsp as load_tsp
 from antway.errors import BadParameter
@@ -118,7 +118,7 @@ def solve_tsp(
         The immune operator, applied between construction and deposit.
     seconds, tours, cycles : float, int, int or None
         When to stop, whichever comes first; seconds may be infinite. Without any of them, after 1,000 cycles. The search also
-        ends at a known optimum.
+        ends at a known optimum, and at a length of 0.
     seed : int
         In [0, 2**64 - 1]. The same seed and number of cycles or tours give the same bytes, with any number of threads.
     threads : int
@@ -163,25 +163,26 @@ def solve_tsp(
     if focused is not None:
         checks.instance("focused", focused, bool)
     options, chosen = local_search_options(n, rule, local_search, focused)
+    default_ants = None if options.attempts == 0 else 10 if options.rebuild_every else 4
+    chosen = make_rule(chosen, ants=default_ants if ants is None else ants, persistence=persistence)
+    seed = checks.seed(seed)
+    if candidates is None:
+        candidates = 20 if local_search is None else 10
+    candidates = checks.integer("candidates", candidates, low=1)
+    if immune is not None:
+        checks.instance("immune", immune, Immune)
+    if pheromone is not None:
+        checks.array("pheromone", pheromone, (n, None))
     clock = Budget(seconds=seconds, cancel=cancel).start()
-    if n < 4 or (not np.any(instance.cities(1).gap > 0.0) and instance.length(np.arange(n)) == 0.0):
-        order = np.arange(n, dtype=np.int32)
-        none, length = np.empty((n, 0)), instance.length(order)
+    order = np.arange(n, dtype=np.int32)
+    length = instance.length(order)
+    if n < 4 or length == 0.0:
+        none = np.empty((n, 0))
         return Tour(order, length, np.empty((0, 3)), none, none.astype(np.int32), 0, clock.elapsed(), length)
-    colony = Colony(
-        instance,
-        chosen,
-        ants=ants if ants is not None or options.attempts == 0 else 10 if options.rebuild_every else 4,
-        persistence=persistence,
-        seed=seed,
-        candidates=(20 if local_search is None else 10) if candidates is None else candidates,
-        pheromone=pheromone,
-        options=options,
-        immune=immune,
-    )
+    colony = Colony(instance, chosen, seed=seed, candidates=candidates, pheromone=pheromone, options=options, immune=immune)
     per_cycle = colony.tours
     limit = _cycles(cycles, tours, seconds, per_cycle)
-    target = -np.inf if instance.optimum is None else instance.optimum
+    target = instance.optimum or 0.0
     history: list[tuple[float, float, float]] = []
     batch = 1
     with nullcontext() if threads == 1 else ThreadPoolExecutor(threads) as pool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import string
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,8 +94,10 @@ class Tsp:
                 raise TooLarge("matrix", len(matrix), f"at most {MAX_MATRIX} cities")
             if matrix.shape[0] != matrix.shape[1] or len(matrix) == 0:
                 raise BadParameter("matrix.shape", matrix.shape, "square and not empty")
-            off = ~np.eye(len(matrix), dtype=bool)
-            if (matrix != matrix.T)[off].any() or (matrix[off] < 0).any() or (matrix[off] > 1e9).any():
+            matrix.flags.writeable = True
+            np.fill_diagonal(matrix, 0.0)
+            matrix.flags.writeable = False
+            if (matrix != matrix.T).any() or (matrix < 0).any() or (matrix > 1e9).any():
                 raise BadParameter("matrix", matrix, "symmetric, of distances in [0, 1e9]")
             object.__setattr__(self, "matrix", matrix)
             object.__setattr__(self, "metric", "MATRIX")
@@ -232,7 +235,7 @@ def load_tsp(path: str | os.PathLike[str]) -> Tsp:
     Returns
     -------
     Tsp
-        With the optimum, if the name is that of a well-known instance.
+        With the optimum, if the name is that of a well-known instance of as many cities.
 
     Raises
     ------
@@ -259,7 +262,8 @@ def parse(data: bytes, where: str = "") -> Tsp:
     if n > limit:
         raise TooLarge("DIMENSION", n, f"at most {limit} cities of type {kind}", where=where)
     name = header.get("NAME", "")
-    optimum = OPTIMA.get(name.removesuffix(".tsp"))
+    known = name.removesuffix(".tsp")
+    optimum = OPTIMA.get(known) if known.lstrip(string.ascii_letters) == str(n) else None  # names end with the number of cities
     if kind == "EXPLICIT":
         weights = _numbers("EDGE_WEIGHT_SECTION", sections, where)
         return Tsp(matrix=_matrix(weights, n, header.get("EDGE_WEIGHT_FORMAT", ""), where), name=name, optimum=optimum)
@@ -330,8 +334,11 @@ def _matrix(weights: NDArray[np.float64], n: int, form: str, where: str) -> NDAr
         matrix[np.triu_indices(n, shift) if upper else np.tril_indices(n, -shift)] = weights
         matrix = matrix + matrix.T
     np.fill_diagonal(matrix, 0.0)
-    if (matrix < 0).any() or (matrix != matrix.T).any():
-        raise BadMap("EDGE_WEIGHT_SECTION", float(matrix.min()), "symmetric, of weights >= 0", where=where)
+    wrong = np.argwhere((matrix < 0) | (matrix != matrix.T))
+    if len(wrong):
+        i, j = wrong[0].tolist()
+        allowed = f"symmetric, of weights >= 0; these are those between the cities {i + 1} and {j + 1}"
+        raise BadMap("EDGE_WEIGHT_SECTION", (float(matrix[i, j]), float(matrix[j, i])), allowed, where=where)
     return matrix
 
 

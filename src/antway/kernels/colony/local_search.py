@@ -198,7 +198,7 @@ def move(cities: Cities, search: Search, t1: Index, breadth: int, longest: int) 
                     if gain > least:
                         exchange(search, TWO, t1, t2, t3, t4, t1, t2)
                         return gain
-                for e in range(breadth):
+                for e in range(min(breadth, near.shape[1])):
                     t5 = near[t4, e]
                     g3 = g2 - gap[t4, e]
                     if g3 <= least:
