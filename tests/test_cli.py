@@ -115,6 +115,10 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     ((*PLAN, "--time-limit", "nan"), "time_limit = nan"),
     ((*PLAN, "--resolution", "1"), "resolution = 1.0"),
     ((*PLAN, "--out", "plan.bmp"), "out = 'plan.bmp'"),
+    ((*PLAN, "--out", "nofolder/plan.png"), "out = 'nofolder/plan.png'"),
+    ((*PLAN, "--pareto", "--planner", "magic"), "planner = 'magic'"),
+    ((*PLAN, "--pareto", "--time-limit", "1"), "time_limit = 1.0"),
+    ((*PLAN[:1], "office", "--start", "1.5,3", "--goal", "22,12.5", "--pareto"), "map = (140, 240): must be coarser"),
     (("plan", "room.yaml", "--start", "1,1"), "--goal"),
     ((*PLAN, "--nonsense"), "--nonsense"),
     (("fly",), "fly"),
@@ -122,9 +126,19 @@ BAD: list[tuple[tuple[str, ...], str]] = [
     (("run", "room.yaml"), "room.yaml"),
     (("run", "paper", "--policy", "magic"), "policy = 'magic'"),
     (("run", "paper", "--seed", "x"), "seed = 'x'"),
+    (("run", "paper", "--out", "five.tsp"), "out = 'five.tsp'"),
+    (("run", "paper", "--out", "five.tsp/folder"), "out = 'five.tsp/folder'"),
+    (("demo", "--out", "five.tsp"), "out = 'five.tsp'"),
+    (("bench", "paper", "--policies", "stop,stop"), "policies = 'stop'"),
+    (("bench", "paper", "--policies", "stop", "--engine", "steam"), "engine = 'steam'"),
+    (("bench", "paper", "--policies", "stop", "--timeout", "nan"), "timeout = nan"),
+    (("bench", "paper", "--policies", "stop", "--workers", "0"), "workers = 0"),
+    (("bench", "paper", "--policies", "stop", "--out", "five.tsp"), "out = 'five.tsp'"),
+    (("warmup", "plan", "--workers", "0"), "workers = 0"),
     (("view", "nowhere.json", "--out", "a.html"), "nowhere.json"),
     (("view", "room.yaml", "--out", "a.html"), "room.yaml"),
     (("view", "room.yaml", "--out", "a.doc"), "out = 'a.doc'"),
+    (("view", "room.yaml", "--out", "a.html", "--at", "1"), "at = 1.0"),
     (("tsp", "nowhere.tsp"), "nowhere.tsp"),
     (("tsp", "five.tsp", "--rule", "magic"), "rule = 'magic'"),
     (("tsp", "five.tsp", "--local-search", "9opt"), "local_search = '9opt'"),
@@ -146,6 +160,7 @@ def test_wrong_input_is_one_line_and_status_two(
     printed = [line for line in err.splitlines() if not line.endswith("...")]
     assert status == 2 and out == ""
     assert len(printed) == 1 and printed[0].startswith("error: ") and named in printed[0], err
+    assert not Path("bench").exists() and not Path("demo").exists()
 
 
 RAISED: dict[type[BadInput], tuple[str, ...]] = {

@@ -21,6 +21,7 @@ from antway.arena.store import Row
 from antway.arena.summary import summarise
 from antway.view import charts, colonies, diagrams, drives, figures
 from antway.view.animation import CAPTION, LEGEND, write_animation
+from antway.view.replay import write_replay
 from antway.view.style import BLUE, RED, TEAL
 from antway.world.robots import load_robot
 from sample import sample_trace
@@ -163,6 +164,18 @@ def test_wrong_steps_and_names_are_refused(tmp_path: Path) -> None:
         figures.convergence_figure({"ants": np.zeros((3, 2))})
     with pytest.raises(BadParameter, match="out"):
         write_animation(TRACE, tmp_path / "a.avi")
+
+
+def test_what_cannot_be_written_is_one_error_with_its_field(tmp_path: Path) -> None:
+    """A folder that does not exist, a name with a zero byte, and what is no path, by each writer."""
+    away = tmp_path / "nofolder"
+    for wrong in (away / "a.png", "a\0.png", 3):
+        with pytest.raises(BadParameter, match=r"out = .*: must be a path"):
+            figures.save(FIGURES["plan"], wrong)
+    with pytest.raises(BadParameter, match=r"out = .*nofolder"):
+        write_replay(TRACE, away / "a.html")
+    with pytest.raises(BadParameter, match=r"out = .*nofolder"):
+        write_animation(TRACE, away / "a.gif", frames=1)
 
 
 def test_names_with_signs_of_formulas_are_drawn_as_they_are() -> None:

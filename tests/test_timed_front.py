@@ -170,7 +170,13 @@ def test_the_command_prints_and_draws_the_front(tmp_path, capsys: pytest.Capture
     assert record["status"] == "found" and record["objectives"] == ["time", "distance", "clearance"]
     assert len(record["front"]) == len(record["paths"]) >= 1
     assert app([*where, "--out", str(tmp_path / "front.png")], standalone_mode=False) in (0, None)
-    assert "the front is whole" in capsys.readouterr().out and (tmp_path / "front.png").stat().st_size > 10_000
+    printed = capsys.readouterr().out
+    assert "the front is whole" in printed and f"drawn in {tmp_path / 'front.png'}" in printed
+    assert (tmp_path / "front.png").stat().st_size > 10_000
+    robot = [part for part in where if part not in ("--radius", "0.3")]
+    assert app([*robot, "--robot", "jackal", "--json"], standalone_mode=False) in (0, None)
+    driven = json.loads(capsys.readouterr().out)["front"]
+    assert driven[0][0] < 0.6 * record["front"][0][0]
 
 
 def test_the_picture_needs_a_path() -> None:

@@ -27,6 +27,8 @@ from antway.console import (
     name_option,
     number_option,
     pair,
+    path_option,
+    picture_option,
     print_decisions,
     print_json,
     print_rounds,
@@ -40,6 +42,7 @@ from antway.console import (
 )
 from antway.errors import BadParameter
 from antway.tables import PLANNERS, POLICIES, ROBOTS, SHIPPED_SCENES, SUITES, WARM, names
+from antway.writing import VIEWS, writing
 
 if TYPE_CHECKING:
     from antway.grid import Grid
@@ -101,7 +104,7 @@ def plan_command(
     ] = None,
     robot: RobotName = None,
     smooth: Annotated[bool, typer.Option("--smooth", help="With --robot: a motion within the robot's limits.")] = False,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the plan: .png, .svg or .pdf.")] = None,
+    out: Annotated[Path | None, picture_option("the plan")] = None,
     json: Json = False,
 ) -> int:
     """Plan a path on a map.
@@ -113,6 +116,9 @@ def plan_command(
 
     ends = {name: pair(name, text, int if cells else float) for name, text in (("start", start), ("goal", goal))}
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
+    for name, value, plain in (("planner", planner, "jps"), ("time_limit", time_limit, None)):
+        if pareto and value != plain:
+            raise BadParameter(name, value, "left out with --pareto, which searches by ants for as long as they need")
     if smooth and (robot is None or pareto):
         raise BadParameter("smooth", True, "with --robot, which says what drives, and without --pareto")
     spec = None if robot is None else commands.robot_of(robot, radius)
@@ -125,7 +131,7 @@ def plan_command(
         source, target = (end if cells else standing_cell(name, end, grid, inflated, radius) for name, end in ends.items())
         problem = Problem(inflated, source, target, rule)
     if pareto:
-        return commands.plan_front(problem, grid, radius, obstacles, seed, out, json)
+        return commands.plan_front(problem, grid, radius, None if spec is None else spec.v_max, obstacles, seed, out, json)
     if obstacles is not None:
         raise BadParameter("obstacles", obstacles, "left out without --pareto")
     with working("planning"):
@@ -189,7 +195,7 @@ def run_command(
     scenario: ScenarioName,
     policy: PolicyName = "antway",
     seed: RunSeed = None,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Write figures, a replay page, the trace and more.")] = None,
+    out: Annotated[Path | None, path_option("out", "DIR", "Write figures, a replay page, the trace and more.")] = None,
     explain: Annotated[bool, typer.Option("--explain", help="Print every decision, what was weighed, and why.")] = False,
     robot: RobotName = None,
     json: Json = False,
@@ -231,7 +237,7 @@ def run_command(
 
 @app.command("demo")
 def demo_command(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write to.")] = Path("demo"),
+    out: Annotated[Path, path_option("out", "DIR", "Folder to write to.")] = Path("demo"),
     policies: Annotated[
         str, typer.Option("--policies", "--policy", metavar="A,B", help="Shown side by side; figures show the last one.")
     ] = "paper,antway",
@@ -283,7 +289,7 @@ def bench_command(
     workers: Annotated[int | None, number_option("workers", int, "N", "Processes; one per core by default.")] = None,
     timeout: Annotated[float, number_option("timeout", float, "S", "Give up an episode after this many seconds.")] = 120.0,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for results, report and tables; an earlier run there continues.")
+        Path, path_option("out", "DIR", "Folder for results, report and tables; an earlier run there continues.")
     ] = Path("bench"),
     tables: Annotated[str, typer.Option("--export", metavar="A,B", help="Tables to write: csv, json, parquet.")] = "csv,json",
     json: Json = False,
@@ -309,16 +315,18 @@ def bench_command(
     names, kinds = policies.split(","), [checks.choice("export", kind, EXPORTS) for kind in tables.split(",")]
     if "parquet" in kinds and find_spec("pyarrow") is None:
         raise BadParameter("export", tables, "csv and json, or install pyarrow (the extra `arena`)")
+    cores = os.cpu_count() or 1 if workers is None else workers
+    engines.check_engine(engine, cores, timeout)
     with working("preparing"):
         jobs = engines.table_jobs(episodes_of(suite, episodes, robot or ""), names)
-    out.mkdir(parents=True, exist_ok=True)
+    with writing("out", out):
+        out.mkdir(parents=True, exist_ok=True)
     with Results(out / "results.db") as results:
         with episode_bar(jobs[0].episode.suite, len(jobs)) as advance:
-            cores = workers or os.cpu_count() or 1
             engines.bench(jobs, results, engine=engine, workers=cores, timeout=timeout, done=lambda row: advance())
         wanted = {job.key for job in jobs}
         rows = [row for row in results.rows() if row.key in wanted]
-        with working("writing the report"):
+        with working("writing the report"), writing("out", out):
             for kind in kinds:
                 export(rows, out / f"results.{kind}")
             (out / "summary.md").write_text(markdown(rows, names), encoding="utf-8")
@@ -346,7 +354,7 @@ def warmup_command(
     from antway.warmup import KINDS, warm_up
 
     started = time.perf_counter()
-    for what, seconds in warm_up(kinds or KINDS, workers=workers or os.cpu_count() or 1):
+    for what, seconds in warm_up(kinds or KINDS, workers=os.cpu_count() or 1 if workers is None else workers):
         say(f"{what}: {seconds:.1f} s")
     print(f"ready after {time.perf_counter() - started:.0f} s; kernels in {cache_folder() or 'the folders __pycache__'}")
     return 0
@@ -355,7 +363,7 @@ def warmup_command(
 @app.command("view")
 def view_command(
     trace_file: Annotated[Path, typer.Argument(metavar="TRACE", help="A trace.json that run or demo wrote.")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write: .html, .gif, .mp4, .png, .svg or .pdf.")],
+    out: Annotated[Path, path_option("out", "FILE", "File to write: .html, .gif, .mp4, .png, .svg or .pdf.", VIEWS)],
     at: Annotated[
         float | None, number_option("at", float, "S", "For a picture: show this moment, in s, in place of the whole path.")
     ] = None,

@@ -18,6 +18,8 @@ from antway.console import (
     ended_by_interrupt,
     number_option,
     pair,
+    path_option,
+    picture_option,
     print_json,
     print_tour,
     say,
@@ -25,7 +27,8 @@ from antway.console import (
     status_of_search,
     working,
 )
-from antway.errors import BadParameter
+from antway.errors import BadParameter, TooLarge
+from antway.writing import writing
 
 if TYPE_CHECKING:
     from antway.grid import Grid
@@ -63,9 +66,9 @@ def tour_command(
     resolution: Resolution = None,
     seconds: Annotated[float, number_option("seconds", float, "S", "Time for the search in s.")] = 1.0,
     seed: Seed = 0,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw the tour: .png, .svg or .pdf.")] = None,
+    out: Annotated[Path | None, picture_option("the tour")] = None,
     distances: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write the distances among all stops, in m, to this .csv.")
+        Path | None, path_option("distances", "FILE", "Write the distances among all stops, in m, to this .csv.", [".csv"])
     ] = None,
     json: Json = False,
 ) -> int:
@@ -74,8 +77,6 @@ def tour_command(
     from antway.tours.records import tour_record
     from antway.tours.stopfile import load_stops, save_distances
 
-    if distances is not None and distances.suffix != ".csv":
-        raise BadParameter("distances", str(distances), "a file that ends in .csv")
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
     listed = load_stops(stops)
     with working("planning"):
@@ -169,9 +170,7 @@ def tsp_command(
     seconds: Annotated[float, number_option("seconds", float, "S", "Stop after this many seconds.")] = 10.0,
     seed: Seed = 0,
     threads: Annotated[int, number_option("threads", int, "N", "Threads; the answer does not depend on their number.")] = 1,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the tour and its convergence: .png, .svg or .pdf.")
-    ] = None,
+    out: Annotated[Path | None, picture_option("the tour and its convergence")] = None,
     json: Json = False,
 ) -> int:
     """Solve a travelling salesman problem by ants.
@@ -221,7 +220,14 @@ def tsp_command(
 
 
 def plan_front(
-    problem: Problem, grid: Grid, radius: float, obstacles: str | None, seed: int, out: Path | None, json: bool
+    problem: Problem,
+    grid: Grid,
+    radius: float,
+    v_max: float | None,
+    obstacles: str | None,
+    seed: int,
+    out: Path | None,
+    json: bool,
 ) -> int:
     """Print the front of time, distance and clearance among the obstacles of a scenario; see `antway plan --pareto`."""
     from antway import Status, load_scenario
@@ -230,8 +236,12 @@ def plan_front(
     with working("searching the front"):
         scenario = None if obstacles is None else load_scenario(obstacles)
         line = None if scenario is None else scenario.world.timeline(seed, scenario.horizon)
-        v_max, horizon = (1.0, 60.0) if scenario is None else (scenario.robot.v_max, scenario.horizon)
-        front = timed_front(problem, line, radius=radius, v_max=v_max, horizon=min(horizon, 60.0), seed=seed)
+        speed, horizon = (1.0, 60.0) if scenario is None else (scenario.robot.v_max, min(scenario.horizon, 60.0))
+        speed = speed if v_max is None else v_max
+        try:
+            front = timed_front(problem, line, radius=radius, v_max=speed, horizon=horizon, seed=seed)
+        except TooLarge as error:
+            raise TooLarge("map", grid.shape, f"coarser: {error.allowed} within {horizon:g} s") from None
     if out is not None and len(front.paths):
         from antway.view.fronts import front_figure
         from antway.view.style import save
@@ -245,7 +255,10 @@ def plan_front(
         for time, distance, clearance in front.values.tolist():
             print(f"{time:8.2f} s  {distance:8.2f} m  clearance {clearance:.2f} m")
         whole = {Status.FOUND: "the front is whole", Status.NO_PATH: "no path", Status.BUDGET: "the front may lack paths"}
-        print(f"{len(front.paths)} paths, {whole[front.status]}; {front.labels} labels extended")
+        count = f"{len(front.paths)} path{'' if len(front.paths) == 1 else 's'}"
+        print(f"{count}, {whole[front.status]}; {front.labels} labels extended")
+        if out is not None and len(front.paths):
+            print(f"drawn in {out}")
     return status_of_search(front.status)
 
 
@@ -302,8 +315,9 @@ def compare_ants(runs: int, out: Path, json: bool) -> int:
         for row in compare(runs=runs):
             rows.append(row)
             say(markdown([row]).splitlines()[-1])
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "ants.md").write_text(markdown(rows) + "\n", encoding="utf-8")
+    with writing("out", out):
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "ants.md").write_text(markdown(rows) + "\n", encoding="utf-8")
     if json:
         print_json({"comparisons": [asdict(row) for row in rows], "out": str(out)})
     else:

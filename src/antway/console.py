@@ -15,6 +15,7 @@ import typer
 
 from antway.errors import BadInput, BadParameter
 from antway.tables import SHIPPED_SCENES, names
+from antway.writing import PICTURES, check_target
 
 if TYPE_CHECKING:
     import threading
@@ -58,6 +59,18 @@ def number_option(field: str, kind: type, metavar: str, help: str) -> Any:
     return typer.Option(parser=parse, metavar=metavar, help=help)
 
 
+def path_option(field: str, metavar: str, help: str, suffixes: Sequence[str] = ()) -> Any:
+    """Return an option with a place to write to: a file with one of `suffixes`, or without them a folder."""
+
+    def parse(text: str | Path) -> Path:
+        try:
+            return check_target(field, text, suffixes)
+        except BadParameter as error:
+            raise Refused(error) from None
+
+    return typer.Option(parser=parse, metavar=metavar, help=help)
+
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 Seed = Annotated[int, number_option("seed", int, "N", "Seed of every random choice: the same seed gives the same answer.")]
 
@@ -80,6 +93,11 @@ def scene_argument(metavar: str, files: str) -> Any:
 def name_option(table: Iterable[str], help: str) -> Any:
     """Return an option with a name, which the shell completes from `table`."""
     return typer.Option(metavar="NAME", help=help, autocompletion=completed(table))
+
+
+def picture_option(what: str) -> Any:
+    """Return the option --out of a command that draws `what`."""
+    return path_option("out", "FILE", f"Draw {what}: .png, .svg or .pdf.", PICTURES)
 
 
 MapFile = Annotated[Path, scene_argument("MAP", "ROS .yaml, .pgm, .png, .map, .txt, .npy")]

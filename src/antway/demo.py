@@ -24,6 +24,7 @@ from antway.world.episode import EpisodeResult, run
 from antway.world.policy import Task, make_policy
 from antway.world.scenario import Scenario, load_scenario
 from antway.world.trace import Trace
+from antway.writing import writing
 
 TIMINGS = ("cycle_ms_p50", "cycle_ms_p99", "order_ms_max")  # entries of a summary that differ between equal runs
 FLOW_CHARTS = ("figure1_ant_system.png", "figure2_improved_ant_system.png", "figure3_avoidance.png")
@@ -122,7 +123,6 @@ def write_episode(result: EpisodeResult, folder: Path, *, beside: Sequence[Episo
     from antway.view.animation import write_animation
     from antway.view.replay import write_replay
 
-    folder.mkdir(parents=True, exist_ok=True)
     numbers = write_record(result, folder)
     trace, others = _trace(result), [_trace(other) for other in beside]
     for one in (*others, trace):
@@ -188,13 +188,14 @@ def write_record(result: EpisodeResult, folder: Path) -> dict[str, Any]:
     """
     trace = _trace(result)
     check_episode(result)
-    folder.mkdir(parents=True, exist_ok=True)
     numbers = {"scenario": trace.scenario, "policy": trace.policy, **summary(result, trace.task)}
-    trace.save(folder / "trace.json")
-    _write_json(folder / "summary.json", {name: value for name, value in numbers.items() if name not in TIMINGS})
     timings: dict[str, Any] = {name: numbers[name] for name in TIMINGS if name in numbers}
     timings |= {"cycle_ms": result.cycle_ms.tolist(), "order_ms": result.order_ms.tolist()}
-    _write_json(folder / "timings.json", timings)
+    with writing("out", folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        trace.save(folder / "trace.json")
+        _write_json(folder / "summary.json", {name: value for name, value in numbers.items() if name not in TIMINGS})
+        _write_json(folder / "timings.json", timings)
     return numbers
 
 
@@ -222,14 +223,15 @@ def run_demo(
     Raises
     ------
     BadParameter
-        For an unknown policy, or none.
+        For an unknown policy, or none, and if `out` cannot be written to.
     """
     for name in policies:
         make_policy(name)
     if not policies:
         raise BadParameter("policies", policies, "at least one name")
     *others, shown = policies
-    out.mkdir(parents=True, exist_ok=True)
+    with writing("out", out):
+        out.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         aside = pool.submit(_play, others, seed)  # in one process, since several would compile the same kernels
         drawn: dict[str, Future[dict[str, Any]]] = {}

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, cast
@@ -119,9 +120,8 @@ def bench(
     BadResults
         If the results cannot be written.
     """
-    checks.integer("workers", workers, low=1, high=1024)
-    timeout = checks.number("timeout", timeout, low=0.0, open_low=True, unit="s")
-    play_all = {"local": local, "ray": ray}[checks.choice("engine", engine, ENGINES)]
+    check_engine(engine, workers, timeout)
+    play_all = {"local": local, "ray": ray}[engine]
 
     def missing() -> Iterator[Job]:
         for job in jobs:
@@ -133,6 +133,14 @@ def bench(
     for row, trace in play_all(missing(), workers, timeout):
         results.add(row, trace)
         done(row)
+
+
+def check_engine(engine: str, workers: int, timeout: float) -> None:
+    """Raise `BadParameter` for what `bench` cannot play with."""
+    checks.integer("workers", workers, low=1, high=1024)
+    checks.number("timeout", timeout, low=0.0, open_low=True, unit="s")
+    if checks.choice("engine", engine, ENGINES) == "ray" and find_spec("ray") is None:
+        raise BadParameter("engine", "ray", "local, or install ray")
 
 
 def local(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
@@ -241,10 +249,7 @@ def _safely(job: Job) -> Answer:
 
 def ray(jobs: Iterator[Job], workers: int, timeout: float) -> Iterator[Answer]:
     """Play jobs on the Ray cluster at RAY_ADDRESS, or on one that is started on this machine."""
-    try:
-        cluster: Any = importlib.import_module("ray")
-    except ImportError:
-        raise BadParameter("engine", "ray", "local, or install ray") from None
+    cluster: Any = importlib.import_module("ray")
     mine = not cluster.is_initialized()
     if mine:
         where = os.environ.get("RAY_ADDRESS")
@@ -282,9 +287,11 @@ def table_jobs(episodes: Iterable[Episode], policies: Iterable[str]) -> list[Job
     Raises
     ------
     BadParameter
-        For an unknown policy.
+        For an unknown policy, or one that is given twice.
     """
-    names = list(dict.fromkeys(policies))
+    names = list(policies)
     for name in names:
         make_policy(name)
+        if names.count(name) > 1:
+            raise BadParameter("policies", name, "given once")
     return [Job(episode, name) for episode in episodes for name in names]

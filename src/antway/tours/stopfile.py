@@ -17,6 +17,7 @@ from antway.reading import decoded, read_bytes
 from antway.tours.distances import stop_distances
 from antway.tours.stops import MAX_STOPS
 from antway.tours.task import TourTask
+from antway.writing import writing
 
 MAX_BYTES = 2_000_000
 COLUMNS = ("x", "y", "name", "earliest", "latest", "service", "priority")
@@ -145,10 +146,7 @@ def save_distances(task: TourTask, path: Path) -> None:
     free, cells = task.places()
     away = stop_distances(free, cells, task.moves, costs=task.costs)
     names = ["start", *task.names, *["end"] * (len(cells) - 1 - len(task.names))]
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file)
-            table.writerow(["", *names])
-            table.writerows([name, *row] for name, row in zip(names, away.tolist(), strict=True))
-    except OSError as fault:
-        raise BadParameter("distances", str(path), f"a file that can be written ({fault.strerror or fault})") from None
+    with writing("distances", path), path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["", *names])
+        table.writerows([name, *row] for name, row in zip(names, away.tolist(), strict=True))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from antway import checks
 from antway.errors import BadParameter
+from antway.writing import PICTURES, VIEWS, check_target
 
 
 def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = None) -> Path:
@@ -25,17 +26,16 @@ def write_view(trace_file: str | Path, out: str | Path, *, at: float | None = No
     BadScenario, TooLarge
         For a file that is not a trace.
     BadParameter
-        For another suffix.
+        For another suffix, `at` with anything but a picture, and if the file cannot be written.
     """
     from antway.view import figures
     from antway.view.animation import write_animation
     from antway.view.replay import write_replay
     from antway.world.trace import Trace
 
-    out = Path(out)
-    suffixes = (".html", ".gif", ".mp4", ".png", ".svg", ".pdf")
-    if out.suffix.lower() not in suffixes:
-        raise BadParameter("out", out.name, f"a file name that ends in one of {', '.join(suffixes)}")
+    out = check_target("out", out, VIEWS)
+    if at is not None and out.suffix.lower() not in PICTURES:
+        raise BadParameter("at", at, f"left out, except for a picture ({', '.join(PICTURES)})")
     trace = Trace.load(trace_file)
     path = figures.shortest(trace.task)
     if out.suffix.lower() == ".html":

@@ -20,6 +20,7 @@ from antway.view.figures import HORIZON, predicted
 from antway.view.moments import decision_at
 from antway.view.packing import faint_scale
 from antway.world.trace import Trace
+from antway.writing import writing
 
 SUPER = 2  # factor by which frames are drawn larger and then reduced, to smooth edges
 CAPTION = 34  # px; height of the caption under the map
@@ -47,20 +48,21 @@ def write_animation(
     Raises
     ------
     BadParameter
-        For a suffix other than .gif and .mp4, and for .mp4 if ffmpeg is not installed.
+        For a suffix other than .gif and .mp4, for .mp4 if ffmpeg is not installed, and if the file cannot be written.
     """
-    path, traces = Path(path), (trace, *beside)
+    traces = (trace, *beside)
     longest = max(traces, key=lambda one: float(one.t[-1]))
     times = longest.t[np.unique(np.linspace(0, len(longest), frames).round().astype(int))]
     pause = min(seconds, float(times[-1])) / len(times)
     pictures = _frames(traces, times, shortest, width)
-    if path.suffix.lower() == ".gif":
-        _write_gif(list(pictures), path, max(20, round(1000 * pause)))
-    elif path.suffix.lower() == ".mp4" and shutil.which("ffmpeg"):
-        _write_mp4(pictures, path, 1 / pause)
-    else:
-        raise BadParameter("out", path.name, "a file name that ends in .gif (or .mp4, if ffmpeg is installed)")
-    return path
+    with writing("out", path) as file:
+        if file.suffix.lower() == ".gif":
+            _write_gif(list(pictures), file, max(20, round(1000 * pause)))
+        elif file.suffix.lower() == ".mp4" and shutil.which("ffmpeg"):
+            _write_mp4(pictures, file, 1 / pause)
+        else:
+            raise BadParameter("out", file.name, "a file name that ends in .gif (or .mp4, if ffmpeg is installed)")
+    return file
 
 
 def _write_gif(pictures: list[Image.Image], path: Path, pause: int) -> None:

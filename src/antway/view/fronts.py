@@ -62,7 +62,11 @@ def front_figure(
         left.plot(*front.paths[i].xy.T, color=colour, linestyle=dash, linewidth=1.8, label=label, zorder=4)
         right.plot(time, distance, "o", color=colour, markersize=8, zorder=3)
     left.set_title(title)
-    right.set(title=f"The front: {len(front.paths)} paths", xlabel="time (s)", ylabel="distance (m)")
+    right.set(
+        title=f"The front: {len(front.paths)} path{'' if len(front.paths) == 1 else 's'}",
+        xlabel="time (s)",
+        ylabel="distance (m)",
+    )
     style.graph(right)
     right.margins(0.1)
     style.legend_below(left, columns=3)

@@ -21,6 +21,7 @@ from antway.view.pages import asset, digest, embedded, filled, png_url
 from antway.world.policy import Decision
 from antway.world.stops import Rounds
 from antway.world.trace import Trace
+from antway.writing import writing
 
 _IMPORT = re.compile(r"^import .*?;\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export \{.*?\};\n", re.MULTILINE)
@@ -28,9 +29,9 @@ _EXPORT = re.compile(r"^export \{.*?\};\n", re.MULTILINE)
 
 def write_replay(trace: Trace, path: str | Path, *, beside: Sequence[Trace] = (), shortest: Plan | None = None) -> Path:
     """Write the page that plays `trace`, with the global path `shortest` as a layer; return its path."""
-    path = Path(path)
-    path.write_text(replay_page(trace, beside=beside, shortest=shortest), encoding="utf-8")
-    return path
+    with writing("out", path) as file:
+        file.write_text(replay_page(trace, beside=beside, shortest=shortest), encoding="utf-8")
+    return file
 
 
 def replay_page(trace: Trace, *, beside: Sequence[Trace] = (), shortest: Plan | None = None) -> str:

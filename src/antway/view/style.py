@@ -21,8 +21,8 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike
 
-from antway.errors import BadParameter
 from antway.grid import Grid
+from antway.writing import PICTURES, writing
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -34,7 +34,6 @@ GOLD, VIOLET = "#FFD23F", "#5E3C99"  # goals, and the outline of pheromone
 PURPLE, OCHRE, GREY = "#AA3377", "#997700", "#9AA3AD"  # further paths, and waiting in schedules
 _VIOLET = [(0.45, 0.25, 0.65, 0.0), (0.45, 0.25, 0.65, 0.55), (0.25, 0.05, 0.45, 0.95)]
 PHEROMONE = LinearSegmentedColormap.from_list("pheromone", _VIOLET)
-FORMATS = ("png", "svg", "pdf")
 
 _STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -86,15 +85,13 @@ def save(fig: Figure, path: str | Path) -> Path:
     Raises
     ------
     BadParameter
-        For another suffix.
+        For another suffix, or if the file cannot be written.
     """
-    path = Path(path)
-    suffix = path.suffix.lower().lstrip(".")
-    if suffix not in FORMATS:
-        raise BadParameter("out", path.name, f"a file name that ends in .{', .'.join(FORMATS)}")
-    dateless = {"png": {"Software": "antway"}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
-    fig.savefig(path, format=suffix, metadata=dateless[suffix], bbox_inches="tight", pad_inches=0.12)
-    return path
+    dateless = {".png": {"Software": "antway"}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with writing("out", path, PICTURES) as file:
+        kind = file.suffix.lower()
+        fig.savefig(file, format=kind[1:], metadata=dateless[kind], bbox_inches="tight", pad_inches=0.12)
+    return file
 
 
 @styled
