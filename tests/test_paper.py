@@ -12,6 +12,7 @@ import pytest
 
 from antway import (
     BadParameter,
+    Command,
     Grid,
     Outcome,
     Problem,
@@ -31,6 +32,7 @@ from antway.policies.paper.local_target import local_target
 from antway.scenes import SCENES, scene
 from antway.view.moments import moments, shortest
 from antway.world.motions import BackAndForth, Bounce, Line
+from antway.world.policy import Observation, Tracks
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
 from common import cases
@@ -292,3 +294,27 @@ def test_a_robot_that_cannot_turn_or_stop_at_once_has_a_guard(late: dict) -> Non
         result = run(hall(*discs, robot=robot, sensor=Sensor(occlusion=False), obstacle_speed=1.2), "paper", seed=seed)
         check_episode(result)
         assert result.outcome not in (Outcome.HIT_MOVING, Outcome.HIT_WALL), seed
+
+
+def test_a_command_that_acts_late_is_for_the_heading_at_that_time() -> None:
+    """Wheels whose commands come late drive round a corner without turning to and fro."""
+    blocked = np.zeros((24, 40), dtype=bool)
+    blocked[:14, 18:20] = True
+    robot = RobotSpec(radius=0.3, drive="differential", a_max=1.0, alpha_max=3.0, latency=0.3)
+    result = run(Scenario(World(Grid(blocked, 0.25)), (1.125, 3.125), (9.125, 3.125), robot, horizon=60.0), "paper")
+    check_episode(result)
+    assert result.outcome is Outcome.REACHED
+    pending = np.array([(0.0, 0.5)] * 3)
+    turning = Observation(0.0, (1.0, 3.0), (0.0, 0.0), -0.15, Tracks.none(), turn_rate=0.5, pending=pending)
+    assert Command((0.5, 0.0)).acts(turning, robot) == pytest.approx((0.5, 0.0), abs=1e-9)
+
+
+def test_missing_velocities_are_those_between_scans() -> None:
+    """A scan that is seen again tells no other velocity, and tracks without a number tell none."""
+    policy = make_policy("paper")
+    policy.reset(hall().task, 0)
+    unknown = np.full((2, 2), math.nan)
+    for t, stamp, x in ((0.0, 0.0, 6.0), (0.1, 0.0, 6.0), (0.2, 0.2, 5.9), (0.3, 0.2, 5.9)):
+        seen = Observation(t, (1.1, 3.1), (0.0, 0.0), 0.0, Tracks([4, -1], [(x, 1.0), (x, 5.0)], unknown, [0.3, 0.3]), stamp)
+        velocity = policy._look(seen).velocity
+    assert velocity == pytest.approx(np.array([(-0.5, 0.0), (0.0, 0.0)]))

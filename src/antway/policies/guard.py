@@ -31,7 +31,7 @@ from antway.kernels.robot.passing import fallback, first_certified, passed_comma
 from antway.kernels.robot.reach import ACCEL, AGE, COLUMNS, RADIUS, SPEED, split_at_walls
 from antway.kernels.robot.sweep import Body, Walls
 from antway.limits import MAX_ANGLE, MAX_CLOCK, MAX_PLACE, MAX_SPEED, MAX_TRACKS
-from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks
+from antway.world.policy import Command, Decision, Observation, Policy, Task, Tracks, as_policy
 from antway.world.terrain import terrain_of, walls_of
 
 _EARLY = 1e-6  # s; a stamp that is ahead by less is now
@@ -332,7 +332,8 @@ class Guarded:
     """
 
     def __init__(self, policy: Policy, guard: Guard | None = None) -> None:
-        self.policy, self.guard = policy, Guard() if guard is None else guard
+        self.policy = as_policy(policy)
+        self.guard = Guard() if guard is None else checks.instance("guard", guard, Guard)
         self.inner: Decision | None = None
         self.last_decision: Decision | None = None
         self.learner = policy if isinstance(policy, LearnsResponse) else None

@@ -22,7 +22,8 @@ from antway.kernels.robot.dynamics import drive
 from antway.limits import MAX_ANGLE, MAX_PLACE, MAX_SPEED
 from antway.maps.limits import DEFAULT, Limits
 from antway.ros2.frames import Odometry
-from antway.world.policy import XY, Command, RobotSpec, Tracks, towards
+from antway.world.policy import XY, Command, RobotSpec, Tracks
+from antway.world.robots import towards
 
 Make = Callable[..., Any]
 # constants of visualization_msgs/msg/Marker: types, then actions
@@ -186,7 +187,7 @@ def twist_message(command: Command, velocity: XY, heading: float, robot: RobotSp
     """Return `command`, in the map's frame, as a geometry_msgs/msg/Twist in the robot's.
 
     A holonomic robot gets the velocity turned by -heading. Wheels get the twist of the command, or the twist that turns them
-    towards its velocity (`antway.world.policy.towards`); with the dynamics "steps", the forward speed and turn rate by which
+    towards its velocity (`antway.world.robots.towards`); with the dynamics "steps", the forward speed and turn rate by which
     `antway.world` would follow the command in a control period.
     """
     vx, vy = command.velocity

@@ -34,8 +34,8 @@ from antway.ros2.frames import (
 from antway.ros2.markers import predictions
 from antway.ros2.path import corridor, keeps_within
 from antway.ros2.settings import Settings
-from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks, towards
-from antway.world.robots import RobotSpec
+from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
+from antway.world.robots import RobotSpec, towards
 
 OK, WARN, ERROR = 0, 1, 2  # levels of diagnostic_msgs/msg/DiagnosticStatus
 STAND = Command((0.0, 0.0))
@@ -272,8 +272,9 @@ class Pilot:
                 self.policy.sent(seen, command)
         if did == SILENT:
             return self._wait(t, ERROR, "the guard's process is silent")
-        self._send(command.acts(seen, self.settings.robot))
-        return command, did
+        acts = command.acts(seen, self.settings.robot)
+        self._send(acts)
+        return replace(command, twist=acts) if self.settings.robot.wheels else command, did
 
     def rest(self) -> None:
         """Let the guard process rest, because the robot is commanded to stand."""

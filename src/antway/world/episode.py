@@ -18,7 +18,7 @@ from antway.lazy import drawing
 from antway.planning import TimedPath
 from antway.version import __version__
 from antway.world.order_planner import check_reachable
-from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, make_policy
+from antway.world.policy import Command, Decision, Foresees, Observation, Plans, Policy, as_policy, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import Scenario
 from antway.world.stage import Stage
@@ -191,7 +191,7 @@ class Episode:
         horizon = scenario.horizon if horizon is None else checks.number("horizon", horizon, low=0.0, open_low=True, unit="s")
         self.stage = stage = Stage(scenario, self.seed, horizon)
         self.name, driver = (policy, make_policy(policy)) if isinstance(policy, str) else (type(policy).__name__, policy)
-        self.policy: Policy = driver
+        self.policy: Policy = as_policy(driver)
         self.tour: RoundsPolicy | None = None
         if scenario.stops:
             check_reachable(stage.task, scenario.stops)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
 import math
 import numbers
 from collections.abc import Iterable, Sequence
@@ -16,10 +14,14 @@ from numpy.typing import NDArray
 from antway import checks
 from antway.errors import BadParameter, OutOfBounds
 from antway.grid import Grid
+from antway.kernels.base.records import RobotState
+from antway.kernels.robot.motion import delayed
 from antway.limits import MAX_PLACE, MAX_SPEED, MAX_STAY
 from antway.planning import TimedPath, find
 from antway.tables import POLICIES as POLICIES
+from antway.world.options import check_options, take_options
 from antway.world.robots import RobotSpec as RobotSpec
+from antway.world.robots import towards
 from antway.world.timeline import Timeline
 
 XY = tuple[float, float]  # m, or m/s
@@ -82,11 +84,16 @@ class Task:
                 self.grid.cell_at(getattr(self, name))
             except OutOfBounds as error:
                 raise error.at("", name) from None
-        checks.number("goal_tolerance", self.goal_tolerance, low=0.0, high=MAX_PLACE, open_low=True, unit="m")
-        checks.number("obstacle_speed", self.obstacle_speed, low=0.0, high=MAX_SPEED, unit="m/s")
-        for name in ("obstacle_surge", "obstacle_swerve"):
-            checks.number(name, getattr(self, name), low=0.0, infinite=True, unit="m/s^2")
-        checks.number("stay", self.stay, low=0.0, high=MAX_STAY, unit="s")
+        for name, high, unit in (
+            ("goal_tolerance", MAX_PLACE, "m"),
+            ("obstacle_speed", MAX_SPEED, "m/s"),
+            ("obstacle_surge", math.inf, "m/s^2"),
+            ("obstacle_swerve", math.inf, "m/s^2"),
+            ("stay", MAX_STAY, "s"),
+        ):
+            above, infinite = name == "goal_tolerance", high == math.inf
+            value = checks.number(name, getattr(self, name), low=0.0, high=high, open_low=above, infinite=infinite, unit=unit)
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,6 +229,12 @@ class Observation:
         """Speed along the heading, m/s; negative in reverse."""
         return self.velocity[0] * math.cos(self.heading) + self.velocity[1] * math.sin(self.heading)
 
+    def state_at_action(self, robot: RobotSpec) -> RobotState:
+        """Return the state of the robot when a command given now begins to act."""
+        one, two = (self.speed, self.turn_rate) if robot.wheels else self.velocity
+        state = RobotState(float(self.xy[0]), float(self.xy[1]), float(self.heading), float(one), float(two))
+        return state if robot.latency == 0.0 or self.pending is None else delayed(state, self.pending, robot.limits, robot.dt)
+
 
 def _real(field: str, value: object) -> float:
     """Return `value` as a float, which need not be finite."""
@@ -267,26 +280,13 @@ class Command:
         """Return the two numbers that the robot follows: (vx, vy), or for wheels (v, omega).
 
         For a velocity without a twist, wheels turn towards it, as fast as they can still stop turning there. Meanwhile they
-        drive forward with its component along the heading, never backwards.
+        drive forward with its component along the heading, never backwards. The heading is that at which the command acts.
         """
         if not robot.wheels:
             return self.velocity
         if self.twist is not None:
             return self.twist
-        return towards(self.velocity, observation.heading, robot)
-
-
-def towards(velocity: XY, heading: float, robot: RobotSpec) -> XY:
-    """Return (v, omega) of wheels with a heading in rad that are to drive with `velocity` in the world's frame."""
-    asked = math.hypot(*velocity)
-    if not asked > 1e-9:
-        return asked, 0.0  # also for NaN
-    turn = math.remainder(math.atan2(velocity[1], velocity[0]) - heading, 2.0 * math.pi)
-    rate = min(robot.turn_rate, abs(turn) / robot.dt)
-    if math.isfinite(robot.alpha_max):
-        gain = robot.alpha_max * robot.dt
-        rate = min(rate, math.sqrt(gain * gain / 4.0 + 2.0 * robot.alpha_max * abs(turn)) - gain / 2.0)
-    return max(asked * math.cos(turn), 0.0), math.copysign(rate, turn)
+        return towards(self.velocity, observation.state_at_action(robot).theta, robot)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -314,7 +314,7 @@ class Decision:
     gap : float
         Certified optimality gap of the choice (0.01 is 1 %), NaN if nothing is certified.
     guard : str
-        What the guard did: free, slowed, braked, stepped-aside, or empty.
+        What the guard did: free, slowed, braked, stepped-aside, least-harm, or empty.
     pheromone : (row0, col0, float32[h, w]) or None
         Pheromone by cell in the window with that corner, for pictures.
     history : float64[C, 4] or None
@@ -350,6 +350,7 @@ class Decision:
         return [(name, f"+{cost:.1f} s" if math.isfinite(cost) else "no path found") for name, cost in self.alternatives]
 
 
+@runtime_checkable
 class Policy(Protocol):
     """What steers a robot. An instance plays one episode at a time; `reset` starts each.
 
@@ -394,6 +395,13 @@ class Plans(Protocol):
         """Return the planned motion, the same as in the explanation."""
 
 
+def as_policy(policy: object) -> Policy:
+    """Return `policy` if it is one."""
+    if isinstance(policy, type) or not isinstance(policy, Policy):
+        raise BadParameter("policy", policy, "a policy, with the methods reset, act and explain")
+    return policy
+
+
 def make_policy(name: str, **options: Any) -> Policy:
     """Return a new policy: a name of `POLICIES`, of an entry point in the group `antway.policies`, or MODULE:CLASS.
 
@@ -410,41 +418,10 @@ def make_policy(name: str, **options: Any) -> Policy:
     'Sipp'
     """
     if isinstance(name, str) and "/" in name:
-        name = _take_options(name, options)
+        name = take_options(name, options)
     kind = find("policy", name, POLICIES, "antway.policies")
-    _check_options(name, kind, options)
+    check_options(name, kind, options)
     try:
         return cast(Policy, kind(**options))
     except TypeError as error:
         raise BadParameter("policy", name, f"a policy, with options that it can take; {error}") from None
-
-
-def _take_options(spec: str, options: dict[str, Any]) -> str:
-    """Return the name in NAME/OPTION=VALUE/..., and add its options to the given ones."""
-    name, *parts = spec.split("/")
-    for part in parts:
-        key, equals, text = part.partition("=")
-        if not key.isidentifier() or not equals or key in options:
-            raise BadParameter("policy", spec, "NAME or MODULE:CLASS, then /OPTION=VALUE once for each option")
-        try:
-            options[key] = ast.literal_eval(text)
-        except (ValueError, SyntaxError):
-            options[key] = text
-    return name
-
-
-def _check_options(name: str, kind: Any, options: dict[str, Any]) -> None:
-    """Raise `BadParameter` for an option that the policy `kind` does not have, or needs and does not get."""
-    try:
-        parameters = inspect.signature(kind).parameters.values()
-    except (TypeError, ValueError):
-        raise BadParameter("policy", name, "a class, or a function that returns a policy") from None
-    named = [p for p in parameters if p.kind in (p.KEYWORD_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    known = [p.name for p in named]
-    if not any(p.kind is p.VAR_KEYWORD for p in parameters):
-        for key, value in options.items():
-            if key not in known:
-                raise BadParameter(key, value, f"left out: the options of policy {name} are {', '.join(known) or 'none'}")
-    for p in named:
-        if p.default is p.empty and p.name not in options:
-            raise BadParameter(p.name, None, f"given: policy {name} needs this option")

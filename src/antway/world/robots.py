@@ -310,3 +310,42 @@ def load_robot(name: str | Path) -> RobotSpec:
         return RobotSpec(**record)
     except BadInput as error:
         raise error.at(where) from None
+
+
+def towards(velocity: tuple[float, float], heading: float, robot: RobotSpec) -> tuple[float, float]:
+    """Return (v, omega) of wheels with a heading in rad that are to drive with `velocity` in the world's frame."""
+    asked = math.hypot(*velocity)
+    if not asked > 1e-9:
+        return asked, 0.0  # also for NaN
+    turn = math.remainder(math.atan2(velocity[1], velocity[0]) - heading, 2.0 * math.pi)
+    rate = min(robot.turn_rate, abs(turn) / robot.dt)
+    if math.isfinite(robot.alpha_max):
+        gain = robot.alpha_max * robot.dt
+        rate = min(rate, math.sqrt(gain * gain / 4.0 + 2.0 * robot.alpha_max * abs(turn)) - gain / 2.0)
+    return max(asked * math.cos(turn), 0.0), math.copysign(rate, turn)
+
+
+def body_gap(
+    robot: RobotSpec, xy: NDArray[np.float64], heading: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distance of points from the edge of a robot's body, m; below 0 inside.
+
+    Parameters
+    ----------
+    robot : RobotSpec
+    xy, heading : float64[..., 2], float64[...]
+        Place (m) and heading (rad) of the robot for each point.
+    points : float64[..., 2]
+        m.
+    """
+    away = points - xy
+    if robot.footprint is None:
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]) - robot.radius)
+    cos, sin = np.cos(heading), np.sin(heading)
+    x, y = cos * away[..., 0] + sin * away[..., 1], cos * away[..., 1] - sin * away[..., 0]
+    corners = np.array(robot.footprint)
+    edges, off = np.roll(corners, -1, axis=0) - corners, np.stack((x, y), axis=-1)[..., None, :] - corners
+    share = np.clip((off * edges).sum(axis=-1) / (edges**2).sum(axis=-1), 0.0, 1.0)
+    gap = np.hypot(*np.moveaxis(off - share[..., None] * edges, -1, 0)).min(axis=-1)
+    inside = (edges[:, 0] * off[..., 1] > edges[:, 1] * off[..., 0]).all(axis=-1)  # corners are counterclockwise
+    return np.asarray(np.where(inside, -gap, gap))

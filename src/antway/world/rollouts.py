@@ -12,7 +12,6 @@ from antway.grid import Grid
 from antway.kernels.base.records import RobotLimits, RobotState
 from antway.kernels.controls.fields import beyond_walls, turning_times, wall_distance
 from antway.kernels.controls.problem import COLUMNS, Outlook, StaticField
-from antway.kernels.robot.motion import delayed
 from antway.world.policy import XY, Command, Observation
 from antway.world.robots import RobotSpec
 
@@ -50,11 +49,9 @@ def commanded(one: float, two: float, heading: float, robot: RobotSpec) -> Comma
 
 def acting(o: Observation, robot: RobotSpec) -> tuple[float, Observation, RobotState]:
     """Return the time in s until a command given now acts, and the observation and the robot's state at that time."""
-    one, two = (o.speed, o.turn_rate) if robot.wheels else o.velocity
-    state = RobotState(float(o.xy[0]), float(o.xy[1]), float(o.heading), float(one), float(two))
+    state = o.state_at_action(robot)
     if robot.latency == 0.0 or o.pending is None:
         return 0.0, o, state
-    state = delayed(state, o.pending, robot.limits, robot.dt)
     return robot.latency, replace(o, t=o.t + robot.latency, xy=state[:2]), state
 
 

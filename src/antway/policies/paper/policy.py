@@ -25,6 +25,7 @@ from antway.policies.paper.routes import STOP, Nodes, PathsFrom, Routes
 from antway.policies.paper.tubes import Tubes
 from antway.world.ants import AntStep, LaidTrails
 from antway.world.policy import XY, Command, Decision, Observation, Task, Tracks
+from antway.world.rollouts import acting
 
 WAITS = 0.5  # s; step between the waiting times that are compared, and pause between two searches for a detour while waiting
 NEAR = 2.0  # s; a conflict later than this, for which no detour is known yet, does not make the robot stop
@@ -122,7 +123,7 @@ class PaperPolicy:
         self.here = task.start  # m; where the robot was in the latest cycle
         self.colonies = 0
         self.found: Exploration | None = None  # by the last colony
-        self.places: dict[int, tuple[float, XY]] = {}
+        self.places: dict[int, tuple[float, float, float, float, float]] = {}  # of each track: t, x, y, vx, vy
         if len(self.nodes):
             path = self.routes.timed(Observation(0.0, task.start, (0.0, 0.0), 0.0, Tracks.none()), self.nodes)
             self.decision = Decision("follow", "the shortest path over the map", path=path)
@@ -139,7 +140,11 @@ class PaperPolicy:
         """
         observation = check_observation(observation)
         self.here = observation.xy
-        command = self._steer(observation)
+        _, then, (_, _, heading, one, two) = acting(observation, self.spec)
+        if then is not observation:  # a command acts on the robot as it will be then
+            velocity = (one * math.cos(heading), one * math.sin(heading)) if self.spec.wheels else (one, two)
+            then = replace(then, stamp=observation.sensed_at, heading=heading, velocity=velocity)
+        command = self._steer(then)
         if self.guard is not None:
             command = self.guard.passed(observation, command)
             if self.guard.did != self.decision.guard:
@@ -211,13 +216,15 @@ class PaperPolicy:
         return LaidTrails(grid.to_xy(here), grid.to_xy(there), tau[row, col, move])
 
     def _look(self, seen: Observation) -> Ahead:
-        """Predict the range of motion of every track; a missing velocity is taken from the last two positions."""
-        tracks, velocity = seen.tracks, seen.tracks.velocity.copy()
+        """Predict the range of motion of every track; a missing velocity is that between its last two places, or none."""
+        tracks, velocity, now = seen.tracks, seen.tracks.velocity.copy(), seen.sensed_at
         for k, (number, (x, y)) in enumerate(zip(tracks.id.tolist(), tracks.xy.tolist())):
-            t, (px, py) = self.places.get(number, (seen.t, (x, y)))
+            t, px, py, vx, vy = self.places.get(number, (now, x, y, 0.0, 0.0))
+            if now > t:
+                vx, vy = (x - px) / (now - t), (y - py) / (now - t)
             if not np.isfinite(velocity[k]).all():
-                velocity[k] = ((x - px) / (seen.t - t), (y - py) / (seen.t - t)) if seen.t > t else (0.0, 0.0)
-            self.places[number] = (seen.t, (x, y))
+                velocity[k] = (vx, vy) if number >= 0 else (0.0, 0.0)
+            self.places[number] = now, x, y, vx, vy
         discs = np.column_stack((tracks.xy, velocity, tracks.radius))
         tubes = Tubes.predict(seen.t, seen.sensed_at, discs, self.routes.task.grid, 2 * self.lookahead)
         inflated = margin = self.margin + (self.spec.v_max * self.spec.stop_time / 2 if self.routes.stops else 0.0)
