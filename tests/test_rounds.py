@@ -17,10 +17,10 @@ from antway.scenes import scene
 from antway.world.episode import Episode
 from antway.world.motions import Line, Replay
 from antway.world.order_planner import MANY
-from antway.world.policy import make_policy
+from antway.world.policy import Tracks, make_policy
 from antway.world.rounds import RoundsPolicy
 from antway.world.scenario import save_scenario
-from antway.world.standing import Sighting
+from antway.world.standing import Sighting, StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit, rounds_of
 from antway.world.trace import Trace
 from antway.world.world import Obstacle
@@ -341,3 +341,21 @@ def test_a_stop_on_which_somebody_stands_is_visited_once_he_leaves(policy: str) 
     check_episode(result)
     assert result.outcome is Outcome.REACHED
     assert 30.0 < result.time < 60.0
+
+
+def test_who_stands_is_told_by_places() -> None:
+    """Whoever walks is no wall where no velocities are measured, and whoever stands is one where they are noisy."""
+    standing, rng = StandingObstacles(), np.random.default_rng(0)
+    for t in np.arange(0.0, 5.0, 0.1):
+        places = np.array([(1.0 + t, 2.0), (3.0, 4.0)]) + rng.normal(0.0, 0.02, (2, 2))
+        velocity = np.array([(math.nan, math.nan), rng.normal(0.0, 0.1, 2)])
+        standing.observe(Tracks([0, 1], places, velocity, [0.3, 0.3]), float(t))
+    assert standing.walls() == {1}
+
+
+def test_wrong_stops_of_the_policy_are_refused() -> None:
+    """It is given stops, not numbers, and a policy."""
+    with pytest.raises(BadInput, match=r"stops\[0\]"):
+        RoundsPolicy(make_policy("antway"), [1])
+    with pytest.raises(BadInput, match="policy"):
+        RoundsPolicy("antway", [])

@@ -6,10 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from antway import checks
 from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.world.order_planner import OrderPlanner, Outlook
-from antway.world.policy import XY, Command, Decision, Observation, Policy, Task
+from antway.world.policy import XY, Command, Decision, Observation, Policy, Task, as_policy
 from antway.world.standing import StandingObstacles
 from antway.world.stops import Rounds, Stop, Turn, Visit
 from antway.world.stopwatch import Stopwatch
@@ -53,7 +54,8 @@ class RoundsPolicy:
     """
 
     def __init__(self, policy: Policy, stops: Sequence[Stop]) -> None:
-        self.policy, self.stops = policy, list(stops)
+        self.policy = as_policy(policy)
+        self.stops = [checks.instance(f"stops[{k}]", stop, Stop) for k, stop in enumerate(stops)]
         self.order_ms: list[float] = []
         self.homeward = False
 

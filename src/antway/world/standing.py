@@ -14,16 +14,15 @@ from antway.world.policy import Tracks
 
 WALL_AFTER = 3.0  # s; an obstacle that has stood for this time counts as a wall
 FORGOTTEN_AFTER = 30.0  # s; an obstacle that has not been sensed for this time is forgotten
-SLOW = 0.05  # m/s; a slower obstacle counts as standing
-_DRIFT = 0.2  # m; an obstacle that is farther from its place in the scan before has not stood meanwhile
+_DRIFT = 0.2  # m; an obstacle that is farther from where it came to a stand has moved; noise of places is less
 
 
 class Sighting(NamedTuple):
-    """The last that the robot has sensed of an obstacle."""
+    """What the robot has sensed of an obstacle."""
 
     since: float  # s; when it came to a stand, or `seen` if it moved
-    seen: float  # s; time of the observation
-    x: float  # m
+    seen: float  # s; time of the last observation
+    x: float  # m; its place at `since`
     y: float  # m
     radius: float  # m
 
@@ -39,11 +38,9 @@ class StandingObstacles:
         for k in range(len(tracks)):
             number, (x, y) = int(tracks.id[k]), tracks.xy[k].tolist()
             last = self.sightings.get(number)
-            moves = math.hypot(*tracks.velocity[k].tolist()) > SLOW
-            if last is None or moves or math.dist((x, y), (last.x, last.y)) > _DRIFT:
-                since = now
-            else:
-                since = last.since
+            since = now
+            if last is not None and math.dist((x, y), (last.x, last.y)) <= _DRIFT:
+                since, x, y = last.since, last.x, last.y
             self.sightings[number] = Sighting(since, now, x, y, float(tracks.radius[k]))
         self.sightings = {number: one for number, one in self.sightings.items() if now - one.seen < FORGOTTEN_AFTER}
 
