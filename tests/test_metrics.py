@@ -11,6 +11,7 @@ from antway import Grid, Outcome, RobotSpec, Scenario, World, run
 from antway.arena import metrics
 from antway.world.motions import Line
 from antway.world.policy import Command, Decision
+from antway.world.robots import body_gap
 from antway.world.world import Obstacle
 
 
@@ -128,3 +129,19 @@ def test_pairing_sees_what_unpaired_means_do_not():
     mean, (low, high), real = metrics.real_difference(hard + 0.1, hard)
     assert real and low <= mean <= high and mean == pytest.approx(0.1)
     assert not metrics.real_difference(hard, hard)[2]
+
+
+def test_gaps_are_those_of_the_footprint():
+    """A disc beside a long body is as far from it as points on its edge are, at whatever heading."""
+    body = RobotSpec(footprint=((0.8, 0.15), (-0.8, 0.15), (-0.8, -0.15), (0.8, -0.15)))
+    edge = np.array([(-0.8 + 1.6 * s, y) for s in np.linspace(0.0, 1.0, 400) for y in (-0.15, 0.15)])
+    edge = np.vstack((edge, [(x, -0.15 + 0.3 * s) for s in np.linspace(0.0, 1.0, 100) for x in (-0.8, 0.8)]))
+    for x, y, theta in np.random.default_rng(0).uniform(-2.0, 2.0, (50, 3)):
+        turn = np.array([[np.cos(theta), np.sin(theta)], [-np.sin(theta), np.cos(theta)]])
+        least, (u, v) = np.hypot(*(edge @ turn + (x, y)).T).min(), turn @ (-x, -y)
+        least = -least if abs(u) < 0.8 and abs(v) < 0.15 else least
+        gap = body_gap(body, np.array([x, y]), np.array(theta), np.zeros((1, 2)))[0]
+        assert gap == pytest.approx(least, abs=5e-3)
+    room = World(Grid(np.zeros((40, 60), bool), 0.2), (Obstacle(0.2, Line((2.0, 4.6), (2.0, 4.6), 0.0)),))
+    beside = Scenario(room, (2.0, 4.0), (10.0, 4.0), body)
+    assert metrics.gaps(run(beside, "stop", horizon=0.2).trace)[0, 0] == pytest.approx(0.25)

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from antway.arena.store import Row
+from antway.world.robots import body_gap
 from antway.world.trace import Outcome, Trace
 
 TOGETHER = 2.0  # m; people who walk together are at a smaller distance
@@ -24,8 +25,7 @@ def cause(trace: Trace) -> str:
     if trace.outcome not in (Outcome.HIT_MOVING, Outcome.HIT_STANDING):
         return ""
     xy, velocity = trace.timeline.at(float(trace.t[-1]))
-    away = np.hypot(*(xy - trace.xy[-1]).T) - trace.timeline.radius
-    k = int(np.argmin(away))
+    k = int(np.argmin(body_gap(trace.task.robot, trace.xy[-1], trace.heading[-1], xy) - trace.timeline.radius))
     speed = math.hypot(*velocity[k].tolist())
     alike = np.hypot(*(velocity - velocity[k]).T) < ALIKE
     together = int((alike & (np.hypot(*(xy - xy[k]).T) < TOGETHER)).sum())

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from antway import checks
 from antway.errors import BadParameter
+from antway.world.robots import body_gap
 from antway.world.trace import Outcome, Trace
 
 DISCOMFORT = 0.2  # m; a smaller gap between robot and obstacle counts as discomfort
@@ -27,8 +28,8 @@ Interval = tuple[float, float]
 
 def gaps(trace: Trace) -> NDArray[np.float64]:
     """Return the distances between the edges of the robot and of each obstacle at each `t`, float64[N + 1, K], m."""
-    away = trace.obstacle_xy - trace.xy[:, None, :]
-    return np.hypot(away[..., 0], away[..., 1]) - trace.task.robot.radius - trace.obstacle_radius
+    body = trace.task.robot, trace.xy[:, None, :], trace.heading[:, None]
+    return body_gap(*body, trace.obstacle_xy) - trace.obstacle_radius
 
 
 def discomfort(trace: Trace) -> float:

@@ -18,6 +18,7 @@ from antway.kernels.robot.sweep import Body
 from antway.world.entries import Entries
 from antway.world.policy import Command, Decision, Observation
 from antway.world.pursuit import Pursuit
+from antway.world.robots import body_gap
 from antway.world.scenario import MAX_STEPS, Scenario
 from antway.world.sensor import Scanner
 from antway.world.stops import Rounds
@@ -72,12 +73,11 @@ class Stage:
 
     def _check_start(self) -> None:
         """Refuse an obstacle that touches the robot at the start."""
-        start, radius = self.task.start, self.task.robot.radius
-        for k, place in enumerate(self.timeline.places(self.t[:1])[0].tolist()):
-            gap = math.dist(place, start) - radius - float(self.timeline.radius[k])
-            if gap < 0.0:
-                allowed = f"clear of the robot at {start} (overlap {-gap:.3g} m)"
-                raise BadScenario(f"obstacles[{k}].start", tuple(place), allowed)
+        places = self.timeline.places(self.t[:1])[0]
+        gaps = body_gap(self.task.robot, self.xy[0], self.heading[0], places) - self.timeline.radius
+        for k in np.flatnonzero(gaps < 0.0).tolist():
+            allowed = f"clear of the robot at {self.task.start} (overlap {-gaps[k]:.3g} m)"
+            raise BadScenario(f"obstacles[{k}].start", tuple(places[k].tolist()), allowed)
 
     @property
     def at_rest(self) -> bool:
