@@ -33,9 +33,12 @@ from antway import (
     run,
 )
 from antway.kernels.base import jit
+from antway.planning import TimedPath
 from antway.policies.antway import state as state_module
 from antway.policies.antway import tracker as tracker_module
 from antway.policies.antway.alternatives import CROSSING, ELSE
+from antway.policies.antway.controls import ControlOptions
+from antway.policies.antway.explain import wait_of
 from antway.policies.antway.policy import AntwayPolicy
 from antway.policies.guard import Guarded
 from antway.policies.paper.policy import PaperPolicy
@@ -491,3 +494,16 @@ def test_who_is_to_stay_at_the_goal_arrives_when_that_is_clear() -> None:
         assert result.outcome is Outcome.REACHED
         arrivals.append(result.time)
     assert arrivals[0] < 3.0 and arrivals[1] > 4.5
+
+
+def test_a_wait_lasts_as_long_as_the_plan_stands() -> None:
+    """A plan whose robot stands for several periods is one wait."""
+    plan = TimedPath(np.arange(6.0), np.array([(0.0, 0.0)] * 4 + [(1.0, 0.0), (2.0, 0.0)]))
+    assert [wait_of(plan, t) for t in (0.0, 0.5, 2.5, 3.0, 4.5)] == [3.0, 2.5, 0.5, 0.0, 0.0]
+
+
+def test_numbers_of_the_colony_of_controls_are_checked() -> None:
+    """None is accepted with which it could not run."""
+    for wrong in ({"archive": 0}, {"search": "anst"}, {"ants": -3}, {"block": 0.0}, {"horizon": math.nan}, {"xi": "x"}):
+        with pytest.raises(BadParameter, match=next(iter(wrong))):
+            ControlOptions(**wrong)

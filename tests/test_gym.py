@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from antway import BadParameter, Outcome
+from antway import BadParameter, Outcome, load_scenario
 from antway.arena.gym import CrossingEnv
 
 ID = "antway.arena.gym:antway/Crossing-v0"
@@ -96,5 +98,15 @@ def test_own_scenarios_wheels_and_pictures() -> None:
     assert first.dtype == np.uint8 and first.shape[2] == 3 and min(first.shape[:2]) > 200 and not np.array_equal(first, later)
     with pytest.raises(BadParameter, match="group"):
         gymnasium.make(ID, scenario="office", group="open/low")
+    with pytest.raises(BadParameter, match="stops"):
+        gymnasium.make(ID, scenario="rounds")
     with pytest.raises(BadParameter, match="render_mode"):
         CrossingEnv(render_mode="loud")
+
+
+def test_a_velocity_that_is_not_measured_is_zero() -> None:
+    """Observations of sensors without velocities are in their space."""
+    place = load_scenario("office")
+    env = CrossingEnv(scenario=replace(place, sensor=replace(place.sensor, velocity="none")))
+    seen, _ = env.reset(seed=2)
+    assert env.observation_space.contains(seen)

@@ -149,3 +149,16 @@ def test_wrong_options_are_refused() -> None:
     for wrong in ({"look_ahead": 0.0}, {"wall": -1.0}, {"influence": 0.0}, {"moving": math.nan}, {"brake": 0.0}):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             make_policy("potential-field", **wrong)
+
+
+def test_it_names_the_obstacle_that_repels_most() -> None:
+    """Its decision is renewed when another one does."""
+    policy = make_policy("potential-field")
+    policy.reset(hall().task, 0)
+    named = []
+    for near in (0, 1):
+        places = [(3.1 + 3.0 * (near != k), 3.3) for k in (0, 1)]
+        tracks = Tracks([0, 1], places, [(-1.0, 0.0)] * 2, [0.3, 0.3])
+        policy.act(Observation(0.1 * near, (1.1, 3.1), (0.5, 0.0), 0.0, tracks))
+        named.append(policy.explain().obstacle)
+    assert named == [0, 1]

@@ -277,3 +277,16 @@ def test_a_scenario_says_the_resolution_of_a_picture(tmp_path):
     (tmp_path / "hall.toml").write_text("map = 'hall.png'\nresolution = -1\nstart = [1.0, 2.0]\ngoal = [5.0, 2.0]\n")
     with pytest.raises(BadInput, match="resolution"):
         load_scenario(tmp_path / "hall.toml")
+
+
+def test_numbers_of_numpy_are_written_as_numbers(tmp_path: Path) -> None:
+    """A scenario whose numbers are scalars of NumPy is read back."""
+    numbers = {"goal_tolerance": np.float64(0.3), "obstacle_speed": np.float64(1.0), "obstacle_swerve": np.float64(2.0)}
+    place = Scenario(World(Grid(np.zeros((9, 9), bool))), (1.0, 1.0), (7.0, 7.0), seed=np.int64(3), **numbers)
+    save_scenario(place, tmp_path / "a.toml")
+    back = load_scenario(tmp_path / "a.toml")
+    assert (back.seed, back.goal_tolerance, back.obstacle_speed, back.obstacle_swerve) == (3, 0.3, 1.0, 2.0)
+    with pytest.raises(BadInput):
+        save_scenario(place, 5)  # type: ignore[arg-type]
+    with pytest.raises(BadParameter, match="robot"):
+        place.driven_by("diff")  # type: ignore[arg-type]

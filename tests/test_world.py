@@ -84,7 +84,12 @@ def test_world_refuses_what_is_no_world() -> None:
         Obstacle(0.0, Line((0, 0), (1, 1), 1.0))
     with pytest.raises(BadParameter, match="motion"):
         Obstacle(1.0, "line")  # type: ignore[arg-type]
+    with pytest.raises(BadParameter, match="motion"):
+        Obstacle(1.0, Line)  # type: ignore[arg-type]
     with pytest.raises(BadParameter, match=r"obstacles\[0\]"):
         World(grid, [3])  # type: ignore[list-item]
+    for wrong in ({"seed": "a", "horizon": 5.0}, {"seed": 0, "horizon": math.nan}):
+        with pytest.raises(BadParameter):
+            World(grid).timeline(**wrong)
     with pytest.raises(BadParameter, match="yaw"):
         World(Grid(grid.blocked, origin=(0, 0, 0.5)))

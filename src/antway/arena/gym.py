@@ -79,10 +79,12 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
             checks.choice("render_mode", render_mode, self.metadata["render_modes"])
         self.render_mode, self.robot = render_mode, None if robot is None else load_robot(checks.instance("robot", robot, str))
         self.scenario = load_scenario(scenario) if isinstance(scenario, str) else scenario
-        if scenario is not None:
+        if self.scenario is not None:
             checks.instance("scenario", self.scenario, Scenario)
             if group is not None:
                 raise BadParameter("group", group, "left out where a scenario is given")
+            if self.scenario.stops:
+                raise BadParameter("scenario", self.scenario.name, "without stops: an episode here ends at the goal")
         self.suite = load_suite("synthetic")
         self.groups = self.suite.groups if group is None else (checks.choice("group", group, self.suite.groups),)
         self.tracks = checks.integer("tracks", tracks, low=1, high=1000)
@@ -162,7 +164,7 @@ class CrossingEnv(gymnasium.Env[dict[str, Any], NDArray[np.float32]]):
         seen, rows = o.tracks, np.zeros((self.tracks, 6))
         away = seen.xy - o.xy
         order = np.argsort(np.hypot(away[:, 0], away[:, 1]) - seen.radius, kind="stable")[: self.tracks]
-        every = np.column_stack((away, seen.velocity, seen.radius, np.ones(len(seen))))
+        every = np.column_stack((away, np.nan_to_num(seen.velocity), seen.radius, np.ones(len(seen))))
         rows[: len(order)] = every[order]
         return rows
 

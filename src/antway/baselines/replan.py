@@ -61,8 +61,9 @@ class Follow:
         return self.decision
 
     def decide(self, action: str, reason: str, **more: Any) -> None:
-        """Set the decision, unless it differs from the present one only in numbers."""
-        if (self.decision.action, self.decision.reason) != (action, reason):
+        """Set the decision, unless it is the present one in words and about the same obstacle."""
+        now = self.decision
+        if (now.action, now.reason, now.obstacle) != (action, reason, more.get("obstacle")):
             self.decision = Decision(action, reason, **more)
 
 

@@ -97,12 +97,14 @@ class Scenario:
         checks.instance("world", self.world, World)
         checks.instance("sensor", self.sensor, Sensor)
         set_(self, "horizon", checks.number("horizon", self.horizon, low=0.0, high=MAX_TIME, open_low=True, unit="s"))
-        checks.seed(self.seed)
+        set_(self, "seed", checks.seed(self.seed))
         for text in ("name", "map"):
             checks.instance(text, getattr(self, text), str)
         ends = (self.start, self.goal, self.goal_tolerance)
         task = Task(self.world.grid, self.robot, *ends, self.obstacle_speed, self.obstacle_surge, self.obstacle_swerve)
         set_(self, "task", task)
+        for name in ("goal_tolerance", "obstacle_speed", "obstacle_surge", "obstacle_swerve"):
+            set_(self, name, getattr(task, name))
         if self.horizon / self.robot.dt > MAX_STEPS:
             raise TooLarge("horizon", self.horizon, f"at most {MAX_STEPS} control periods")
         for end in ("start", "goal"):
@@ -120,6 +122,7 @@ class Scenario:
         CellBlocked
             If it has no room at start or goal.
         """
+        checks.instance("robot", robot, RobotSpec)
         return replace(self, robot=robot, horizon=self.horizon * max(self.robot.v_max / robot.v_max, 1.0))
 
 
@@ -297,8 +300,10 @@ def to_toml(scenario: Scenario) -> str:
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write `scenario` to `path` and its map beside it, as <name>_map.yaml and .pgm."""
     from antway.maps import save_map
+    from antway.maps.limits import as_path
 
-    path = Path(path)
+    checks.instance("scenario", scenario, Scenario)
+    path = as_path(path)
     map_path = path.with_name(f"{path.stem}_map.yaml")
     save_map(scenario.world.grid, map_path)
     path.write_text(to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from antway import checks
 from antway.errors import BadParameter, BadScenario, TooLarge
 from antway.grid import Grid
-from antway.limits import MAX_PLACE
+from antway.limits import MAX_PLACE, MAX_TIME
 from antway.world.motions import MOTIONS, Draw, Motion
 from antway.world.timeline import Timeline
 
@@ -25,7 +25,7 @@ class Obstacle:
         object.__setattr__(
             self, "radius", checks.number("radius", self.radius, low=0.0, high=MAX_PLACE, open_low=True, unit="m")
         )
-        if not callable(getattr(self.motion, "trajectory", None)):
+        if isinstance(self.motion, type) or not callable(getattr(self.motion, "trajectory", None)):
             raise BadParameter("motion", self.motion, f"a motion: {', '.join(kind.__name__ for kind in MOTIONS.values())}")
 
 
@@ -67,7 +67,13 @@ class World:
         """Return where every obstacle is from 0 to `horizon` s, with the random choices of `seed`.
 
         The motion of obstacle k depends only on the seed and on k, not on the other obstacles.
+
+        Raises
+        ------
+        BadParameter, BadScenario
         """
+        checks.seed(seed)
+        checks.number("horizon", horizon, low=0.0, high=MAX_TIME, open_low=True, unit="s")
         trajectories = []
         for k, obstacle in enumerate(self.obstacles):
             try:

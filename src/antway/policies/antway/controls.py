@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from antway import checks
 from antway.kernels.base.jit import entry
 from antway.kernels.base.records import RobotState
 from antway.kernels.base.rng import stream
@@ -32,6 +33,7 @@ _BEARINGS = 12  # number of directions in which arcs lead a robot without wheels
 _EXPANSIONS = 100  # most nodes that the search over arcs expands in a cycle
 _DODGE = 2.0  # 1; factor on the robot's acceleration away from obstacles that turn, because few of them turn straight at it
 _SPREADS = 2.0  # 1; beyond the margin to walls, room is kept for this many standard deviations of the robot's place
+_HIGHEST = {"horizon": 100.0, "block": 100.0, "exploration": 1.0}  # values of these `ControlOptions`
 _STALL = 10.0  # s; after this time without getting nearer to the goal, the weight of risks halves in each such time
 
 
@@ -118,6 +120,12 @@ class ControlOptions:
         s; temperature of the weights of "mppi".
     elite : int
         Number of best sequences in an iteration whose mean "cem" keeps.
+
+    Raises
+    ------
+    BadParameter
+        For a number below 0, or 0 where a size, a duration or a width has to be more; and above 100 s for `horizon` and
+        `block`, 1 for `exploration`, 100,000 for whole numbers, 1e6 for others.
     """
 
     horizon: float = 3.0
@@ -149,6 +157,14 @@ class ControlOptions:
     search: str = "ants"
     temperature: float = 0.1
     elite: int = 6
+
+    def __post_init__(self) -> None:
+        checks.choice("search", self.search, ("ants", "mppi", "cem", "random"))
+        for name in ("archive", "rounds", "ants", "elite"):
+            checks.integer(name, getattr(self, name), low=0 if name == "rounds" else 1, high=100_000)
+        for name in (one.name for one in fields(self) if one.type == "float"):
+            above, high = name in ("horizon", "block", "locality", "temperature"), _HIGHEST.get(name, 1e6)
+            checks.number(name, getattr(self, name), low=0.0, high=high, open_low=above)
 
 
 class ControlColony:

@@ -70,11 +70,12 @@ def explain(
         name = -1 if name >= NAMELESS else name
         kind = encounter(velocity, (float(now.estimates[k, VX]), float(now.estimates[k, VY])))
         how = manner(kind, velocity, path, now.segments_of(k), now.now)
-        does = f"wait {waiting:.1f} s, {how}" if waiting > 0.0 else how
+        stands = (path.xy[np.searchsorted(path.t, now.now, side="right") :] == path.xy[-1]).all()
+        does = how if waiting == 0.0 else f"wait {waiting:.1f} s" if stands else f"wait {waiting:.1f} s, {how}"
         if action == "follow":
             action = "avoid"
         whom = f"obstacle {name}" if name >= 0 else "an obstacle"
-        reason = f"{kind} with {whom}, {met}: {does}, +{late:.1f} s"
+        reason = f"{kind} with {whom}, {met}: {does}, {f'+{late:.1f} s' if late < math.inf else 'no path found'}"
         alternatives = Weighed(now, k, kind, velocity, (does, late), how)
     elif late > _LATE:
         reason = "a detour around what moves"
@@ -119,10 +120,10 @@ def _velocity(path: TimedPath, now: float) -> XY:
 
 def wait_of(path: TimedPath, now: float) -> float:
     """Return how long from now the plan stands still, s."""
-    i = int(np.searchsorted(path.t, now, side="right"))
-    if 0 < i < len(path.t) and (path.xy[i] == path.xy[i - 1]).all():
-        return float(path.t[i]) - now
-    return 0.0
+    i = start = max(int(np.searchsorted(path.t, now, side="right")), 1)
+    while i < len(path.t) and (path.xy[i] == path.xy[i - 1]).all():
+        i += 1
+    return float(path.t[i - 1]) - now if i > start else 0.0
 
 
 def _approach(now: Situation, row: Sequence[float], velocity: XY) -> tuple[float, float]:

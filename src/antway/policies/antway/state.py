@@ -25,6 +25,7 @@ from antway.policies.guard import relative_swerve
 from antway.world.policy import Decision, Observation, RobotSpec, Task
 
 _BRAKES = 0.5  # s; with tracks in sight, a robot that follows the plan drives no faster than it can brake from in this time
+_BIN = 0.5  # s; pheromone is kept for bins of arrival of this width
 _SEGMENTS = 48  # limit of motion segments of a track: the steps of its trajectory, the widths of its tube, four walls
 Paces = tuple[tuple[PlanningContext, float], ...]
 
@@ -148,9 +149,9 @@ def make_memory(cells: int, states: int = STATES, heap: int = HEAP) -> Memory:
     )
 
 
-def make_trails(cells: int, bin: float = 0.5) -> Trails:
-    """Return an empty table of pheromone for a map of so many cells and bins of arrival of `bin` s."""
-    return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), bin)
+def make_trails(cells: int) -> Trails:
+    """Return an empty table of pheromone for a map of so many cells."""
+    return Trails(np.full(TRAILS, -1, np.int64), np.zeros(TRAILS, np.float32), np.zeros(cells, np.bool_), _BIN)
 
 
 def make_plan() -> Plan:
