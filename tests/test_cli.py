@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import pytest
 
 from antway import Grid, save_map
 from antway.cli import app, main
-from antway.console import status_of
+from antway.console import print_table, status_of
 from antway.errors import BadInput, BadMap, BadParameter, BadResults, BadScenario, CellBlocked, OutOfBounds, TooLarge
 from antway.world.trace import Trace
 from common import SHARED, needs_data
@@ -324,6 +325,23 @@ def test_a_policy_that_raises_is_status_one_and_named(antway: Any, tmp_path: Pat
     status, out, _ = antway("run", "hall.toml", "--policy", "follow")
     assert status == 4 and "timeout" in out
     assert antway("run", "hall.toml", "--policy", "follow/margin=-1")[0] == 2
+
+
+@pytest.mark.parametrize("columns", [120, 80, 40])
+def test_a_narrow_terminal_cuts_nothing_off(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: int
+) -> None:
+    """A table that does not fit becomes a line for each of its cells."""
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    numbers: dict[str, Any] = {"policy": "antway", "outcome": "hit-standing", "time": 24.8, "length": 24.76, "shortest": 24.57}
+    numbers |= {"length_ratio": 1.016, "waits": 0, "replans": 7, "min_clearance": None, "cycle_ms_p50": 0.07}
+    print_table([("office", numbers | {"reached": False, "cycle_ms_p99": 4.55})])
+    printed = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out)
+    for value in ("office", "hit-standing", "24.8 s", "24.76 m", "24.57 m", "+1.6 %", "0.07 /", "4.55"):
+        assert value in printed, printed
+    assert ("┃" in printed) == (columns == 120) and "…" not in printed
+    assert max(map(len, printed.splitlines())) <= columns
 
 
 def test_the_gravest_end_is_the_status() -> None:

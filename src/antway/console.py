@@ -209,28 +209,43 @@ def say(line: str) -> None:
 
 
 Cell = str | tuple[str, str]  # text, or text and its colour
+_PROSE = 20  # characters; least width of a column of prose
 
 
-def _print_cells(
-    title: str, heads: Sequence[str], left: str, rows: Iterable[Sequence[Cell]], wide: int = 120, fold: bool = False
-) -> None:
-    """Print a table, `wide` characters wide outside a terminal; the columns named in `left` are aligned left."""
+def _print_cells(title: str, heads: Sequence[str], left: str, rows: Iterable[Sequence[Cell]], long: Sequence[str] = ()) -> None:
+    """Print a table, or a line for each cell but dashes in a terminal that is too narrow for it.
+
+    The columns named in `left` are aligned left, and the text of those in `long` alone is broken, into two lines or prose.
+    """
+    from rich.cells import cell_len
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=title, title_justify="left")
-    for head in heads:
-        table.add_column(head, justify="left" if head in left.split() else "right", overflow="fold" if fold else "ellipsis")
-    for row in rows:
-        table.add_row(*(Text(cell) if isinstance(cell, str) else Text(*cell) for cell in row))
-    Console(width=None if sys.stdout.isatty() else wide).print(table)
+    cells = [[Text(cell) if isinstance(cell, str) else Text(*cell) for cell in row] for row in rows]
+    table, needs = Table(title=title, title_justify="left"), 1
+    for head, *column in zip(heads, *cells):
+        table.add_column(head, justify="left" if head in left.split() else "right", no_wrap=head not in long, overflow="fold")
+        width = max(cell_len(line) for part in (head, *column) for line in str(part).split("\n"))
+        needs += 3 + (min(width // 2 + 1, _PROSE) if head in long else width)
+    for row in cells:
+        table.add_row(*row)
+    console = Console(width=None if sys.stdout.isatty() else max(needs, 160))
+    if needs <= console.width:
+        console.print(table)
+        return
+    console.print(title, style="italic")
+    for row in cells:
+        for head, cell in zip(heads, row):
+            if cell.plain != "-":
+                console.print(Text.assemble(f"{' '.join(head.split())}: ", cell), soft_wrap=True)
+        console.print()
 
 
 def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
     """Print the summaries of episodes as a table."""
-    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic path", "more, rest\nto goal added"]
-    heads += ["waits", "re-plans", "smallest\nclearance", "cycle ms\np50 / p99"]
+    heads = ["scene", "policy", "outcome", "time", "driven", "shortest\nstatic\npath", "more, rest\nto goal\nadded"]
+    heads += ["waits", "replans", "smallest\nclearance", "cycle ms\np50 / p99"]
     rows: list[Sequence[Cell]] = [
         (
             name,
@@ -247,7 +262,7 @@ def print_table(summaries: list[tuple[str, dict[str, Any]]]) -> None:
         )
         for name, n in summaries
     ]
-    _print_cells("Robot among moving obstacles", heads, "scene policy outcome", rows)
+    _print_cells("Robot among moving obstacles", heads, "scene policy outcome", rows, long=heads[-1:])
 
 
 def print_decisions(decisions: list[dict[str, Any]]) -> None:
@@ -271,7 +286,7 @@ def print_decisions(decisions: list[dict[str, Any]]) -> None:
         )
         rows.append(row)
     left = "action obstacle encounter closest weighed guard reason"
-    _print_cells("Decisions, each until the next", heads, left, rows, wide=160, fold=True)
+    _print_cells("Decisions, each until the next", heads, left, rows, long=("weighed", "reason"))
 
 
 def print_summaries(table: Sequence[Summary]) -> None:
@@ -296,7 +311,7 @@ def print_summaries(table: Sequence[Summary]) -> None:
         )
         for one in table
     ]
-    _print_cells("Policies against the clairvoyant optimum", heads, "level policy", rows, wide=140)
+    _print_cells("Policies against the clairvoyant optimum", heads, "level policy", rows, long=("95 %", heads[-1]))
     for remark in remarks(table):
         print(remark)
 
