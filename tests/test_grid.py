@@ -128,10 +128,21 @@ def test_centres_lie_in_their_cells(rows: int, cols: int, resolution: float, x: 
         assert grid.cell_at(grid.centre(cell)) == cell
 
 
+def test_wrong_points_are_refused_by_name() -> None:
+    """Neither texts nor odd numbers of coordinates are points."""
+    grid = Grid(np.zeros((3, 3), dtype=bool))
+    for wrong in ("abc", [1, 2, 3], [[1, 2], [3]], None):
+        for convert, name in ((grid.to_xy, "points"), (grid.to_points, "xy")):
+            with pytest.raises(BadParameter, match=name):
+                convert(wrong)
+    with pytest.raises(BadParameter, match="xy"):
+        grid.cell_at(np.array(5.0))
+
+
 def test_equality_is_by_meaning() -> None:
-    """Grids are equal when cells, place and unknown cells are; no mask is a mask of nothing."""
+    """Grids are equal when cells, place and unknown cells are; no mask is a mask of nothing, and free cells are not unknown."""
     none = np.zeros((2, 2), dtype=bool)
-    assert Grid(none) == Grid(none, unknown=none)
+    assert Grid(none) == Grid(none, unknown=none) == Grid(none, unknown=~none)
     assert Grid(none) != Grid(none, 2.0)
     assert Grid(~none) != Grid(~none, unknown=~none)
     assert Grid(none) != "grid"

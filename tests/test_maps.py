@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import struct
 import warnings
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +78,7 @@ def test_round_trip(tmp_path: Path, suffix: str) -> None:
     for i in range(cases(150, 1000)):
         grid = random_grid(rng, 1, 30)
         if suffix in (".yaml", ".yml"):
-            unknown = grid.blocked & (rng.random(grid.shape) < 0.5)
+            unknown = rng.random(grid.shape) < 0.5
             grid = Grid(grid.blocked, float(rng.uniform(1e-3, 9)), tuple(rng.uniform(-50, 50, 3)), unknown)
         first, second = tmp_path / f"{i}" / f"m{suffix}", tmp_path / f"{i}b" / f"m{suffix}"
         for file in (first, second):
@@ -118,11 +121,50 @@ def test_formats_refuse_what_they_cannot_hold(tmp_path: Path, suffix: str) -> No
 
 def test_saving_where_one_cannot(tmp_path: Path) -> None:
     """A folder that is not there and an unknown suffix are `BadMap`; what is no grid is `BadParameter`."""
-    for name in ("no/a.txt", "a.xyz"):
+    for name in ("no/a.txt", "a.xyz", "a\0b.map", "a" * 5000 + ".yaml"):
         with pytest.raises(BadMap):
             save_map(Grid(np.zeros((1, 1), dtype=bool)), tmp_path / name)
     with pytest.raises(BadParameter):
         save_map("grid", tmp_path / "a.txt")  # type: ignore[arg-type]
+
+
+def test_what_names_no_file() -> None:
+    """Names that no file can have, and what is no name."""
+
+    class Bytes(os.PathLike[bytes]):
+        def __fspath__(self) -> bytes:
+            return b"a.map"
+
+    for wrong in ("a" * 5000, "a\0b", "a\0b.map", b"a.map", 3, Bytes()):
+        with pytest.raises(BadMap):
+            load_map(wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("kind", "depth", "pixels", "key"),
+    [
+        (0, 1, b"\x80", b"\0\1"),
+        (0, 2, b"\x90", b"\0\2"),
+        (0, 4, b"\xa7", b"\0\x0a"),
+        (0, 8, b"\xa7\xff", b"\0\xa7"),
+        (0, 16, b"\xa7\x12\xff\xff", b"\xa7\x12"),
+        (2, 8, b"\xa7\xa7\xa7\xff\xff\xff", b"\0\xa7" * 3),
+        (2, 16, b"\xa7\x12" * 3 + b"\xff\xff" * 3, b"\xa7\x12" * 3),
+    ],
+)
+def test_the_transparent_colour_of_every_kind_of_png(tmp_path: Path, kind: int, depth: int, pixels: bytes, key: bytes) -> None:
+    """The first of two pixels has the colour that the file declares to be transparent, and so it is unknown."""
+    parts = {
+        b"IHDR": struct.pack(">IIBBBBB", 2, 1, depth, kind, 0, 0, 0),
+        b"tRNS": key,
+        b"IDAT": zlib.compress(b"\0" + pixels),
+        b"IEND": b"",
+    }
+    chunks = (struct.pack(">I", len(d)) + n + d + struct.pack(">I", zlib.crc32(n + d)) for n, d in parts.items())
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(chunks))
+    grid = load_map(tmp_path / "a.png", resolution=1.0)
+    assert grid.unknown is not None
+    assert grid.unknown.tolist() == [[True, False]]
 
 
 def test_all_seeds_load(tmp_path: Path) -> None:

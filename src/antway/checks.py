@@ -115,6 +115,14 @@ def point(field: str, value: object, *, size: int = 2, where: str = "") -> tuple
     return tuple(number(f"{field}[{i}]", part, where=where) for i, part in enumerate(parts))
 
 
+def raw(field: str, value: object, allowed: str) -> NDArray[Any]:
+    """Return `value` as an array of any type and shape, which rows of different lengths are not."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        raise BadParameter(field, value, allowed) from None
+
+
 def array(
     field: str,
     value: object,

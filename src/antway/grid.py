@@ -91,7 +91,7 @@ class Grid:
     origin : (x, y, yaw)
         Pose of the outer corner of cell (0, 0) in m, m, rad.
     unknown : bool[H, W] or None
-        True where a cell is blocked only because nothing is known about it.
+        True where a cell is blocked only because nothing is known about it; where a cell is free it does not count.
     top_first : bool
         Whether figures and pages show row 0 on top and y down, so that a map from a picture or a text looks as drawn. Nothing
         else depends on it, not even equality.
@@ -128,7 +128,7 @@ class Grid:
             unknown = _bool_array("unknown", self.unknown)
             if unknown.shape != blocked.shape:
                 raise BadParameter("unknown.shape", unknown.shape, f"that of blocked, {blocked.shape}")
-            set_(self, "unknown", unknown)
+            set_(self, "unknown", _read_only(unknown & blocked))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -171,7 +171,7 @@ class Grid:
 
     def to_xy(self, points: ArrayLike) -> NDArray[np.float64]:
         """Map (row, col) points, float[N, 2] with integers at cell centres, to (x, y) in m, float64[N, 2]."""
-        p = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+        p = _pairs("points", points)
         u, v = (p[:, 1] + 0.5) * self.resolution, (p[:, 0] + 0.5) * self.resolution
         x, y, yaw = self.origin
         out = np.empty_like(p)
@@ -184,7 +184,7 @@ class Grid:
 
     def to_points(self, xy: ArrayLike) -> NDArray[np.float64]:
         """Map (x, y) in m, float[N, 2], to real-valued (row, col), integers at cell centres; the inverse of `to_xy`."""
-        p = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
+        p = _pairs("xy", xy)
         x, y, yaw = self.origin
         dx, dy = p[:, 0] - x, p[:, 1] - y
         if yaw != 0.0:
@@ -234,7 +234,7 @@ class Grid:
         here = Grid(np.zeros((height, width), np.bool_), size, (float(low[0]), float(low[1]), 0.0))
         centres = self.to_points(here.to_xy(np.argwhere(~here.blocked)))
         near = np.rint(centres).astype(np.int64)
-        hidden = np.zeros_like(self.blocked) if self.unknown is None else self.blocked & self.unknown
+        hidden = np.zeros_like(self.blocked) if self.unknown is None else self.unknown
         known, dark = np.pad(self.blocked & ~hidden, 2), np.pad(hidden, 2, constant_values=True)
         cos, sin = math.cos(yaw), math.sin(yaw)
         limit = 0.5 + 0.5 * (abs(cos) + abs(sin)) - slack  # two unit squares overlap if their offset is smaller in both frames
@@ -279,11 +279,15 @@ class Grid:
         return replace(self, blocked=self.blocked | (self.clearance() < radius * (1 - 1e-12)))
 
 
-def _bool_array(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+def _pairs(name: str, value: ArrayLike) -> NDArray[np.float64]:
     try:
-        array = np.asarray(value)
-    except ValueError:
-        raise BadParameter(name, type(value).__name__, "a two-dimensional array of booleans") from None
+        return np.asarray(value, dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError):
+        raise BadParameter(name, value, "pairs of numbers, float[N, 2]") from None
+
+
+def _bool_array(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+    array = checks.raw(name, value, "a two-dimensional array of booleans")
     if array.ndim != 2 or 0 in array.shape:
         raise BadParameter(f"{name}.shape", array.shape, "(rows, columns), both at least 1")
     if array.dtype != np.bool_ and not (np.issubdtype(array.dtype, np.integer) and ((array == 0) | (array == 1)).all()):

@@ -17,6 +17,7 @@ from antway.maps import image, movingai, ros, text
 from antway.maps.limits import DEFAULT, Limits, as_path
 from antway.maps.movingai import ScenRow, load_scen
 from antway.maps.ros import GreyTrapWarning, load_costs
+from antway.reading import is_file
 from antway.scenes import shipped
 from antway.tables import SHIPPED_SCENES, names
 
@@ -96,7 +97,7 @@ def load_map(
         If a picture is loaded without a resolution; a pixel is then 1 m wide.
     """
     file = shipped(path, map_file=True) or as_path(path)
-    if not file.suffix and not file.exists():
+    if not file.suffix and not is_file(file):
         raise BadMap(
             "map", str(file), f"a map's file ({', '.join(_READ)}), or a shipped scene: {names(SHIPPED_SCENES)}", where=str(file)
         )
@@ -153,5 +154,6 @@ def save_map(grid: Grid, path: str | PathLike[str]) -> None:
         text.bare(grid, kind)
     try:
         _WRITE[kind](grid, file)
-    except OSError as fault:
-        raise BadMap("file", file.name, f"a file that can be written ({fault.strerror or fault})", where=str(file)) from None
+    except (OSError, ValueError) as fault:
+        reason = getattr(fault, "strerror", None) or fault
+        raise BadMap("file", file.name, f"a file that can be written ({reason})", where=str(file)) from None

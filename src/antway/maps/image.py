@@ -114,6 +114,11 @@ def _png(file: BinaryIO, head: bytes, size: int, path: Path, limits: Limits) -> 
         picture = PngImageFile(file)
         picture.load()
         deep = picture.mode.startswith("I")
+        key = picture.info.get("transparency")  # as stored, while Pillow compares it with pixels that it made 8 bits deep
+        if key is not None and (kind, depth) in ((0, 2), (0, 4)):
+            picture.info["transparency"] = key % 2**depth * 255 // (2**depth - 1)
+        elif key is not None and (kind, depth) == (2, 16):
+            picture.info["transparency"] = tuple(sample >> 8 for sample in key)
         step = max(1, _BAND // cols)
         for top in range(0, rows, step):
             band = picture.crop((0, top, cols, min(top + step, rows)))

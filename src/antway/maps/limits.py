@@ -59,6 +59,7 @@ DEFAULT = Limits()
 
 def as_path(value: str | PathLike[str]) -> Path:
     """Return `value` as a path, or raise `BadMap`."""
-    if not isinstance(value, (str, PathLike)):
-        raise BadMap("path", value, "a path")
-    return Path(value)
+    try:
+        return Path(value)
+    except TypeError:
+        raise BadMap("path", value, "a path") from None

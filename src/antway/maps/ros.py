@@ -190,7 +190,7 @@ def write(grid: Grid, path: Path) -> None:
     """Write `path` and a PGM of the same name: trinary, with the greys of map_saver. Nothing of the grid is lost."""
     grey = np.where(grid.blocked, 0, FREE_GREY).astype(np.uint8)
     if grid.unknown is not None:
-        grey[grid.unknown & grid.blocked] = UNKNOWN_GREY
+        grey[grid.unknown] = UNKNOWN_GREY
     image = path.with_suffix(".pgm")
     about = {
         "image": image.name,
