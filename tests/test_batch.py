@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from antway import Grid, Moves, Plan, Problem, Status, check_plan
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
+from antway.kernels.search.astar import solve_all
 from antway.search.batch import solve_many
 from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra
@@ -63,6 +65,23 @@ def test_many_queries_on_a_prepared_map() -> None:
     assert np.array_equal(solve_many(winding, *ends).lengths, solve_many(Grid(blocked), *ends).lengths)
 
 
+def test_an_interruption_spoils_no_later_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C just after the kernel leaves no workspace behind whose labels look newer than they are."""
+    blocked = np.zeros((9, 9), dtype=bool)
+    blocked[4, :-1] = True
+    grid = Grid(blocked)
+
+    def interrupted(*arguments: Any) -> None:
+        solve_all(*arguments)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("antway.search.batch.solve_all", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            solve_many(grid, [(0, 0)] * 9, [(8, 0)] * 9)
+    assert jps(Problem(grid, (0, 0), (8, 1))).status is Status.FOUND
+
+
 def test_bad_batches() -> None:
     """Ends that are blocked, outside, of the wrong kind or number raise the error that names which."""
     blocked = np.zeros((3, 3), dtype=bool)
@@ -72,7 +91,13 @@ def test_bad_batches() -> None:
         solve_many(grid, [(0, 0), (0, 0)], [(0, 1), (1, 1)])
     with pytest.raises(OutOfBounds, match=r"starts\[0\]"):
         solve_many(grid, [(-1, 0)], [(0, 1)])
-    for starts, goals in (([(0.5, 0)], [(0, 0)]), ([(0, 0)], [(0, 0), (0, 0)]), ([0, 0], [0, 0]), ("ab", "cd")):
+    for starts, goals in (
+        ([(0.5, 0)], [(0, 0)]),
+        ([(0, 0)], [(0, 0), (0, 0)]),
+        ([0, 0], [0, 0]),
+        ("ab", "cd"),
+        ([(0, 0), (1,)], []),
+    ):
         with pytest.raises(BadParameter):
             solve_many(grid, starts, goals)
     with pytest.raises(BadParameter, match="moves"):

@@ -13,7 +13,7 @@ from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.kernels.search.canonical import START
 from antway.search import derived
 from antway.search.astar import astar
-from antway.search.costs import inflation_costs
+from antway.search.costs import inflation_costs, path_cost
 from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import DijkstraField, dijkstra
 from common import cases, pick, random_grid, solvable
@@ -70,7 +70,7 @@ def test_bad_fields() -> None:
     for error, goal in ((OutOfBounds, (3, 0)), (CellBlocked, (1, 1)), (CellBlocked, [(0, 0), (1, 1)]), (BadParameter, "00")):
         with pytest.raises(error, match="goal"):
             distance_field(grid, goal)
-    for goal in ([], 7, (0.5, 0), (0, 0, 0), None):
+    for goal in ([], 7, (0.5, 0), (0, 0, 0), None, np.array(5)):
         with pytest.raises(BadParameter, match="goal"):
             distance_field(grid, goal)
     with pytest.raises(BadParameter, match="within"):
@@ -101,6 +101,15 @@ def test_costs_change_the_way() -> None:
     for dear, straight in ((1.2, True), (3.0, False)):
         costs[2, 2:7] = dear
         assert (len(np.unique(astar(problem, costs=costs).cells[:, 0])) == 1) == straight
+
+
+def test_a_path_has_whole_cells() -> None:
+    """Fractions of cells, and cells off the map, have no cost."""
+    grid, costs = Grid(np.zeros((2, 3), dtype=bool)), np.ones((2, 3))
+    assert path_cost([(0.0, 0.0), (0.0, 2.0)], costs, grid) == 2.0
+    for error, path in ((BadParameter, [(0.9, 0.2), (1, 0.2)]), (OutOfBounds, [(0, 3)]), (OutOfBounds, [(1e300, 0)])):
+        with pytest.raises(error, match="cells"):
+            path_cost(path, costs, grid)
 
 
 @pytest.mark.parametrize("bad", [-1.0, 0.0, math.nan, math.inf, 1e7], ids=str)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from antway.errors import BadParameter, CellBlocked, OutOfBounds
 from antway.grid import Grid, Moves
 from antway.planning import Budget, Problem, Status
+from antway.search import dstarlite as module
 from antway.search.dstarlite import DStarLite, dstarlite
 from antway.verify import check_plan
 from common import cases, free_cells, random_grid
@@ -111,6 +113,25 @@ def test_changes_make_new_grids() -> None:
         after.grid.blocked[0, 0] = True
 
 
+def test_the_problem_is_the_one_searched_after_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C just after a change or move leaves both of them changed or moved."""
+    robot = DStarLite(Problem(Grid(np.zeros((3, 3), dtype=bool)), (0, 0), (2, 2)))
+    for name, call in (("change", lambda: robot.change([(1, 1)], True)), ("move", lambda: robot.move((0, 1)))):
+        kernel = getattr(module, name)
+
+        def interrupted(*arguments: object, kernel: Callable[..., None] = kernel) -> None:
+            kernel(*arguments)
+            raise KeyboardInterrupt
+
+        assert robot.problem.start == (0, 0)
+        monkeypatch.setattr(module, name, interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            call()
+    assert robot.problem.grid.blocked[1, 1]
+    assert robot.problem.start == (0, 1)
+    check_plan(robot.problem, robot.plan())
+
+
 def test_goes_on_after_its_budget() -> None:
     """Without time or cancelled the answer is BUDGET, and the next call goes on to the exact path."""
     problem = Problem(Grid(np.zeros((50, 50), dtype=bool)), (0, 0), (49, 30))
@@ -134,6 +155,7 @@ def test_refuses_what_makes_no_sense() -> None:
         (None, True, BadParameter),
         ([(1, 2)], 1, BadParameter),
         ([(1, 2)], [True, False], BadParameter),
+        ([(1, 2)], [[True], [True, False]], BadParameter),
         ([(1, 2), (4, 0)], True, OutOfBounds),
         ([(1, 2), (-1, 0)], True, OutOfBounds),
         ([(1, 2), (0, 0)], True, CellBlocked),
@@ -145,9 +167,17 @@ def test_refuses_what_makes_no_sense() -> None:
     robot.change([(0, 0)], False)
     assert robot.problem.grid == problem.grid
     robot.change([(1, 2)], True)
-    for start, error in (((1, 2), CellBlocked), ((4, 0), OutOfBounds), ((0.5, 1), BadParameter), (3, BadParameter)):
+    for start, error in (
+        ((1, 2), CellBlocked),
+        ((4, 0), OutOfBounds),
+        ((0.5, 1), BadParameter),
+        (3, BadParameter),
+        ((), BadParameter),
+    ):
         with pytest.raises(error, match="start"):
             robot.move(start)
     assert robot.problem.start == (0, 0)
+    with pytest.raises(BadParameter, match="budget"):
+        robot.plan(5)  # type: ignore[arg-type]
     with pytest.raises(BadParameter, match="moves"):
         DStarLite(replace(problem, moves=Moves.SIXTEEN))

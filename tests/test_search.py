@@ -6,6 +6,7 @@ import gc
 import itertools
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,12 +21,13 @@ from antway.kernels.search.jps import jump, place
 from antway.maps.movingai import load_scen
 from antway.search import derived
 from antway.search.astar import Searcher, astar, searcher
+from antway.search.batch import solve_many
 from antway.search.best_first import faces
 from antway.search.costs import path_cost
 from antway.search.derived import NEIGHBOURS
 from antway.search.distance_field import dijkstra
 from antway.search.jps import jps, jumps_pay
-from antway.search.subgoals import subgoals
+from antway.search.subgoals import hierarchy_of, subgoals
 from common import SHARED, cases, free_cells, needs_data, pick, solvable
 from naive import search as naive
 
@@ -215,8 +217,11 @@ def test_what_is_derived_dies_with_the_grid() -> None:
     """The data kept for a grid are freed with it."""
     gc.collect()
     before = len(derived._KEPT)
-    grid = Grid(np.zeros((8, 8), dtype=bool))
+    grid = Grid(np.pad([[True]], (3, 4)))
     jps(Problem(grid, (0, 0), (7, 7)))
+    solve_many(grid, [(0, 0)], [(7, 7)])
+    times = iter([False, True])
+    assert not hierarchy_of(grid).make(grid, SimpleNamespace(spent=lambda: next(times))), "time ran out amid the preparation"
     assert len(derived._KEPT) == before + 1
     del grid
     gc.collect()

@@ -313,6 +313,24 @@ def test_bad_courses(field, value):
         sipp(Grid(np.zeros((3, 3), dtype=bool)), (0.5, 0.5), (2.5, 2.5), trajectories, radius=0.3, v_max=1.0)
 
 
+def test_bad_arguments_of_moves_and_fields():
+    """Each is named."""
+    grid = Grid(np.zeros((3, 3), dtype=bool))
+    for first in (5, (0,), (0, 0, 0), (1, 0)):
+        with pytest.raises(BadParameter, match="first"):
+            timed_moves(grid, 0.3, first=first)
+    mask = timed_moves(grid, 0.3)
+    for name, moves, goals in (
+        ("moves", "four", (0, 0)),
+        ("goals", Moves.FOUR, [(0, 0), (0,)]),
+        ("goals", Moves.FOUR, [(9, 9)]),
+    ):
+        with pytest.raises(BadParameter, match=name):
+            timed_field(mask, moves, goals)
+    with pytest.raises(BadParameter, match="v_max"):
+        sipp(grid, (0.5, 0.5), (2.5, 2.5), radius=0.3, v_max=1e-320)
+
+
 def test_bad_places():
     """Ends off the map or within the robot's radius of a wall, turned maps and moves that cut corners are refused."""
     grid = Grid(np.pad(np.zeros((3, 3), dtype=bool), 1, constant_values=True))

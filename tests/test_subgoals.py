@@ -15,9 +15,9 @@ from antway.kernels.search.ch_query import QueryMemory, UpwardGraph, diagonals, 
 from antway.kernels.search.lengths import FINE_DIAGONAL, FINE_STRAIGHT
 from antway.kernels.search.subgoals import SubgoalMap, corners, seen
 from antway.search import subgoals as module
-from antway.search.derived import kept, lattice, packed_lines
+from antway.search.derived import lattice, packed_lines
 from antway.search.distance_field import dijkstra
-from antway.search.subgoals import Hierarchy, prepare, subgoals
+from antway.search.subgoals import hierarchy_of, prepare, subgoals
 from common import cases, free_cells, random_grid
 from naive import search as naive
 
@@ -101,12 +101,29 @@ def test_preparation_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     grid = Grid(blocked)
     problem = Problem(grid, (0, 0), (59, 59))
     segments = 0
-    for done in kept(grid, "subgoals", lambda: Hierarchy(grid)).making:
+    hierarchy = hierarchy_of(grid)
+    hierarchy.making = hierarchy._chunks(grid)
+    for done in hierarchy.making:
         assert not done
         assert subgoals(problem, budget=Budget(seconds=0)).status is Status.BUDGET
         segments += 1
     assert segments > 10
     assert np.array_equal(subgoals(problem).cells, whole.cells)
+
+
+def test_an_interrupted_preparation_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C amid the preparation leaves no half of a hierarchy behind."""
+    grid = Grid(np.pad(np.ones((1, 1), dtype=bool), 2))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "contract", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            prepare(grid)
+    assert prepare(grid)
+    assert len(subgoals(Problem(grid, (2, 0), (2, 4))).cells) == 5
 
 
 def test_where_preparation_does_not_pay(monkeypatch: pytest.MonkeyPatch) -> None:

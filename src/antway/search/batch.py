@@ -110,17 +110,15 @@ def _search_all(
     """Solve queries as the planner `jps` does; see `kernels.search.astar.solve_all`."""
     cells, query = np.empty((64 * len(ends) + 1024, 2), np.int32), 0
     work = search.workspace()
-    try:
-        while query < len(ends):
-            query, work.base, code = solve_all(
-                search.map, work.memory, work.base, ends[: query + CHUNK], query, path_start, cells, diagonals
-            )
-            if code == FULL:
-                work.grow()
-            elif code == NO_SPACE:
-                cells = longer(cells)
-    finally:
-        search.spare.append(work)
+    while query < len(ends):
+        query, work.base, code = solve_all(
+            search.map, work.memory, work.base, ends[: query + CHUNK], query, path_start, cells, diagonals
+        )
+        if code == FULL:
+            work.grow()
+        elif code == NO_SPACE:
+            cells = longer(cells)
+    search.spare.append(work)  # not after an interruption, which may have kept the new base from being stored
     return cells
 
 
@@ -137,7 +135,7 @@ def _with_long_ones(routes: Routes, missing: NDArray[np.int64], ends: NDArray[np
 
 
 def _free_cells(name: str, value: ArrayLike, grid: Grid) -> NDArray[np.int64]:
-    cells = np.asarray(value)
+    cells = checks.raw(name, value, "integers of shape (queries, 2)")
     if cells.size == 0:
         return np.empty((0, 2), np.int64)
     if cells.ndim != 2 or cells.shape[1] != 2 or not np.issubdtype(cells.dtype, np.integer):

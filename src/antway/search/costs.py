@@ -6,8 +6,6 @@ distance; a zone of cost 3 is crossed only where a detour would be three times a
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -66,8 +64,6 @@ def inflation_costs(
     with np.errstate(over="ignore"):  # e^-inf = 0 is intended
         costs = 1 + (most - 1) * np.exp(-scaling * np.maximum(d - radius, 0.0))
     costs[d > inflation_radius] = 1.0
-    if not math.isfinite(float(costs.max())):
-        raise BadParameter("most", most, "finite")
     return costs
 
 
@@ -91,10 +87,13 @@ def path_cost(cells: ArrayLike, costs: ArrayLike, grid: Grid) -> float:
     1.5
     """
     checks.instance("grid", grid, Grid)
-    path, weights = checks.array("cells", cells, (None, 2)).astype(np.int64), checked_costs(costs, grid)
+    path, weights = checks.array("cells", cells, (None, 2)), checked_costs(costs, grid)
     outside = ((path < 0) | (path >= grid.shape)).any(axis=1)
     if outside.any():
         raise OutOfBounds("cells", tuple(path[outside][0].tolist()), f"on the map of {grid.shape}")
-    at = weights[path[:, 0], path[:, 1]]
+    whole = path.astype(np.int64)
+    if (whole != path).any():
+        raise BadParameter("cells", cells, "cells (row, col), which are whole numbers")
+    at = weights[whole[:, 0], whole[:, 1]]
     lengths = np.hypot(*np.diff(path, axis=0).T)
     return float((lengths * (at[1:] + at[:-1]) / 2).sum()) * grid.resolution

@@ -95,9 +95,7 @@ def distance_field(
 
 def free_cells(name: str, value: object, grid: Grid) -> list[Cell]:
     """Return one cell or several as a list of free cells of `grid`, or raise the error that says what is wrong."""
-    if isinstance(value, (str, bytes)) or not isinstance(value, (Iterable, np.ndarray)):
-        raise BadParameter(name, value, "a cell (row, col) or several")
-    parts = list(value)
+    parts = checks.sequence(name, value, "a cell (row, col) or several")
     if not parts:
         raise BadParameter(name, value, "at least one cell")
     if not isinstance(parts[0], (Iterable, np.ndarray)):

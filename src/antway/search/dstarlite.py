@@ -91,10 +91,9 @@ class DStarLite:
     def problem(self) -> Problem:
         """The present problem; its grid is made on demand."""
         if self._stale:
-            grid, blocked = self._problem.grid, ~self._search.free.reshape(-1, self._width)[1:-1, 1:-1]
-            unknown = None if grid.unknown is None else grid.unknown & (blocked == grid.blocked)
+            blocked = ~self._search.free.reshape(-1, self._width)[1:-1, 1:-1]
             start = self._cell(self._search.state[START])
-            self._problem = replace(self._problem, grid=replace(grid, blocked=blocked, unknown=unknown), start=start)
+            self._problem = replace(self._problem, grid=replace(self._problem.grid, blocked=blocked), start=start)
             self._stale = False
         return self._problem
 
@@ -115,7 +114,7 @@ class DStarLite:
             If the start or the goal would be blocked; then nothing is changed. Move the robot first.
         """
         flat = self._flat("cells", cells)
-        state = np.asarray(blocked)
+        state = checks.raw("blocked", blocked, f"one bool, or {len(flat)}")
         if state.dtype != np.bool_ or state.shape not in ((), flat.shape):
             raise BadParameter("blocked", f"{state.dtype}{list(state.shape)}", f"one bool, or {len(flat)}")
         now_free = np.full(flat.shape, ~state)
@@ -124,8 +123,8 @@ class DStarLite:
             at = (flat == end).nonzero()[0]
             if len(at) and not now_free[at[-1]]:
                 raise CellBlocked("cells", self._cell(end), f"other than the {name} if they become blocked")
+        self._stale = True  # before the change, because an interruption may follow it
         change(self._search, flat, now_free)
-        self._stale = True
 
     def move(self, start: Cell) -> None:
         """Move the robot to `start`, any free cell.
@@ -134,18 +133,15 @@ class DStarLite:
         ------
         BadParameter, OutOfBounds, CellBlocked
         """
-        flat = int(self._flat("start", [start])[0])
+        (flat,) = self._flat("start", [checks.sequence("start", start, "a cell (row, col)", size=2)])
         if not self._search.free[flat]:
             raise CellBlocked("start", start, "a free cell; this one is blocked")
-        move(self._search, flat)
         self._stale = True
+        move(self._search, flat)
 
     def _flat(self, name: str, cells: ArrayLike) -> NDArray[np.int64]:
         """Return the indices of cells in the padded grid."""
-        try:
-            at = np.asarray(cells)
-        except ValueError:
-            raise BadParameter(name, cells, "cells (row, col)") from None
+        at = checks.raw(name, cells, "cells (row, col)")
         at = np.empty((0, 2), np.int64) if at.size == 0 else at
         if at.ndim != 2 or at.shape[1] != 2 or at.dtype.kind not in "iu":
             raise BadParameter(name, cells, "cells (row, col)")
@@ -165,7 +161,7 @@ class DStarLite:
 
         If the budget runs out, the next call continues the search.
         """
-        clock = budget.start()
+        clock = checks.instance("budget", budget, Budget).start()
         state = self._search.state
         state[EXPANDED] = 0
         done = False

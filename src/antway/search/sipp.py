@@ -118,9 +118,8 @@ def timed_moves(
         raise BadParameter("moves", moves, f"one of {', '.join(m.name for m in TIMED_MOVES)}")
     radius = checks.number("radius", radius, low=0.0, high=1000 * grid.resolution, unit="m, at most 1000 cells")
     stride = checks.integer("stride", stride, low=1, high=100)
-    row, col = (
-        checks.integer("first", one, low=0, high=min(stride, side) - 1) for one, side in zip(first, grid.shape, strict=True)
-    )
+    corner = checks.sequence("first", first, "a cell (row, col)", size=2)
+    row, col = (checks.integer("first", one, low=0, high=min(stride, side) - 1) for one, side in zip(corner, grid.shape))
     return timed.move_mask(grid.blocked, moves.offsets, radius / grid.resolution, stride, row, col)
 
 
@@ -154,7 +153,8 @@ def timed_field(mask: NDArray[np.uint32], moves: Moves, goals: ArrayLike, scale:
     """
     if not isinstance(mask, np.ndarray) or mask.dtype != np.uint32 or mask.ndim != 2:
         raise BadParameter("mask", mask, "a uint32[H, W] array from timed_moves")
-    cells = np.atleast_2d(np.asarray(goals))
+    checks.instance("moves", moves, Moves)
+    cells = np.atleast_2d(checks.raw("goals", goals, "cells, int[G, 2]"))
     if not np.issubdtype(cells.dtype, np.integer) or cells.ndim != 2 or cells.shape[1] != 2:
         raise BadParameter("goals", goals, "cells, int[G, 2]")
     if (cells < 0).any() or (cells >= mask.shape).any():
@@ -173,7 +173,7 @@ class Sipp:
     goal : (x, y)
         m; the robot goes to the centre of the cell that contains it.
     radius, v_max : float
-        Of the robot, m (>= 0) and m/s (> 0). It drives at full speed, or waits at the centre of a cell.
+        Of the robot, m (>= 0) and m/s (>= 1e-100). It drives at full speed, or waits at the centre of a cell.
     moves : Moves
         FOUR, EIGHT, SIXTEEN or THIRTY_TWO.
     goal_tolerance : float
@@ -212,7 +212,7 @@ class Sipp:
         if grid.origin[2] != 0.0:
             raise BadParameter("grid.origin[2]", grid.origin[2], "0 in a space-time search (yaw): Grid.turned() turns the map")
         self.grid, self.moves, self.radius = grid, moves, float(radius)
-        self.v_max = checks.number("v_max", v_max, low=0.0, open_low=True, unit="m/s")
+        self.v_max = checks.number("v_max", v_max, low=1e-100, unit="m/s")
         self.goals = self._goal_cells(goal, checks.number("goal_tolerance", goal_tolerance, low=0.0, unit="m"))
         self.field = timed_field(self.mask, moves, self.goals, grid.resolution / self.v_max)
         self._workspace = _workspace(self.mask.size, 4096, 64)
@@ -369,7 +369,7 @@ def checked_trajectories(obstacles: Trajectories) -> records.Trajectories:
     radius = checks.array("obstacles.radius", obstacles.radius, (None,))
     knot_t = checks.array("obstacles.knot_t", obstacles.knot_t, (None,))
     knot_xy = checks.array("obstacles.knot_xy", obstacles.knot_xy, (len(knot_t), 2))
-    first = np.asarray(obstacles.first)
+    first = checks.raw("obstacles.first", obstacles.first, f"int64[{len(radius) + 1}], one more than radius")
     if (radius < 0.0).any():
         raise BadParameter("obstacles.radius", float(radius.min()), ">= 0 (m)")
     if not np.issubdtype(first.dtype, np.integer) or first.shape != (len(radius) + 1,):

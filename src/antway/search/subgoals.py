@@ -38,7 +38,7 @@ def subgoals(problem: Problem, *, seed: int = 0, budget: Budget = Budget()) -> P
     if problem.moves is not Moves.EIGHT:
         return jps(problem, seed=seed, budget=budget)
     hierarchy = hierarchy_of(problem.grid)
-    if not hierarchy.make(clock) or clock.spent():
+    if not hierarchy.make(problem.grid, clock) or clock.spent():
         return not_found(False, 0, clock)
     return hierarchy.plan(problem, clock) if hierarchy.pays else jps(problem, seed=seed, budget=budget)
 
@@ -55,13 +55,13 @@ def prepare(grid: Grid) -> bool:
     True
     """
     hierarchy = hierarchy_of(checks.instance("grid", grid, Grid))
-    hierarchy.make(Budget().start())
+    hierarchy.make(grid, Budget().start())
     return hierarchy.pays
 
 
 def hierarchy_of(grid: Grid) -> Hierarchy:
     """Return the hierarchy of `grid`, which may not have been made yet."""
-    return kept(grid, "subgoals", lambda: Hierarchy(grid))
+    return kept(grid, "subgoals", Hierarchy)
 
 
 def _most_steps(cells: int, corners: int) -> int:
@@ -88,17 +88,23 @@ class Hierarchy:
         Whether there is one, once `make` returned True.
     """
 
-    def __init__(self, grid: Grid) -> None:
-        self.lock, self.making, self.made, self.pays = threading.Lock(), self._chunks(grid), False, True
+    def __init__(self) -> None:
+        self.lock, self.made, self.pays = threading.Lock(), False, True
+        self.making: Iterator[bool] | None = None
         self.graphs: tuple[SubgoalMap, UpwardGraph]  # set once it is made
         self.sizes = (0, 0, 0, 0)
         self.spare: list[QueryMemory] = []
 
-    def make(self, clock: Clock) -> bool:
-        """Continue making the hierarchy until it is done or the clock runs out; tell whether it is done."""
+    def make(self, grid: Grid, clock: Clock) -> bool:
+        """Continue making the hierarchy of `grid` until it is done or the clock runs out; tell whether it is done."""
         while not self.made and not clock.spent():
             with self.lock:
-                self.made = next(self.making, True)
+                try:
+                    self.making = self.making or self._chunks(grid)
+                    self.made = next(self.making, True)
+                except BaseException:  # such as Ctrl-C, which ends the generator: the next call begins anew
+                    self.making = None
+                    raise
         return self.made
 
     @property
@@ -107,7 +113,7 @@ class Hierarchy:
         return self.made and self.pays
 
     def _chunks(self, grid: Grid) -> Iterator[bool]:
-        """Make the hierarchy, and yield False after each part of the work."""
+        """Make the hierarchy, and yield False after each part of the work, from where on it no longer needs the grid."""
         net = lattice(grid, Moves.EIGHT)
         is_corner = corners(net.around).reshape(grid.shape)
         nodes = np.flatnonzero(is_corner)
@@ -116,6 +122,7 @@ class Hierarchy:
         subgoal_map = SubgoalMap(net, packed_lines(grid.blocked | is_corner), number.ravel())
         n, seeds = len(nodes), 8 * max(grid.shape) + 16
         memory, left = _unlinked(n, 8 * n + seeds), _most_steps(grid.blocked.size, n)
+        del grid  # what is kept for a grid must not keep the grid
         while memory.state[RANKED] < n:
             if memory.state[LINKED] < n:
                 code = link(subgoal_map, nodes, memory, STEPS)
