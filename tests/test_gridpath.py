@@ -280,7 +280,7 @@ BAD = {
     "step_limit": [-1, 2.0, 2**40],
     "pheromone": ["thick", np.zeros((3, 3, 8)), np.ones((3, 3)), np.full((3, 3, 8), np.nan), None, 7],
     "window": [(0, 0, 9, 9), (1, 1, 2, 2), (0, 0, 0, 0), (0, 0, 3), "all", (-1, 0, 4, 3), (0.5, 0, 3, 3)],
-    "forbidden": [np.zeros((2, 2), dtype=bool), "none"],
+    "forbidden": [np.zeros((2, 2), dtype=bool), "none", [[False], [False, True]]],
     "immune": [True, 0.5],
     "threads": [0, -1, 1.5, 10**6],
     "seed": [-1, 2**64, 1.0, "0", None],
@@ -307,6 +307,8 @@ def test_what_ants_cannot_do_is_refused():
     with pytest.raises(TooLarge, match="cells"):
         ants(big)
     assert ants(big, window=(0, 0, 10, 10)).optimal
+    with pytest.raises(TooLarge, match="step_limit"):
+        walkers.Ants(walkers.AntGraph(Problem(grid, (0, 0), (2, 2))), 2**30, 2**24)
 
 
 def test_a_rule_object_is_taken_as_it_is():

@@ -284,9 +284,9 @@ def test_the_command_smooths(tmp_path) -> None:
 
 
 def test_wrong_input_raises() -> None:
-    """Numbers out of range, and a plan that knows no map."""
+    """Numbers out of range, a map that is too small, and a plan that knows no map."""
     path = plan(OFFICE, (1.5, 3.0), (22.0, 12.5), robot_radius=0.3)
-    for wrong in ({"margin": -0.1}, {"trials": 0}, {"seed": -1}, {"grid": 3}):
+    for wrong in ({"margin": -0.1}, {"trials": 0}, {"seed": -1}, {"grid": 3}, {"grid": Grid([[False]])}):
         with pytest.raises(BadParameter, match=next(iter(wrong))):
             smooth(path, DIFF, **wrong)
     with pytest.raises(BadParameter, match="grid"):

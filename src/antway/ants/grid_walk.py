@@ -142,7 +142,10 @@ class Ants:
 
     def __init__(self, graph: AntGraph, ants: int, limit: int, *, retreat: bool = True, threads: int = 1) -> None:
         self.graph, self.limit, self.retreat, self.threads = graph, limit, retreat, threads
-        self.moves = np.empty((ants, limit), dtype=np.uint8)
+        try:
+            self.moves = np.empty((ants, limit), dtype=np.uint8)
+        except MemoryError:
+            raise TooLarge("ants * step_limit", ants * limit, "at most as many as fit into memory") from None
         self.depth = np.full(ants, -1, dtype=np.int32)
         self.length = np.full(ants, np.inf)
         self._stamps = [np.zeros(graph.distance.size, dtype=np.int32) for _ in range(threads)]

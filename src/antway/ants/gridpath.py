@@ -256,7 +256,7 @@ def _local(problem: Problem, window: Window | None, forbidden: ArrayLike | None)
         raise BadParameter("window", window, "a rectangle (row, col, rows, columns) on the map that holds start and goal")
     mask = None
     if forbidden is not None:
-        mask = np.array(forbidden, dtype=bool)
+        mask = np.array(checks.raw("forbidden", forbidden, "bool[H, W]"), dtype=bool)
         if mask.shape != shape:
             raise BadParameter("forbidden.shape", mask.shape, f"that of the map, {shape}")
         if mask[problem.goal] and problem.goal != problem.start:

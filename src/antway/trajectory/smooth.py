@@ -126,6 +126,8 @@ def smooth(
     trials = checks.integer("trials", trials, low=1, high=10_000)
     if not len(path.cells):
         return Smoothed(path.status, None, elapsed=time.perf_counter() - started, reason="the plan has no path")
+    if (path.cells >= grid.shape).any():
+        raise BadParameter("grid.shape", grid.shape, "that of a map with all cells of the path")
     flat = Grid(grid.blocked, grid.resolution)
     limits = finite_limits(robot)
     limits = limits._replace(turning_radius=_STEERING * limits.turning_radius)
