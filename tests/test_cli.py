@@ -242,6 +242,23 @@ def test_an_interrupt_ends_a_search_with_its_best_tour() -> None:
 
 
 @needs_data
+def test_an_interrupt_is_said(antway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C within a command ends it with a word and status 130."""
+
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("antway.load_scenario", interrupted)
+    assert antway("run", "office") == (130, "", "interrupted\n")
+
+
+def test_a_closed_output_is_no_error() -> None:
+    """A command that is started without stdout runs all the same, and without stderr it keeps its errors to itself."""
+    command = f"{sys.executable} -m antway --version >&- && {sys.executable} -m antway fly 2>&-; echo $?"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("2\n", "")
+
+
 def test_a_warning_is_one_line(antway: Any) -> None:
     """The grey trap of ROS maps is said in one line on stderr, and the plan is made all the same."""
     depot = SHARED / "ros_maps" / "nav2_depot" / "depot.yaml"

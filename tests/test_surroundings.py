@@ -109,6 +109,16 @@ def ended(run: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
 
 
+def test_an_interrupt_ends_workers_without_a_word() -> None:
+    """Ctrl-C reaches every process of a terminal, also workers that have hardly started; they end with the command."""
+    code = (
+        "import os, signal, time\nfrom antway.processes import pool\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    )
+    code += "with pool(2) as workers: workers.submit(time.sleep, 60); os.killpg(0, signal.SIGINT); time.sleep(60)\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=50, start_new_session=True)
+    assert done.stderr.count("Traceback") == 1 and done.stderr.endswith("\nKeyboardInterrupt\n"), done.stderr
+
+
 def test_an_interrupt_that_a_compiler_swallows_comes_again() -> None:
     """LLVM calls Python to keep what it compiled, and ignores what is raised there: Ctrl-C then ends the run all the same."""
     done = ended("ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()")

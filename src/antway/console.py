@@ -376,11 +376,16 @@ def exit_with(app: Callable[..., Any]) -> None:
     """Run the command line `app` and exit with its status; wrong input gives one line on stderr and status 2."""
     warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
     usage_error: Any = typer.BadParameter.__base__
-    for stream in (sys.stdout, sys.stderr):  # letters that the locale lacks are printed as escapes
-        if isinstance(stream, io.TextIOWrapper):
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who started the command
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        stream = getattr(sys, name)
+        if isinstance(stream, io.TextIOWrapper):  # letters that the locale lacks are printed as escapes
             stream.reconfigure(errors="backslashreplace")
     try:
         status = app(standalone_mode=False)
+        if status == INTERRUPTED:
+            raise KeyboardInterrupt
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what is still to be written

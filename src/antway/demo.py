@@ -7,16 +7,16 @@ import math
 import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from dataclasses import replace
 from itertools import pairwise
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from antway.errors import BadParameter
 from antway.planning import Problem, solve
 from antway.policies.paper.routes import Routes
+from antway.processes import pool
 from antway.scenes import ROUNDS, SCENES
 from antway.verify_episode import check_episode
 from antway.view.packing import rounded
@@ -232,20 +232,20 @@ def run_demo(
     *others, shown = policies
     with writing("out", out):
         out.mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        aside = pool.submit(_play, others, seed)  # in one process, since several would compile the same kernels
+    with pool(2) as workers:
+        aside = workers.submit(_play, others, seed)  # in one process, since several would compile the same kernels
         drawn: dict[str, Future[dict[str, Any]]] = {}
         rounds: dict[str, Future[dict[str, Any]]] = {}
         for name in SCENES:
             on_progress(name, "episodes")
             played = run(load_scenario(name), shown, seed=seed)
             if not rounds:  # not earlier, because the first episode and the rounds would compile the same kernels
-                rounds = {other: pool.submit(write_rounds, other, shown, seed, out / other) for other in ROUNDS}
+                rounds = {other: workers.submit(write_rounds, other, shown, seed, out / other) for other in ROUNDS}
             beside = [aside.result()[name, other] for other in others]
-            drawn[name] = pool.submit(write_episode, played, out / name, beside=beside)
+            drawn[name] = workers.submit(write_episode, played, out / name, beside=beside)
             for other, result in zip(others, beside):
                 yield name, write_record(result, out / name / other)
-        charts = pool.submit(write_flow_charts, out)
+        charts = workers.submit(write_flow_charts, out)
         on_progress(SCENES[0], "convergence")
         write_convergence(load_scenario(SCENES[0]), out / "convergence.png")
         for name in SCENES:

@@ -7,14 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
 from antway import checks
 from antway.kernels.base.cache import is_compiled
+from antway.processes import pool, uninterrupted
 from antway.tables import NEED_PYRVO, PLANNERS, POLICIES, WARM
 
 if TYPE_CHECKING:
@@ -48,10 +48,8 @@ def warm_up(kinds: Sequence[str] = KINDS, *, workers: int = 2) -> Iterator[tuple
     tasks = [task for kind in KINDS if kind in names for task in _TASKS[kind]]
     if not tasks:
         return
-    with ProcessPoolExecutor(
-        min(checks.integer("workers", workers, low=1), len(tasks)), mp_context=get_context("spawn")
-    ) as pool:
-        running = [pool.submit(_timed, name, argument) for name, argument in tasks]
+    with pool(min(checks.integer("workers", workers, low=1), len(tasks))) as processes:
+        running = [processes.submit(_timed, name, argument) for name, argument in tasks]
         for done in as_completed(running):
             yield done.result()
 
@@ -67,7 +65,8 @@ def compiling_beside(policy: str) -> Iterator[None]:
         yield
         return
     quiet = os.environ | {"ANTWAY_QUIET": "1"}
-    beside = subprocess.Popen([sys.executable, "-c", "from antway.warmup import late; late()"], env=quiet)
+    with uninterrupted():
+        beside = subprocess.Popen([sys.executable, "-c", "from antway.warmup import late; late()"], env=quiet)
     try:
         yield
     finally:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -23,6 +22,7 @@ from antway.arena.causes import with_cause
 from antway.arena.store import Results, Row
 from antway.arena.suites import Episode, stage
 from antway.errors import BadParameter
+from antway.processes import uninterrupted
 from antway.version import __version__
 from antway.world.episode import run
 from antway.world.policy import make_policy
@@ -183,7 +183,8 @@ class _Worker:
         self.pipe, far = context.Pipe()
         self.timeout = timeout
         self.process: BaseProcess = context.Process(target=_work, args=(far,), daemon=True)
-        self.process.start()
+        with uninterrupted():  # the main process decides when to stop
+            self.process.start()
         far.close()
         self.pipe.recv()  # wait until the worker is ready, since start-up does not count as the policy's time
         self.give(job)
@@ -213,7 +214,6 @@ class _Worker:
 
 def _work(pipe: Connection) -> None:
     """Play the jobs from the pipe until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process decides when to stop
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
