@@ -82,6 +82,16 @@ BREAK: dict[str, Callable[[Problem, Plan], Plan]] = {
     "no path, but cells": lambda problem, plan: replace(plan, status=Status.NO_PATH),
     "floats for cells": lambda problem, plan: replace(plan, cells=plan.cells.astype(float)),
     "negative expanded": lambda problem, plan: replace(plan, expanded=-1),
+    "negative elapsed": lambda problem, plan: replace(plan, elapsed=-1.0),
+    "NaN elapsed": lambda problem, plan: replace(plan, elapsed=math.nan),
+    "NaN bound": lambda problem, plan: replace(plan, lower_bound=math.nan),
+    "a text for the status": lambda problem, plan: replace(plan, status="no-path"),
+    "no length": lambda problem, plan: replace(plan, length=None),
+    "no bound": lambda problem, plan: replace(plan, lower_bound=None),
+    "no time": lambda problem, plan: replace(plan, elapsed=None),
+    "an array for a number": lambda problem, plan: replace(plan, expanded=np.int64(3)),
+    "points of objects": lambda problem, plan: replace(plan, points=plan.cells.astype(object)),
+    "points far off": lambda problem, plan: replace(plan, points=plan.cells * 2.0 + 1e300),
 }
 
 
@@ -174,6 +184,18 @@ def test_says_every_violation() -> None:
     with pytest.raises(InvalidPlan) as caught:
         check_plan(problem, plan)
     assert len(caught.value.violations) == 5
+
+
+def test_names_what_is_of_another_type() -> None:
+    """A text is no status even without cells, and each part of another type is named."""
+    problem = Problem(Grid(np.zeros((9, 9), dtype=bool)), (0, 0), (4, 4))
+    with pytest.raises(InvalidPlan, match=r"status 'found' is not a Status; expanded .* is not of type int"):
+        check_plan(problem, Plan("found", expanded=np.int64(3)))  # type: ignore[arg-type]
+    cells = np.array([[k, k] for k in range(5)], np.int32)
+    with pytest.raises(InvalidPlan, match=r"point 1 .* is off the map"):
+        check_plan(problem, Plan(Status.FOUND, cells, 1.0, points=np.array([[0.0, 0.0], [1e300, 1e300], [4.0, 4.0]])))
+    with pytest.raises(InvalidPlan, match=r"point 1 .* is off the map"):
+        check_plan(problem, Plan(Status.FOUND, cells, 1.0, points=np.array([[0.0, 0.0], [8.6, 4.0], [4.0, 4.0]])))
 
 
 def test_start_is_goal() -> None:

@@ -49,9 +49,9 @@ def check_plan(problem: Problem, plan: Plan) -> None:
 
 
 def _faults(problem: Problem, plan: Plan) -> list[str]:
-    cells = plan.cells
-    if not isinstance(cells, np.ndarray) or cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype != np.int32:
-        return ["cells are not an int32[N, 2] array"]
+    faults, cells = _type_faults(plan), plan.cells
+    if faults:
+        return faults
     faults = _number_faults(plan)
     if len(cells) == 0:
         if plan.status is Status.FOUND:
@@ -75,10 +75,7 @@ def _faults(problem: Problem, plan: Plan) -> list[str]:
             if (why := _move_fault(problem.grid, problem.moves, a, b))
         ]
     else:
-        points = plan.points
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) == 0 or not np.isfinite(points).all():
-            return [*faults, "points are not a finite float64[M, 2] array"]
-        vertices = points.tolist()
+        vertices = plan.points.tolist()
         faults += _any_angle_faults(problem, path, vertices)
     length = math.fsum(math.dist(a, b) for a, b in pairwise(vertices)) * problem.grid.resolution
     if not math.isclose(plan.length, length, rel_tol=1e-9, abs_tol=1e-12):
@@ -90,6 +87,11 @@ def _any_angle_faults(problem: Problem, path: list[Cell], points: list[Sequence[
     """Yield why a polyline, (row, col) with integers at cell centres, is not legal or does not go along the cells of `path`."""
     if tuple(points[0]) != problem.start or tuple(points[-1]) != problem.goal:
         yield "points do not run from start to goal"
+    rows, cols = problem.grid.shape
+    for i, (r, c) in enumerate(points):
+        if not (abs(2 * r - rows + 1) <= rows + 2 * _EPS and abs(2 * c - cols + 1) <= cols + 2 * _EPS):
+            yield f"point {i} {(r, c)} is off the map"
+            return  # a segment to it may pass any number of cells
     for i, (p, q) in enumerate(pairwise(points)):
         why = _segment_fault(problem.grid, p, q)
         if why:
@@ -100,15 +102,34 @@ def _any_angle_faults(problem: Problem, path: list[Cell], points: list[Sequence[
     yield from _order_faults(points, path)
 
 
+def _type_faults(plan: Plan) -> list[str]:
+    """Return which parts of a plan are not of their type; nothing else can be said of such a plan."""
+    faults = [] if isinstance(plan.status, Status) else [f"status {plan.status!r} is not a Status"]
+    for name, kind in (("length", float), ("lower_bound", float), ("elapsed", float), ("expanded", int)):
+        value = getattr(plan, name)
+        if isinstance(value, bool) or not isinstance(value, (int, kind)):
+            faults.append(f"{name} {value!r} is not of type {kind.__name__}")
+    if not _pairs(plan.cells, np.int32):
+        faults.append("cells are not an int32[N, 2] array")
+    points = plan.points
+    if points is not None and not (_pairs(points, np.float64) and len(points) and np.isfinite(points).all()):
+        faults.append("points are not a finite float64[M, 2] array")
+    return faults
+
+
+def _pairs(value: object, kind: type[np.generic]) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == 2 and value.dtype == kind
+
+
 def _number_faults(plan: Plan) -> list[str]:
     faults = []
-    if math.isnan(plan.length) or plan.length < 0:
+    if not plan.length >= 0:
         faults.append(f"length {plan.length!r} is not a length")
-    if math.isnan(plan.lower_bound) or plan.lower_bound < 0 or plan.lower_bound > plan.length * (1 + 1e-9):
+    if not 0 <= plan.lower_bound <= plan.length * (1 + 1e-9):
         faults.append(f"lower bound {plan.lower_bound!r} is above the length {plan.length!r} or no length")
     if plan.optimal and not math.isclose(plan.lower_bound, plan.length, rel_tol=1e-9, abs_tol=1e-12):
         faults.append("claims to be optimal but its lower bound is below its length")
-    if not isinstance(plan.expanded, int) or plan.expanded < 0 or not plan.elapsed >= 0:
+    if plan.expanded < 0 or not plan.elapsed >= 0:
         faults.append("expanded and elapsed must not be negative")
     return faults
 
