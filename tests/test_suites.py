@@ -14,6 +14,7 @@ from antway import Grid, RobotSpec, Scenario, World, save_map
 from antway.arena.suites import SUITES, Chance, build, episodes, facts, load_suite, seed_of, stage
 from antway.arena.synthetic import DENSITIES
 from antway.errors import BadInput, BadParameter, BadScenario
+from antway.tables import names
 from antway.world.motions import BackAndForth, Bounce, Line, RandomWalk
 from antway.world.scenario import to_toml
 from antway.world.world import Obstacle
@@ -139,7 +140,7 @@ def test_chance():
 
 def test_wrong_suites_are_refused():
     """An unknown suite names those there are; a suite without its file, or with one it does not take, says so."""
-    with pytest.raises(BadParameter, match=", ".join(SUITES)):
+    with pytest.raises(BadParameter, match=names(SUITES)):
         load_suite("synthetics")
     for spec in ("maps", "tracks", "synthetic:x.yaml"):
         with pytest.raises(BadParameter, match="suite"):

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import antway
-from antway import BadInput, BadParameter, Grid, InvalidPlan, Moves, Plan, check_tour, distance_field, plan_tour
+from antway import BadInput, Grid, InvalidPlan, Moves, Plan, check_tour, distance_field, plan_tour
 from antway.tours.distances import stop_distances
 from antway.tours.plan import TourPlan
 from antway.tours.stopfile import load_stops
@@ -251,7 +251,9 @@ WRONG: dict[str, tuple[dict[str, object], str]] = {
     "priority of NaN": ({"priorities": [1.0, math.nan]}, r"priorities\[1\]"),
     "no robots": ({"robots": 0}, "robots = 0"),
     "a speed of zero": ({"speed": 0.0}, "speed"),
-    "an unknown end": ({"end": "home"}, "end = 'home'"),
+    "rows of service of different lengths": ({"service": [1.0, [2.0, 3.0]]}, r"service\[1\] = \[2.0, 3.0\]"),
+    "rows of priorities of different lengths": ({"priorities": [[1.0], [2.0, 3.0]]}, r"priorities\[0\]"),
+    "an unknown end": ({"end": "home"}, r"end = 'home': must be a point \(x, y\) in m, start or None"),
     "an end in the wall": ({"end": (6.5, 0.5)}, "end"),
     "an end out of reach": ({"end": (9.5, 0.5)}, "end"),
     "a start in the wall": ({"start": (6.5, 0.5)}, "start"),
@@ -270,6 +272,14 @@ def test_wrong_input_is_one_error_that_names_the_stop(what: str) -> None:
     with pytest.raises(BadInput) as caught:
         plan_tour(HALL, cycles=1, **arguments)  # type: ignore[arg-type]
     assert re.search(words, str(caught.value)), str(caught.value)
+
+
+def test_points_may_be_iterators() -> None:
+    """What can be read only once is read once."""
+    stops = (iter(stop) for stop in GOOD)
+    tour = plan_tour(HALL, iter((0.5, 0.5)), stops, end=iter((2.5, 0.5)), service=iter((1, 2)), cycles=1)
+    plain = plan_tour(HALL, (0.5, 0.5), GOOD, end=(2.5, 0.5), service=(1, 2), cycles=1)
+    assert tour.order.tolist() == plain.order.tolist() and tour.arrival.tolist() == plain.arrival.tolist()
 
 
 def test_errors_call_stops_by_their_names() -> None:
@@ -314,6 +324,7 @@ def test_a_wrong_file_of_stops_says_where(tmp_path, text: str, words: str) -> No
 
 def test_the_command_plans_draws_and_prints(tmp_path, capsys) -> None:
     from antway.cli import app
+    from antway.console import Refused
 
     antway.save_map(HALL, tmp_path / "hall.yaml")
     stops = tmp_path / "stops.csv"
@@ -333,7 +344,7 @@ def test_the_command_plans_draws_and_prints(tmp_path, capsys) -> None:
     assert head == ["", "start", "lab", "end"] and [line[0] for line in lines] == head[1:]
     cells = [HALL.cell_at(place) for place in ((0.5, 0.5), (4.5, 1.5), (4.5, 2.5))]
     assert np.array([list(map(float, line[1:])) for line in lines]).tolist() == stop_distances(HALL, cells).tolist()
-    with pytest.raises(BadParameter, match=r"\.csv"):
+    with pytest.raises(Refused, match=r"\.csv"):
         app([*told, "--distances", str(tmp_path / "d.png")], standalone_mode=False)
 
 

@@ -78,16 +78,18 @@ def tour_command(
     from antway.tours.stopfile import load_stops, save_distances
 
     rule = Moves(checks.choice("moves", moves, [m.value for m in Moves]))
+    aim = _objective(objective)
+    last = end if end in (None, "start") else pair("end", end, float, also=", or start")
     listed = load_stops(stops)
     with working("planning"):
         tour = plan_tour(
             load_map(map_file, resolution=resolution),
             pair("start", start, float),
             listed.stops,
-            end=end if end in (None, "start") else pair("end", end, float),
+            end=last,
             deadline=deadline,
             robots=robots,
-            objective=objective.replace("-", " "),
+            objective=aim,
             speed=speed,
             robot_radius=radius,
             moves=rule,
@@ -113,6 +115,14 @@ def tour_command(
     return 0 if tour.feasible else OUT_OF_BUDGET
 
 
+def _objective(name: str) -> str:
+    """Return the objective that an option names, as functions call it."""
+    from antway import checks
+    from antway.tours.stops import OBJECTIVES
+
+    return checks.choice("objective", name, [one.replace(" ", "-") for one in OBJECTIVES]).replace("-", " ")
+
+
 def tsptw_command(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Instance: n, n x n travel times, n windows.")],
     objective: Annotated[
@@ -126,10 +136,9 @@ def tsptw_command(
 
     Exit status: 3 if no order is in time, 4 if none was found.
     """
-    from antway import check_tsptw, checks, load_tsptw, solve_tsptw
+    from antway import check_tsptw, load_tsptw, solve_tsptw
 
-    instance = load_tsptw(file)
-    kind = checks.choice("objective", objective.replace("-", " "), ("travel time", "makespan"))
+    kind, instance = _objective(objective), load_tsptw(file)
     with working("searching"):
         solve_tsptw(instance, objective=kind, cycles=1, seed=seed)  # kernels are loaded before the clock starts
         result = solve_tsptw(instance, objective=kind, seconds=seconds, seed=seed)

@@ -113,9 +113,9 @@ MovesName = Annotated[str, name_option(MOVES, f"Moves between cells: {names(MOVE
 Resolution = Annotated[float | None, number_option("resolution", float, "M", "Edge of a cell in m, for maps that do not say.")]
 
 
-def pair(name: str, text: str, kind: type) -> tuple[Any, Any]:
-    """Read "A,B" as two numbers of `kind`."""
-    wanted = "two integers ROW,COL" if kind is int else "two numbers X,Y (m)"
+def pair(name: str, text: str, kind: type, also: str = "") -> tuple[Any, Any]:
+    """Read "A,B" as two numbers of `kind`; errors name what is allowed `also`."""
+    wanted = ("two integers ROW,COL" if kind is int else "two numbers X,Y (m)") + also
     try:
         values = [kind(part) for part in text.split(",")]
     except ValueError:

@@ -19,7 +19,7 @@ from antway.kernels.base.rng import below, stream, uniform
 from antway.kernels.baselines.oracle import first_contact
 from antway.planning import TimedPath
 from antway.search.sipp import Sipp
-from antway.tables import OF_FILES, SUITES
+from antway.tables import OF_FILES, SUITES, names
 from antway.world.line_of_sight import goal_of_cells
 from antway.world.motions import Pursue
 from antway.world.policy import Task
@@ -144,7 +144,7 @@ def load_suite(spec: str) -> Suite:
     """
     name, colon, argument = checks.instance("suite", spec, str).partition(":")
     if name not in SUITES:
-        raise BadParameter("suite", spec, f"one of {', '.join(SUITES)}")
+        raise BadParameter("suite", spec, f"one of {names(SUITES)} (a command also: predict, ants)")
     if (name in OF_FILES) != bool(argument):
         raise BadParameter("suite", spec, f"{name}:FILE" if not argument else f"{name}, which takes no file")
     module, _, attribute = SUITES[name].partition(":")

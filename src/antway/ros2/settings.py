@@ -162,7 +162,10 @@ def _robot(name: str, **options: Any) -> RobotSpec:
         sensible default.
     """
     checks.number("brake_max", options["brake_max"], low=0.0, infinite=True, unit="m/s^2; 0: as a_max")
-    base = load_robot(checks.instance("name", name, str)) if name else None
+    try:
+        base = load_robot(checks.instance("name", name, str)) if name else None
+    except BadInput as wrong:
+        raise wrong.at("", "name" if wrong.field == "robot" else wrong.field) from None
     if base is None and options["drive"] == "":
         allowed = f"{', '.join(DRIVES)}; or robot.name one of {', '.join(ROBOTS)} or a .toml file"
         raise BadParameter("drive", "", allowed)
@@ -197,7 +200,7 @@ def _reader(kind: str, hook: str, radius: float) -> Callable[[Any], Any] | None:
     module, _, name = checks.instance("obstacles_converter", hook, str).partition(":")
     try:
         reader = getattr(importlib.import_module(module), name)
-    except (ImportError, ValueError, AttributeError) as error:
+    except Exception as error:  # whatever the module raises
         raise BadParameter("obstacles_converter", hook, f"module:function that can be imported ({error})") from None
     if not callable(reader):
         raise BadParameter("obstacles_converter", hook, "module:function; this is none")

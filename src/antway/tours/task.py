@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -108,26 +108,28 @@ def tour_task(
     checks.instance("moves", moves, Moves)
     robot_radius = checks.number("robot_radius", robot_radius, low=0.0, unit="m")
     free = grid.inflate(robot_radius)
-    listed = _listed("stops", stops, "a sequence of points (x, y) in m")
+    origin = _point(start, "start")
+    listed = checks.sequence("stops", stops, "a sequence of points (x, y) in m")
     if not listed:
         raise BadParameter("stops", listed, "one stop or more")
     if len(listed) > MAX_STOPS - 2:
         raise TooLarge("stops", len(listed), f"at most {MAX_STOPS - 2} stops")
-    standing_cell("start", start, grid, free, robot_radius)
+    standing_cell("start", origin, grid, free, robot_radius)
     n = len(listed)
     known = _names(names, n)
     named = [f" ({name})" for name in known] if names is not None else [""] * n  # names of the stops in errors
     first: dict[Cell, int] = {}
-    for i, point in enumerate(listed):
-        cell = standing_cell(f"stops[{i}]{named[i]}", point, grid, free, robot_radius)
-        k = first.setdefault(cell, i)
+    points: list[Point] = []
+    for i, place in enumerate(listed):
+        field = f"stops[{i}]{named[i]}"
+        points.append(_point(place, field))
+        k = first.setdefault(standing_cell(field, points[i], grid, free, robot_radius), i)
         if k != i:
-            raise BadParameter(
-                f"stops[{i}]{named[i]}", _point(point), f"a stop of its own; stops[{k}]{named[k]} is in the same cell"
-            )
+            raise BadParameter(field, points[i], f"a stop of its own; stops[{k}]{named[k]} is in the same cell")
     last: Point | Literal["start"] | None
     if isinstance(end, str):
-        checks.choice("end", end, ["start"])
+        if end != "start":
+            raise BadParameter("end", end, "a point (x, y) in m, start or None")
         last = "start"
     else:
         last = None if end is None else _point(end, "end")
@@ -135,8 +137,8 @@ def tour_task(
             standing_cell("end", last, grid, free, robot_radius)
     return TourTask(
         grid,
-        _point(start, "start"),
-        checks.array("stops", [_point(point) for point in listed], (n, 2)),
+        origin,
+        checks.array("stops", points, (n, 2)),
         known,
         last,
         _windows(windows, n, named),
@@ -152,7 +154,7 @@ def tour_task(
     )
 
 
-def _point(value: Iterable[float], name: str = "stops") -> Point:
+def _point(value: Iterable[float], name: str) -> Point:
     x, y = checks.point(name, value)
     return x, y
 
@@ -160,7 +162,7 @@ def _point(value: Iterable[float], name: str = "stops") -> Point:
 def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
     if names is None:
         return tuple(f"stop {i}" for i in range(n))
-    listed = _listed("names", names, "a sequence of names")
+    listed = checks.sequence("names", names, "a sequence of names")
     if len(listed) != n:
         raise BadParameter("len(names)", len(listed), f"that of stops, {n}")
     return tuple(checks.instance(f"names[{i}]", name, str) for i, name in enumerate(listed))
@@ -169,16 +171,15 @@ def _names(names: Sequence[str] | None, n: int) -> tuple[str, ...]:
 def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: int, named: Sequence[str]) -> Floats:
     """Return windows, each of which may be None, as float64[n, 2]."""
     pairs = np.tile([0.0, math.inf], (n, 1))
-    listed = [None] * n if windows is None else _listed("windows", windows, "for each stop (earliest, latest) in s, or None")
+    wanted = "(earliest, latest) in s, or None"
+    listed = [None] * n if windows is None else checks.sequence("windows", windows, f"for each stop {wanted}")
     if len(listed) != n:
         raise BadParameter("len(windows)", len(listed), f"that of stops, {n}")
     for i, window in enumerate(listed):
         if window is None:
             continue
-        field, wanted = f"windows[{i}]{named[i]}", "(earliest, latest) in s, or None"
-        parts = _listed(field, window, wanted)
-        if len(parts) != 2:
-            raise BadParameter(field, window, wanted)
+        field = f"windows[{i}]{named[i]}"
+        parts = checks.sequence(field, window, wanted, size=2)
         early, late = (checks.number(field, part, low=-math.inf, infinite=True, unit="s") for part in parts)
         if early > late or late < 0.0 or early > 1e9:
             raise BadParameter(field, (early, late), "an earliest time of at most 1e9 s and a latest no earlier, >= 0")
@@ -189,16 +190,9 @@ def _windows(windows: Sequence[Iterable[float] | None] | ArrayLike | None, n: in
 
 def _amounts(name: str, value: ArrayLike, n: int) -> Floats:
     """Return one number in [0, 1e9] for each stop; a single number holds for all."""
-    if np.ndim(value) == 0:
+    if not isinstance(value, Iterable):
         return np.full(n, checks.number(name, value, low=0.0, high=1e9))
-    listed = _listed(name, value, "one number for each stop")
+    listed = checks.sequence(name, value, "a number, or one for each stop")
     if len(listed) != n:
         raise BadParameter(f"len({name})", len(listed), f"that of stops, {n}")
     return np.array([checks.number(f"{name}[{i}]", one, low=0.0, high=1e9) for i, one in enumerate(listed)])
-
-
-def _listed(field: str, value: object, wanted: str) -> list[Any]:
-    """Return the elements of the iterable `value`, which may differ in shape."""
-    if isinstance(value, (str, bytes, dict)) or not isinstance(value, (Iterable, np.ndarray)) or getattr(value, "ndim", 1) == 0:
-        raise BadParameter(field, value, wanted)
-    return list(value)
