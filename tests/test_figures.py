@@ -166,6 +166,13 @@ def test_wrong_steps_and_names_are_refused(tmp_path: Path) -> None:
         write_animation(TRACE, tmp_path / "a.avi")
 
 
+def test_the_legend_of_a_motion_names_what_is_drawn_in_that_colour() -> None:
+    """Blue are the robot's outlines; the motion has the colours of the bar beside it, and its time stands in the title."""
+    names = [text.get_text() for text in FIGURES["motion"].legends[0].get_texts()]
+    assert names == ["plan", "robot, at equal time steps"]
+    assert FIGURES["motion"].axes[0].get_title(loc="left").startswith("Smoothed plan: ")
+
+
 def test_what_cannot_be_written_is_one_error_with_its_field(tmp_path: Path) -> None:
     """A folder that does not exist, a name with a zero byte, and what is no path, by each writer."""
     away = tmp_path / "nofolder"

@@ -150,12 +150,12 @@ def costs_message(
     )
 
 
-def grid_message(grid: Grid, make: Make = plain, *, t: float = 0.0, frame: str = "map") -> Any:
+def grid_message(grid: Grid, make: Make = plain, *, t: float = 0.0) -> Any:
     """Return `grid` as a nav_msgs/msg/OccupancyGrid: 0 free, 100 blocked, -1 blocked because unknown."""
     costs = np.where(grid.blocked, 100, 0).astype(np.int8)
     if grid.unknown is not None:
         costs[grid.unknown & grid.blocked] = -1
-    return costs_message(costs, grid.resolution, grid.origin, make, t=t, frame=frame)
+    return costs_message(costs, grid.resolution, grid.origin, make, t=t)
 
 
 def path_message(xy: ArrayLike, make: Make = plain, *, t: float = 0.0, frame: str = "map") -> Any:
@@ -314,9 +314,9 @@ def marker_message(
     )
 
 
-def markers_message(tracks: Tracks, t: float, make: Make = plain, *, frame: str = "map") -> Any:
+def markers_message(tracks: Tracks, t: float, make: Make = plain) -> Any:
     """Return `tracks` as a visualization_msgs/msg/MarkerArray for `read_markers`, which RViz can show, too."""
-    header = header_message(t, frame, make)
+    header = header_message(t, "map", make)
 
     def marker(name: int, kind: int, space: str, **about: Any) -> Any:
         return marker_message(name, kind, header, make, space=space, colour=OBSTACLE, alpha=0.8, **about)

@@ -96,12 +96,12 @@ def space_time_figure(trace: Trace, *, start: float = 0.0, end: float | None = N
 
 
 @style.styled
-def pheromone_figure(grid: Grid, found: Exploration, *, title: str = "Pheromone on the moves between cells") -> Figure:
+def pheromone_figure(grid: Grid, found: Exploration) -> Figure:
     """Draw the pheromone of a colony on every move, bolder for more, and the best path."""
     fig = style.figure(*style.map_size(grid))
     axes = fig.subplots()
     draw_pheromone(axes, grid, found, f"best path, {found.plan.length:.2f} m")
-    axes.set_title(title)
+    axes.set_title("Pheromone on the moves between cells")
     style.legend_below(axes)
     return fig
 
@@ -127,7 +127,7 @@ def draw_pheromone(axes: Axes, grid: Grid, found: Exploration, words: str) -> No
 
 
 @style.styled
-def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which the goal was reached") -> Figure:
+def success_figure(table: Sequence[Summary]) -> Figure:
     """Draw the share of episodes that reached the goal, by level and policy, with 95 % intervals.
 
     Parameters
@@ -152,7 +152,8 @@ def success_figure(table: Sequence[Summary], *, title: str = "Episodes in which 
         axes.errorbar(x, share, yerr=bars, capsize=2.5, **look)
         axes.plot([], [], label=policy, **look)
     axes.set_xticks(range(len(levels)), [level or "all" for level in levels])
-    axes.set(xlabel="difficulty", ylabel="reached (%)", title=title, ylim=(-3, 103), xlim=(-0.5, len(levels) - 0.5))
+    axes.set(xlabel="difficulty", ylabel="reached (%)", title="Episodes in which the goal was reached")
+    axes.set(ylim=(-3, 103), xlim=(-0.5, len(levels) - 0.5))
     style.graph(axes, below=True)
     style.legend_below(axes)
     return fig

@@ -19,7 +19,7 @@ _SLOW_TO_FAST = "viridis"
 
 
 @style.styled
-def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec, *, title: str = "Smoothed plan") -> Figure:
+def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec) -> Figure:
     """Draw the motion of a smoothed plan.
 
     Parameters
@@ -32,7 +32,6 @@ def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec, 
         With a motion.
     robot : RobotSpec
         Its outline is drawn along the motion at equal time steps.
-    title : str
     """
     motion = smoothed.motion
     if motion is None:
@@ -59,8 +58,8 @@ def motion_figure(grid: Grid, path: Plan, smoothed: Smoothed, robot: RobotSpec, 
         outline.set(fill=False, edgecolor=style.BLUE, linewidth=0.8, zorder=3)
         axes.add_patch(outline)
     how = "along a curve" if smoothed.bent else "with a stop at each corner"
-    axes.plot([], [], color=style.BLUE, label=f"{motion.time:.1f} s, {motion.length:.2f} m, {how}")
-    axes.set_title(title)
+    axes.plot([], [], color=style.BLUE, linewidth=0.8, label="robot, at equal time steps")
+    axes.set_title(f"Smoothed plan: {motion.time:.1f} s, {motion.length:.2f} m, {how}")
     below.plot(motion.t, speed, color=style.BLUE, linewidth=1.4, label="speed (m/s)")
     if robot.wheels:
         below.plot(motion.t, motion.turn_rate, color=style.ORANGE, linewidth=1.2, label="turn rate (rad/s)")

@@ -149,12 +149,7 @@ def strip_figure(trace: Trace, steps: Sequence[int], *, path: Plan | None = None
 
 
 @style.styled
-def convergence_figure(
-    histories: Mapping[str, NDArray[np.float64]],
-    *,
-    optimum: float | None = None,
-    title: str = "Ants on a static map: convergence",
-) -> Figure:
+def convergence_figure(histories: Mapping[str, NDArray[np.float64]], *, optimum: float | None = None) -> Figure:
     """Draw the best length so far and the cycle's mean length against the cycle, for several colonies.
 
     Parameters
@@ -183,7 +178,7 @@ def convergence_figure(
         arrived.plot(cycle, 100 * table[:, 2], color=colour, linestyle=dash, linewidth=1.4)
     if optimum is not None:
         lengths.axhline(optimum, color=style.INK, linewidth=0.8, label=f"shortest path, {optimum:.2f} m")
-    lengths.set(ylabel="path length (m)", title=title)
+    lengths.set(ylabel="path length (m)", title="Ants on a static map: convergence")
     arrived.set(ylabel="ants that arrive (%)", xlabel="cycle", ylim=(-3, 103))
     for axes in (lengths, arrived):
         style.graph(axes)

@@ -18,9 +18,7 @@ _DASHES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 
 
 @style.styled
-def front_figure(
-    grid: Grid, front: TimedFront, obstacles: Timeline | None = None, *, title: str = "Least time, least distance"
-) -> Figure:
+def front_figure(grid: Grid, front: TimedFront, obstacles: Timeline | None = None) -> Figure:
     """Draw paths of a front on the map, and the whole front as distance against time, with clearances in words.
 
     Parameters
@@ -31,7 +29,6 @@ def front_figure(
         With at least one path; if there are more than six, six are drawn.
     obstacles : Timeline or None
         Moving obstacles, drawn at their initial places, with tracks up to the last arrival.
-    title : str
 
     Examples
     --------
@@ -61,7 +58,7 @@ def front_figure(
         label = f"{time:.1f} s, {distance:.1f} m, clearance {clearance:.2f} m"
         left.plot(*front.paths[i].xy.T, color=colour, linestyle=dash, linewidth=1.8, label=label, zorder=4)
         right.plot(time, distance, "o", color=colour, markersize=8, zorder=3)
-    left.set_title(title)
+    left.set_title("Least time, least distance")
     right.set(
         title=f"The front: {len(front.paths)} path{'' if len(front.paths) == 1 else 's'}",
         xlabel="time (s)",

@@ -12,15 +12,13 @@ from antway.world.trace import Trace
 
 
 @style.styled
-def rounds_figure(trace: Trace, *, title: str = "") -> Figure:
+def rounds_figure(trace: Trace) -> Figure:
     """Draw an episode's rounds: a map with stops numbered by visit, and below the times of arrival, waiting and service.
 
     Parameters
     ----------
     trace : Trace
         Of a scenario with stops.
-    title : str
-        By default the number of visited stops, and the times.
     """
     rounds = trace.rounds if trace.rounds is not None else Rounds(())
     fig, axes, times, points_per_metre = stops.map_and_schedule(trace.task.grid, max(1, len(rounds.stops)), width=7.6)
@@ -32,8 +30,7 @@ def rounds_figure(trace: Trace, *, title: str = "") -> Figure:
     _draw_stops(axes, trace, rounds, points_per_metre)
     late = sum(rounds.lateness(visit) > 0 for visit in rounds.visits)
     verdict = f"{late} of them late" if late else "all in time"
-    default = f"Rounds: {len(rounds.visits)} of {len(rounds.stops)} stops in {trace.t[-1]:,.0f} s, {verdict}"
-    axes.set_title(title or default)
+    axes.set_title(f"Rounds: {len(rounds.visits)} of {len(rounds.stops)} stops in {trace.t[-1]:,.0f} s, {verdict}")
     _draw_times(times, trace, rounds)
     shown = ["window", "waits", "service"] + ["new order"] * any(turn.t > 0 for turn in rounds.turns)
     legend = stops.schedule_legend()
