@@ -22,6 +22,7 @@ PHONE: dict[str, Any] = {
     "has_touch": True,
     "is_mobile": True,
 }
+ON_ITS_SIDE: dict[str, Any] = {**PHONE, "viewport": {"width": 844, "height": 390}}
 
 NASTY = [
     "</script><script>window.hit=1</script>",
@@ -118,12 +119,14 @@ def pixels(page: Any, colour: str, canvas: str = "canvas") -> int:
 
 
 def fits(page: Any, screen: dict[str, Any]) -> None:
-    """Assert that nothing runs off the side, that controls are large enough to hit, and that each of them has a name."""
+    """Assert that nothing runs off the side, that map and controls are large enough, and that each of them has a name."""
     assert page.evaluate("document.documentElement.scrollWidth") <= screen["viewport"]["width"]
-    least = 44 if screen is PHONE else 32
+    least = 44 if screen.get("is_mobile") else 32
     for button in page.locator("button:visible").all():
         box = button.bounding_box()
         assert min(box["width"], box["height"]) >= least, button.get_attribute("id")
+    assert page.locator("canvas:visible").first.bounding_box()["height"] > 120
+    assert page.locator("#speed").bounding_box()["width"] >= 64
     unnamed = page.evaluate(
         """() => [...document.querySelectorAll("button, input, select, canvas, summary")]
           .filter((e) => !(e.ariaLabel || e.textContent.trim() || e.labels?.length || e.ariaHidden === "true" ||

@@ -25,6 +25,7 @@ from antway.world.scenario import Scenario, save_scenario
 from browser import (
     DESKTOP,
     NASTY,
+    ON_ITS_SIDE,
     PHONE,
     chromium,
     drag,
@@ -417,7 +418,7 @@ def test_a_server_that_is_gone_is_said(browser: Any) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("screen", [DESKTOP, PHONE, ON_ITS_SIDE], ids=["desktop", "phone", "on its side"])
 @pytest.mark.parametrize("path", ["", "tsp"])
 def test_the_pages_fit_the_screen(browser: Any, address: str, path: str, screen: dict[str, Any], scheme: str) -> None:
     """On a desktop and on a phone nothing runs off the side, buttons are large enough, and every control has a name."""

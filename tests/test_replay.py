@@ -18,7 +18,7 @@ import pytest
 from antway import Decision
 from antway.view.figures import shortest
 from antway.view.replay import replay_page, write_replay
-from browser import DESKTOP, NASTY, PHONE, chromium, drawn, fits, needs_browser, opened, pixels
+from browser import DESKTOP, NASTY, ON_ITS_SIDE, PHONE, chromium, drawn, fits, needs_browser, opened, pixels
 from sample import sample_trace
 
 OWN = ("file:", "data:")
@@ -267,7 +267,7 @@ def test_names_are_text_and_never_markup(browser: Any, tmp_path: Path) -> None:
 
 @needs_browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("screen", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("screen", [DESKTOP, PHONE, ON_ITS_SIDE], ids=["desktop", "phone", "on its side"])
 def test_the_page_fits_the_screen(browser: Any, tmp_path: Path, screen: dict[str, Any], scheme: str) -> None:
     """On a desktop and on a phone nothing runs off the side, buttons are large enough, and every control has a name."""
     trace = sample_trace(60, 2)
