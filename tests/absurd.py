@@ -33,6 +33,7 @@ from antway.web.session import Session
 from antway.world.episode import Episode
 from antway.world.robots import load_robot
 from antway.world.trace import Outcome
+from common import play
 
 WALLS = np.zeros((20, 20), bool)
 WALLS[8:12, 8:12] = True
@@ -147,7 +148,7 @@ def page(case: dict[str, Any]) -> None:
             session.apply(request)
         except BadInput as error:
             refused.append(error)
-    session.advance(5)
+    play(session, 5)
     json.dumps(session.frame(), allow_nan=False)
     json.dumps(session.describe(), allow_nan=False)
     if len(refused) == len(case["requests"]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,12 @@ needs_data = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no test data at {S
 def cases(pull_request: int, nightly: int | None = None) -> int:
     """How many cases to run: `pull_request` in `make test`; SCALE times as many, up to `nightly`, in `make nightly`."""
     return max(1, int(min(pull_request * SCALE, nightly or pull_request * SCALE)))
+
+
+def play(tab: Any, steps: int) -> None:
+    """Play this many steps of a tab of the live page."""
+    for _ in range(steps):
+        tab.advance()
 
 
 def random_grid(rng: np.random.Generator, low: int = 2, high: int = 64, density: tuple[float, float] = (0.0, 0.6)) -> Grid:

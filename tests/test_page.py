@@ -39,6 +39,7 @@ from browser import (
     point,
     saved,
 )
+from common import play
 from serving import served
 
 pytestmark = needs_browser
@@ -49,7 +50,7 @@ MAP = "type octile\nheight 8\nwidth 12\nmap\n" + "............\n" * 3 + "......@
 def address() -> Iterator[str]:
     warm = Session()  # compiles what the pages will run
     warm.apply({"op": "policies", "names": ["antway", "paper"]})
-    warm.advance(40)
+    play(warm, 40)
     warm.apply({"op": "ants"})
     warm.frame()
     with served() as port:

@@ -29,7 +29,7 @@ from antway.world.episode import Episode
 from antway.world.motions import Bounce
 from antway.world.sensor import Sensor
 from antway.world.world import Obstacle
-from common import cases
+from common import cases, play
 from serving import TOKEN, asked, served
 
 PORT = 8765
@@ -251,7 +251,7 @@ def test_a_saved_scenario_opens_again_and_frames_are_small() -> None:
     assert session.scenario.world == before.world and session.scenario.seed == 7
     session.apply({"op": "policies", "names": ["antway", "paper"]})
     for _ in range(60):
-        session.advance(1)
+        session.advance()
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
         assert frame["views"][0]["t"] == frame["views"][1]["t"]
@@ -268,7 +268,7 @@ def test_frames_of_the_largest_place_are_small() -> None:
     session._open(Scenario(World(room, obstacles), (1.0, 1.0), (49.0, 49.0), robot, sensor))
     session.apply({"op": "policies", "names": ["antway", "paper"]})
     for _ in range(20):
-        session.advance(1)
+        session.advance()
         frame = session.frame()
         assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
         assert len(frame["views"][0]["tubes"]) == MAX_OBSTACLES
@@ -283,7 +283,7 @@ def test_predictions_grow_with_time_and_with_noise() -> None:
         place = World(Grid(np.zeros((40, 40), bool), 0.5), (obstacle,))
         sensor = Sensor(occlusion=False, noise=noise)
         session._open(Scenario(place, (1.0, 1.0), (19.0, 19.0), RobotSpec(sensor_range=50.0), sensor))
-        session.advance(1)
+        session.advance()
         ((radius, growth, path),) = session.frame()["views"][0]["tubes"]
         assert growth > 0.0 and path[0][0] == 0.0 and path[-1][0] == pytest.approx(3.0)
         widths.append(radius)
@@ -297,7 +297,7 @@ def test_the_braking_area_is_the_way_to_a_stand() -> None:
     """A robot that stands needs no way; one that drives needs what it drives until it stands, braked after a control period."""
     session = Session()
     assert session.frame()["views"][0]["braking"][0] == 0.0
-    session.advance(15)
+    play(session, 15)
     view = session.frame()["views"][0]
     robot, driven, speed = session.scenario.robot, 0.0, view["speed"]
     assert speed > 0.5
@@ -369,7 +369,7 @@ def test_tabs_that_use_common_memory_do_not_meet() -> None:
     tabs[2].apply({"op": "scene", "name": "office"})
     for k in range(120):
         for tab in tabs:
-            tab.advance(1)
+            tab.advance()
             if k % 20 == 19:
                 tab.views[0].look_inside()
     for tab in tabs:
@@ -387,7 +387,7 @@ def test_looking_back_shows_what_was_and_changes_nothing() -> None:
         one.apply({"op": "policies", "names": ["antway", "stop"]})
     told = []
     for _ in range(60):
-        session.advance(1)
+        session.advance()
         told.append(session.frame()["views"])
     for step in (3, 59, 20, 1):
         session.apply({"op": "at", "step": step})
@@ -399,8 +399,8 @@ def test_looking_back_shows_what_was_and_changes_nothing() -> None:
     session.apply({"op": "step"})
     assert (session.at, session.steps) == (2, 60) and not session.ended
     session.apply({"op": "at", "step": 58})
-    session.advance(12)
-    plain.advance(70)
+    play(session, 12)
+    play(plain, 70)
     assert session.at == session.steps == 70
     for view, other in zip(session.views, plain.views, strict=True):
         assert (view.episode.stage.xy == other.episode.stage.xy).all()
@@ -477,7 +477,7 @@ def test_stops_are_set_and_removed_and_their_order_follows_the_walls() -> None:
     wall = [[2, col] for col in range(1, 6)]
     (scene,) = session.apply({"op": "paint", "cells": wall, "blocked": True})
     assert len(scene["stops"]) == 3 and len(scene["shortest"]) > 3
-    session.advance(400)
+    play(session, 400)
     frame = session.frame()["views"][0]
     assert frame["outcome"] == "reached" and len(frame["visited"]) == 3 and frame["order"] == []
     session.apply({"op": "stop", "xy": [1.5, 4.5]})
@@ -490,7 +490,7 @@ def test_a_stop_joins_rounds_that_are_under_way() -> None:
     session.apply({"op": "policies", "names": ["follow", "replan"]})
     session.apply({"op": "open", "files": _room()})
     session.apply({"op": "stop", "xy": [4.5, 4.5]})
-    session.advance(10)
+    play(session, 10)
     session.frame()
     (scene,) = session.apply({"op": "stop", "xy": [1.5, 4.5]})
     assert len(scene["stops"]) == len(session.scenario.stops) == 2
@@ -498,7 +498,7 @@ def test_a_stop_joins_rounds_that_are_under_way() -> None:
         assert view.episode.steps == 10 and view.sent == 11 and sorted(told["order"]) == [0, 1]
     with pytest.raises(BadInput):
         session.apply({"op": "stop", "xy": [99.0, 1.5]})
-    session.advance(400)
+    play(session, 400)
     for view in session.frame()["views"]:
         assert view["outcome"] == "reached" and len(view["visited"]) == 2
     session.apply({"op": "undo"})

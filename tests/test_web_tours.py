@@ -13,6 +13,7 @@ from antway.ants.colony import Colony
 from antway.ants.tsplib import Tsp
 from antway.errors import BadInput
 from antway.web.tours import INSTANCES, Tours
+from common import play
 
 FIVE = "NAME : five\nTYPE : TSP\nDIMENSION : 5\nEDGE_WEIGHT_TYPE : EUC_2D\nNODE_COORD_SECTION\n"
 FIVE += "".join(f"{i + 1} {x} {y}\n" for i, (x, y) in enumerate([(0, 0), (0, 20), (20, 20), (20, 0), (10, 0)])) + "EOF\n"
@@ -27,15 +28,13 @@ def unpack(text: str, dtype: str) -> Any:
 
 
 def test_a_colony_on_the_page_is_the_librarys() -> None:
-    """Played in any portions, the page's colony gives the tours that the library's gives for that seed."""
+    """The page's colony gives the tours that the library's gives for that seed."""
     tab, colony = Tours(), Colony(INSTANCES["scattered"](), "mmas", ants=25, seed=0)
     room = np.empty((1, 2))
     for _ in range(30):
         colony.run(1, room)
     tab.apply({"op": "step"})
-    tab.advance(9)
-    while tab.colony.cycle < 30:
-        tab.advance(30 - tab.colony.cycle)
+    play(tab, 29)
     frame = tab.frame()
     assert frame["cycle"] == 30 and (unpack(frame["tour"], "<u2") == colony.best).all()
     assert frame["best"] == pytest.approx(colony.best_cost, abs=1e-3) and len(frame["curve"]) == 30
@@ -50,7 +49,7 @@ def test_a_ring_is_solved_and_the_run_ends() -> None:
     tab.apply({"op": "set", "field": "search", "value": "3opt"})
     tab.apply({"op": "play", "on": True})
     for _ in range(50):
-        tab.advance(10)
+        play(tab, 10)
     frame = tab.frame()
     assert frame["ended"] and not frame["playing"] and frame["gap"] == 0.0
     order = unpack(frame["tour"], "<u2").astype(int)
@@ -64,7 +63,7 @@ def test_frames_of_many_cities_are_small() -> None:
     tab = Tours()
     rng = np.random.default_rng(0)
     tab._restart(Tsp(rng.uniform(0, 1e4, (5000, 2)), name="many"), tab.settings)
-    tab.advance(2)
+    play(tab, 2)
     tab.colony.state.tau[:] = rng.random(tab.colony.state.tau.shape)
     frame = tab.frame()
     assert len(json.dumps(frame, separators=(",", ":"))) <= 60_000
@@ -77,7 +76,7 @@ def test_files_open_and_wrong_requests_change_nothing() -> None:
     tab = Tours()
     tab.apply({"op": "open", "files": [file_of(FIVE)]})
     assert tab.instance.name == "five" and tab.describe()["size"] == 5
-    tab.advance(3)
+    play(tab, 3)
     colony = tab.colony
     wrong: list[Any] = [
         None, {"op": "open", "files": []}, {"op": "open", "files": [file_of("NAME : x\n")]},
@@ -93,7 +92,7 @@ def test_files_open_and_wrong_requests_change_nothing() -> None:
     assert tab.colony is colony and colony.cycle == 3
     for field, value in (("rule", "acs"), ("persistence", "adaptive"), ("search", "2opt"), ("ants", 7), ("seed", 5)):
         tab.apply({"op": "set", "field": field, "value": value})
-        tab.advance(2)
+        play(tab, 2)
         assert tab.settings[field] == value and tab.frame()["cycle"] == 2
 
 

@@ -181,7 +181,7 @@ class Player:
         """
         until = time.perf_counter() + SLICE
         while steps and time.perf_counter() < until:
-            self.session.advance(1)
+            self.session.advance()
             steps = steps - 1 if self.session.playing else 0
         return _text(self.session.frame()) if send_frame else ""
 

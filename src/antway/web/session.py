@@ -125,15 +125,14 @@ class Session(Tab):
     def ended(self) -> bool:
         return self.at == self.steps and all(view.episode.outcome is not None for view in self.views)
 
-    def advance(self, steps: int) -> None:
-        """Show this many more control cycles of all policies in step, and play those that were not played yet."""
-        for _ in range(steps):
-            if self.closed.is_set():
-                return
-            if self.at == self.steps:
-                for view in self.views:
-                    view.step()
-            self.at = min(self.at + 1, self.steps)
+    def advance(self) -> None:
+        """Show the next control cycle of all policies in step, and play it if it was not played yet."""
+        if self.closed.is_set():
+            return
+        if self.at == self.steps:
+            for view in self.views:
+                view.step()
+        self.at = min(self.at + 1, self.steps)
         if self.ended:
             self.playing = False
 
@@ -226,7 +225,7 @@ class Session(Tab):
         looked = [view.look_inside() for view in self.views]
         if True not in looked:
             idle = [view.idle for view in self.views]
-            self.advance(1)
+            self.advance()
             for view, why in zip(self.views, idle):
                 view.idle = why
         return []

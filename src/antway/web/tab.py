@@ -54,8 +54,8 @@ class Tab(ABC):
         """Whether there is nothing left to play."""
 
     @abstractmethod
-    def advance(self, steps: int) -> None:
-        """Play this many steps, or fewer if the tab is closed or the run ends; a run that ends sets `playing` to False."""
+    def advance(self) -> None:
+        """Play a step, unless the tab is closed or the run has ended; a run that ends sets `playing` to False."""
 
     @abstractmethod
     def frame(self) -> Message:
@@ -89,7 +89,7 @@ class Tab(ABC):
 
     def _step(self, message: Message) -> list[Message]:
         self.playing = False
-        self.advance(1)
+        self.advance()
         return []
 
     def _speed(self, message: Message) -> list[Message]:

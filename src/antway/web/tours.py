@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -26,7 +25,6 @@ MIN_CITIES = 4  # least number of cities of a colony
 SEARCHES = ("none", "2opt", "oropt", "3opt")
 PERSISTENCES = ("the rule's", "adaptive")
 _EDGES = 2000  # limit of edges with pheromone in a frame
-_SLICE = 0.1  # s; time limit of a call of `advance`
 
 
 def _scattered() -> Tsp:
@@ -90,14 +88,10 @@ class Tours(Tab):
         optimum = self.instance.optimum
         return optimum is not None and self.colony.best_cost <= optimum * (1 + 1e-12)
 
-    def advance(self, cycles: int) -> None:
-        """Run this many cycles, or as many as fit into a tenth of a second."""
-        until = time.perf_counter() + _SLICE
-        history = np.empty((1, 2))
-        for _ in range(cycles):
-            if self.closed.is_set() or self.ended or time.perf_counter() > until:
-                break
-            self.colony.run(1, history)
+    def advance(self) -> None:
+        """Run a cycle."""
+        if not self.closed.is_set() and not self.ended:
+            self.colony.run(1, np.empty((1, 2)))
             self.curve.append((float(self.colony.cycle), self.colony.best_cost, float(self.colony.state.lengths.mean())))
         if self.ended:
             self.playing = False
