@@ -389,6 +389,7 @@ def serve_command(
     """Serve the live page: draw a map, drop obstacles, watch policies at work; Ctrl-C ends it."""
     import importlib.util
     import webbrowser
+    from contextlib import suppress
 
     if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn", "httptools", "websockets")):
         raise BadParameter("antway[web]", "not installed", "installed: pip install 'antway[web]'")
@@ -399,7 +400,8 @@ def serve_command(
         if browser:
             webbrowser.open(url)
 
-    serve(host, port, ready=ready)
+    with suppress(KeyboardInterrupt):
+        serve(host, port, ready=ready)
     return 0
 
 
