@@ -20,7 +20,7 @@ from antway.kernels.robot.motion import drive_cycle
 from antway.policies.antway.controls import ControlColony, ControlOptions
 from antway.policies.antway.nodes import away_from_walls, make_context
 from antway.policies.antway.policy import AntwayPolicy
-from antway.world.motions import Line
+from antway.world.motions import Line, RandomWalk
 from antway.world.policy import Task
 from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
@@ -388,3 +388,16 @@ def test_a_gap_no_wider_than_the_robot_is_gone_round() -> None:
     result = run(scenario, "antway", seed=1)
     check_episode(result)
     assert result.reached and result.time < 10.0
+
+
+def test_a_very_slow_robot_reaches_a_goal_beside_who_walks() -> None:
+    """It does not flee from all that moves, which would take it away from its goal for ever."""
+    room = Grid(np.zeros((80, 80), dtype=bool), 0.1)
+    walkers = tuple(Obstacle(0.2, RandomWalk((6.0, y), 1.0, turn_every=2.0)) for y in (6.0, 2.0))
+    snail = RobotSpec(radius=0.1, v_max=0.1, drive="differential", a_max=1.0, alpha_max=3.0)
+    results = [
+        run(Scenario(World(room, walkers), (3.0, 4.0), (4.2, 4.0), snail, horizon=40.0), "antway", seed=k) for k in range(4)
+    ]
+    for result in results:
+        check_episode(result)
+    assert sum(result.outcome is Outcome.REACHED for result in results) >= 3

@@ -109,3 +109,14 @@ def test_a_robot_with_inertia_keeps_away_from_obstacles_that_turn_again_and_agai
         assert result.outcome.value == "reached"
         gap[turn_risk] = result.min_clearance
     assert gap[20.0] > gap[0.0] + 0.05, gap
+
+
+def test_scans_whose_time_goes_back_count_for_nothing() -> None:
+    """Neither time observed nor turns come of them, however often the clock is set back."""
+    rows, count, turns = np.zeros((4, COLUMNS)), 0, np.array([FIRST_SECONDS, 0.0, 0.0])
+    estimates = np.zeros((1, 8))
+    estimates[0, X], estimates[0, Y], estimates[0, RADIUS] = 2.0, 2.0, 0.3
+    for i in range(40):
+        estimates[0, VX] = float(i % 4 // 2)
+        count = count_turns(rows, count, turns, estimates, ROOM, float(i % 2))
+    assert turns.tolist() == [FIRST_SECONDS, 0.0, 0.0]

@@ -154,7 +154,7 @@ def grid_message(grid: Grid, make: Make = plain, *, t: float = 0.0) -> Any:
     """Return `grid` as a nav_msgs/msg/OccupancyGrid: 0 free, 100 blocked, -1 blocked because unknown."""
     costs = np.where(grid.blocked, 100, 0).astype(np.int8)
     if grid.unknown is not None:
-        costs[grid.unknown & grid.blocked] = -1
+        costs[grid.unknown] = -1
     return costs_message(costs, grid.resolution, grid.origin, make, t=t)
 
 

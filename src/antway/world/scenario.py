@@ -27,6 +27,7 @@ from antway.world.robots import load_robot
 from antway.world.sensor import Sensor
 from antway.world.stops import Stop, checked_stops
 from antway.world.world import MAX_OBSTACLES, Obstacle, World
+from antway.writing import writing
 
 MAX_STEPS = 1_000_000
 MAX_BYTES = 16 * 2**20
@@ -300,13 +301,12 @@ def to_toml(scenario: Scenario) -> str:
 def save_scenario(scenario: Scenario, path: str | Path) -> None:
     """Write `scenario` to `path` and its map beside it, as <name>_map.yaml and .pgm."""
     from antway.maps import save_map
-    from antway.maps.limits import as_path
 
     checks.instance("scenario", scenario, Scenario)
-    path = as_path(path)
-    map_path = path.with_name(f"{path.stem}_map.yaml")
-    save_map(scenario.world.grid, map_path)
-    path.write_text(to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
+    with writing("path", path) as file:
+        map_path = file.with_name(f"{file.stem}_map.yaml")
+        save_map(scenario.world.grid, map_path)
+        file.write_text(to_toml(replace(scenario, map=map_path.name)), encoding="utf-8")
 
 
 def _toml(value: object) -> str:

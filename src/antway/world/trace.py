@@ -19,6 +19,7 @@ from antway.world.policy import Decision, Task
 from antway.world.stops import Rounds
 from antway.world.timeline import Timeline
 from antway.world.tracefile import read_fields, to_json
+from antway.writing import writing
 
 
 class Outcome(Enum):
@@ -143,7 +144,8 @@ class Trace:
 
     def save(self, path: str | Path, *, timing: bool = False) -> None:
         """Write the trace as JSON with exact numbers; `cycle_ms`, which differs between equal runs, only with `timing`."""
-        Path(path).write_text(to_json(self, timing=timing) + "\n", encoding="utf-8")
+        with writing("path", path) as file:
+            file.write_text(to_json(self, timing=timing) + "\n", encoding="utf-8")
 
     @staticmethod
     def load(path: str | Path) -> Trace:

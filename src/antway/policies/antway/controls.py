@@ -26,6 +26,7 @@ from antway.world.robots import RobotSpec
 from antway.world.rollouts import commanded, empty_outlook, finite_limits, static_field, static_time, with_times
 
 _AGILE = 0.8  # m/s; the numbers of `ControlOptions` are for robots with this top speed or more
+_SLOWEST = 4.0  # 1; robots slower than `_AGILE` by more than this drive as if it were this, or they flee from all that moves
 _LEAST_PATH = 1.5  # m; sequences last until a robot at full speed has driven this far, up to twice `horizon`
 _WALL_COST = 100.0  # s; cost of a step at which the robot is nearer to a wall than `wall_margin`
 _ALIKE = 0.3  # m; two paths that are nowhere farther apart count as the same
@@ -44,7 +45,7 @@ class ControlOptions:
     All costs are in seconds. A robot whose top speed is n times lower than 0.8 m/s needs n times as long to get out of the way.
     For it `spread_time` and `late` are n times longer, `risk` is n^2 times larger, `spread` is the square root of n times
     larger, `decay` is n times smaller than given here, and `turn_risk` is 0: such a robot cannot get out of the way of what
-    turns towards it, however it drives.
+    turns towards it, however it drives. At most, n counts as 4.
 
     Attributes
     ----------
@@ -181,7 +182,7 @@ class ControlColony:
         horizon = max(o.horizon, min(_LEAST_PATH / robot.v_max, 2.0 * o.horizon))
         steps = max(math.ceil(horizon / robot.dt - 1e-9), 4)
         block = max(round(o.block / robot.dt), 1)
-        self.slowness = max(_AGILE / robot.v_max, 1.0)
+        self.slowness = min(max(_AGILE / robot.v_max, 1.0), _SLOWEST)
         self.task, self.swerve = task, swerve
         self.problem = ControlProblem(
             np.zeros(5),
