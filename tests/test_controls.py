@@ -367,9 +367,9 @@ def test_a_page_that_waits_says_so(browser: Any, monkeypatch: pytest.MonkeyPatch
     """While the server takes long over a step, as where it compiles, the page says that it works; then it says so no more."""
     let = threading.Event()
 
-    def slowly(self: Session, steps: int, done: Any = Session.advance) -> None:
+    def slowly(self: Session, done: Any = Session.advance) -> None:
         assert let.wait(60)
-        done(self, steps)
+        done(self)
 
     monkeypatch.setattr(Session, "advance", slowly)
     page, complaints = opened(browser[0], browser[1], (browser[1], "data:"), **DESKTOP)
