@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from antway import checks
@@ -112,8 +113,7 @@ class _Graph:
                     steps.append((cell, out[-1][1]))
             self.moves[cell] = out
         ends = np.array(steps, np.int64).reshape(-1, 2)
-        centres = grid.to_xy(np.column_stack(np.divmod(np.arange(rows * cols), cols)))
-        self.centres = centres
+        self.centres = centres = grid.to_xy(np.column_stack(np.divmod(np.arange(rows * cols), cols)))
         self.gap = np.full((self.periods, len(ends)), most)
         if obstacles is not None:
             self._approach(centres[ends[:, 0]], centres[ends[:, 1]], checked_trajectories(obstacles), radius)
@@ -121,7 +121,9 @@ class _Graph:
         self.start = problem.start[0] * cols + problem.start[1]
         self.goal = problem.goal[0] * cols + problem.goal[1]
         self.field = distance_field(grid, problem.goal, moves).ravel()
-        self.least = self._least_periods()
+        back = scipy.sparse.csr_array((np.ones(len(ends)), (ends[:, 1], ends[:, 0])), shape=(rows * cols, rows * cols))
+        # The least number of moves, and so of periods, from each cell to the goal without obstacles.
+        self.least = scipy.sparse.csgraph.dijkstra(back, indices=[self.goal], unweighted=True)[0]
 
     def _approach(self, a: NDArray[np.float64], b: NDArray[np.float64], obstacles: Trajectories, radius: float) -> None:
         """Compute the smallest gap of each move in each period, with the exact knots of the obstacles."""
@@ -141,25 +143,6 @@ class _Graph:
                     share = np.clip(-(p * d).sum(axis=1) / np.where(dd > 0.0, dd, 1.0), 0.0, 1.0)
                     near = np.hypot(*(p + d * share[:, None]).T) - radius - float(obstacles.radius[k])
                     self.gap[n] = np.minimum(self.gap[n], np.where(near < -_SAME, -math.inf, np.maximum(near, 0.0)))
-
-    def _least_periods(self) -> NDArray[np.float64]:
-        """Return the least number of moves, and so periods, from each cell to the goal without obstacles."""
-        least = np.full(len(self.centres), math.inf)
-        least[self.goal] = 0.0
-        back: dict[int, list[int]] = {}
-        for cell, out in self.moves.items():
-            for _, there, _ in out:
-                back.setdefault(there, []).append(cell)
-        front = [self.goal]
-        while front:
-            following = []
-            for there in front:
-                for cell in back.get(there, []):
-                    if least[cell] == math.inf:
-                        least[cell] = least[there] + 1.0
-                        following.append(cell)
-            front = following
-        return least
 
     def extended(self, label: Label, index: int) -> Iterator[tuple[int, Label]]:
         """Yield (move, label) for each extension of a label from which the goal can still be reached in time."""

@@ -264,7 +264,9 @@ class Sipp:
         """Do as `plan` with prepared segments, float64[P, 8] (see `kernels.spacetime.segments`), for every control cycle."""
         started = time.perf_counter()
         x, y = checks.point("start", start)
-        self._check_start((x, y))
+        self.grid.cell_at((x, y))
+        if not self.stands((x, y)):
+            raise CellBlocked("start", (x, y), f"where a disc of {self.radius:g} m is free of walls")
         most = 2**62 if max_expanded is None else checks.integer("max_expanded", max_expanded, low=0)
         grid, (ox, oy, _), size = self.grid, self.grid.origin, self.grid.resolution
         frame = kernels.Frame(ox + size / 2, oy + size / 2, size, grid.shape[1])
@@ -289,11 +291,6 @@ class Sipp:
         """Tell whether the robot at `xy` (m) touches no wall."""
         row, col = self.grid.to_points(xy)[0]
         return self._stands(float(row), float(col))
-
-    def _check_start(self, start: tuple[float, float]) -> None:
-        self.grid.cell_at(start)
-        if not self.stands(start):
-            raise CellBlocked("start", start, f"where a disc of {self.radius:g} m is free of walls")
 
     def _stands(self, row: float, col: float) -> bool:
         return not segment_hits_cells(self.grid.blocked, row, col, row, col, self.radius / self.grid.resolution, True)
@@ -342,12 +339,10 @@ _STATUS = {kernels.FOUND: Status.FOUND, kernels.NO_PATH: Status.NO_PATH, kernels
 
 
 def _workspace(cells: int, states: int, spans: int) -> kernels.Workspace:
-    def real(n: int) -> NDArray[np.float64]:
-        return np.empty(n, np.float64)
-
     def whole(n: int) -> NDArray[np.int32]:
         return np.empty(n, np.int32)
 
+    real = np.empty
     states, entries = states + 2 * spans, 4 * states
     return kernels.Workspace(
         np.zeros(1, np.int64), np.zeros(cells, np.int64), whole(cells), whole(cells),

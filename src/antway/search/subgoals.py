@@ -64,11 +64,6 @@ def hierarchy_of(grid: Grid) -> Hierarchy:
     return kept(grid, "subgoals", Hierarchy)
 
 
-def _most_steps(cells: int, corners: int) -> int:
-    by_cell, by_corner, besides = MOST_STEPS
-    return min(by_cell * cells, by_corner * corners + besides)
-
-
 def _unlinked(n: int, edges: int) -> Memory:
     """Return a graph of n nodes that has no edges yet, and memory for `edges` of them."""
     first, rank, level, ends = np.full(n, -1, np.int32), np.full(n, -1, np.int32), *np.zeros((2, n), np.int32)
@@ -121,7 +116,8 @@ class Hierarchy:
         number[1:-1, 1:-1][is_corner] = np.arange(len(nodes))
         subgoal_map = SubgoalMap(net, packed_lines(grid.blocked | is_corner), number.ravel())
         n, seeds = len(nodes), 8 * max(grid.shape) + 16
-        memory, left = _unlinked(n, 8 * n + seeds), _most_steps(grid.blocked.size, n)
+        memory, (by_cell, by_corner, besides) = _unlinked(n, 8 * n + seeds), MOST_STEPS
+        left = min(by_cell * grid.blocked.size, by_corner * n + besides)
         del grid  # what is kept for a grid must not keep the grid
         while memory.state[RANKED] < n:
             if memory.state[LINKED] < n:

@@ -93,21 +93,17 @@ class Path:
     def _prepare(self) -> tuple[kernel.Windows, bool]:
         steps, opens, closes, far = self.time.copy(), self.opens.copy(), self.closes.copy(), self.far
         first = np.zeros(steps.shape, dtype=np.bool_)
-        stuck, n = -1, len(steps)
-        both = np.zeros(n), np.zeros(n)
+        leave, enter = np.zeros((2, len(steps)))
         if self.quick:
-            return _record(steps, far, opens, closes, first, *both), True
+            return _record(steps, far, opens, closes, first, leave, enter), True
         for _ in range(2):
-            stuck = kernel.tighten(steps, far, opens, closes, first)
-            if stuck >= 0:
-                break
+            if kernel.tighten(steps, far, opens, closes, first) >= 0:  # a stop that no order visits in time
+                return _record(steps, far, opens, closes, first, leave, enter), False
             loops = steps.copy()
             np.fill_diagonal(loops, 0.0)
             far = kernel.shortest(loops)
-        leave, enter = kernel.assignment(np.ascontiguousarray(steps[:-1, 1:])) if stuck < 0 else (np.zeros(1), np.zeros(1))
-        if stuck < 0:
-            both[0][:-1], both[1][1:] = leave, enter
-        return _record(steps, far, opens, closes, first, both[0], both[1]), stuck < 0
+        leave[:-1], enter[1:] = kernel.assignment(np.ascontiguousarray(steps[:-1, 1:]))
+        return _record(steps, far, opens, closes, first, leave, enter), True
 
     def conflict(self) -> tuple[int, ...]:
         """Return up to three stops that no order visits in time."""
@@ -163,20 +159,16 @@ def _record(
     )
 
 
-def _unpacked(before: NDArray[np.uint64], n: int) -> NDArray[np.bool_]:
-    return np.unpackbits(before.astype("<u8").view(np.uint8), axis=1, bitorder="little")[:, :n].astype(np.bool_)
-
-
 def _mirror(windows: kernel.Windows) -> kernel.Windows:
     """Return the same task backwards in time."""
     n, horizon = len(windows.opens), windows.closes[-1]
-    first = _unpacked(windows.before, n).T
+    before = np.unpackbits(windows.before.astype("<u8").view(np.uint8), axis=1, bitorder="little")[:, :n].astype(np.bool_)
     return _record(
         windows.time[::-1, ::-1].T,
         windows.far[::-1, ::-1].T,
         (horizon - windows.closes)[::-1].copy(),
         (horizon - windows.opens)[::-1].copy(),
-        np.ascontiguousarray(first[::-1, ::-1].T),
+        np.ascontiguousarray(before[::-1, ::-1]),
         windows.enter[::-1].copy(),
         windows.leave[::-1].copy(),
     )
