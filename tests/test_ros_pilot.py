@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
@@ -16,13 +17,13 @@ from antway import Grid, Moves
 from antway.errors import BadInput, BadParameter
 from antway.planning import Problem, solve
 from antway.policies.guard_process import GuardProcess
-from antway.ros2 import nav2
+from antway.ros2 import nav2, tours
 from antway.ros2.frames import Odometry
 from antway.ros2.markers import decision_message, predictions, predictions_message
 from antway.ros2.path import corridor, keeps_within, tracking
 from antway.ros2.pilot import OK, STAND, End, Goal, Pilot
 from antway.ros2.settings import Settings, defaults, parameters, refused
-from antway.ros2.tours import find_tour
+from antway.ros2.tours import Visit, find_tour
 from antway.world.policy import Task, Tracks
 from common import cases, random_grid
 
@@ -372,6 +373,105 @@ def test_only_goals_that_give_up_end_by_waiting_or_without_progress():
     assert drive.pilot.silent(0.8).end is None and drive.pilot.silent(1.2).end is End.WAITED
 
 
+def test_what_the_robot_was_told_before_it_stood_acts_no_more() -> None:
+    """A robot with latency that stood between two goals, or without odometry, begins without commands that do not act yet."""
+    slow = {"robot.latency": 0.3, "robot.a_max": 1.0}
+    drive = ready(**slow)
+    for _ in range(10):
+        drive.step()
+    assert np.abs(drive.pilot.sent).max() > 0.1
+    drive.pilot.drop("on request")
+    for _ in range(5):
+        assert drive.step() is None
+    assert not drive.pilot.sent.any()
+    drive = ready(**slow)
+    for _ in range(10):
+        drive.step()
+    for _ in range(5):
+        drive.pilot.silent(1.0)
+    assert not drive.pilot.sent.any()
+
+
+def test_older_obstacles_do_not_replace_newer_ones() -> None:
+    """Messages out of order are overtaken; a clock that goes back by more than the time-out is another clock."""
+    drive = ready()
+    now = drive.pilot.scan[0]
+    assert drive.pilot.overtaken(now - 0.1) and not drive.pilot.overtaken(now) and not drive.pilot.overtaken(now + 0.1)
+    assert not drive.pilot.overtaken(now - 10.0) and not Pilot(settings()).overtaken(now)
+
+
+def test_obstacles_seen_after_odometry_move_the_robot_on() -> None:
+    """Place and heading are moved on to the time of the obstacles; obstacles too far ahead are called newer, not older."""
+    pilot, seen = Pilot(settings(**{"robot.drive": "differential", "robot.alpha_max": 3.0})), []
+    pilot.receive_map(ROOM)
+    pilot.go(Goal((10.0, 2.0)))
+    pilot.scan = (1.2, NOBODY)
+    passed = pilot._passed
+    pilot._passed = lambda decide, observation, t: seen.append(observation) or passed(decide, observation, t)
+    pilot.receive_odometry(Odometry(1.0, (2.0, 2.0), (0.5, 0.0), 0.0, 1.0), 1.0)
+    assert seen[0].xy == pytest.approx((2.1, 2.0)) and seen[0].heading == pytest.approx(0.2)
+    pilot.scan = (9.0, NOBODY)
+    assert "newer than odometry" in pilot.receive_odometry(Odometry(1.1, (2.0, 2.0), (0.5, 0.0), 0.0, 1.0), 1.1).reason
+
+
+def test_paths_that_lead_to_the_moon_are_refused() -> None:
+    """A path of a billion metres ends the goal like any other from which the robot cannot set out; it takes no memory."""
+    path = np.array([[2.0, 2.0], [1e9, 2.0], [10.0, 2.0]])
+    drive = Drive(wait_timeout=1.0)
+    drive.pilot.receive_map(ROOM)
+    drive.pilot.go(Goal((10.0, 2.0), path, gives_up=True))
+    answers = [drive.step() for _ in range(12)]
+    assert "path" in answers[0].reason and answers[-1].end is End.WAITED
+
+
+# Tours
+
+
+def visit(loops: int = 0) -> tuple[SimpleNamespace, Callable[[], None], list]:
+    """A tour in a node of which only what it uses is there; what lets its search end, and how the tour ended."""
+    tasks: list = []
+    node = SimpleNamespace(pilot=SimpleNamespace(map=ROOM), settings=settings(), orders=0, goals=[])
+    node.executor = SimpleNamespace(create_task=lambda *task: tasks.append(task))
+
+    def go(goal, done, feed) -> None:
+        node.goals.append(goal)
+        node.done = done
+
+    node.go, ends = go, []
+    Visit(node, (2.0, 2.0, 0.0), [(8.0, 2.0, 0.0), (4.0, 2.0, 0.0)], loops, lambda *end: ends.append(end), print)
+    for _ in range(500):
+        if tasks:
+            break
+        time.sleep(0.01)
+    work, *arguments = tasks[0]
+    return node, lambda: work(*arguments), ends
+
+
+def test_a_tour_that_is_stopped_before_it_begins_does_not_begin(monkeypatch) -> None:
+    """A stop, a cancel, another goal or another tour during the search for the best order ends the tour."""
+    monkeypatch.setattr(tours, "SECONDS", 0.01)
+    node, found, ends = visit()
+    node.orders += 1
+    found()
+    assert node.goals == [] and ends[0][0] == nav2.TASK_EXECUTOR_FAILED and sorted(i for i, _ in ends[0][2]) == [0, 1]
+
+
+def test_tours_repeat_as_often_as_is_said(monkeypatch) -> None:
+    """Each round has the same order; billions of rounds take no memory, and end with what is left of them."""
+    monkeypatch.setattr(tours, "SECONDS", 0.01)
+    node, found, ends = visit(loops=1)
+    found()
+    for _ in range(4):
+        assert not ends
+        node.done(End.ARRIVED, "")
+    assert [goal.xy[0] for goal in node.goals] == [4.0, 8.0, 4.0, 8.0] and ends == [(nav2.NONE, "", [])]
+    node, found, ends = visit(loops=2**32 - 1)
+    found()
+    node.done(End.ARRIVED, "")
+    node.done(End.DROPPED, "stopped")
+    assert [i for i, _ in ends[0][2]] == [0, 1]
+
+
 # What is shown
 
 
@@ -458,6 +558,59 @@ def test_wheels_turn_to_the_goals_yaw() -> None:
         rate = answer.command.twist[1]
         heading, t = heading + 0.1 * rate, t + 0.1
     assert answer.end is End.ARRIVED and abs(heading - 2.0) <= 0.1
+
+
+LONG = {
+    "robot.drive": "differential",
+    "robot.footprint": "[[0.6, 0.3], [0.6, -0.3], [-0.6, -0.3], [-0.6, 0.3]]",
+    "robot.a_max": 1.0,
+    "robot.alpha_max": 3.0,
+    "yaw_tolerance": 0.1,
+    "progress_time": 1.0,
+}  # longer than a corridor of 1 m is wide
+
+
+def turned(pilot: Pilot, steps: int, t: float = 0.0) -> tuple[float, list]:
+    """The heading, and the answers of a pilot whose robot stands at its goal and turns as it is told."""
+    heading, rate, answers = 0.0, 0.0, []
+    for k in range(steps):
+        pilot.scan = (t + 0.1 * k, NOBODY)
+        answers.append(pilot.receive_odometry(Odometry(t + 0.1 * k, (6.0, 2.05), (0.0, 0.0), heading, rate), t + 0.1 * k))
+        if answers[-1] is None or answers[-1].end is not None:
+            break
+        rate = 0.0 if answers[-1].command.twist is None else answers[-1].command.twist[1]
+        heading += 0.1 * rate
+    return heading, answers
+
+
+def test_a_robot_that_cannot_turn_to_the_yaw_says_so_and_gives_up() -> None:
+    """A long footprint in a narrow corridor stands askew: the guard brakes, and a goal that gives up ends without progress."""
+    blocked = np.ones((40, 120), bool)
+    blocked[15:25] = False
+    corridor = Grid(blocked, 0.1)
+    for gives_up in (True, False):
+        pilot = Pilot(settings(**LONG))
+        pilot.receive_map(corridor)
+        pilot.go(Goal((6.0, 2.0), yaw=1.57, gives_up=gives_up))
+        heading, answers = turned(pilot, 60)
+        assert abs(heading) < 1.0 and "lets no turn" in answers[10].reason
+        assert answers[-1].end is (End.STUCK if gives_up else None)
+
+
+def test_a_new_map_or_clock_counts_for_the_turn_to_the_yaw() -> None:
+    """The guard of the turn knows the walls of a map that came during the turn, and obeys a clock that went back."""
+    room, narrow = np.zeros((40, 120), bool), np.ones((40, 120), bool)
+    narrow[15:25] = False
+    pilot = Pilot(settings(**LONG))
+    pilot.receive_map(Grid(room, 0.1))
+    pilot.go(Goal((6.0, 2.0), yaw=1.57))
+    turned(pilot, 2, t=50.0)
+    pilot.receive_map(Grid(narrow, 0.1))
+    heading, _ = turned(pilot, 40, t=50.2)
+    assert abs(heading) < 1.0
+    pilot.receive_map(Grid(room, 0.1))
+    heading, answers = turned(pilot, 40, t=10.0)
+    assert "jumped" in answers[0].reason and abs(heading - 1.57) < 0.1 and answers[-1].end is End.ARRIVED
 
 
 # The guard's process

@@ -237,6 +237,7 @@ class Served:
             self._finish(handle, kind, ENDS[end], end is End.REPLACED, error_code=ENDS[end], error_msg=reason)
 
         end = float(path[-1, 0]), float(path[-1, 1])
+        node.orders += 1
         node.go(Goal(end, path, gives_up=True), done, lambda: self._feed(handle, kind, path))
         self.following = handle
         return None

@@ -35,7 +35,7 @@ from antway.ros2.markers import decision_message, predictions_message
 from antway.ros2.messages import load, make
 from antway.ros2.nav2 import Kind, nav2_kinds
 from antway.ros2.pilot import ERROR, OK, WARN, Answer, End, Goal, Pilot
-from antway.ros2.scan import Tracker, discs, nameless, off_the_map, read_points
+from antway.ros2.scan import Tracker, discs, nameless, newest_reached, off_the_map, read_points
 from antway.ros2.settings import LASER, Settings, parameters
 from antway.ros2.tf import Transforms
 from antway.world.episode import run
@@ -120,8 +120,9 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         self.tracker.update(0.0, nameless((np.zeros((1, 2)), np.ones(1))))  # compiles it; the first scan resets the state
         self.done: Callable[[End, str], None] | None = None  # called with how the drive to the goal ended
         self.feed: Callable[[], None] | None = None  # called after each command
+        self.orders = 0  # number of goals, tours and stops that were asked for
         self.map_stamp = 0.0  # s
-        self.laser: Any = None  # a scan that waits for odometry
+        self.lasers: deque[tuple[float, Any]] = deque(maxlen=20)  # scans that wait for odometry, with their times in s
         self.trail: deque[tuple[float, Pose]] = deque(maxlen=100)
         self.shown: Decision | None = None
         self.heard, self.reported = time.monotonic(), (OK, "")
@@ -254,14 +255,17 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
     def _on_goal(self, message: Any) -> None:
         pose = self._read("goal_pose", lambda goal: self.place(goal.header, goal.pose), message)
         if pose is not None and self.active:
+            self.orders += 1
             self.go(Goal(pose[:2], yaw=pose[2]))
 
     def _on_obstacles(self, message: Any) -> None:
         """Receive obstacles, whose missing names and velocities the tracker adds."""
 
-        def read(message: Any) -> tuple[float, Tracks]:
+        def read(message: Any) -> tuple[float, Tracks] | None:
             assert self.settings.reader is not None
             t, tracks = self.settings.reader(message)
+            if self.pilot.overtaken(t):
+                return self.pilot.scan
             headers = [message.header] if hasattr(message, "header") else [m.header for m in getattr(message, "markers", [])]
             names = {header.frame_id for header in headers}
             if len(names) > 1:
@@ -275,25 +279,28 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def _on_scan(self, message: Any) -> None:
         """Keep a laser scan until odometry tells where the robot was at its time."""
-        self.laser = message
+        stamp = self._read("scan", lambda scan: convert.seconds(scan.header.stamp), message)
+        if stamp is not None:
+            self.lasers.append((stamp, message))
 
     def _see(self, t: float) -> None:
-        """Use the kept scan, if odometry, now at `t` s, has reached its time."""
+        """Use the newest of the kept scans whose times odometry, now at `t` s, has reached."""
         settings, grid = self.settings, self.pilot.map
+        reached = None if grid is None else newest_reached(self.lasers, t)
+        if grid is None or reached is None or self.pilot.overtaken(reached[0]):
+            return
 
-        def read(message: Any) -> tuple[float, Tracks] | None:
-            stamp = convert.seconds(message.header.stamp)
-            if grid is None or stamp > t:
-                return None
+        def read(scan: tuple[float, Any]) -> tuple[float, Tracks]:
+            stamp, message = scan
             mount = self.transforms.pose(message.header.frame_id, settings.base_frame, stamp, settings.timeout)
             pose = frames.chain(frames.between(self.trail, stamp), mount)
             points = off_the_map(read_points(message, settings.scan_valid), pose, grid, settings.scan_clear)
             places = discs(points, gap=settings.scan_gap, largest=settings.scan_radius)
             return stamp, self.tracker.update(stamp, nameless(places))
 
-        found = self._read("scan", read, self.laser)
+        found = self._read("scan", read, reached)
         if found is not None:
-            self.pilot.scan, self.laser = found, None
+            self.pilot.scan = found
 
     def _on_odometry(self, message: Any) -> None:
         """Receive odometry, which starts a control cycle when one is due."""
@@ -309,10 +316,10 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
         t, now = odometry.t, time.monotonic()
         if self.trail and t < self.trail[-1][0]:  # time went back, so older data may be newer
             self.trail.clear()
+            self.lasers.clear()
             self.map_stamp = 0.0
         self.trail.append((t, (*odometry.xy, odometry.heading)))
-        if self.laser is not None:
-            self._see(t)
+        self._see(t)
         if self._do(self.pilot.receive_odometry(odometry, now)):
             self._show(t)
         self.heard = time.monotonic()  # the time for the start does not count as silence
@@ -336,6 +343,7 @@ class AntwayNode(LifecycleNode):  # type: ignore[misc]
 
     def drop(self, reason: str) -> None:
         """Stop the robot and drop the goal."""
+        self.orders += 1
         self._do(self.pilot.drop(reason))
 
     def _do(self, answer: Answer | None) -> bool:

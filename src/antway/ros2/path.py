@@ -9,15 +9,23 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from antway.errors import BadParameter
 from antway.grid import Grid
 from antway.kernels.base.geometry import wrap
 from antway.world.policy import XY
+
+_MOST = 4_000_000  # limit of a path's length in half cells
 
 
 def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     """Return the part of `grid` around `path`, float64[N, 2] in m, with cells farther than `width` m from it blocked.
 
     Distances are those between cell centres.
+
+    Raises
+    ------
+    BadParameter
+        For a path that is longer than any on a map.
 
     Examples
     --------
@@ -26,8 +34,10 @@ def corridor(grid: Grid, path: NDArray[np.float64], width: float) -> Grid:
     ((0.0, 3.0, 0.0), (3, 9))
     """
     size, (rows, cols) = grid.resolution, grid.shape
-    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(path, axis=0)).max(axis=1) / size).astype(int), 1)
-    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(path, path[1:], steps.tolist())]
+    steps = np.maximum(np.ceil(2.0 * np.abs(np.diff(path, axis=0)).max(axis=1) / size), 1.0)
+    if steps.sum() > _MOST:
+        raise BadParameter("path", f"{steps.sum():.3g} half cells long", f"at most {_MOST}, as no path on a map is longer")
+    dense = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(path, path[1:], steps.astype(int).tolist())]
     cells = np.floor(grid.to_points(np.vstack((*dense, path[-1:]))) + 0.5).astype(np.int64)
     pad = math.ceil(width / size)
     low = np.clip(cells.min(axis=0) - pad, 0, (rows - 1, cols - 1))

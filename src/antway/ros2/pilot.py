@@ -135,9 +135,13 @@ class Pilot:
         """Receive a map; if it is new, the robot stands and plans again."""
         if self.map is not None and grid == self.map:
             return None
-        self.map, self.policy = grid, None
+        self.map, self.policy, self.guard = grid, None, None
         self.grid, self.frame = level(grid)
         return None if self.goal is None else Answer(STAND, WARN, "the map has changed")
+
+    def overtaken(self, t: float) -> bool:
+        """Tell whether obstacles seen at `t` s come after newer ones; by more than `timeout` is a jump of the clock."""
+        return self.scan is not None and 0.0 < self.scan[0] - t <= self.settings.timeout
 
     def inflated_grid(self, grid: Grid) -> Grid:
         """Return `grid` inflated by the robot's radius; the newest one is kept. Any thread may call this."""
@@ -174,6 +178,7 @@ class Pilot:
         if self.goal is None or seconds <= self.settings.timeout:
             return None
         self.command = STAND
+        self._send(STAND.velocity)
         reason = f"no odometry for {self.settings.timeout:g} s"
         if self.goal.gives_up and seconds > self.settings.wait_timeout:
             return self.drop(reason, End.WAITED, ERROR)
@@ -187,14 +192,18 @@ class Pilot:
         before, self.odometry = self.odometry, odometry
         passed, self.now = now - self.now, now
         if before is not None and not 0.0 <= odometry.t - before.t <= self.settings.timeout + passed:
-            self.scan = self.policy = None  # earlier observations and plans are invalid now
+            self.scan = self.policy = self.guard = None  # earlier observations and plans are invalid now
+            self._send(STAND.velocity)
             self.due = -math.inf
             self._restart()
             return Answer(STAND, WARN, f"odometry's clock jumped by {odometry.t - before.t:.3f} s")
         dt = self.settings.robot.dt
-        if self.goal is None or odometry.t < self.due - dt / 4:
+        if odometry.t < self.due - dt / 4:
             return None
         self.due = (self.due if odometry.t - self.due < dt else odometry.t) + dt
+        if self.goal is None:
+            self._send(STAND.velocity)
+            return None
         return self._decide(self.goal, odometry)
 
     # Driving
@@ -215,11 +224,12 @@ class Pilot:
             return self._wait(t, WARN, "waiting for obstacles")
         stamp = self.scan[0]
         if abs(t - stamp) > settings.timeout:
-            return self._wait(t, ERROR, f"obstacles are {t - stamp:.2f} s older than odometry: the sensor is silent")
+            age = f"{t - stamp:.2f} s older" if stamp < t else f"{stamp - t:.2f} s newer"
+            return self._wait(t, ERROR, f"obstacles are {age} than odometry: {'the sensor' if stamp < t else 'that'} is silent")
         if stamp > t:  # obstacles were seen after the robot's place was measured
             (x, y), (vx, vy) = xy, odometry.velocity
             t, xy = stamp, (x + vx * (stamp - t), y + vy * (stamp - t))
-            odometry = odometry._replace(t=t, xy=xy)
+            odometry = odometry._replace(t=t, xy=xy, heading=odometry.heading + odometry.turn_rate * (stamp - odometry.t))
         if self.policy is None:
             try:
                 standing_cell("goal", goal.xy, self.map, self.inflated_grid(self.map), settings.robot.radius)
@@ -294,7 +304,9 @@ class Pilot:
             return self._wait(t, WARN, "waiting for a map and obstacles before it turns")
         seen = self._seen(odometry, 0.0, (min(self.scan[0], t), self.scan[1]))
         _, rate = towards((math.cos(goal.yaw), math.sin(goal.yaw)), odometry.heading, settings.robot)
+        self.waiting_since = math.nan
         if self.guard is None:
+            self.progress = (t, odometry.xy)
             there = move_point(inverse(self.frame), goal.xy)
             task = Task(self.grid, settings.robot, seen.xy, there, **settings.task)
             self.guard = Guard()
@@ -302,10 +314,14 @@ class Pilot:
             if self.guard_process is not None:
                 self.guard_process.reset(task)
         guard = self.guard
+        if goal.gives_up and t - self.progress[0] > settings.progress_time + math.pi / settings.robot.turn_rate:
+            return self.drop(f"it cannot turn to the goal's yaw {goal.yaw:.2f} rad", End.STUCK, ERROR)
         found = self._passed(lambda seen: guard.limit(seen, Command(twist=(0.0, rate))), seen, t)
         if isinstance(found, Answer):
             return found
         self.command = Command((0.0, 0.0), found[0].twist)
+        if "braked" in (guard.did, found[1]):
+            return Answer(self.command, WARN, f"brake: the guard lets no turn to the goal's yaw {goal.yaw:.2f} rad pass")
         return Answer(self.command, OK, f"turns to the goal's yaw {goal.yaw:.2f} rad")
 
     def _wait(self, t: float, level: int, reason: str) -> Answer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,21 @@ def read_points(message: Any, valid: float = 0.0) -> NDArray[np.float64]:
     hit = (r >= near) & (r <= far)  # not where NaN
     r, angle = r[hit], (start + step * np.arange(len(r)))[hit]
     return np.column_stack((r * np.cos(angle), r * np.sin(angle)))
+
+
+def newest_reached(waiting: deque[tuple[float, Any]], t: float) -> tuple[float, Any] | None:
+    """Take the scans that odometry, now at `t` s, has reached out of those waiting, (stamp in s, message); return the newest.
+
+    Examples
+    --------
+    >>> waiting = deque([(1.0, "a"), (1.1, "b"), (1.2, "c")])
+    >>> newest_reached(waiting, 1.15), waiting
+    ((1.1, 'b'), deque([(1.2, 'c')]))
+    """
+    reached, later = [one for one in waiting if one[0] <= t], [one for one in waiting if one[0] > t]
+    waiting.clear()
+    waiting.extend(later)
+    return max(reached, key=lambda one: one[0], default=None)
 
 
 def off_the_map(points: NDArray[np.float64], pose: Pose, grid: Grid, clear: float) -> NDArray[np.float64]:

@@ -81,24 +81,29 @@ class Visit:
         feed: Callable[[int], None],
     ) -> None:
         self.node, self.poses, self.loops, self.ended, self.feed = node, poses, loops, ended, feed
-        self.left: list[int] = []
+        node.orders += 1
+        self.order, self.left = list[int](), list[int]()
         self.missed: list[tuple[int, int]] = []
         grid, radius = node.pilot.map, node.settings.robot.radius
         assert grid is not None, "a map comes first"
-        in_thread(node.executor, lambda: find_tour(grid, [start, *poses], radius)[0], self._set_out)
+        work, asked = lambda: find_tour(grid, [start, *poses], radius)[0], node.orders
+        in_thread(node.executor, work, lambda order, failure: self._set_out(order, failure, asked))
 
-    def _set_out(self, order: list[int] | None, failure: Failure | None) -> None:
-        """Drive to the first pose, or end if no order was found or the node was deactivated meanwhile."""
+    def _set_out(self, order: list[int] | None, failure: Failure | None, asked: int) -> None:
+        """Drive to the first pose, or end if no order was found or the robot got another order than that number meanwhile."""
         if failure is not None:
             return self.ended(NO_VALID_WAYPOINTS, failure.reason, [])
         assert order is not None, "a failure says why there is none"
-        if not self.node.active:
-            return self.ended(TASK_EXECUTOR_FAILED, "deactivated", [(i, TASK_EXECUTOR_FAILED) for i in order])
-        self.left = order * (1 + self.loops)
+        if self.node.orders != asked:
+            reason = "the robot was stopped or sent elsewhere before the tour began"
+            return self.ended(TASK_EXECUTOR_FAILED, reason, [(i, TASK_EXECUTOR_FAILED) for i in order])
+        self.order, self.left = order, order.copy()
         return self._next()
 
     def _next(self) -> None:
         """Drive to the next pose, or end."""
+        if not self.left and self.loops > 0:
+            self.loops, self.left = self.loops - 1, self.order.copy()
         if not self.left:
             reason = f"missed {[index for index, _ in self.missed]}" if self.missed else ""
             return self.ended(NONE, reason, self.missed)
@@ -110,7 +115,8 @@ class Visit:
         """Continue after a pose, unless the robot was sent elsewhere or stopped."""
         index = self.left.pop(0)
         if end in (End.REPLACED, End.DROPPED):
-            away = [(i, TASK_EXECUTOR_FAILED) for i in dict.fromkeys([index, *self.left])]
+            left = [index, *self.left, *(self.order if self.loops else [])]
+            away = [(i, TASK_EXECUTOR_FAILED) for i in dict.fromkeys(left)]
             return self.ended(TASK_EXECUTOR_FAILED, reason, self.missed + away)
         if end is not End.ARRIVED:
             self.missed.append((index, ENDS[end]))
